@@ -1,0 +1,47 @@
+"""Everything that swim2real raises on purpose.
+
+A message names the thing, its value, what is allowed and what to do. The command line prints the message and
+leaves with `exit_code`; only `--debug` shows a traceback.
+"""
+
+
+class Swim2RealError(Exception):
+    """Root of the tree: catch it to catch all that swim2real raises on purpose."""
+
+    exit_code = 1
+
+
+class ArgumentError(Swim2RealError):
+    """An argument of a call or of the command line is outside what is allowed."""
+
+    exit_code = 2
+
+
+class ParameterError(Swim2RealError):
+    """A simulator parameter is unknown, missing, not finite or out of bounds."""
+
+    exit_code = 2
+
+
+class TrialError(Swim2RealError):
+    """Marker tracks can't be read or don't make a trial."""
+
+
+class EngineError(Swim2RealError):
+    """The physics engine can't simulate what was asked, or differs from the one that a result was made with."""
+
+
+class OptimizerError(Swim2RealError):
+    """The ask/tell contract was broken."""
+
+
+class AdvisorError(Swim2RealError):
+    """An advisor could not give a usable proposal."""
+
+
+class RunError(Swim2RealError):
+    """A run folder can't be written, resumed or read."""
+
+
+class MissingExtraError(Swim2RealError):
+    """An optional library isn't installed."""

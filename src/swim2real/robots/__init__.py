@@ -1,0 +1,1 @@
+"""Robots: how one is built with MjSpec and what its parameters write."""

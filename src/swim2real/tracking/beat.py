@@ -1,0 +1,173 @@
+"""Identifies what drove a trial from its own time base: beat frequency, phase and start speed, with uncertainty.
+
+The tail's lateral motion in the body frame is fitted with a sine and its harmonics, all markers at one frequency
+(variable projection: the amplitudes are linear, only the frequency is searched). Frequencies in file names or motor
+commands are never used: in the published tracks the tail beats at 0.75 times the commanded frequency.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from swim2real.errors import TrialError
+from swim2real.tracking.quality import TrackQuality
+from swim2real.trials import frames
+from swim2real.trials.trial import Actuation, MarkerTrack
+
+Array = NDArray[np.float64]
+
+HARMONICS = 3
+SLOWEST = 0.1  # Hz
+FASTEST = 5.0  # Hz
+LEAST_CYCLES = 1.0  # that a trial must show
+LEAST_SHARE = 0.5  # of the lateral motion's variance that the fit must explain
+
+
+@dataclass(frozen=True)
+class Beat:
+    """What drove a real trial.
+
+    Attributes:
+        frequency: Of the tail's beat, one turn of the motor [Hz].
+        frequency_std: Standard error [Hz].
+        phase: Of the last tail marker's fundamental at the first frame, as a cosine [rad].
+        phase_std: Standard error [rad].
+        start_speed: Forward speed over the first cycles [m/s].
+        start_speed_std: Standard error [m/s].
+        amplitude: Of the last tail marker's fundamental [m].
+        explained: Share of the lateral motion's variance that the fit explains.
+    """
+
+    frequency: float
+    frequency_std: float
+    phase: float
+    phase_std: float
+    start_speed: float
+    start_speed_std: float
+    amplitude: float
+    explained: float
+
+    @property
+    def actuation(self) -> Actuation:
+        """A motor at this frequency, at angle 0 at the first frame; the true angle is found by alignment."""
+        return Actuation(self.frequency, 0.0, max(self.start_speed, 0.0))
+
+
+def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: TrackQuality, name: str = "") -> Beat:
+    """Fits the beat of one track.
+
+    Args:
+        track: Of a real swim.
+        tail_markers: Indices of the markers to fit, the last one gives phase and amplitude.
+        quality: Lost marker-frames are left out.
+        name: Of the trial, for messages.
+
+    Raises:
+        TrialError: No beat can be made out: less than a cycle, no motion, or nothing periodic.
+    """
+    times = track.times - track.times[0]
+    body = track.body
+    signals = [
+        (times[good], body[good, m, 1])
+        for m in tail_markers
+        if np.count_nonzero(good := ~quality.lost[:, m] & np.isfinite(body[:, m, 1])) > 2 * (2 * HARMONICS + 2)
+    ]
+    where = f"trial '{name}': " if name else ""
+    if not signals:
+        raise TrialError(f"{where}the tail markers are lost for nearly the whole trial, so no beat can be identified")
+    span = max(t[-1] - t[0] for t, _ in signals)
+    lowest = max(SLOWEST, LEAST_CYCLES / span)
+    nyquist = 0.5 / float(np.median(np.diff(track.times)))
+    highest = min(FASTEST, 0.5 * nyquist)
+    total = sum(float(((y - y.mean()) ** 2).sum()) for _, y in signals)
+    if lowest >= highest or total <= 0:
+        raise TrialError(f"{where}{span:.2f} s of tail motion are too little to identify a beat")
+
+    def misfit(frequency: float, harmonics: int) -> float:
+        return sum(_fit(t, y, frequency, harmonics)[1] for t, y in signals)
+
+    # the grid is finer than the width of a spectral peak; the fundamental alone picks the peak, not a harmonic
+    grid = np.linspace(lowest, highest, max(32, int(np.ceil(8 * span * (highest - lowest)))))
+    coarse = [misfit(frequency, 1) for frequency in grid]
+    best = int(np.argmin(coarse))
+    bounds = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)]))
+    found = minimize_scalar(misfit, bounds=bounds, args=(HARMONICS,), method="bounded", options={"xatol": 1e-7})
+    frequency, residual = float(found.x), float(found.fun)
+    explained = 1 - residual / total
+    if explained < LEAST_SHARE:
+        raise TrialError(
+            f"{where}no regular beat: the best sine, at {frequency:.3f} Hz, explains {100 * explained:.0f} % of the "
+            f"tail's lateral motion; at least {100 * LEAST_SHARE:.0f} % are needed. Is the fish swimming?"
+        )
+    frequency_std = _frequency_std(signals, frequency)
+    t, y = signals[-1]
+    coefficients, rss = _fit(t, y, frequency, HARMONICS)
+    cosine, sine = coefficients[2], coefficients[3]
+    amplitude = float(np.hypot(cosine, sine))
+    noise = np.sqrt(rss / max(len(y) - 2 * HARMONICS - 2, 1) * _correlation_time(y, t, frequency))
+    phase_std = float(np.hypot(noise / amplitude * np.sqrt(2 / len(y)), np.pi * span * frequency_std))
+    speed, speed_std = _start_speed(track, 2 / frequency)
+    return Beat(
+        frequency, frequency_std, float(np.arctan2(-sine, cosine)), phase_std, speed, speed_std, amplitude, explained
+    )
+
+
+def _basis(times: Array, frequency: float, harmonics: int) -> Array:
+    """Constant, drift, and a cosine and sine a harmonic. Shape (N, 2 + 2 harmonics)."""
+    angles = 2 * np.pi * frequency * times[:, None] * np.arange(1, harmonics + 1)
+    waves = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(len(times), -1)
+    return np.column_stack([np.ones_like(times), times - times.mean(), waves])
+
+
+def _fit(times: Array, values: Array, frequency: float, harmonics: int) -> tuple[Array, float]:
+    """Least-squares coefficients and the sum of squared residuals."""
+    basis = _basis(times, frequency, harmonics)
+    coefficients = np.linalg.lstsq(basis, values, rcond=None)[0]
+    rest = values - basis @ coefficients
+    return coefficients, float(rest @ rest)
+
+
+def _correlation_time(values: Array, times: Array, frequency: float) -> float:
+    """Frames that count as one, because residuals of neighboring frames are alike."""
+    coefficients, _ = _fit(times, values, frequency, HARMONICS)
+    rest = values - _basis(times, frequency, HARMONICS) @ coefficients
+    power = float(rest @ rest)
+    if power <= 0:
+        return 1.0
+    lag_one = float(rest[1:] @ rest[:-1]) / power
+    return float(np.clip((1 + lag_one) / (1 - min(lag_one, 0.98)), 1.0, len(values) / 4))
+
+
+def _frequency_std(signals: list[tuple[Array, Array]], frequency: float) -> float:
+    """Standard error of the frequency from the linearized fit, residuals taken as correlated in time."""
+    information = 0.0
+    for t, y in signals:
+        coefficients, rss = _fit(t, y, frequency, HARMONICS)
+        basis = _basis(t, frequency, HARMONICS)
+        step = 1e-6 * frequency
+        slope = (_basis(t, frequency + step, HARMONICS) - _basis(t, frequency - step, HARMONICS)) @ coefficients
+        slope = slope / (2 * step)
+        slope = slope - basis @ np.linalg.lstsq(basis, slope, rcond=None)[0]  # what no amplitude can take up
+        variance = rss / max(len(y) - basis.shape[1], 1) * _correlation_time(y, t, frequency)
+        information += float(slope @ slope) / max(variance, 1e-18)
+    return float(1 / np.sqrt(information))
+
+
+def _start_speed(track: MarkerTrack, window: float) -> tuple[float, float]:
+    """Forward speed over the first two cycles or 2 s, and its standard error [m/s]."""
+    early = track.times - track.times[0] <= max(window, 2.0)
+    times, progress = track.times[early], frames.progress(track.times, track.positions)[early]
+    good = np.isfinite(progress)
+    times, progress = times[good], progress[good]
+    if times.size < 3:
+        return 0.0, float("inf")
+    speed = frames.slope(times, progress)
+    rest = progress - progress.mean() - speed * (times - times.mean())
+    lag_one = float(rest[1:] @ rest[:-1]) / max(float(rest @ rest), 1e-30)
+    inflation = np.clip((1 + lag_one) / (1 - min(lag_one, 0.98)), 1.0, times.size / 4)
+    spread = float(((times - times.mean()) ** 2).sum())
+    return speed, float(np.sqrt(float(rest @ rest) / max(times.size - 2, 1) * inflation / spread))

@@ -1,0 +1,227 @@
+"""Finds lost tracks: markers that collapse onto a neighbor, leave their place along the body, jump or freeze.
+
+However a swimmer bends, its markers keep their order and spacing along the body, so the spacing tells which of them is
+wrong: a lost marker disagrees with many others, a good one only with the lost ones. What the spacing should be is taken
+from the trial itself, since markers are placed by hand, and checked against the robot's own rest lengths.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_closing, binary_opening
+
+from swim2real.trials.trial import MarkerTrack
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+REASONS = ("missing", "collapsed", "misplaced", "jumped", "frozen")
+COLLAPSE_SHARE = 0.4  # of the distance that two neighbors should keep
+BEND_SHARE = 0.12  # by which a spacing along the bending body may change
+PLACE_TOLERANCE = 0.010  # m, on top of it
+STRAY_DISTANCE = 0.04  # m by which two markers may be farther apart than they should, on top of BEND_SHARE
+DRIFT_DISTANCE = 0.022  # m by which a spacing may differ from the first frame's for good: bending there, parallax later
+JUMP_DISTANCE = 0.012  # m from one frame to the next, beyond what its neighbors do
+FREEZE_TIME = 0.15  # s without moving at all
+FREEZE_TRAVEL = 0.01  # m that the other markers moved meanwhile
+GAP_TIME = 0.1  # s between two losses that is counted as lost as well
+HEAD_SPREAD = 0.05  # of the head's length, above which its scale is doubtful
+USABLE_SHARE = 0.05  # of frames that a marker may be lost for in a trial that is used without a second thought
+
+
+@dataclass(frozen=True)
+class TrackQuality:
+    """What was found in one track.
+
+    Attributes:
+        lost: True where a marker must not be scored. Shape (T, M).
+        reasons: Frames per reason and marker, in the order of `REASONS`. Shape (5, M).
+        head_spread: Relative standard deviation of the head's length, a measure of scale and jitter.
+        body_spread: Relative standard deviation of the body's length, first to last marker.
+        rest_misfit: Mean deviation of the marker distances from the robot's rest lengths, after one scale [m].
+    """
+
+    lost: Mask
+    reasons: NDArray[np.int64]
+    head_spread: float
+    body_spread: float
+    rest_misfit: float
+
+    @property
+    def weights(self) -> Array:
+        """1 where a marker counts, 0 where it is lost. Shape (T, M)."""
+        return 1.0 - self.lost
+
+    @property
+    def lost_share(self) -> Array:
+        """Share of frames for which each marker is lost. Shape (M,)."""
+        return self.lost.mean(axis=0)
+
+    @property
+    def left_out_share(self) -> float:
+        """Share of all marker-frames that is left out."""
+        return float(self.lost.mean())
+
+    @property
+    def usable(self) -> bool:
+        """Whether the trial can be used as it is, without weights."""
+        return bool(np.all(self.lost_share <= USABLE_SHARE))
+
+    def findings(self, names: tuple[str, ...]) -> list[str]:
+        """A sentence for each thing that a person should know."""
+        found: list[str] = []
+        for m, share in enumerate(self.lost_share):
+            if share > 0:
+                parts = [f"{reason} {count}" for reason, count in zip(REASONS, self.reasons[:, m], strict=True) if count]
+                found.append(f"{names[m]} is lost in {100 * share:.0f} % of frames ({', '.join(parts)})")
+        if self.head_spread > HEAD_SPREAD:
+            found.append(f"the head's length varies by {100 * self.head_spread:.1f} %: the scale is doubtful")
+        return found
+
+
+def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
+    """Checks one track against the robot's skeleton.
+
+    Args:
+        track: Of a real swim; NaN is legal.
+        rest_markers: Marker positions of the straight robot [m]. Shape (M, 2).
+    """
+    positions = track.positions
+    distances = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=3)  # (T, M, M)
+    places = _places(track)
+    rest = np.linalg.norm(rest_markers[:, None] - rest_markers[None], axis=2)
+    start = _first_intact(distances, rest)
+    spacings = places[:, None, :] - places[:, :, None]
+    if start is None:  # judged by the robot's rest lengths alone
+        expected, spacing = rest, rest_markers[None, :, 0] - rest_markers[:, None, 0]
+    else:
+        expected, spacing = _usual(distances, start), _usual(spacings, start)
+    interval = float(np.median(np.diff(track.times)))
+
+    missing = ~np.isfinite(positions).all(axis=2) | (track.confidence <= 0)
+    collapsed_pairs = _collapsed(distances, expected)
+    misplaced = _misplaced(spacings, spacing, distances, expected, missing)
+    collapsed = misplaced & collapsed_pairs.any(axis=2)
+    frozen = _frozen(track, interval)
+    jumped = _jumped(track, interval, misplaced | frozen | missing)
+    lost = missing | misplaced | frozen | jumped
+    lost = _join(lost, max(1, round(GAP_TIME / interval)))
+
+    kinds = (missing, collapsed, misplaced & ~collapsed, jumped, frozen)
+    scale = np.nanmedian(distances[~lost.any(axis=1)] if (~lost.any(axis=1)).any() else distances, axis=0)
+    off_diagonal = ~np.eye(len(rest), dtype=bool)
+    ratio = float(np.nanmedian(scale[off_diagonal] / rest[off_diagonal]))
+    return TrackQuality(
+        lost=lost,
+        reasons=np.array([kind.sum(axis=0) for kind in kinds], dtype=np.int64),
+        head_spread=_spread(distances[:, 0, 1], lost[:, 0] | lost[:, 1]),
+        body_spread=_spread(distances[:, 0, -1], lost[:, 0] | lost[:, -1]),
+        rest_misfit=float(np.nanmean(np.abs(scale - ratio * rest)[off_diagonal])),
+    )
+
+
+def _spread(lengths: Array, lost: Mask) -> float:
+    good = lengths[~lost & np.isfinite(lengths)]
+    return float(good.std() / good.mean()) if good.size > 1 else float("nan")
+
+
+def _places(track: MarkerTrack) -> Array:
+    """Coordinate of each marker along the trial's mean body, head to tail [m]. Shape (T, M).
+
+    The line through the two head markers may be off the body's axis, so the axis is taken to the last marker.
+    """
+    body = track.body
+    axis = np.nanmedian(body[:, -1], axis=0)
+    length = np.linalg.norm(axis)
+    return body @ (axis / length if length > 0 else np.array([1.0, 0.0]))
+
+
+def _first_intact(distances: Array, rest: Array) -> int | None:
+    """The first frame with all markers and no collapse: trackers start by hand, so early frames show what was meant."""
+    neighbors = np.array([[i, i + 1] for i in range(len(rest) - 1)])
+    gaps = distances[:, neighbors[:, 0], neighbors[:, 1]]
+    intact = (gaps > COLLAPSE_SHARE * rest[neighbors[:, 0], neighbors[:, 1]]).all(axis=1)
+    found = np.flatnonzero(intact & np.isfinite(distances).all(axis=(1, 2)))
+    return int(found[0]) if found.size else None
+
+
+def _usual(lengths: Array, start: int) -> Array:
+    """What a length between two markers usually is: its median, unless that is far from where it started. (M, M)."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a marker that is never seen
+        middle = np.nanmedian(lengths, axis=0)
+    drift = np.abs(middle) - np.abs(lengths[start])
+    shrunk = drift < -(1 - COLLAPSE_SHARE) / 2 * np.abs(lengths[start])  # half way to a collapse
+    return np.where((np.abs(middle - lengths[start]) <= DRIFT_DISTANCE) & ~shrunk, middle, lengths[start])
+
+
+def _collapsed(distances: Array, expected: Array) -> Mask:
+    """True for pairs that nearly coincide. Shape (T, M, M)."""
+    with np.errstate(invalid="ignore"):
+        close = distances < COLLAPSE_SHARE * expected
+    close[:, np.arange(len(expected)), np.arange(len(expected))] = False
+    return close
+
+
+def _misplaced(spacings: Array, spacing: Array, distances: Array, expected: Array, missing: Mask) -> Mask:
+    """Markers that have to go until the rest agree with one another. Shape (T, M).
+
+    Two markers agree when their spacing along the body or their distance is as usual (a tail that swings out keeps its
+    distance, one that is placed off the axis its spacing). In each frame the marker with the largest disagreement goes
+    first; of two that collapsed it is the one that fits the others worse.
+    """
+    with np.errstate(invalid="ignore"):
+        along = np.abs(spacings - spacing) - BEND_SHARE * np.abs(spacing)
+        apart = np.abs(distances - expected) - BEND_SHARE * expected
+        stray = distances - (1 + BEND_SHARE) * expected > STRAY_DISTANCE
+        off = np.where(stray, apart, np.minimum(along, apart))
+        wrong = (off > PLACE_TOLERANCE) | _collapsed(distances, expected)
+    badness = np.where(wrong, np.maximum(np.nan_to_num(off), 1e-3), 0.0)
+    slack = np.nan_to_num(off)
+    out = missing.copy()
+    for t in np.flatnonzero(wrong.any(axis=(1, 2))):
+        left = ~out[t]
+        while (pairs := wrong[t] & left[:, None] & left).any():
+            tie = 1e-3 * (slack[t] * (left[:, None] & left)).sum(axis=1)  # of two that disagree: the one with less slack
+            left[int(np.argmax((badness[t] * pairs).sum(axis=1) + tie))] = False
+        out[t] = ~left
+    return out & ~missing
+
+
+def _frozen(track: MarkerTrack, interval: float) -> Mask:
+    """Markers that stand still to the last digit while the others move on. Shape (T, M)."""
+    still = np.zeros(track.positions.shape[:2], dtype=bool)
+    with np.errstate(invalid="ignore"):
+        still[1:] = (np.diff(track.positions, axis=0) == 0).all(axis=2)
+    runs = binary_opening(still, structure=np.ones((max(2, round(FREEZE_TIME / interval)), 1)))
+    if not runs.any():
+        return runs
+    frozen = np.zeros_like(runs)
+    for m in np.flatnonzero(runs.any(axis=0)):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], runs[:, m].astype(int), [0]])))
+        for start, stop in edges.reshape(-1, 2):
+            travel = np.linalg.norm(track.positions[stop - 1] - track.positions[max(start - 1, 0)], axis=1)
+            if np.nanmedian(np.delete(travel, m)) > FREEZE_TRAVEL:
+                frozen[start:stop, m] = True
+    return frozen
+
+
+def _jumped(track: MarkerTrack, interval: float, known: Mask) -> Mask:
+    """Frames beside a step that is far longer than what the neighbors do. Shape (T, M)."""
+    steps = np.full(track.positions.shape[:2], np.nan)
+    steps[1:] = np.linalg.norm(np.diff(track.body, axis=0), axis=2)
+    steps[1:][known[1:] | known[:-1]] = np.nan
+    usual = np.nanmedian(np.where(np.isfinite(steps), steps, np.nan), axis=0) if np.isfinite(steps).any() else 0.0
+    limit = np.maximum(JUMP_DISTANCE * max(1.0, 60 * interval), 8 * np.nan_to_num(usual))
+    with np.errstate(invalid="ignore"):
+        return steps > limit
+
+
+def _join(lost: Mask, frames: int) -> Mask:
+    """Closes short gaps between two losses of a marker."""
+    padded = np.pad(lost, ((frames, frames), (0, 0)))
+    return binary_closing(padded, structure=np.ones((frames + 1, 1)))[frames:-frames] | lost

@@ -1,0 +1,6 @@
+"""Trials: one swim at one frequency, real or simulated, with its time stamps."""
+
+from swim2real.trials.files import load_reference, save_reference
+from swim2real.trials.trial import Actuation, MarkerTrack, Trial, TrialSet
+
+__all__ = ["Actuation", "MarkerTrack", "Trial", "TrialSet", "load_reference", "save_reference"]

@@ -1,0 +1,196 @@
+"""Reference folders and the published tracks, read and written.
+
+A reference folder holds `reference.json` and a table a trial (`time_s`, then `M0_x_m, M0_y_m, M0_confidence, …`).
+A folder of the prior work's raw CSVs (pixels, two columns a marker, 60 fps, no header) is read as well.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import TrialError
+from swim2real.trials.trial import MarkerTrack, Trial, TrialSet
+
+FORMAT = 1
+INDEX = "reference.json"
+PUBLISHED_FPS = 60.0
+PUBLISHED_MARKERS = 9
+PUBLISHED_HEAD_LENGTH = 0.142  # m, distance of the first two markers on the robot
+_PUBLISHED_NAME = re.compile(r"(?:markers_)?(f(\d+)_(\d+))$")
+
+
+def load_reference(folder: str | Path) -> TrialSet:
+    """Trials of a reference folder, or of a folder of raw published CSVs, sorted by name.
+
+    Raises:
+        TrialError: The folder or a file in it is missing, or can't be read; the message names file and line.
+    """
+    path = Path(folder)
+    if not path.is_dir():
+        kind = "a file, not a folder" if path.exists() else "not there"
+        raise TrialError(f"reference '{path}' is {kind}; give a folder with {INDEX} or with published CSVs")
+    if (path / INDEX).is_file():
+        return _load_folder(path)
+    tables = sorted(path.glob("*.csv"))
+    if not tables:
+        raise TrialError(f"reference '{path}' holds neither {INDEX} nor any .csv; `swim2real fetch --to {path}` gets one")
+    return TrialSet(tuple(read_published(table) for table in tables))
+
+
+def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
+    """One raw published CSV: pixels with y down, x and y of nine markers a row, to meters with y up.
+
+    The scale is the median distance of the first two markers, which are 0.142 m apart on the robot.
+    """
+    table = Path(path)
+    if not (np.isfinite(fps) and fps > 0):
+        raise TrialError(f"{table.name}: fps is {fps}; it must be finite and above 0")
+    rows = _read_numbers(table, table.read_text(encoding="utf-8-sig").splitlines(), first_line=1)
+    width = 2 * PUBLISHED_MARKERS
+    _check_table(table, rows, width, f"{width} numbers a row (x and y of {PUBLISHED_MARKERS} markers)")
+    pixels = rows.reshape(len(rows), PUBLISHED_MARKERS, 2)
+    head_px = float(np.nanmedian(np.linalg.norm(pixels[:, 1] - pixels[:, 0], axis=1)))
+    if not head_px > 0:
+        raise TrialError(f"{table.name}: the first two markers coincide or are never seen, so there is no scale")
+    scale = PUBLISHED_HEAD_LENGTH / head_px
+    times = np.arange(len(rows)) / fps
+    found = _PUBLISHED_NAME.match(table.stem)
+    trial = Trial(
+        name=found.group(1) if found else table.stem,
+        track=MarkerTrack(times, pixels * scale * [1.0, -1.0]),
+        nominal_frequency=float(f"{found.group(2)}.{found.group(3)}") if found else None,
+        meters_per_pixel=scale,
+        provenance=f"published marker track {table.name}, {fps:g} fps, markers placed by hand",
+    )
+    return _check_motion(trial, table)
+
+
+def save_reference(trials: TrialSet, folder: str | Path) -> None:
+    """Writes a reference folder; NaN positions become empty cells."""
+    path = Path(folder)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        for trial in trials:
+            _write_table(path / f"{trial.name}.csv", trial.track, trials.marker_names)
+        index = {
+            "format": FORMAT,
+            "markers": list(trials.marker_names),
+            "trials": [
+                {
+                    "name": trial.name,
+                    "table": f"{trial.name}.csv",
+                    "nominal_frequency_hz": trial.nominal_frequency,
+                    "fps": round(trial.fps, 6),
+                    "meters_per_pixel": trial.meters_per_pixel,
+                    "provenance": trial.provenance,
+                }
+                for trial in trials
+            ],
+        }
+        (path / INDEX).write_text(json.dumps(index, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise TrialError(f"can't write reference folder '{path}': {error.strerror or error}") from error
+
+
+def _load_folder(path: Path) -> TrialSet:
+    where = path / INDEX
+    try:
+        index = json.loads(where.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise TrialError(f"{where}: not readable as JSON ({error})") from error
+    if not isinstance(index, dict) or index.get("format") != FORMAT:
+        found = index.get("format") if isinstance(index, dict) else type(index).__name__
+        raise TrialError(f"{where}: format is {found!r}; this version reads format {FORMAT}")
+    entries = index.get("trials")
+    if not isinstance(entries, list) or not entries:
+        raise TrialError(f"{where}: 'trials' must be a list with at least one trial")
+    names = index.get("markers")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise TrialError(f"{where}: 'markers' must be a list of marker names")
+    return TrialSet(tuple(_load_trial(path, entry, names) for entry in entries), tuple(names))
+
+
+def _load_trial(folder: Path, entry: Any, markers: list[str]) -> Trial:
+    where = folder / INDEX
+    if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
+        raise TrialError(f"{where}: every trial needs a 'name'")
+    name = entry["name"]
+    for key in ("nominal_frequency_hz", "fps", "meters_per_pixel"):
+        value = entry.get(key)
+        if value is not None and not (isinstance(value, int | float) and np.isfinite(value) and value > 0):
+            raise TrialError(f"{where}: {key} of trial '{name}' is {value!r}; it must be a number above 0")
+    file_name = entry.get("table", f"{name}.csv")
+    table = folder / str(file_name)
+    if not table.is_file() or table.parent != folder:
+        raise TrialError(f"{where}: table '{file_name}' of trial '{name}' is not in {folder}")
+    lines = table.read_text(encoding="utf-8-sig").splitlines()
+    columns = _columns(markers)
+    header = next(csv.reader(lines[:1]), [])
+    if header != columns:
+        raise TrialError(f"{table}, line 1: the header must be {','.join(columns[:4])},… ({len(columns)} columns)")
+    rows = _read_numbers(table, lines[1:], first_line=2)
+    _check_table(table, rows, len(columns), f"{len(columns)} columns, as the header")
+    cells = rows[:, 1:].reshape(len(rows), len(markers), 3)
+    try:
+        track = MarkerTrack(rows[:, 0], cells[:, :, :2], np.nan_to_num(cells[:, :, 2]))
+    except TrialError as error:
+        raise TrialError(f"{table}: {error}") from error
+    trial = Trial(
+        name, track, entry.get("nominal_frequency_hz"), entry.get("meters_per_pixel"), str(entry.get("provenance", ""))
+    )
+    return _check_motion(trial, table)
+
+
+def _columns(markers: tuple[str, ...] | list[str]) -> list[str]:
+    return ["time_s", *(f"{m}_{part}" for m in markers for part in ("x_m", "y_m", "confidence"))]
+
+
+def _write_table(path: Path, track: MarkerTrack, markers: tuple[str, ...]) -> None:
+    cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(_columns(markers))
+        for time, row in zip(track.times, cells, strict=True):
+            writer.writerow([f"{time:.6f}", *("" if np.isnan(value) else f"{value:.6f}" for value in row)])
+
+
+def _read_numbers(table: Path, lines: list[str], first_line: int) -> NDArray[np.float64]:
+    """Rows of numbers, empty cells as NaN; the error names line and column."""
+    rows: list[list[float]] = []
+    for line, cells in enumerate(csv.reader(lines), start=first_line):
+        if not cells:
+            continue
+        row: list[float] = []
+        for column, cell in enumerate(cells, start=1):
+            try:
+                row.append(float(cell) if cell.strip() else float("nan"))
+            except ValueError:
+                raise TrialError(f"{table}, line {line}, column {column}: '{cell}' is not a number") from None
+        if rows and len(row) != len(rows[0]):
+            raise TrialError(f"{table}, line {line}: {len(row)} columns, the rows above have {len(rows[0])}")
+        rows.append(row)
+    numbers = np.array(rows, dtype=float) if rows else np.empty((0, 0))
+    return np.where(np.isinf(numbers), np.nan, numbers)
+
+
+def _check_table(table: Path, rows: NDArray[np.float64], width: int, wanted: str) -> None:
+    if len(rows) == 0:
+        raise TrialError(f"{table}: the table is empty; expected {wanted}")
+    if rows.shape[1] != width:
+        raise TrialError(f"{table}: {rows.shape[1]} columns; expected {wanted}")
+    if len(rows) < 2:
+        raise TrialError(f"{table}: one frame only; a trial needs at least 2")
+
+
+def _check_motion(trial: Trial, table: Path) -> Trial:
+    spread = np.nanmax(trial.track.positions, axis=0) - np.nanmin(trial.track.positions, axis=0)
+    if not np.nanmax(spread) > 0:
+        raise TrialError(f"{table}: no marker moves; is this the right file?")
+    return trial

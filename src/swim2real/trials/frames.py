@@ -1,0 +1,79 @@
+"""Frames of reference that remove where a swimmer is and where it heads. Arrays only.
+
+Marker 0 is the front of the head, marker 1 its rear: x of the body frame points from head to tail, so a swimmer
+moves toward its -x.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def heads(positions: Array) -> Array:
+    """Mean of markers 0 and 1 [m]. Shape (T, M, 2) to (T, 2)."""
+    return (positions[:, 0] + positions[:, 1]) / 2
+
+
+def body_axes(positions: Array) -> Array:
+    """Unit vectors from marker 0 to marker 1. Shape (T, M, 2) to (T, 2)."""
+    axes = positions[:, 1] - positions[:, 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+def _rotate(vectors: Array, axes: Array) -> Array:
+    """Components of vectors along the axes and to their left. Shapes (..., 2)."""
+    along = vectors[..., 0] * axes[..., 0] + vectors[..., 1] * axes[..., 1]
+    left = vectors[..., 1] * axes[..., 0] - vectors[..., 0] * axes[..., 1]
+    return np.stack([along, left], axis=-1)
+
+
+def to_body(positions: Array) -> Array:
+    """Body frame: origin at marker 0, x axis toward marker 1 [m]. Shape (T, M, 2)."""
+    return _rotate(positions - positions[:, :1], body_axes(positions)[:, None])
+
+
+def to_swim(positions: Array) -> Array:
+    """Swim frame: the body frame, carried along by the head's displacement [m]. Shape (T, M, 2).
+
+    Each step of the head is rotated into the body frame of its time and added up; the origin is the first frame's
+    head. Frames without a head are stepped over.
+    """
+    head = heads(positions)
+    seen = np.flatnonzero(np.isfinite(head).all(axis=1))
+    path = np.full_like(head, np.nan)
+    if seen.size:
+        steps = _rotate(np.diff(head[seen], axis=0), body_axes(positions)[seen[1:]])
+        path[seen] = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    body = to_body(positions)
+    return body - heads(body)[:, None] + path[:, None]
+
+
+def slope(times: Array, values: Array) -> float:
+    """Slope of a straight-line fit to the finite values; NaN with fewer than two."""
+    good = np.isfinite(values)
+    if np.count_nonzero(good) < 2:
+        return float("nan")
+    t, v = times[good] - times[good].mean(), values[good]
+    return float(t @ (v - v.mean()) / (t @ t))
+
+
+def swimming_axis(times: Array, positions: Array) -> Array:
+    """Direction of a straight-line fit to the head's path over time, a unit vector. Shape (2,)."""
+    head = heads(positions)
+    direction = np.array([slope(times, head[:, 0]), slope(times, head[:, 1])])
+    length = np.linalg.norm(direction)
+    if not length > 0:  # no motion: the way the head points
+        direction = -np.nanmean(body_axes(positions), axis=0)
+        length = np.linalg.norm(direction)
+    return direction / length
+
+
+def progress(times: Array, positions: Array) -> Array:
+    """Displacement of the head along the swimming axis since the first frame that has one [m]. Shape (T,)."""
+    along = heads(positions) @ swimming_axis(times, positions)
+    seen = np.flatnonzero(np.isfinite(along))
+    return along - (along[seen[0]] if seen.size else 0.0)

@@ -1,0 +1,213 @@
+"""The classes that carry marker tracks: one for real and simulated swims alike."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import TrialError
+from swim2real.trials import frames
+
+Array = NDArray[np.float64]
+
+
+def _frozen(array: object) -> Array:
+    copy = np.array(array, dtype=float)
+    copy.flags.writeable = False
+    return copy
+
+
+@dataclass(frozen=True)
+class MarkerTrack:
+    """Markers over time, in the plane of the water.
+
+    Attributes:
+        times: Time stamps, rising [s]. Shape (T,).
+        positions: World positions, NaN where a marker was not seen [m]. Shape (T, M, 2).
+        confidence: From 0 (lost) to 1, per marker and frame. Shape (T, M).
+    """
+
+    times: Array
+    positions: Array
+    confidence: Array
+
+    def __init__(self, times: object, positions: object, confidence: object = None) -> None:
+        stamps, points = _frozen(times), _frozen(positions)
+        if points.ndim != 3 or points.shape[2] != 2 or points.shape[0] != stamps.size or stamps.ndim != 1:
+            raise TrialError(
+                f"positions have shape {points.shape} and times {stamps.shape}; expected (T, M, 2) and (T,)"
+            )
+        if stamps.size < 2:
+            raise TrialError(f"a track needs at least 2 frames, this one has {stamps.size}")
+        if not np.all(np.isfinite(stamps)) or not np.all(np.diff(stamps) > 0):
+            raise TrialError("time stamps must be finite and rise from frame to frame")
+        seen = np.isfinite(points).all(axis=2)
+        given = np.ones(seen.shape) if confidence is None else np.array(confidence, dtype=float)
+        if given.shape != seen.shape:
+            raise TrialError(f"confidence has shape {given.shape}; expected (T, M) = {seen.shape}")
+        if np.any((given < 0) | (given > 1)):
+            raise TrialError("confidence must lie within 0 and 1")
+        object.__setattr__(self, "times", stamps)
+        object.__setattr__(self, "positions", points)
+        object.__setattr__(self, "confidence", _frozen(np.where(seen, np.nan_to_num(given), 0.0)))
+
+    @property
+    def frame_count(self) -> int:
+        return int(self.times.size)
+
+    @property
+    def marker_count(self) -> int:
+        return int(self.positions.shape[1])
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last frame [s]."""
+        return float(self.times[-1] - self.times[0])
+
+    @property
+    def heads(self) -> Array:
+        """Mean of the first two markers [m]. Shape (T, 2)."""
+        return frames.heads(self.positions)
+
+    @property
+    def body(self) -> Array:
+        """Positions in the body frame: origin at marker 0, x toward marker 1 [m]. Shape (T, M, 2)."""
+        return frames.to_body(self.positions)
+
+    @property
+    def swim(self) -> Array:
+        """Positions in the swim frame, as far as the fish has come [m]. Shape (T, M, 2)."""
+        return frames.to_swim(self.positions)
+
+    @property
+    def progress(self) -> Array:
+        """Displacement of the head along the swimming axis since the first frame [m]. Shape (T,)."""
+        return frames.progress(self.times, self.positions)
+
+    @property
+    def speed(self) -> float:
+        """Slope of a straight-line fit to the progress [m/s]."""
+        return frames.slope(self.times, self.progress)
+
+
+@dataclass(frozen=True)
+class Actuation:
+    """What drives a trial: the motor turns at a constant speed.
+
+    Attributes:
+        frequency: Turns of the motor a second [Hz].
+        phase: Motor angle at the first time stamp [rad].
+        start_speed: Forward speed at which a simulation starts [m/s]; None starts from rest and is not
+            brought to a steady cycle.
+    """
+
+    frequency: float
+    phase: float = 0.0
+    start_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.frequency) and self.frequency > 0):
+            raise TrialError(f"frequency is {self.frequency} Hz; it must be finite and above 0")
+
+    @property
+    def period(self) -> float:
+        """Time of one turn [s]."""
+        return 1.0 / self.frequency
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One swim at one frequency.
+
+    Attributes:
+        name: Unique within its set.
+        track: The markers.
+        nominal_frequency: The frequency that was asked of the motor [Hz]; None where nobody wrote it down.
+        meters_per_pixel: Scale of the video [m]; None for a simulation.
+        provenance: Where it comes from, in words.
+        divergence: Why and when a simulation failed; None when it didn't.
+    """
+
+    name: str
+    track: MarkerTrack
+    nominal_frequency: float | None = None
+    meters_per_pixel: float | None = None
+    provenance: str = ""
+    divergence: str | None = None
+
+    @property
+    def fps(self) -> float:
+        """Frames a second, from the median interval of the time stamps."""
+        return float(1.0 / np.median(np.diff(self.track.times)))
+
+    def cut(self, horizon: float | None) -> Trial:
+        """The first `horizon` seconds; all of it for None."""
+        if horizon is None:
+            return self
+        track = self.track
+        keep = track.times - track.times[0] <= horizon + 1e-9
+        return replace(
+            self, track=MarkerTrack(track.times[keep], track.positions[keep], track.confidence[keep])
+        )
+
+
+@dataclass(frozen=True)
+class TrialSet:
+    """Trials with the same markers, by name."""
+
+    trials: tuple[Trial, ...]
+    marker_names: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        if not self.trials:
+            raise TrialError("a set of trials needs at least one trial")
+        seen: set[str] = set()
+        for trial in self.trials:
+            if trial.name in seen:
+                raise TrialError(f"two trials are named '{trial.name}'; give each its own name")
+            seen.add(trial.name)
+        counts = {trial.name: trial.track.marker_count for trial in self.trials}
+        if len(set(counts.values())) > 1:
+            listed = ", ".join(f"{name} has {count}" for name, count in counts.items())
+            raise TrialError(f"all trials must have the same markers: {listed}")
+        count = self.trials[0].track.marker_count
+        if not self.marker_names:
+            object.__setattr__(self, "marker_names", tuple(f"M{i}" for i in range(count)))
+        if len(self.marker_names) != count:
+            raise TrialError(f"{len(self.marker_names)} marker names for {count} markers")
+
+    def __iter__(self) -> Iterator[Trial]:
+        return iter(self.trials)
+
+    def __len__(self) -> int:
+        return len(self.trials)
+
+    def __getitem__(self, name: str) -> Trial:
+        for trial in self.trials:
+            if trial.name == name:
+                return trial
+        near = difflib.get_close_matches(name, self.names, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise TrialError(f"no trial is named '{name}'; there are {', '.join(self.names)}{hint}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(trial.name for trial in self.trials)
+
+    def split(self, held_out: Iterable[str]) -> tuple[TrialSet, TrialSet | None]:
+        """The set without the named trials, and the set of them (None when no name is given).
+
+        Raises:
+            TrialError: A name is unknown, or nothing would be left to fit.
+        """
+        out = {self[name].name for name in held_out}
+        if len(out) == len(self):
+            raise TrialError(f"all {len(self)} trials are held out; leave at least one to fit")
+        kept = TrialSet(tuple(t for t in self if t.name not in out), self.marker_names)
+        if not out:
+            return kept, None
+        return kept, TrialSet(tuple(t for t in self if t.name in out), self.marker_names)
