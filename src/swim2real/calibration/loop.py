@@ -1,0 +1,137 @@
+"""The calibration loop: budget, incumbent, failure rule, record and resume.
+
+It knows neither how candidates are found nor what they are compared with: an optimizer asks, a problem evaluates, and
+every evaluation is on the disk before the optimizer hears of it. To resume is to replay: the optimizer is asked again
+for every recorded candidate, and a mismatch is refused.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from swim2real.calibration.problem import Problem
+from swim2real.calibration.run_folder import RunFolder
+from swim2real.errors import RunError
+from swim2real.objective import evidence
+from swim2real.optimizers import Candidate, Evaluation, Optimizer
+from swim2real.parameters import ParameterSpace, write_parameters
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a person wants to see after each evaluation.
+
+    Attributes:
+        done: Evaluations so far.
+        budget: Evaluations in all.
+        loss: Of this one [m].
+        best: Lowest loss so far [m].
+        note: The optimizer's note on the candidate.
+        improved: Whether this one is the new incumbent.
+        seconds_left: Estimate [s].
+        replayed: True for an evaluation that was read from the record.
+    """
+
+    done: int
+    budget: int
+    loss: float
+    best: float
+    note: Mapping[str, Any]
+    improved: bool
+    seconds_left: float
+    replayed: bool
+
+
+def calibrate(
+    problem: Problem, space: ParameterSpace, optimizer: Optimizer, budget: int, folder: RunFolder,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+) -> dict[str, Any]:  # fmt: skip
+    """Runs or goes on with a calibration until the budget is spent.
+
+    Args:
+        problem: What evaluates a candidate.
+        space: Maps the unit cube to values.
+        optimizer: Fresh: recorded evaluations are replayed into it.
+        budget: Simulation evaluations, those on record included.
+        folder: Locked by the caller, with settings written.
+        on_progress: Called after every evaluation.
+
+    Returns:
+        The record's entry of the incumbent.
+
+    Raises:
+        RunError: The record doesn't fit the optimizer, or the disk failed.
+    """
+    if budget < 1:
+        raise RunError(f"budget is {budget}; it must be at least 1")
+    folder.drop_cut_line()
+    best: dict[str, Any] | None = None
+    started, fresh = time.monotonic(), 0
+    recorded = folder.record()
+    for index in range(max(budget, len(recorded))):
+        replayed = index < len(recorded)
+        candidate = optimizer.ask()
+        if replayed:
+            entry = recorded[index]
+            _check_replay(entry, candidate, index, folder)
+        else:
+            entry = _evaluate(problem, space, candidate, index)
+            folder.append(entry)
+            fresh += 1
+        improved = not entry["failed"] and (best is None or entry["loss"] < best["loss"])
+        if improved or best is None:
+            best = entry
+            if not replayed or index == len(recorded) - 1:
+                write_best(folder, problem, best)
+        elif replayed and index == len(recorded) - 1:
+            write_best(folder, problem, best)
+        optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"]))
+        left = (time.monotonic() - started) / max(fresh, 1) * (budget - index - 1)
+        on_progress(
+            Progress(index + 1, budget, entry["loss"], best["loss"], entry["note"], improved, left, replayed)
+        )
+    if best is None:
+        raise RunError("nothing was evaluated")
+    return best
+
+
+def _evaluate(problem: Problem, space: ParameterSpace, candidate: Candidate, index: int) -> dict[str, Any]:
+    began = time.monotonic()
+    values = space.to_values(candidate.point)
+    comparison = problem.evaluate(values)
+    return {
+        "index": index,
+        "loss": comparison.loss,
+        "failed": comparison.divergence is not None,
+        "reason": comparison.divergence,
+        "point": [float(x) for x in candidate.point],
+        "values": values,
+        "note": dict(candidate.note),
+        "evidence": evidence(comparison),
+        "seconds": round(time.monotonic() - began, 3),
+    }
+
+
+def _check_replay(entry: Mapping[str, Any], candidate: Candidate, index: int, folder: RunFolder) -> None:
+    if entry.get("index") != index or not np.array_equal(np.asarray(entry["point"], dtype=float), candidate.point):
+        raise RunError(
+            f"run '{folder.path}' can't go on: evaluation {index + 1} on record isn't the one that these settings ask "
+            f"for (another version of swim2real, or an edited record?); begin a new run"
+        )
+
+
+def write_best(folder: RunFolder, problem: Problem, entry: Mapping[str, Any]) -> None:
+    """Writes the incumbent as the run's parameters file."""
+    engine = problem.simulator.engine
+    try:
+        write_parameters(
+            folder.best_path, problem.robot.name, entry["values"], engine.name, engine.as_dict(),
+            loss=entry["loss"], evaluation=entry["index"],
+        )  # fmt: skip
+    except OSError as error:
+        raise RunError(f"can't write '{folder.best_path}': {error.strerror or error}; --resume goes on") from error

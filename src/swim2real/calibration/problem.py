@@ -1,0 +1,94 @@
+"""A calibration problem: real trials, checked and identified, and a simulator to compare with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from swim2real.errors import TrialError
+from swim2real.objective import Comparison, Protocol, Target, compare
+from swim2real.parameters import Values
+from swim2real.robots.robot import Robot
+from swim2real.simulation import Simulator, Swim
+from swim2real.tracking import Beat, TrackQuality, check_track, identify_beat
+from swim2real.trials import Actuation, Trial, TrialSet
+
+HORIZON = 4.0  # s, the prior code's
+
+
+@dataclass(frozen=True)
+class RealTrial:
+    """A real trial with what was found in it."""
+
+    trial: Trial
+    quality: TrackQuality
+    beat: Beat
+
+
+def examine(reference: TrialSet, robot: Robot) -> tuple[RealTrial, ...]:
+    """Checks the tracks and identifies what drove each trial.
+
+    Raises:
+        TrialError: The markers aren't the robot's, or a trial shows no beat.
+    """
+    if len(reference.marker_names) != len(robot.marker_names):
+        raise TrialError(
+            f"the reference has {len(reference.marker_names)} markers ({', '.join(reference.marker_names)}); "
+            f"robot '{robot.name}' has {len(robot.marker_names)} ({', '.join(robot.marker_names)})"
+        )
+    found: list[RealTrial] = []
+    for trial in reference:
+        quality = check_track(trial.track, robot.rest_markers)
+        found.append(RealTrial(trial, quality, identify_beat(trial.track, robot.tail_markers, quality, trial.name)))
+    return tuple(found)
+
+
+class Problem:
+    """Evaluates parameter values against real trials."""
+
+    def __init__(
+        self, robot: Robot, real: Sequence[RealTrial], simulator: Simulator, protocol: Protocol = "aligned",
+        horizon: float | None = HORIZON,
+    ) -> None:  # fmt: skip
+        """Prepares the swims to simulate.
+
+        Args:
+            robot: What is calibrated.
+            real: Examined trials.
+            simulator: Of the same robot.
+            protocol: `aligned`: identified frequency, steady state, phase, registration, weights. `paper`: nominal
+                frequency, from rest, none of the others.
+            horizon: Seconds of each trial that are compared, None for all.
+
+        Raises:
+            TrialError: The paper's protocol needs nominal frequencies and a trial has none.
+        """
+        if horizon is not None and not horizon > 0:
+            raise TrialError(f"horizon is {horizon} s; it must be above 0")
+        self.robot, self.real, self.simulator = robot, tuple(real), simulator
+        self.protocol, self.horizon = protocol, horizon
+        self.targets: list[Target] = []
+        self.swims: list[Swim] = []
+        for one in self.real:
+            actuation = one.beat.actuation if protocol == "aligned" else Actuation(_nominal(one.trial))
+            lead = actuation.period if protocol == "aligned" else 0.0
+            self.targets.append(Target(one.trial, one.quality.weights, actuation.frequency))
+            self.swims.append(Swim(one.trial.name, actuation, one.trial.track.duration + lead))
+
+    def evaluate(self, values: Values) -> Comparison:
+        """Simulates all trials and compares them with the real ones."""
+        return self.evaluate_many([values])[0]
+
+    def evaluate_many(self, candidates: Sequence[Values]) -> list[Comparison]:
+        """The same for several candidates in one batch."""
+        simulated = self.simulator.simulate_many(candidates, self.swims)
+        return [compare(self.targets, trials, self.protocol, self.horizon) for trials in simulated]
+
+
+def _nominal(trial: Trial) -> float:
+    if trial.nominal_frequency is None:
+        raise TrialError(
+            f"trial '{trial.name}' has no nominal frequency, which protocol 'paper' needs; "
+            f"write it into reference.json or use protocol 'aligned'"
+        )
+    return trial.nominal_frequency

@@ -1,0 +1,51 @@
+"""What a result needs to be told apart from another: versions, commit, and a fingerprint of the reference."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import subprocess
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from swim2real import __version__
+from swim2real.trials import TrialSet
+
+_PACKAGES = ("numpy", "scipy", "mujoco")
+
+
+def versions() -> dict[str, str]:
+    """Versions of what the numbers depend on."""
+    found = {name: metadata.version(name) for name in _PACKAGES}
+    return {"swim2real": __version__, "python": platform.python_version(), **found, "machine": platform.machine()}
+
+
+def commit() -> str | None:
+    """Commit of the checkout that this code runs from; None when it is installed otherwise."""
+    here = Path(__file__).resolve().parent
+    try:
+        top = subprocess.run(
+            ["git", "-C", str(here), "rev-parse", "--show-toplevel"], capture_output=True, text=True, timeout=5, check=True
+        ).stdout.strip()
+        if not (Path(top) / "src" / "swim2real").is_dir():
+            return None
+        found = subprocess.run(
+            ["git", "-C", str(here), "describe", "--always", "--dirty", "--abbrev=12"],
+            capture_output=True, text=True, timeout=5, check=True,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return found.stdout.strip() or None
+
+
+def reference_fingerprint(reference: TrialSet) -> str:
+    """sha256 over the names, time stamps, positions and confidences of a reference."""
+    digest = hashlib.sha256()
+    for trial in reference:
+        digest.update(trial.name.encode())
+        digest.update(repr(trial.nominal_frequency).encode())
+        for array in (trial.track.times, trial.track.positions, trial.track.confidence):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

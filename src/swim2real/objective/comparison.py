@@ -1,0 +1,262 @@
+"""Every figure that compares simulated swims with real ones, per trial and overall."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from swim2real.errors import TrialError
+from swim2real.objective.alignment import align, register, weighted_distance
+from swim2real.trials import MarkerTrack, Trial, TrialSet, frames
+
+Array = NDArray[np.float64]
+Protocol = Literal["aligned", "paper"]
+
+FAILED_LOSS = 1.0  # m, of a simulation that diverged: finite and of physical size
+
+
+@dataclass(frozen=True)
+class Target:
+    """A real trial as it is compared: the whole swim, and which marker-frames count.
+
+    Attributes:
+        trial: Real.
+        weights: 0 where tracking lost a marker. Shape (T, M).
+        frequency: At which the simulated swim is driven [Hz].
+    """
+
+    trial: Trial
+    weights: Array
+    frequency: float
+
+
+@dataclass(frozen=True)
+class TrialComparison:
+    """One simulated swim against its real one, at the real time stamps.
+
+    Attributes:
+        name: Of the trial.
+        frequency: Of the simulated motor [Hz].
+        times: Since the first frame, within the horizon [s]. Shape (T,).
+        weights: Shape (T, M).
+        real: Body frame [m]. Shape (T, M, 2).
+        simulated: Body frame, at the aligned phase, without registration [m]. Shape (T, M, 2).
+        registration: Real minus simulated, static; zero under the paper's protocol [m]. Shape (M, 2).
+        progress_real: Along the swimming axis [m]. Shape (T,).
+        progress_simulated: Likewise. Shape (T,).
+        swim_residual: Simulated minus real in the swim frame [m]. Shape (T, M, 2).
+        phase: Motor angle at the first frame [rad]; 0 under the paper's protocol.
+        velocity_real: Over the whole trial [m/s].
+        velocity_simulated: Over the same time [m/s].
+        static_offset: Mean length of the registration vectors, whether used or not [m].
+        swims_backward: Whether the simulated swimmer moves tail first.
+        divergence: Why the simulation failed, or None.
+    """
+
+    name: str
+    frequency: float
+    times: Array
+    weights: Array
+    real: Array
+    simulated: Array
+    registration: Array
+    progress_real: Array
+    progress_simulated: Array
+    swim_residual: Array
+    phase: float
+    velocity_real: float
+    velocity_simulated: float
+    static_offset: float
+    swims_backward: bool = False
+    divergence: str | None = None
+
+    @cached_property
+    def shape_residual(self) -> Array:
+        """Simulated minus real in the body frame, registered [m]. Shape (T, M, 2)."""
+        return self.simulated + self.registration - self.real
+
+    @cached_property
+    def residual(self) -> Array:
+        """The shape residual and, along x, how much farther the simulation hasn't come [m]. Shape (T, M, 2)."""
+        # the swimmer moves toward -x of its body frame
+        behind = self.progress_real - self.progress_simulated
+        return self.shape_residual + np.stack([behind, np.zeros_like(behind)], axis=1)[:, None]
+
+    @property
+    def _failed(self) -> bool:
+        return self.divergence is not None
+
+    @cached_property
+    def marker_error(self) -> float:
+        return FAILED_LOSS if self._failed else float(np.nanmean(np.linalg.norm(self.swim_residual, axis=2)))
+
+    @cached_property
+    def aligned_marker_error(self) -> float:
+        return FAILED_LOSS if self._failed else weighted_distance(self.residual, self.weights)
+
+    @cached_property
+    def shape_error(self) -> float:
+        return FAILED_LOSS if self._failed else weighted_distance(self.shape_residual, self.weights)
+
+    @cached_property
+    def progress_error(self) -> float:
+        """Mean difference in progress: what thrust and drag explain [m]."""
+        return FAILED_LOSS if self._failed else float(np.nanmean(np.abs(self.progress_simulated - self.progress_real)))
+
+    @cached_property
+    def unweighted_error(self) -> float:
+        """The aligned error if lost tracks counted [m]."""
+        seen = np.isfinite(self.residual).all(axis=2).astype(float)
+        return FAILED_LOSS if self._failed else weighted_distance(self.residual, seen)
+
+    @property
+    def left_out_share(self) -> float:
+        return float(1 - np.mean(self.weights > 0))
+
+    def marker_errors(self, kind: Literal["marker", "aligned", "shape"]) -> Array:
+        """One figure a marker [m], NaN for a marker that never counts. Shape (M,)."""
+        if self._failed:
+            return np.full(self.weights.shape[1], FAILED_LOSS)
+        residual = {"marker": self.swim_residual, "aligned": self.residual, "shape": self.shape_residual}[kind]
+        lengths = np.linalg.norm(residual, axis=2)
+        weights = np.isfinite(lengths).astype(float) if kind == "marker" else self.weights
+        total = weights.sum(axis=0)
+        summed = np.where(weights > 0, lengths, 0.0).sum(axis=0, where=weights > 0)
+        return np.where(total > 0, summed / np.where(total > 0, total, 1.0), np.nan)
+
+    def figures(self) -> dict[str, Any]:
+        """Every figure of the trial, in SI."""
+        return {
+            "marker_error": self.marker_error,
+            "aligned_marker_error": self.aligned_marker_error,
+            "shape_error": self.shape_error,
+            "progress_error": self.progress_error,
+            "static_offset": self.static_offset,
+            "velocity_error": abs(self.velocity_simulated - self.velocity_real),
+            "left_out_share": self.left_out_share,
+            "unweighted_error": self.unweighted_error,
+            "frequency": self.frequency,
+            "phase": self.phase,
+            "velocity_real": self.velocity_real,
+            "velocity_simulated": self.velocity_simulated,
+            "divergence": self.divergence,
+        }
+
+
+MEANS = (
+    "marker_error",
+    "aligned_marker_error",
+    "shape_error",
+    "progress_error",
+    "static_offset",
+    "velocity_error",
+    "left_out_share",
+    "unweighted_error",
+)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All trials of a candidate. Overall figures are means over trials.
+
+    Attributes:
+        trials: In the order of the targets.
+        protocol: Which figure is the loss.
+        horizon: Seconds that are compared, None for all of each trial.
+    """
+
+    trials: tuple[TrialComparison, ...]
+    protocol: Protocol
+    horizon: float | None
+
+    @property
+    def divergence(self) -> str | None:
+        """The first simulation that failed, in a sentence."""
+        return next((f"trial '{t.name}': {t.divergence}" for t in self.trials if t.divergence), None)
+
+    @property
+    def loss(self) -> float:
+        """What is minimized [m]; `FAILED_LOSS` when any simulation diverged."""
+        if self.divergence is not None:
+            return FAILED_LOSS
+        return float(self.figure("aligned_marker_error" if self.protocol == "aligned" else "marker_error"))
+
+    def figure(self, name: str) -> float:
+        """One overall figure."""
+        return float(np.mean([trial.figures()[name] for trial in self.trials]))
+
+    def figures(self) -> dict[str, Any]:
+        """Every figure overall and per trial, in SI, ready for JSON."""
+        per_trial = {trial.name: trial.figures() for trial in self.trials}
+        overall: dict[str, Any] = {
+            name: float(np.mean([figures[name] for figures in per_trial.values()])) for name in MEANS
+        }
+        return {**overall, "loss": self.loss, "protocol": self.protocol, "horizon": self.horizon, "trials": per_trial}
+
+
+def compare(targets: Sequence[Target], simulated: TrialSet, protocol: Protocol, horizon: float | None) -> Comparison:
+    """Compares simulated swims with real ones.
+
+    Args:
+        targets: Real trials.
+        simulated: One trial a target, in the same order, starting at motor angle 0. Under the aligned protocol each
+            covers its target's duration and one period more.
+        protocol: `aligned`: phase, registration and weights. `paper`: none of them.
+        horizon: Seconds to compare, None for all.
+    """
+    pairs = zip(targets, simulated, strict=True)
+    return Comparison(tuple(_compare_trial(t, s, protocol, horizon) for t, s in pairs), protocol, horizon)
+
+
+def _compare_trial(target: Target, simulated: Trial, protocol: Protocol, horizon: float | None) -> TrialComparison:
+    track = target.trial.track
+    times = track.times - track.times[0]
+    kept = target.trial.cut(horizon).track.frame_count
+    real = track.body
+    weights = np.where(np.isfinite(real).all(axis=2), target.weights, 0.0)[:kept]
+    if simulated.divergence is not None:
+        nothing = np.zeros_like(real[:kept])
+        return TrialComparison(
+            target.trial.name, target.frequency, times[:kept], weights, real[:kept], nothing, nothing[0],
+            track.progress[:kept], np.zeros(kept), nothing, 0.0, track.speed, 0.0, 0.0, divergence=simulated.divergence,
+        )  # fmt: skip
+    lead = 1 / target.frequency if protocol == "aligned" else 0.0
+    sim_times = simulated.track.times - simulated.track.times[0]
+    if sim_times[-1] + 1e-6 < times[-1] + lead:
+        raise TrialError(
+            f"trial '{simulated.name}': simulated for {sim_times[-1]:.2f} s, {times[-1] + lead:.2f} s are compared"
+        )
+    shift, registration = 0.0, np.zeros(real.shape[1:])
+    if protocol == "aligned":
+        body = CubicSpline(sim_times, simulated.track.body.reshape(len(sim_times), -1))
+        alignment = align(
+            lambda t: body(t).reshape(len(t), *real.shape[1:]), real[:kept], times[:kept], weights, 1 / target.frequency
+        )
+        shift, registration = alignment.shift, alignment.registration
+    positions = CubicSpline(sim_times, simulated.track.positions)(times + shift)
+    sampled = MarkerTrack(times, positions)
+    body_real, body_simulated = real[:kept], sampled.body[:kept]
+    offsets = registration if protocol == "aligned" else register(body_real - body_simulated, weights)
+    return TrialComparison(
+        name=target.trial.name,
+        frequency=target.frequency,
+        times=times[:kept],
+        weights=weights,
+        real=body_real,
+        simulated=body_simulated,
+        registration=registration,
+        progress_real=track.progress[:kept],
+        progress_simulated=sampled.progress[:kept],
+        swim_residual=(sampled.swim - track.swim)[:kept],
+        phase=2 * np.pi * target.frequency * shift,
+        velocity_real=track.speed,
+        velocity_simulated=sampled.speed,
+        static_offset=float(np.linalg.norm(offsets, axis=1).mean()),
+        swims_backward=bool(frames.swimming_axis(times, positions) @ frames.body_axes(positions).mean(axis=0) > 0),
+    )

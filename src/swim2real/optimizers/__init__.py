@@ -1,0 +1,24 @@
+"""Optimizers behind one ask/tell contract. They see the unit cube and losses, and know no physics."""
+
+from swim2real.optimizers.advisor import Advisor, Proposal, Round, ScriptedAdvisor, Situation, Step
+from swim2real.optimizers.contract import Candidate, Evaluation, Optimizer, first_point, streams
+from swim2real.optimizers.line_search import BacktrackingLineSearch
+from swim2real.optimizers.random_search import RandomSearch
+from swim2real.optimizers.warm_start import WarmStart
+
+__all__ = [
+    "Advisor",
+    "BacktrackingLineSearch",
+    "Candidate",
+    "Evaluation",
+    "Optimizer",
+    "Proposal",
+    "RandomSearch",
+    "Round",
+    "ScriptedAdvisor",
+    "Situation",
+    "Step",
+    "WarmStart",
+    "first_point",
+    "streams",
+]

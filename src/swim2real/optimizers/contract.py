@@ -1,0 +1,121 @@
+"""The ask/tell contract: `ask()` gives a candidate, `tell()` takes what it was worth, one after the other."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swim2real.errors import OptimizerError
+
+Array = NDArray[np.float64]
+
+
+def cube_point(point: ArrayLike, dimension: int | None = None) -> Array:
+    """A read-only copy of a point of the unit cube. Shape (d,).
+
+    Raises:
+        OptimizerError: Wrong length, not finite, or outside the cube.
+    """
+    copy = np.array(point, dtype=float)
+    if copy.ndim != 1 or (dimension is not None and copy.size != dimension):
+        raise OptimizerError(f"a point has shape {copy.shape}; expected ({dimension or 'd'},)")
+    if not np.all((copy >= 0) & (copy <= 1)):
+        raise OptimizerError(f"a point must lie in the unit cube, got coordinates from {copy.min()} to {copy.max()}")
+    copy.flags.writeable = False
+    return copy
+
+
+def streams(seed: int) -> tuple[np.random.Generator, np.random.Generator, np.random.Generator]:
+    """Independent random streams of a run: for the first point, the optimizer and the advisor.
+
+    Raises:
+        OptimizerError: The seed isn't a whole number from 0 on.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise OptimizerError(f"seed is {seed!r}; it must be a whole number from 0 on")
+    first, optimizer, advisor = (np.random.default_rng(s) for s in np.random.SeedSequence(int(seed)).spawn(3))
+    return first, optimizer, advisor
+
+
+def first_point(dimension: int, seed: int) -> Array:
+    """The first point of a run: depends on the seed alone, so every method starts at the same one. Shape (d,)."""
+    return cube_point(streams(seed)[0].random(dimension))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A point to evaluate.
+
+    Attributes:
+        point: In the unit cube, read-only. Shape (d,).
+        note: Where it comes from, ready for JSON: a method's own words for the record.
+    """
+
+    point: Array
+    note: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a candidate was worth.
+
+    Attributes:
+        candidate: As it was asked.
+        loss: Finite, lower is better.
+        failed: True when there is no proper result, such as a simulation that diverged.
+        detail: What else is known, for those who can read it.
+    """
+
+    candidate: Candidate
+    loss: float
+    failed: bool = False
+    detail: Any = None
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.loss):
+            raise OptimizerError(f"the loss is {self.loss}; a failed evaluation needs a finite one, too")
+
+
+class Optimizer(ABC):
+    """Proposes points of the unit cube and learns from their losses."""
+
+    def __init__(self, dimension: int) -> None:
+        self.dimension = dimension
+        self._pending: Candidate | None = None
+
+    def ask(self) -> Candidate:
+        """The next candidate.
+
+        Raises:
+            OptimizerError: The last candidate hasn't been told yet.
+        """
+        if self._pending is not None:
+            raise OptimizerError("ask() was called twice; tell() the evaluation of the last candidate first")
+        candidate = self._next()
+        cube_point(candidate.point, self.dimension)
+        self._pending = candidate
+        return candidate
+
+    def tell(self, evaluation: Evaluation) -> None:
+        """Takes the evaluation of the candidate that was asked last.
+
+        Raises:
+            OptimizerError: Nothing was asked, or it is another candidate's evaluation.
+        """
+        if self._pending is None:
+            raise OptimizerError("tell() without a candidate; ask() for one first")
+        if not np.array_equal(evaluation.candidate.point, self._pending.point):
+            raise OptimizerError("tell() got the evaluation of another candidate than the one that was asked last")
+        self._pending = None
+        self._learn(evaluation)
+
+    @abstractmethod
+    def _next(self) -> Candidate: ...
+
+    @abstractmethod
+    def _learn(self, evaluation: Evaluation) -> None: ...

@@ -1,0 +1,83 @@
+"""Backtracking line search along an advisor's proposal (paper, Algorithm 1 and Eq. 2)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swim2real.errors import OptimizerError
+from swim2real.optimizers.advisor import Advisor, Proposal, Round, Situation, Step
+from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
+
+
+class BacktrackingLineSearch(Optimizer):
+    """Tries an advisor's direction at the full step, then at ever smaller ones, and keeps the first improvement.
+
+    From the incumbent θ and the proposal θ′ it evaluates clip(θ + βᵏ (θ′ − θ)) for k = 0 … K − 1. A round without an
+    improvement is rejected; the advisor finds it in the history when it is asked again.
+    """
+
+    def __init__(self, advisor: Advisor, first: Array, decrease_factor: float = 0.5, max_steps: int = 3) -> None:
+        """Prepares the search.
+
+        Args:
+            advisor: Gives the directions.
+            first: Where the run begins, in the unit cube. Shape (d,).
+            decrease_factor: β, within 0 and 1.
+            max_steps: K; 1 is the ablation without line search.
+
+        Raises:
+            OptimizerError: A setting is out of range.
+        """
+        super().__init__(len(first))
+        if not 0 < decrease_factor < 1:
+            raise OptimizerError(f"decrease_factor is {decrease_factor}; it must lie between 0 and 1")
+        if max_steps < 1:
+            raise OptimizerError(f"max_steps is {max_steps}; it must be at least 1")
+        self._advisor = advisor
+        self._first_point = cube_point(first)
+        self._decrease_factor, self._max_steps = decrease_factor, max_steps
+        self._first: Evaluation | None = None
+        self._incumbent: Evaluation | None = None
+        self._rounds: list[Round] = []
+        self._proposal: Proposal | None = None
+        self._steps: list[Step] = []
+
+    @property
+    def rounds(self) -> tuple[Round, ...]:
+        """Finished rounds."""
+        return tuple(self._rounds)
+
+    def _next(self) -> Candidate:
+        if self._incumbent is None or self._first is None:
+            return Candidate(self._first_point, {"source": "first point"})
+        if self._proposal is None:
+            situation = Situation(self._incumbent, self.rounds, self._first)
+            proposal = self._advisor.propose(situation)
+            cube_point(proposal.point, self.dimension)
+            self._proposal = proposal
+        step_size = self._step_size
+        start = self._incumbent.candidate.point
+        point = cube_point(np.clip(start + step_size * (self._proposal.point - start), 0.0, 1.0))
+        note = {"source": "line search", "round": len(self._rounds) + 1, "step_size": step_size}
+        if not self._steps:
+            note["proposal"] = self._proposal.as_dict()
+        return Candidate(point, note)
+
+    @property
+    def _step_size(self) -> float:
+        return self._decrease_factor ** len(self._steps)
+
+    def _learn(self, evaluation: Evaluation) -> None:
+        if self._incumbent is None:
+            self._first = self._incumbent = evaluation
+            return
+        proposal = self._proposal
+        if proposal is None:
+            raise OptimizerError("a step was told without a proposal")
+        self._steps.append(Step(self._step_size, evaluation))
+        accepted = evaluation.loss < self._incumbent.loss and not evaluation.failed
+        if accepted or len(self._steps) == self._max_steps:
+            self._rounds.append(Round(proposal, self._incumbent, tuple(self._steps), accepted))
+            self._proposal, self._steps = None, []
+        if accepted:
+            self._incumbent = evaluation

@@ -1,0 +1,14 @@
+"""The simulator parameters that are calibrated: bounds, units, meaning, the unit cube, and their file."""
+
+from swim2real.parameters.file import ParametersFile, read_parameters, write_parameters
+from swim2real.parameters.space import Parameter, ParameterSpace, Scale, Values
+
+__all__ = [
+    "Parameter",
+    "ParameterSpace",
+    "ParametersFile",
+    "Scale",
+    "Values",
+    "read_parameters",
+    "write_parameters",
+]
