@@ -1,0 +1,65 @@
+"""Which parameters the trials can tell: the effect of each one on the loss around a point."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from swim2real.calibration.problem import Problem
+from swim2real.parameters import ParameterSpace, Values
+
+STEP = 0.1  # of the parameter's range on the space's scale
+IDENTIFIED = 2e-3  # m by which a step must change the loss
+WEAK = 5e-4
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What a step of one parameter does, all others fixed.
+
+    Attributes:
+        name: Of the parameter.
+        lower: Change of the loss for a step down [m]; None where the bound is in the way.
+        upper: Change of the loss for a step up [m]; None likewise.
+        speed: Mean relative change of the forward speed for a step up, from both sides.
+        verdict: `identified`, `weak` or `not identified`, by the larger of the two changes. One parameter at a time:
+            that others could make up for it isn't seen here.
+    """
+
+    name: str
+    lower: float | None
+    upper: float | None
+    speed: float
+    verdict: str
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def sensitivities(problem: Problem, space: ParameterSpace, values: Values) -> list[Sensitivity]:
+    """Evaluates a step up and a step down of every parameter, in one batch of twice as many candidates."""
+    center = space.to_cube(values)
+    moves: list[tuple[int, float]] = []
+    for i in range(len(space)):
+        moves += [(i, sign * STEP) for sign in (-1.0, 1.0) if 0 <= center[i] + sign * STEP <= 1]
+    points = np.repeat(center[None], len(moves) + 1, axis=0)
+    for row, (i, step) in enumerate(moves, start=1):
+        points[row, i] += step
+    results = problem.evaluate_many([space.to_values(point) for point in points])
+    base = results[0]
+    base_speed = np.array([trial.velocity_simulated for trial in base.trials])
+    found: list[Sensitivity] = []
+    for i, name in enumerate(space.names):
+        changes: dict[float, float] = {}
+        speeds: list[float] = []
+        for (j, step), result in zip(moves, results[1:], strict=True):
+            if i == j:
+                changes[np.sign(step)] = result.loss - base.loss
+                speed = np.array([trial.velocity_simulated for trial in result.trials])
+                speeds.append(float(np.mean((speed - base_speed) / np.maximum(base_speed, 1e-3)) * np.sign(step)))
+        effect = max((abs(change) for change in changes.values()), default=0.0)
+        verdict = "identified" if effect >= IDENTIFIED else "weak" if effect >= WEAK else "not identified"
+        found.append(Sensitivity(name, changes.get(-1.0), changes.get(1.0), float(np.mean(speeds or [0.0])), verdict))
+    return found
