@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from swim2real.errors import TrialError
 from swim2real.objective.alignment import align, register, weighted_distance
-from swim2real.trials import MarkerTrack, Trial, TrialSet, frames
+from swim2real.trials import MarkerTrack, Trial, TrialSet
 
 Array = NDArray[np.float64]
 Protocol = Literal["aligned", "paper"]
@@ -53,9 +53,8 @@ class TrialComparison:
         swim_residual: Simulated minus real in the swim frame [m]. Shape (T, M, 2).
         phase: Motor angle at the first frame [rad]; 0 under the paper's protocol.
         velocity_real: Over the whole trial [m/s].
-        velocity_simulated: Over the same time [m/s].
+        velocity_simulated: Over the same time, negative when it swims tail first [m/s].
         static_offset: Mean length of the registration vectors, whether used or not [m].
-        swims_backward: Whether the simulated swimmer moves tail first.
         divergence: Why the simulation failed, or None.
     """
 
@@ -73,7 +72,6 @@ class TrialComparison:
     velocity_real: float
     velocity_simulated: float
     static_offset: float
-    swims_backward: bool = False
     divergence: str | None = None
 
     @cached_property
@@ -224,7 +222,7 @@ def _compare_trial(target: Target, simulated: Trial, protocol: Protocol, horizon
         nothing = np.zeros_like(real[:kept])
         return TrialComparison(
             target.trial.name, target.frequency, times[:kept], weights, real[:kept], nothing, nothing[0],
-            track.progress[:kept], np.zeros(kept), nothing, 0.0, track.speed, 0.0, 0.0, divergence=simulated.divergence,
+            track.progress[:kept], np.zeros(kept), nothing, 0.0, track.speed, 0.0, 0.0, simulated.divergence,
         )  # fmt: skip
     lead = 1 / target.frequency if protocol == "aligned" else 0.0
     sim_times = simulated.track.times - simulated.track.times[0]
@@ -258,5 +256,4 @@ def _compare_trial(target: Target, simulated: Trial, protocol: Protocol, horizon
         velocity_real=track.speed,
         velocity_simulated=sampled.speed,
         static_offset=float(np.linalg.norm(offsets, axis=1).mean()),
-        swims_backward=bool(frames.swimming_axis(times, positions) @ frames.body_axes(positions).mean(axis=0) > 0),
     )

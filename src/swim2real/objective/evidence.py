@@ -27,7 +27,6 @@ def evidence(comparison: Comparison) -> dict[str, Any]:
             {
                 "marker_errors": trial.marker_errors("marker"),
                 "aligned_marker_errors": trial.marker_errors("aligned"),
-                "swims_backward": trial.swims_backward,
                 "beat_real": beat(trial, trial.real),
                 "beat_simulated": beat(trial, trial.simulated),
             }

@@ -62,14 +62,17 @@ def slope(times: Array, values: Array) -> float:
 
 
 def swimming_axis(times: Array, positions: Array) -> Array:
-    """Direction of a straight-line fit to the head's path over time, a unit vector. Shape (2,)."""
+    """Direction of a straight-line fit to the head's path over time, a unit vector. Shape (2,).
+
+    Of the line's two directions it is the one that the head points to, so tail-first swimming is negative progress.
+    """
     head = heads(positions)
+    forward = -np.nanmean(body_axes(positions), axis=0)
     direction = np.array([slope(times, head[:, 0]), slope(times, head[:, 1])])
     length = np.linalg.norm(direction)
-    if not length > 0:  # no motion: the way the head points
-        direction = -np.nanmean(body_axes(positions), axis=0)
-        length = np.linalg.norm(direction)
-    return direction / length
+    if not length > 0:  # no motion
+        return forward / np.linalg.norm(forward)
+    return direction / (length if direction @ forward >= 0 else -length)
 
 
 def progress(times: Array, positions: Array) -> Array:
