@@ -61,7 +61,10 @@ class Parameter:
         allowed = f"allowed is {self.lower:g} to {self.upper:g} {self.unit}".removesuffix(" -")
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
             raise ParameterError(f"parameter '{self.name}'{place} is {value!r}, not a number; {allowed}")
-        number = float(value)
+        try:
+            number = float(value)
+        except OverflowError:  # a whole number beyond any float
+            number = float("inf")
         if not np.isfinite(number):
             raise ParameterError(f"parameter '{self.name}'{place} is {number}; it must be finite, {allowed}")
         if not self.lower <= number <= self.upper:
@@ -132,9 +135,13 @@ class ParameterSpace:
             raise ParameterError(f"a point of this space has {len(self)} coordinates, got shape {cube.shape}")
         if not np.all((cube >= 0) & (cube <= 1)):
             raise ParameterError(f"a point of the unit cube must lie within 0 and 1, got {cube.min()} to {cube.max()}")
+        return {name: float(value) for name, value in zip(self.names, self.to_array(cube), strict=True)}
+
+    def to_array(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Physical values at points of the unit cube, as arrays and unchecked. Shape (..., d) to (..., d)."""
         low, high = self._coordinate_bounds
-        raw = self._from_coordinates(low + cube * (high - low))
-        return {p.name: float(np.clip(value, p.lower, p.upper)) for p, value in zip(self, raw, strict=True)}
+        raw = self._from_coordinates(low + points * (high - low))
+        return np.clip(raw, self._bounds[0], self._bounds[1])
 
     def to_cube(self, values: Values) -> NDArray[np.float64]:
         """The point of the unit cube that stands for physical values. Shape (d,)."""
@@ -151,11 +158,12 @@ class ParameterSpace:
         return np.array([np.nan if p.log_offset is None else p.log_offset for p in self])
 
     @cached_property
+    def _bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return np.array([p.lower for p in self]), np.array([p.upper for p in self])
+
+    @cached_property
     def _coordinate_bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return (
-            self._to_coordinates(np.array([p.lower for p in self])),
-            self._to_coordinates(np.array([p.upper for p in self])),
-        )
+        return self._to_coordinates(self._bounds[0]), self._to_coordinates(self._bounds[1])
 
     def _to_coordinates(self, raw: NDArray[np.float64]) -> NDArray[np.float64]:
         logarithmic = np.isfinite(self._offsets)

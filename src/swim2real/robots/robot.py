@@ -4,12 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.parameters import ParameterSpace, Values
+
+
+class Response(Protocol):
+    """How a robot's swimming responds to its parameters, roughly, as measured over its whole box."""
+
+    def speeds(
+        self, points: NDArray[np.float64], values: NDArray[np.float64], frequencies: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Forward speeds [m/s], from the logarithmic cube and from values. Shapes (N, d), (N, d), (F,) to (N, F)."""
+        ...
+
+    def adapted(
+        self, points: NDArray[np.float64], values: NDArray[np.float64], speeds: NDArray[np.float64],
+        frequencies: NDArray[np.float64],
+    ) -> Response:  # fmt: skip
+        """The response bent to simulated speeds (N, F) [m/s] that a run has seen."""
+        ...
+
+    def beats(self, points: NDArray[np.float64], frequencies: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sideways fundamentals of the markers, real then imaginary parts [m]. Shapes (N, d), (F,) to (N, F, 2 M)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -25,6 +47,7 @@ class Robot:
         surge_joints: The two joints that carry the robot along world x and y.
         motor_joint: The joint that an actuation turns.
         tail_markers: Indices of the markers whose sideways motion shows the beat best.
+        response: What the built-in physics advisor believes at first.
     """
 
     name: str
@@ -35,6 +58,7 @@ class Robot:
     surge_joints: tuple[str, str]
     motor_joint: str
     tail_markers: tuple[int, ...]
+    response: Response
 
     @property
     def head_length(self) -> float:

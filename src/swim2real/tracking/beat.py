@@ -74,7 +74,7 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
     signals = [
         (times[good], body[good, m, 1])
         for m in tail_markers
-        if np.count_nonzero(good := ~quality.lost[:, m] & np.isfinite(body[:, m, 1])) > 2 * (2 * HARMONICS + 2)
+        if np.count_nonzero(good := (quality.weights[:, m] > 0) & np.isfinite(body[:, m, 1])) > 2 * (2 * HARMONICS + 2)
     ]
     where = f"trial '{name}': " if name else ""
     if not signals:
@@ -103,7 +103,7 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
             f"{where}no regular beat: the best sine, at {frequency:.3f} Hz, explains {100 * explained:.0f} % of the "
             f"tail's lateral motion; at least {100 * LEAST_SHARE:.0f} % are needed. Is the fish swimming?"
         )
-    frequency_std = _frequency_std(signals, frequency)
+    frequency_std = _frequency_std(times, signals, frequency)
     t, y = signals[-1]
     coefficients, rss = _fit(t, y, frequency, HARMONICS)
     cosine, sine = coefficients[2], coefficients[3]
@@ -142,19 +142,26 @@ def _correlation_time(values: Array, times: Array, frequency: float) -> float:
     return float(np.clip((1 + lag_one) / (1 - min(lag_one, 0.98)), 1.0, len(values) / 4))
 
 
-def _frequency_std(signals: list[tuple[Array, Array]], frequency: float) -> float:
-    """Standard error of the frequency from the linearized fit, residuals taken as correlated in time."""
-    information = 0.0
+def _frequency_std(times: Array, signals: list[tuple[Array, Array]], frequency: float) -> float:
+    """Standard error of the frequency from the linearized fit.
+
+    Residuals are taken as correlated in time and from marker to marker: the noise of the two head markers turns the
+    body frame, so it is in all of them.
+    """
+    information, score = 0.0, np.zeros(len(times))
+    inflation = 1.0
     for t, y in signals:
-        coefficients, rss = _fit(t, y, frequency, HARMONICS)
+        coefficients, _ = _fit(t, y, frequency, HARMONICS)
         basis = _basis(t, frequency, HARMONICS)
         step = 1e-6 * frequency
         slope = (_basis(t, frequency + step, HARMONICS) - _basis(t, frequency - step, HARMONICS)) @ coefficients
         slope = slope / (2 * step)
         slope = slope - basis @ np.linalg.lstsq(basis, slope, rcond=None)[0]  # what no amplitude can take up
-        variance = rss / max(len(y) - basis.shape[1], 1) * _correlation_time(y, t, frequency)
-        information += float(slope @ slope) / max(variance, 1e-18)
-    return float(1 / np.sqrt(information))
+        freedom = len(y) / max(len(y) - basis.shape[1] - 1, 1)
+        score[np.searchsorted(times, t)] += slope * (y - basis @ coefficients) * np.sqrt(freedom)
+        inflation = max(inflation, _correlation_time(y, t, frequency))
+        information += float(slope @ slope)
+    return float(np.sqrt(max(float(score @ score), 1e-18) * inflation) / max(information, 1e-18))
 
 
 def _start_speed(track: MarkerTrack, window: float) -> tuple[float, float]:

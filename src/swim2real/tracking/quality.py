@@ -53,8 +53,8 @@ class TrackQuality:
 
     @property
     def weights(self) -> Array:
-        """1 where a marker counts, 0 where it is lost. Shape (T, M)."""
-        return 1.0 - self.lost
+        """1 where a marker counts; 0 where it or the head, on which the body frame stands, is lost. Shape (T, M)."""
+        return 1.0 - (self.lost | self.lost[:, :2].any(axis=1, keepdims=True))
 
     @property
     def lost_share(self) -> Array:
@@ -112,16 +112,24 @@ def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
     lost = _join(lost, max(1, round(GAP_TIME / interval)))
 
     kinds = (missing, collapsed, misplaced & ~collapsed, jumped, frozen)
-    scale = np.nanmedian(distances[~lost.any(axis=1)] if (~lost.any(axis=1)).any() else distances, axis=0)
+    scale = _median(distances[~lost.any(axis=1)] if (~lost.any(axis=1)).any() else distances)
     off_diagonal = ~np.eye(len(rest), dtype=bool)
-    ratio = float(np.nanmedian(scale[off_diagonal] / rest[off_diagonal]))
+    ratio = float(_median(scale[off_diagonal] / rest[off_diagonal]))
+    deviation = np.abs(scale - ratio * rest)[off_diagonal]
     return TrackQuality(
         lost=lost,
         reasons=np.array([kind.sum(axis=0) for kind in kinds], dtype=np.int64),
         head_spread=_spread(distances[:, 0, 1], lost[:, 0] | lost[:, 1]),
         body_spread=_spread(distances[:, 0, -1], lost[:, 0] | lost[:, -1]),
-        rest_misfit=float(np.nanmean(np.abs(scale - ratio * rest)[off_diagonal])),
+        rest_misfit=float(deviation[np.isfinite(deviation)].mean()) if np.isfinite(deviation).any() else float("nan"),
     )
+
+
+def _median(values: Array) -> Array:
+    """Median over the first axis without the NaNs; NaN where there is nothing else, as for a marker never seen."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.nanmedian(values, axis=0)
 
 
 def _spread(lengths: Array, lost: Mask) -> float:
@@ -135,7 +143,7 @@ def _places(track: MarkerTrack) -> Array:
     The line through the two head markers may be off the body's axis, so the axis is taken to the last marker.
     """
     body = track.body
-    axis = np.nanmedian(body[:, -1], axis=0)
+    axis = _median(body[:, -1])
     length = np.linalg.norm(axis)
     return body @ (axis / length if length > 0 else np.array([1.0, 0.0]))
 
@@ -151,9 +159,7 @@ def _first_intact(distances: Array, rest: Array) -> int | None:
 
 def _usual(lengths: Array, start: int) -> Array:
     """What a length between two markers usually is: its median, unless that is far from where it started. (M, M)."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a marker that is never seen
-        middle = np.nanmedian(lengths, axis=0)
+    middle = _median(lengths)
     drift = np.abs(middle) - np.abs(lengths[start])
     shrunk = drift < -(1 - COLLAPSE_SHARE) / 2 * np.abs(lengths[start])  # half way to a collapse
     return np.where((np.abs(middle - lengths[start]) <= DRIFT_DISTANCE) & ~shrunk, middle, lengths[start])
@@ -205,7 +211,7 @@ def _frozen(track: MarkerTrack, interval: float) -> Mask:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], runs[:, m].astype(int), [0]])))
         for start, stop in edges.reshape(-1, 2):
             travel = np.linalg.norm(track.positions[stop - 1] - track.positions[max(start - 1, 0)], axis=1)
-            if np.nanmedian(np.delete(travel, m)) > FREEZE_TRAVEL:
+            if _median(np.delete(travel, m)) > FREEZE_TRAVEL:
                 frozen[start:stop, m] = True
     return frozen
 
@@ -215,7 +221,7 @@ def _jumped(track: MarkerTrack, interval: float, known: Mask) -> Mask:
     steps = np.full(track.positions.shape[:2], np.nan)
     steps[1:] = np.linalg.norm(np.diff(track.body, axis=0), axis=2)
     steps[1:][known[1:] | known[:-1]] = np.nan
-    usual = np.nanmedian(np.where(np.isfinite(steps), steps, np.nan), axis=0) if np.isfinite(steps).any() else 0.0
+    usual = _median(steps)
     limit = np.maximum(JUMP_DISTANCE * max(1.0, 60 * interval), 8 * np.nan_to_num(usual))
     with np.errstate(invalid="ignore"):
         return steps > limit

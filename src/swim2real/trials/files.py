@@ -52,11 +52,13 @@ def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
     table = Path(path)
     if not (np.isfinite(fps) and fps > 0):
         raise TrialError(f"{table.name}: fps is {fps}; it must be finite and above 0")
-    rows = _read_numbers(table, table.read_text(encoding="utf-8-sig").splitlines(), first_line=1)
+    rows = _read_numbers(table, _read_lines(table), first_line=1)
     width = 2 * PUBLISHED_MARKERS
     _check_table(table, rows, width, f"{width} numbers a row (x and y of {PUBLISHED_MARKERS} markers)")
     pixels = rows.reshape(len(rows), PUBLISHED_MARKERS, 2)
-    head_px = float(np.nanmedian(np.linalg.norm(pixels[:, 1] - pixels[:, 0], axis=1)))
+    lengths = np.linalg.norm(pixels[:, 1] - pixels[:, 0], axis=1)
+    seen = lengths[np.isfinite(lengths)]
+    head_px = float(np.median(seen)) if seen.size else 0.0
     if not head_px > 0:
         raise TrialError(f"{table.name}: the first two markers coincide or are never seen, so there is no scale")
     scale = PUBLISHED_HEAD_LENGTH / head_px
@@ -73,8 +75,15 @@ def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
 
 
 def save_reference(trials: TrialSet, folder: str | Path) -> None:
-    """Writes a reference folder; NaN positions become empty cells."""
+    """Writes a reference folder; NaN positions become empty cells.
+
+    Raises:
+        TrialError: The folder can't be written, or a trial's name can't be a file's.
+    """
     path = Path(folder)
+    for name in trials.names:
+        if Path(f"{name}.csv").name != f"{name}.csv":
+            raise TrialError(f"trial name {name!r} can't be the name of a file; give it another")
     try:
         path.mkdir(parents=True, exist_ok=True)
         for trial in trials:
@@ -130,7 +139,7 @@ def _load_trial(folder: Path, entry: Any, markers: list[str]) -> Trial:
     table = folder / str(file_name)
     if not table.is_file() or table.parent != folder:
         raise TrialError(f"{where}: table '{file_name}' of trial '{name}' is not in {folder}")
-    lines = table.read_text(encoding="utf-8-sig").splitlines()
+    lines = _read_lines(table)
     columns = _columns(markers)
     header = next(csv.reader(lines[:1]), [])
     if header != columns:
@@ -159,6 +168,13 @@ def _write_table(path: Path, track: MarkerTrack, markers: tuple[str, ...]) -> No
         writer.writerow(_columns(markers))
         for time, row in zip(track.times, cells, strict=True):
             writer.writerow([f"{time:.6f}", *("" if np.isnan(value) else f"{value:.6f}" for value in row)])
+
+
+def _read_lines(table: Path) -> list[str]:
+    try:
+        return table.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise TrialError(f"{table}: not readable as text ({error})") from error
 
 
 def _read_numbers(table: Path, lines: list[str], first_line: int) -> NDArray[np.float64]:
@@ -190,7 +206,9 @@ def _check_table(table: Path, rows: NDArray[np.float64], width: int, wanted: str
 
 
 def _check_motion(trial: Trial, table: Path) -> Trial:
-    spread = np.nanmax(trial.track.positions, axis=0) - np.nanmin(trial.track.positions, axis=0)
-    if not np.nanmax(spread) > 0:
+    positions = trial.track.positions
+    highest = np.where(np.isnan(positions), -np.inf, positions).max(axis=0)
+    lowest = np.where(np.isnan(positions), np.inf, positions).min(axis=0)
+    if not np.any(highest > lowest):
         raise TrialError(f"{table}: no marker moves; is this the right file?")
     return trial

@@ -10,6 +10,7 @@ import numpy as np
 from swim2real.parameters import Values
 from swim2real.robots.fish import geometry as g
 from swim2real.robots.fish.parameters import FISH_SPACE, TAIL_SEGMENTS
+from swim2real.robots.fish.response import fish_response
 from swim2real.robots.robot import Robot
 
 MARKER_NAMES = tuple(f"M{i}" for i in range(9))
@@ -211,4 +212,5 @@ FISH = Robot(
     surge_joints=("slide_x", "slide_y"),
     motor_joint="motor",
     tail_markers=(6, 7, 8),
+    response=fish_response(),
 )

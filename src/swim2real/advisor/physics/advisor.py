@@ -1,0 +1,151 @@
+"""The built-in physics advisor: rules and measured sensitivities, not a VLM.
+
+It reads the same evidence that a VLM gets, believes what a measured response of the robot says as far as the run has
+not shown otherwise, and proposes the point within its trust that it expects to be best. It never simulates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from swim2real.advisor.physics.features import Swims, frequencies, swims, to_scale
+from swim2real.advisor.physics.model import Expectation, shape_floor
+from swim2real.advisor.physics.surrogate import Kernel, Surrogate
+from swim2real.advisor.physics.words import diagnose, reason
+from swim2real.optimizers import Evaluation, Proposal, Round, Situation
+from swim2real.parameters import ParameterSpace
+from swim2real.robots.robot import Response, Robot
+
+Array = NDArray[np.float64]
+
+KERNEL = Kernel(offset=0.1, slope=0.5, bend=0.6, length=0.25, noise=0.005)
+SPEED_SCALE, BEAT_SCALE = 1.0, 0.012  # deviation from the response, on the speed scale and in m
+TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.06, 0.7  # half width of the trusted box, in the unit cube
+GROW, SHRINK = 1.4, 0.6
+_SAMPLES, _STARTS = 3000, 4
+_DIFFERENCE = 1e-4
+
+
+class PhysicsAdvisor:
+    """Proposes parameters from measured sensitivities and what the run has shown."""
+
+    def __init__(self, robot: Robot, space: ParameterSpace, seed: int) -> None:
+        """Prepares the advisor.
+
+        Args:
+            robot: Whose simulator is calibrated.
+            space: As the optimizer uses it, on any scale; the advisor itself thinks on the logarithmic one.
+            seed: Of the run.
+        """
+        self._robot, self._space, self._seed = robot, space, seed
+        self._own = replace(space, scale="log")
+
+    def propose(self, situation: Situation) -> Proposal:
+        """The point within its trust that it expects to be best."""
+        usable = [e for e in situation.evaluations if not e.failed]
+        rng = np.random.default_rng([self._seed, len(situation.rounds)])
+        trust = trust_radius(situation.rounds)
+        here = self._point(situation.incumbent)
+        if situation.incumbent.failed or not usable:
+            point = np.clip(0.5 + rng.uniform(-trust, trust, len(here)), 0, 1)
+            return Proposal(
+                self._back(point), "The simulation diverged.", "A point near the middle of the box is safer.", {}
+            )
+        expectation = self._expectation(usable, situation.incumbent)
+        point = self._best_point(expectation, here, trust, rng)
+        before, after = expectation.losses(np.array([here, point]))
+        real, simulated = (swims(situation.incumbent.detail, side) for side in ("real", "simulated"))
+        values_before, values_after = self._own.to_values(here), self._own.to_values(point)
+        notes = {
+            "trust": round(trust, 4), "expected_loss": float(after), "expected_loss_here": float(before),
+        }  # fmt: skip
+        return Proposal(
+            self._back(point),
+            diagnose(frequencies(situation.incumbent.detail), real, simulated, situation.incumbent.detail),
+            reason(self._own, here, point, values_before, values_after, self._effects(expectation, here, point)),
+            notes,
+        )
+
+    def _point(self, evaluation: Evaluation) -> Array:
+        return self._own.to_cube(self._space.to_values(evaluation.candidate.point))
+
+    def _back(self, point: Array) -> Array:
+        return self._space.to_cube(self._own.to_values(point))
+
+    def _expectation(self, evaluations: Sequence[Evaluation], incumbent: Evaluation) -> Expectation:
+        real = swims(incumbent.detail, "real")
+        points = np.array([self._point(e) for e in evaluations])
+        features = np.array([_filled(swims(e.detail, "simulated"), real).features.ravel() for e in evaluations])
+        driven = frequencies(incumbent.detail)
+        per_trial = real.features.shape[1]
+        scale = np.tile([SPEED_SCALE, *[BEAT_SCALE] * (per_trial - 1)], len(driven))
+        response = self._robot.response.adapted(
+            points, self._own.to_array(points), np.array([swims(e.detail, "simulated").speed for e in evaluations]), driven
+        )
+        surrogate = Surrogate(KERNEL, lambda p: self._prior(response, p, driven), scale, points, features)
+        figures = [trial["shape_error"] for trial in incumbent.detail["trials"].values()]
+        here = _filled(swims(incumbent.detail, "simulated"), real)
+        horizon = incumbent.detail["horizon"] or 4.0
+        return Expectation(
+            surrogate, real.speed, real.beat, shape_floor(np.array(figures), here.beat, real.beat),
+            np.full(len(driven), float(horizon)),
+        )  # fmt: skip
+
+    def _prior(self, response: Response, points: Array, driven: Array) -> Array:
+        """Features that a response expects. Shape (N, d) to (N, F (1 + 2 M))."""
+        speeds, beats = response.speeds(points, self._own.to_array(points), driven), response.beats(points, driven)
+        return np.concatenate([to_scale(speeds)[:, :, None], beats], axis=2).reshape(len(points), -1)
+
+    def _best_point(self, expectation: Expectation, here: Array, trust: float, rng: np.random.Generator) -> Array:
+        low, high = np.maximum(here - trust, 0.0), np.minimum(here + trust, 1.0)
+        samples = low + (high - low) * rng.random((_SAMPLES, len(here)))
+        # half of them change few parameters only
+        keep = rng.random((_SAMPLES // 2, len(here))) < 0.7
+        samples[: _SAMPLES // 2][keep] = np.broadcast_to(here, keep.shape)[keep]
+        losses = expectation.losses(samples)
+        starts = [here, *samples[np.argsort(losses)[:_STARTS]]]
+        found = [self._descend(expectation, start, low, high) for start in starts]
+        return min(found, key=lambda result: result[0])[1]
+
+    def _descend(self, expectation: Expectation, start: Array, low: Array, high: Array) -> tuple[float, Array]:
+        def value_and_slope(point: Array) -> tuple[float, Array]:
+            steps = np.where(point + _DIFFERENCE <= high, _DIFFERENCE, -_DIFFERENCE)
+            losses = expectation.losses(np.vstack([point, point + np.diag(steps)]))
+            return float(losses[0]), (losses[1:] - losses[0]) / steps
+
+        result = minimize(
+            value_and_slope, start, jac=True, method="L-BFGS-B", bounds=np.column_stack([low, high]),
+            options={"maxiter": 60},
+        )  # fmt: skip
+        return float(result.fun), np.clip(result.x, low, high)
+
+    def _effects(self, expectation: Expectation, here: Array, point: Array) -> Array:
+        """By how much each parameter's own change is expected to lower the loss [m]. Shape (d,)."""
+        alone = np.repeat(point[None], len(here) + 1, axis=0)
+        alone[1:][np.eye(len(here), dtype=bool)] = here  # all but this one
+        losses = expectation.losses(alone)
+        return losses[1:] - losses[0]
+
+
+def trust_radius(rounds: Sequence[Round]) -> float:
+    """Half width of the box around the incumbent that a proposal stays in: grows and shrinks with its successes."""
+    trust = TRUST_START
+    for one in rounds:
+        if not one.accepted:
+            trust *= SHRINK
+        elif len(one.steps) == 1:
+            trust *= GROW
+        else:
+            trust *= one.steps[-1].step_size ** 0.25
+        trust = float(np.clip(trust, TRUST_LEAST, TRUST_MOST))
+    return trust
+
+
+def _filled(simulated: Swims, real: Swims) -> Swims:
+    """Simulated beats with zeros where a marker never counts, so that they don't matter."""
+    return Swims(simulated.speed, np.where(np.isfinite(real.beat), np.nan_to_num(simulated.beat), 0.0))

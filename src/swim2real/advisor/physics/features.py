@@ -1,0 +1,66 @@
+"""What the physics advisor sees of a swim: forward speed and the shape of the beat.
+
+Speeds are compared on a scale that is logarithmic for swimmers and linear around standstill, so that a fish that hardly
+moves, or moves backward, is nothing special. The beat is taken relative to the last marker's phase, because the
+phase of a trial is free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SLOW = 0.01  # m/s, where the speed scale turns from linear to logarithmic
+
+
+def to_scale(speed: Array | float) -> Array:
+    """Speed [m/s] on the advisor's scale."""
+    return np.arcsinh(np.asarray(speed, dtype=float) / SLOW)
+
+
+def from_scale(value: Array) -> Array:
+    """Speed [m/s] of a value on the advisor's scale."""
+    return SLOW * np.sinh(value)
+
+
+@dataclass(frozen=True)
+class Swims:
+    """One side, real or simulated, of all trials.
+
+    Attributes:
+        speed: Forward speed [m/s]. Shape (F,).
+        beat: Real and imaginary parts of each marker's sideways fundamental, turned so that the last marker's phase is
+            zero [m]; NaN for a marker that never counts. Shape (F, 2 M).
+    """
+
+    speed: Array
+    beat: Array
+
+    @property
+    def features(self) -> Array:
+        """Scaled speed, then the beat. Shape (F, 1 + 2 M)."""
+        return np.concatenate([to_scale(self.speed)[:, None], self.beat], axis=1)
+
+
+def swims(evidence: Mapping[str, Any], side: str) -> Swims:
+    """Reads one side, `real` or `simulated`, from the evidence of an evaluation."""
+    trials = evidence["trials"].values()
+    speed = np.array([trial[f"velocity_{side}"] for trial in trials], dtype=float)
+    beats: list[Array] = []
+    for trial in trials:
+        content = trial[f"beat_{side}"]
+        amplitude, phase = (np.array(content[key], dtype=float) for key in ("amplitude", "phase"))
+        turned = amplitude * np.exp(1j * (phase - (phase[-1] if np.isfinite(phase[-1]) else 0.0)))
+        beats.append(np.concatenate([turned.real, turned.imag]))
+    return Swims(speed, np.array(beats))
+
+
+def frequencies(evidence: Mapping[str, Any]) -> Array:
+    """Frequency of each trial [Hz]. Shape (F,)."""
+    return np.array([trial["frequency"] for trial in evidence["trials"].values()], dtype=float)

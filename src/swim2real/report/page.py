@@ -1,0 +1,111 @@
+"""Puts the page together: tables, figures, styles and the plotting library in one file that needs no network."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swim2real.errors import MissingExtraError, RunError
+from swim2real.parameters import ParameterSpace
+from swim2real.report.headline import split, tiles
+from swim2real.report.marker_errors import marker_errors
+from swim2real.report.palette import COLORS, DARK_OF_LIGHT, Figure
+from swim2real.report.parameter_table import parameter_rows
+from swim2real.report.rounds import advisor_rounds
+from swim2real.report.run import ReportedRun, best_losses, incumbent, read_run
+from swim2real.report.run_figures import convergence, head_to_tail, speeds
+from swim2real.report.settings_table import settings_rows
+from swim2real.report.swim_figures import drawn, envelope, path_markers, paths, tail_tip, view
+from swim2real.report.trial_table import trial_rows
+from swim2real.report.units import mm
+
+REPORT = "report.html"
+_TEMPLATE, _STYLE, _SCRIPT = "report.html.j2", "report.css", "report.js"
+
+
+def write_report(run: str | Path, space: ParameterSpace) -> Path:
+    """Writes the page of a run into its folder. The same folder gives the same page, to the last byte.
+
+    Args:
+        run: Run folder, of a run that has ended or not.
+        space: Parameters of the run's robot.
+
+    Returns:
+        Where the page is.
+
+    Raises:
+        MissingExtraError: plotly or jinja2 isn't installed.
+        RunError: Nothing to report, a damaged file, or the page can't be written.
+        ParameterError: The run is of another robot.
+    """
+    page = render(read_run(run, space))
+    path = Path(run) / REPORT
+    part = path.with_name(REPORT + ".part")
+    try:
+        part.write_text(page, encoding="utf-8")
+        os.replace(part, path)
+    except OSError as error:
+        raise RunError(f"can't write '{path}': {error.strerror or error}; make room or allow writing there") from error
+    return path
+
+
+def render(run: ReportedRun) -> str:
+    """The page as text.
+
+    Raises:
+        MissingExtraError: plotly or jinja2 isn't installed.
+    """
+    try:
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+        from markupsafe import Markup
+        from plotly.offline import get_plotlyjs  # pyright: ignore[reportMissingTypeStubs]
+    except ImportError as error:
+        raise MissingExtraError(
+            "the report needs plotly and jinja2; install them with: pip install 'swim2real[report]'"
+        ) from error
+    templates = Path(__file__).parent / "templates"
+    environment = Environment(
+        loader=FileSystemLoader(templates),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+    def own(name: str) -> Markup:
+        return Markup((templates / name).read_text(encoding="utf-8"))  # ours, not from a run
+
+    return environment.get_template(_TEMPLATE).render(
+        **content(run), colors=COLORS, style=own(_STYLE), script=own(_SCRIPT), plotly=Markup(get_plotlyjs())
+    )
+
+
+def content(run: ReportedRun) -> dict[str, Any]:
+    """Everything that the template shows."""
+    errors = marker_errors(run)
+    swims = drawn(run.swims)
+    ranges, path_ranges = view(swims), view(swims, path_markers(run.marker_names).start)
+    figures: dict[str, Figure] = {"convergence": convergence(run), "speeds": speeds(run)}
+    figures |= {f"error-{one.key}": head_to_tail(one, run.marker_names) for one in errors}
+    for i, swim in enumerate(swims):
+        figures[f"paths-{i}"] = paths(swim, run.marker_names, path_ranges)
+        figures[f"envelope-{i}"] = envelope(swim, ranges)
+        figures[f"tail-{i}"] = tail_tip(swim, run.marker_names, ranges)
+    return {
+        "run": run,
+        "everything_diverged": incumbent(run.entries) is None,
+        "tiles": tiles(run),
+        "split": split(run),
+        "errors": errors,
+        "swims": swims,
+        "diverged": {trial.name for trial in run.trials if trial.diverged},
+        "mean_best": mm(float(np.mean(best_losses(run.entries)))),
+        "parameters": parameter_rows(run),
+        "rounds": advisor_rounds(run),
+        "trials": trial_rows(run),
+        "settings": settings_rows(run),
+        "plots": {"figures": figures, "darkOfLight": DARK_OF_LIGHT},
+    }

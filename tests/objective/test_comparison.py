@@ -1,0 +1,213 @@
+import json
+
+import numpy as np
+import pytest
+
+from swim2real.calibration import Problem, examine
+from swim2real.errors import TrialError
+from swim2real.objective import FAILED_LOSS, Target, compare, evidence
+from swim2real.robots.fish import FISH
+from swim2real.simulation import Simulator
+from swim2real.trials import MarkerTrack, Trial, TrialSet
+
+FREQUENCY = 1.0
+REST = np.array([[0.0, 0.0], [0.2, 0.0], [0.5, 0.0]])
+REAL_SPEED, SIM_SPEED = 0.10, 0.15
+OFFSET = 0.03  # m, by which the real tail marker was placed to the side
+
+
+def swim(speed, duration, offset=0.0, beat=0.0, phase=0.0, heading=0.0, fps=50.0):
+    """Three markers on a stick that swims straight; the tail one may beat. A track."""
+    times = np.arange(round(duration * fps) + 1) / fps
+    positions = np.broadcast_to(REST, (len(times), 3, 2)).copy()
+    positions[:, 2, 1] += offset + beat * np.cos(2 * np.pi * FREQUENCY * times + phase)
+    positions[:, :, 0] -= speed * times[:, None]
+    c, s = np.cos(heading), np.sin(heading)
+    return MarkerTrack(times, positions @ np.array([[c, s], [-s, c]]) + [0.7, -0.3])
+
+
+def target(track, weights=None, name="a"):
+    return Target(Trial(name, track), np.ones(track.positions.shape[:2]) if weights is None else weights, FREQUENCY)
+
+
+def simulated(track, name="a", divergence=None):
+    return TrialSet((Trial(name, track, divergence=divergence),))
+
+
+def aligned(real, sim, weights=None, horizon=None):
+    return compare([target(real, weights)], simulated(sim), "aligned", horizon)
+
+
+@pytest.fixture
+def pair():
+    """A real swim of 4 s and a simulated one that is faster, along another heading."""
+    return swim(REAL_SPEED, 4.0, OFFSET, heading=1.0), swim(SIM_SPEED, 5.5, heading=-2.0)
+
+
+def test_every_figure_of_a_case_done_by_hand(pair):
+    figures = aligned(*pair).figures()
+    ahead = (SIM_SPEED - REAL_SPEED) * pair[0].times
+    assert figures["progress_error"] == pytest.approx(ahead.mean())
+    assert figures["aligned_marker_error"] == pytest.approx(ahead.mean())
+    assert figures["shape_error"] == pytest.approx(0.0, abs=1e-9)
+    assert figures["static_offset"] == pytest.approx(OFFSET / 3)
+    assert figures["velocity_error"] == pytest.approx(SIM_SPEED - REAL_SPEED)
+    assert figures["marker_error"] == pytest.approx(np.mean([2 * ahead + np.hypot(ahead, OFFSET)]) / 3)
+    assert figures["left_out_share"] == 0.0
+    assert figures["unweighted_error"] == pytest.approx(ahead.mean())
+    assert figures["loss"] == figures["aligned_marker_error"]
+    trial = figures["trials"]["a"]
+    assert trial["velocity_real"] == pytest.approx(REAL_SPEED)
+    assert trial["velocity_simulated"] == pytest.approx(SIM_SPEED)
+    assert trial["frequency"] == FREQUENCY
+
+
+def test_a_perfect_simulation_has_no_error():
+    real = swim(REAL_SPEED, 4.0, beat=0.05, phase=0.7, heading=2.0)
+    comparison = aligned(real, swim(REAL_SPEED, 5.5, beat=0.05))
+    assert comparison.loss < 1e-4
+    assert comparison.figure("marker_error") < 2e-4
+    assert comparison.trials[0].phase == pytest.approx(0.7, abs=2e-3)
+
+
+def test_a_shape_that_differs_is_all_shape_error():
+    real = swim(REAL_SPEED, 4.0, beat=0.05)
+    figures = aligned(real, swim(REAL_SPEED, 5.5, beat=0.08)).figures()
+    expected = 0.03 * np.abs(np.cos(2 * np.pi * real.times)).mean() / 3  # one marker of three
+    assert figures["shape_error"] == pytest.approx(expected, rel=0.01)
+    assert figures["aligned_marker_error"] == pytest.approx(expected, rel=0.01)
+    assert figures["progress_error"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_swimming_tail_first_counts_against():
+    figures = aligned(swim(REAL_SPEED, 4.0), swim(-REAL_SPEED, 5.5)).figures()
+    assert figures["trials"]["a"]["velocity_simulated"] == pytest.approx(-REAL_SPEED)
+    assert figures["velocity_error"] == pytest.approx(2 * REAL_SPEED)
+    assert figures["aligned_marker_error"] == pytest.approx(2 * REAL_SPEED * 2.0)  # 2 s is the mean time
+
+
+def test_lost_marker_frames_dont_count(pair):
+    real, sim = pair
+    positions = real.positions.copy()
+    positions[50:150, 2] += 0.4
+    weights = np.ones((201, 3))
+    weights[50:150, 2] = 0.0
+    clean, damaged = aligned(real, sim), aligned(MarkerTrack(real.times, positions), sim, weights)
+    for name in ("aligned_marker_error", "shape_error", "static_offset", "velocity_error"):
+        expected = clean.figure(name)
+        tolerance = 2e-3 if name == "aligned_marker_error" else 1e-6  # other frames weigh more in the mean
+        assert damaged.figure(name) == pytest.approx(expected, abs=tolerance), name
+    assert damaged.figure("left_out_share") == pytest.approx(100 / 603)
+    assert damaged.figure("marker_error") > clean.figure("marker_error") + 0.05  # the paper's has no weights
+    assert damaged.figure("unweighted_error") > damaged.figure("aligned_marker_error") + 0.02
+
+
+def test_missing_marker_frames_are_left_out(pair):
+    real, sim = pair
+    positions = real.positions.copy()
+    positions[30:60, 1] = np.nan  # without its second marker a frame has no body frame
+    positions[100:120, 2] = np.nan
+    figures = aligned(MarkerTrack(real.times, positions), sim).figures()
+    assert figures["left_out_share"] == pytest.approx((3 * 30 + 20) / 603)
+    assert figures["velocity_error"] == pytest.approx(SIM_SPEED - REAL_SPEED, abs=1e-6)
+    assert figures["shape_error"] == pytest.approx(0.0, abs=1e-9)
+    assert np.isfinite([value for value in figures.values() if isinstance(value, float)]).all()
+
+
+def test_the_horizon_cuts_errors_but_not_speeds(pair):
+    whole, short = aligned(*pair), aligned(*pair, horizon=2.0)
+    assert short.trials[0].times[-1] == pytest.approx(2.0)
+    assert short.loss == pytest.approx(0.05)
+    assert whole.loss == pytest.approx(0.1)
+    assert short.figure("velocity_error") == pytest.approx(whole.figure("velocity_error"))
+    assert short.figures()["horizon"] == 2.0
+
+
+def test_the_papers_protocol_has_no_phase_no_registration_and_no_weights():
+    real = swim(REAL_SPEED, 4.0, OFFSET, beat=0.05, phase=np.pi)
+    weights = np.zeros((201, 3))
+    weights[:, :2] = 1.0
+    comparison = compare([target(real, weights)], simulated(swim(REAL_SPEED, 4.0, beat=0.05)), "paper", None)
+    trial = comparison.trials[0]
+    assert trial.phase == 0.0
+    np.testing.assert_array_equal(trial.registration, 0.0)
+    expected = np.abs(OFFSET - 0.1 * np.cos(2 * np.pi * real.times)).mean() / 3
+    assert comparison.loss == comparison.figure("marker_error") == pytest.approx(expected, rel=1e-3)
+
+
+def test_overall_figures_are_means_over_trials():
+    reals = [swim(REAL_SPEED, 4.0), swim(0.2, 4.0)]
+    targets = [target(track, name=name) for track, name in zip(reals, "ab", strict=True)]
+    sims = TrialSet((Trial("a", swim(0.12, 5.5)), Trial("b", swim(0.26, 5.5))))
+    figures = compare(targets, sims, "aligned", None).figures()
+    assert list(figures["trials"]) == ["a", "b"]
+    assert figures["velocity_error"] == pytest.approx((0.02 + 0.06) / 2)
+    assert figures["loss"] == pytest.approx((0.04 + 0.12) / 2)
+
+
+def test_a_diverged_simulation_costs_a_metre_and_is_no_nan():
+    reals = [swim(REAL_SPEED, 4.0), swim(0.2, 4.0)]
+    targets = [target(track, name=name) for track, name in zip(reals, "ab", strict=True)]
+    sims = TrialSet((Trial("a", swim(0.1, 5.5)), Trial("b", swim(0.0, 1.0), divergence="it diverged 0.3 s after its start")))
+    for protocol in ("aligned", "paper"):
+        comparison = compare(targets, sims, protocol, 4.0)
+        assert comparison.loss == FAILED_LOSS == 1.0
+        assert comparison.divergence == "trial 'b': it diverged 0.3 s after its start"
+        figures = comparison.figures()
+        assert figures["trials"]["b"]["marker_error"] == 1.0
+        assert figures["trials"]["a"]["aligned_marker_error"] < 1e-6
+        json.dumps(evidence(comparison), allow_nan=False)
+
+
+def test_a_simulation_that_is_too_short_is_refused():
+    with pytest.raises(TrialError, match=r"trial 'a': simulated for 4\.50 s, 5\.00 s are compared"):
+        aligned(swim(REAL_SPEED, 4.0), swim(REAL_SPEED, 4.5))
+
+
+# evidence
+
+
+def test_evidence_goes_through_json_unchanged(pair):
+    real, sim = pair
+    weights = np.ones((201, 3))
+    weights[:, 1] = 0.0  # a marker that never counts
+    found = evidence(aligned(real, sim, weights))
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    trial = found["trials"]["a"]
+    assert trial["aligned_marker_errors"][1] is None
+    assert trial["beat_real"]["amplitude"][1] is None
+    assert trial["marker_errors"][1] is not None
+    assert trial["divergence"] is None
+
+
+def test_evidence_tells_the_beat_of_every_marker():
+    real = swim(REAL_SPEED, 4.0, offset=0.02, beat=0.05, phase=0.7)
+    trial = evidence(aligned(real, swim(REAL_SPEED, 5.5, beat=0.06)))["trials"]["a"]
+    was, now = trial["beat_real"], trial["beat_simulated"]
+    assert was["amplitude"] == pytest.approx([0.0, 0.0, 0.05], abs=5e-4)
+    assert was["mean"] == pytest.approx([0.0, 0.0, 0.02], abs=5e-4)
+    assert was["phase"][2] == pytest.approx(0.7, abs=0.01)
+    assert now["amplitude"][2] == pytest.approx(0.06, abs=5e-4)
+    assert now["phase"][2] == pytest.approx(0.7, abs=0.01)  # after alignment
+    assert trial["phase"] == pytest.approx(0.7, abs=0.01)
+
+
+# the published tracks
+
+
+def test_the_published_parameters_have_their_known_figures(tracks, new_fluid_law):
+    known = {"f0_50", "f1_00", "f1_25", "f1_50", "f1_75", "f2_00"}
+    if not known <= set(tracks.names):
+        pytest.skip("not all six published tracks are there")
+    six = TrialSet(tuple(trial for trial in tracks if trial.name in known))
+    problem = Problem(FISH, examine(six, FISH), Simulator(FISH, threads=2))
+    comparison = problem.evaluate(FISH.space.published)
+    figures = {name: 1e3 * comparison.figure(name) for name in ("marker_error", "shape_error", "velocity_error")}
+    assert comparison.divergence is None
+    if new_fluid_law:
+        assert figures["marker_error"] != pytest.approx(58.2, abs=1.5)
+        assert figures["marker_error"] < 150
+        return
+    assert figures["marker_error"] == pytest.approx(58.2, abs=1.5)
+    assert figures["shape_error"] == pytest.approx(6.1, abs=0.7)
+    assert figures["velocity_error"] == pytest.approx(19.4, abs=1.5)

@@ -1,0 +1,173 @@
+import mujoco
+import numpy as np
+import pytest
+
+from swim2real.errors import ParameterError
+from swim2real.robots.fish import FISH
+from swim2real.robots.fish import geometry as g
+from swim2real.simulation.stepper import Stepper
+
+PUBLISHED = FISH.space.published
+FLUID = ("blunt_drag", "slender_drag", "angular_drag", "kutta_lift", "magnus_lift")
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return FISH.build(PUBLISHED).compile()
+
+
+def compiled(**changes: float) -> mujoco.MjModel:
+    return FISH.build({**PUBLISHED, **changes}).compile()
+
+
+def test_there_are_sixteen_parameters_in_the_papers_order():
+    assert FISH.space.names == (
+        *(f"fluid_{name}" for name in FLUID),
+        "motor_arm_length",
+        *(f"hinge_stiffness_{i}" for i in range(5)),
+        *(f"hinge_damping_{i}" for i in range(5)),
+    )
+    assert list(PUBLISHED.values()) == [0.4, 7.79, 2.81, 3.84, 0.27, 0.0395, *[0.65] * 5, *[0.0] * 5]
+    bounds = [(parameter.lower, parameter.upper) for parameter in FISH.space]
+    assert bounds == [*[(0, 10)] * 5, (0.01, 0.06), *[(0.1, 5)] * 5, *[(0, 2)] * 5]
+
+
+def test_the_markers_rest_where_they_are_mounted(model):
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    markers = data.sensordata.reshape(9, 3)
+    np.testing.assert_allclose(markers[:, :2] - markers[0, :2], FISH.rest_markers, atol=1e-12)
+    expected = [0.0, 0.142, 0.357, 0.3765, 0.4065, 0.4385, 0.4675, 0.4885, 0.551]
+    np.testing.assert_allclose(FISH.rest_markers[:, 0], expected)
+    np.testing.assert_allclose(markers[:, 2], [0.05, 0.05, 0.1, *[0.05] * 5, 0.1])
+    assert FISH.head_length == pytest.approx(0.142)
+
+
+def test_the_only_sensors_are_the_nine_markers(model):
+    assert [model.sensor(i).name for i in range(model.nsensor)] == [f"M{i}" for i in range(9)]
+    assert set(map(int, model.sensor_type)) == {int(mujoco.mjtSensor.mjSENS_FRAMEPOS)}
+    assert set(map(int, model.sensor_objtype)) == {int(mujoco.mjtObj.mjOBJ_SITE)}
+
+
+def test_the_published_fish_weighs_what_it_weighs(model):
+    assert model.body_mass.sum() == pytest.approx(1.4807, abs=5e-5)
+
+
+def test_the_bodies_are_a_chain_of_the_hardwares_lengths(model):
+    names = ["world", "fish", "motor", "tail0", "tail1", "tail2", "tail3", "tail4"]
+    assert [model.body(i).name for i in range(model.nbody)] == names
+    np.testing.assert_allclose(
+        [model.body(name).pos[0] for name in names[2:]], [0.1655, 0.285, 0.0295, 0.0310, 0.0305, 0.0250]
+    )
+
+
+def test_the_world_is_water_without_gravity_and_contacts(model):
+    assert model.opt.timestep == 0.001
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICIT
+    assert (model.opt.density, model.opt.viscosity) == (1000.0, 0.0013)
+    np.testing.assert_array_equal(model.opt.gravity, 0.0)
+    assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
+
+
+def test_thirty_three_parts_carry_fluid_forces_with_the_same_coefficients(model):
+    fluid = model.geom_fluid[model.geom_fluid[:, 0] > 0]
+    assert len(fluid) == 33
+    expected = [[PUBLISHED[f"fluid_{name}"] for name in FLUID]] * 33
+    np.testing.assert_allclose(fluid[:, 1:6], expected)
+
+
+def test_the_motor_has_no_force_limit(model):
+    assert not model.actuator_forcelimited[0]
+    np.testing.assert_allclose(model.actuator_ctrlrange[0], [-10 * np.pi, 10 * np.pi])
+
+
+def test_the_tail_fins_ellipsoid_is_the_published_one(model):
+    fin = model.geom("tail_fin")
+    np.testing.assert_allclose(np.sort(fin.size), [0.0010, 0.0327, 0.1015], atol=5e-5)
+    np.testing.assert_allclose(fin.pos, [0.0542, 0.0, 0.0], atol=5e-5)
+
+
+@pytest.mark.parametrize("name", FISH.space.names)
+def test_every_parameter_changes_the_swim(model, name):
+    parameter = FISH.space[name]
+    value = PUBLISHED[name] + 0.1 * (parameter.upper - parameter.lower)
+    before, after = (Stepper(m, FISH, 0.1, 9.0, 0.0).run(300).markers for m in (model, compiled(**{name: value})))
+    assert np.linalg.norm(after - before, axis=2).max() > 1e-5
+
+
+@pytest.mark.parametrize("i", range(5))
+def test_stiffness_and_damping_go_to_their_joint_alone(model, i):
+    changed = compiled(**{f"hinge_stiffness_{i}": 1.5, f"hinge_damping_{i}": 0.07})
+    joint = changed.joint(f"tail{i}")
+    assert joint.stiffness.ravel()[0] == 1.5
+    assert joint.damping.ravel()[0] == 0.07
+    others = [j for j in range(model.njnt) if j != joint.id]
+    np.testing.assert_array_equal(changed.jnt_stiffness[others], model.jnt_stiffness[others])
+    np.testing.assert_array_equal(
+        np.delete(changed.dof_damping, joint.dofadr, axis=0), np.delete(model.dof_damping, joint.dofadr, axis=0)
+    )
+
+
+def test_the_arm_length_moves_the_tendons_anchors():
+    model = compiled(motor_arm_length=0.05)
+    np.testing.assert_allclose(model.site("motor_left").pos, [0, -0.055, -0.045])
+    np.testing.assert_allclose(model.site("motor_right").pos, [0, 0.055, 0.045])
+
+
+@pytest.mark.parametrize(
+    ("outline", "thickness", "area_mm2"),
+    [
+        (g.mirrored(g.TAIL_FIN_OUTLINE), g.TAIL_FIN_THICKNESS, 7542),
+        (g.DORSAL_FIN_OUTLINE, g.DORSAL_FIN_THICKNESS, 4564),
+    ],
+)
+def test_fins_are_closed_plates_of_their_area(outline, thickness, area_mm2):
+    vertices, faces = g.extrude(outline, thickness)
+    edges = [(int(face[i]), int(face[(i + 1) % 3])) for face in faces for i in range(3)]
+    assert len(set(edges)) == len(edges)
+    assert {(b, a) for a, b in edges} == set(edges)  # each edge is walked once in each direction
+    corners = vertices[faces]
+    volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+    assert 1e6 * volume / thickness == pytest.approx(area_mm2, rel=2e-3)  # above 0: the normals point outward
+    assert np.ptp(vertices[:, 1]) == pytest.approx(thickness)
+
+
+def test_the_tail_fin_is_its_own_mirror_image():
+    outline = g.mirrored(g.TAIL_FIN_OUTLINE)
+    np.testing.assert_allclose(outline[::-1] * [-1, 1, 1], outline)
+    assert np.all(np.diff(outline[:, 0]) > 0)
+
+
+@pytest.mark.parametrize(("fin", "outline"), [("tail", g.TAIL_FIN_OUTLINE), ("dorsal", g.DORSAL_FIN_OUTLINE)])
+def test_the_outlines_are_the_given_ones(shared, fin, outline):
+    lines = (shared / "reference" / "fin_outlines.csv").read_text().splitlines()[1:]
+    rows = [line.split(",")[1:] for line in lines if line.startswith(fin)]
+    np.testing.assert_allclose(outline, np.array(rows, dtype=float))
+
+
+def test_half_a_turn_of_the_motor_mirrors_the_swim():
+    values = {**PUBLISHED, "hinge_stiffness_3": 1.3, "fluid_magnus_lift": 1.0}
+    model = FISH.build(values).compile()
+    one, other = (Stepper(model, FISH, 0.05, 2 * np.pi, angle).run(1000).markers for angle in (0.0, np.pi))
+    assert np.ptp(one[:, 8, 1]) > 0.02
+    np.testing.assert_allclose(other, one * [1, -1], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fluid_kutta_lift": 11}, "parameter 'fluid_kutta_lift' is 11, out of bounds; allowed is 0 to 10"),
+        ({"motor_arm_length": np.nan}, "parameter 'motor_arm_length' is nan; it must be finite, allowed is 0.01 to 0.06 m"),
+        ({"hinge_damping_5": 0.1}, "unknown parameter 'hinge_damping_5'; did you mean 'hinge_damping_4'?"),
+    ],
+)
+def test_a_fish_of_bad_values_is_not_built(change, message):
+    with pytest.raises(ParameterError) as caught:
+        FISH.build({**PUBLISHED, **change})
+    assert str(caught.value) == message
+
+
+def test_building_leaves_no_trace_of_the_fish_before():
+    before = FISH.build(PUBLISHED).to_xml()
+    FISH.build(FISH.space.to_values(np.full(16, 0.3)))
+    assert FISH.build(PUBLISHED).to_xml() == before

@@ -1,0 +1,154 @@
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from swim2real.errors import EngineError
+from swim2real.robots.fish import FISH
+from swim2real.robots.robot import Robot
+from swim2real.simulation import Simulator, Swim
+from swim2real.simulation.stepper import Stepper
+from swim2real.trials import Actuation
+
+PUBLISHED = FISH.space.published
+STIFF = {**PUBLISHED, "hinge_stiffness_2": 2.0, "fluid_kutta_lift": 1.0}
+SWIMS = (
+    Swim("slow", Actuation(1.1, 0.0, 0.1), 1.0),
+    Swim("fast", Actuation(1.9, 0.0, 0.2), 1.5),
+    Swim("from rest", Actuation(1.5), 0.7),
+)
+
+
+LONG = tuple(replace(swim, duration=3.0) for swim in SWIMS)
+
+
+def rebuilt(change) -> Robot:
+    """The fish with a change to its spec."""
+
+    def build(values) -> mujoco.MjSpec:
+        spec = FISH.build(values)
+        change(spec, values)
+        return spec
+
+    return replace(FISH, build=build)
+
+
+def test_threads_and_batches_change_nothing():
+    single = Simulator(FISH, threads=1)
+    alone = [single.simulate(values, SWIMS) for values in (PUBLISHED, STIFF)]
+    batched = Simulator(FISH, threads=2).simulate_many([PUBLISHED, STIFF], SWIMS)
+    for one, many in zip(alone, batched, strict=True):
+        assert one.names == many.names == tuple(swim.name for swim in SWIMS)
+        for a, b in zip(one, many, strict=True):
+            np.testing.assert_array_equal(a.track.times, b.track.times)
+            np.testing.assert_array_equal(a.track.positions, b.track.positions)
+            assert a.provenance == b.provenance
+    assert np.abs(alone[0]["fast"].track.positions - alone[1]["fast"].track.positions).max() > 1e-3
+
+
+def test_a_swim_alone_is_the_same_as_among_others():
+    simulator = Simulator(FISH, threads=1)
+    alone = simulator.simulate(PUBLISHED, SWIMS[1:2])["fast"]
+    among = simulator.simulate(PUBLISHED, SWIMS)["fast"]
+    np.testing.assert_array_equal(alone.track.positions, among.track.positions)
+
+
+def test_trials_say_what_was_asked_and_how_they_were_made():
+    trials = Simulator(FISH, threads=2).simulate(PUBLISHED, SWIMS)
+    for swim, trial in zip(SWIMS, trials, strict=True):
+        assert trial.track.times[0] == 0.0
+        assert trial.track.duration == pytest.approx(swim.duration)
+        assert np.diff(trial.track.times).max() <= 0.01 + 1e-12
+        assert trial.nominal_frequency == swim.actuation.frequency
+        assert trial.divergence is None
+        assert np.isfinite(trial.track.positions).all()
+    assert trials.marker_names == FISH.marker_names
+    assert trials["from rest"].provenance == f"mujoco {mujoco.__version__}, from rest"
+    assert trials["slow"].provenance.startswith(f"mujoco {mujoco.__version__}, steady cycle after ")
+
+
+def test_a_swim_from_rest_begins_at_rest():
+    trial = Simulator(FISH, threads=1).simulate(PUBLISHED, [Swim("rest", Actuation(1.5), 0.5)])["rest"]
+    positions = trial.track.positions
+    np.testing.assert_allclose(positions[0] - positions[0, 0], FISH.rest_markers, atol=1e-12)
+    stepper = Stepper(FISH.build(PUBLISHED).compile(), FISH, 0.0, 2 * np.pi * 1.5, 0.0)
+    np.testing.assert_allclose(positions, stepper.run(501).markers[::10], atol=1e-9)
+
+
+def test_a_swim_from_rest_begins_at_the_motor_angle_that_is_asked():
+    swims = [Swim(name, Actuation(1.5, phase), 0.5) for name, phase in (("zero", 0.0), ("half", np.pi))]
+    trials = Simulator(FISH, threads=1).simulate(PUBLISHED, swims)
+    mirrored = trials["zero"].track.positions * [1, -1]
+    np.testing.assert_allclose(trials["half"].track.positions, mirrored, atol=1e-9)
+
+
+@pytest.mark.parametrize("phase", [1.0, -1.0, 7.5])
+def test_a_phase_begins_the_same_cycle_later(phase):
+    frequency = 1.3
+    swims = [
+        Swim("zero", Actuation(frequency, 0.0, 0.1), 3.0),
+        Swim("later", Actuation(frequency, phase, 0.1), 1.0),
+    ]
+    trials = Simulator(FISH, threads=2).simulate(PUBLISHED, swims)
+    zero, later = trials["zero"].track, trials["later"].track
+    lead = phase / (2 * np.pi) % 1.0 / frequency
+    expected = CubicSpline(zero.times, zero.positions, axis=0)(later.times + lead)
+    np.testing.assert_allclose(later.positions, expected, atol=2e-5)
+
+
+def test_an_unstable_engine_makes_a_diverged_trial_that_names_the_time(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # the engine writes a log
+    coarse = rebuilt(lambda spec, _: setattr(spec.option, "timestep", 0.02))
+    trials = Simulator(coarse, threads=2).simulate(PUBLISHED, LONG)
+    for trial in trials:
+        words = (trial.divergence or "").split()
+        assert words[:3] == ["the", "simulation", "diverged"]
+        assert words[4:] == ["s", "after", "its", "start"]
+        assert 0 < float(words[3]) < 3
+        assert np.isfinite(trial.track.positions).all()
+        assert trial.provenance == "diverged"
+
+
+def test_a_candidate_that_diverges_leaves_the_others_alone(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def spoil(spec, values) -> None:
+        if values["fluid_kutta_lift"] == STIFF["fluid_kutta_lift"]:
+            spec.option.timestep = 0.05
+
+    bad, good = Simulator(rebuilt(spoil), threads=2).simulate_many([STIFF, PUBLISHED], LONG)
+    assert all(trial.divergence for trial in bad)
+    expected = Simulator(FISH, threads=2).simulate(PUBLISHED, LONG)
+    for trial, same in zip(good, expected, strict=True):
+        assert trial.divergence is None
+        np.testing.assert_array_equal(trial.track.positions, same.track.positions)
+
+
+def test_a_motor_too_weak_to_turn_makes_a_diverged_trial():
+    def weaken(spec, _) -> None:
+        motor = spec.actuators[0]
+        motor.gainprm[0], motor.biasprm[2] = 1e-3, -1e-3
+
+    trial = Simulator(rebuilt(weaken), threads=1).simulate(PUBLISHED, [Swim("stuck", Actuation(2.0, 0.0, 0.1), 1.0)])["stuck"]
+    assert (trial.divergence or "").startswith("the motor is stuck: ")
+    assert np.isfinite(trial.track.positions).all()
+
+
+@pytest.mark.parametrize("threads", [0, -2])
+def test_no_threads_are_refused(threads):
+    with pytest.raises(EngineError, match=f"threads is {threads}; it must be at least 1"):
+        Simulator(FISH, threads=threads)
+
+
+def test_pushing_and_running_on_are_one_motion():
+    model = FISH.build(PUBLISHED).compile()
+    whole = Stepper(model, FISH, 0.1, 6.0, 0.0).run(200)
+    parts = Stepper(model, FISH, 0.1, 6.0, 0.0)
+    joined = parts.run(120).then(parts.run(80))
+    np.testing.assert_allclose(joined.markers, whole.markers, atol=1e-9)
+    np.testing.assert_allclose(joined.turns, whole.turns, atol=1e-9)
+    pushed = Stepper(model, FISH, 0.0, 6.0, 0.0)
+    pushed.push(np.array([-0.1, 0.0]))
+    np.testing.assert_allclose(pushed.run(200).markers, whole.markers, atol=1e-9)

@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from swim2real.robots.fish import FISH
+from swim2real.simulation.steady import Cycle, steady_cycle
+from swim2real.simulation.stepper import Stepper
+from swim2real.trials import frames
+
+PHASES = np.arange(101) / 100
+
+
+def last_turn_of_a_long_swim(values, frequency, seconds=12.0):
+    """Markers over the last whole turn of the motor, from a simulation that just goes on. Shape (101, M, 2)."""
+    stepper = Stepper(FISH.build(values).compile(), FISH, 0.05, 2 * np.pi * frequency, 0.0)
+    chunk = stepper.run(round(seconds / stepper.timestep))
+    assert chunk.failed_at is None
+    end = np.floor(chunk.turns[-1] - 0.01)
+    return CubicSpline(chunk.turns, chunk.markers, axis=0)(end - 1 + PHASES)
+
+
+def found_cycle(values, frequency, speed=0.05):
+    stepper = Stepper(FISH.build(values).compile(), FISH, speed, 2 * np.pi * frequency, 0.0)
+    return steady_cycle(stepper, 1 / frequency)
+
+
+def speed_of(markers, frequency):
+    heads = frames.heads(markers)
+    return float(np.linalg.norm(heads[-1] - heads[0])) * frequency
+
+
+def assert_same_cycle(cycle, markers, frequency):
+    samples = np.arange(len(cycle.markers)) / (len(cycle.markers) - 1)
+    resampled = CubicSpline(samples, cycle.markers, axis=0)(PHASES)
+    distance = np.linalg.norm(frames.to_body(resampled) - frames.to_body(markers), axis=2)
+    assert distance.mean() < 0.5e-3
+    expected = speed_of(markers, frequency)
+    assert abs(speed_of(resampled, frequency) - expected) < max(4e-4, 4e-3 * expected)
+
+
+@pytest.mark.parametrize("frequency", [0.75, 1.5])
+def test_the_steady_cycle_is_what_a_long_swim_ends_in(frequency):
+    cycle = found_cycle(FISH.space.published, frequency)
+    assert cycle.settled
+    assert_same_cycle(cycle, last_turn_of_a_long_swim(FISH.space.published, frequency), frequency)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "frequency"), [(0, 0.6), (1, 1.0), (2, 1.4)])
+def test_the_steady_cycle_is_what_a_long_swim_of_any_fish_ends_in(seed, frequency):
+    values = FISH.space.to_values(np.random.default_rng(seed).random(16))
+    cycle = found_cycle(values, frequency)
+    assert cycle.settled
+    assert_same_cycle(cycle, last_turn_of_a_long_swim(values, frequency), frequency)
+
+
+def test_the_steady_cycle_doesnt_depend_on_the_start(new_fluid_law):
+    slow, fast = (found_cycle(FISH.space.published, 1.2, speed) for speed in (0.0, 0.3))
+    assert slow.settled
+    assert fast.settled
+    assert speed_of(slow.markers, 1.2) == pytest.approx(
+        speed_of(fast.markers, 1.2),
+        rel=2e-2 if new_fluid_law else 5e-3,  # under the new law cycles differ among themselves by a percent
+    )
+    shapes = [frames.to_body(cycle.markers) for cycle in (slow, fast)]
+    assert np.linalg.norm(shapes[0] - shapes[1], axis=2).mean() < 0.5e-3
+
+
+def test_a_settled_cycle_ends_as_it_began():
+    cycle = found_cycle(FISH.space.published, 1.0)
+    body = frames.to_body(cycle.markers)
+    assert np.linalg.norm(body[-1] - body[0], axis=1).mean() < 1e-3
+    assert np.ptp(body[:, 8, 1]) > 0.1
+
+
+# unrolling
+
+
+def circling(turn: float):
+    """A rigid two-marker swimmer with a beating third marker, on a circle: position at any phase. To (N, 3, 2)."""
+
+    def at(phase):
+        phase = np.asarray(phase, dtype=float)
+        heading = 0.3 + turn * phase  # turned per cycle
+        step = 0.2  # m per cycle, along the arc
+        if turn == 0:
+            position = -step * phase[:, None] * np.array([np.cos(0.3), np.sin(0.3)])
+        else:  # the integral of -(cos, sin) of the heading
+            position = -step / turn * np.stack(
+                [np.sin(heading) - np.sin(0.3), np.cos(0.3) - np.cos(heading)], axis=1
+            )
+        axis = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        left = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
+        beat = 0.05 * np.sin(2 * np.pi * phase)[:, None]
+        return np.stack([position - 0.07 * axis, position + 0.07 * axis, position + 0.4 * axis + beat * left], axis=1)
+
+    return at
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.2, -1.0])
+def test_unrolling_goes_on_in_place_and_heading(turn):
+    at = circling(turn)
+    cycle = Cycle(0.8, at(np.arange(65) / 64), True, 0.0, 0.0, 1.0)
+    times, markers = cycle.unroll(5)
+    assert markers.shape == (5 * 64 + 1, 3, 2)
+    np.testing.assert_allclose(times, np.arange(5 * 64 + 1) * 0.8 / 64)
+    expected = at(times / 0.8)
+    np.testing.assert_allclose(markers, expected - expected[0, :2].mean(axis=0), atol=1e-12)
+
+
+def test_unrolling_a_real_swim_has_no_seams():
+    cycle = found_cycle(FISH.space.published, 1.0)
+    times, markers = cycle.unroll(3)
+    step = np.linalg.norm(np.diff(markers, axis=0), axis=2).max(axis=1)
+    per_cycle = len(cycle.markers) - 1
+    seams = step[[per_cycle - 1, per_cycle, 2 * per_cycle - 1, 2 * per_cycle]]
+    assert seams.max() < 1.2 * step[:per_cycle].max()
+    assert times[-1] == pytest.approx(3.0)
+    assert frames.slope(times, frames.progress(times, markers)) == pytest.approx(speed_of(cycle.markers, 1.0), rel=0.02)

@@ -1,0 +1,221 @@
+import numpy as np
+import pytest
+from swimmers import REST, Swimmer
+
+from swim2real.robots.fish import FISH
+from swim2real.tracking import check_track
+from swim2real.tracking.quality import REASONS
+from swim2real.trials import MarkerTrack
+
+SWIMMER = Swimmer()
+
+
+@pytest.fixture
+def healthy() -> MarkerTrack:
+    return SWIMMER.track(seed=0)
+
+
+def check(track, positions=None):
+    return check_track(track if positions is None else MarkerTrack(track.times, positions), REST)
+
+
+def assert_lost(quality, marker, frames, slack=8):
+    """The marker is lost in these frames, give or take a few at the edges, and no other marker is."""
+    expected = np.zeros(quality.lost.shape, dtype=bool)
+    expected[frames, marker] = True
+    differs = quality.lost != expected
+    assert differs[:, marker].sum() <= slack
+    assert not np.delete(differs, marker, axis=1).any()
+    assert np.count_nonzero(quality.weights == 0) == np.count_nonzero(quality.lost)
+
+
+def reasons(quality, marker):
+    return {reason for reason, count in zip(REASONS, quality.reasons[:, marker], strict=True) if count}
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(
+    "swimmer",
+    [SWIMMER, Swimmer(0.4, 0.03), Swimmer(2.0, 0.2, heading=-2.5), Swimmer(1.3, 0.1, amplitude=0.1, heading=3.0)],
+    ids=["middling", "slow", "fast", "wide"],
+)
+def test_a_healthy_track_raises_no_alarm(swimmer, seed):
+    quality = check(swimmer.track(seed=seed))
+    assert quality.left_out_share == 0
+    assert quality.usable
+    assert quality.findings(FISH.marker_names) == []
+    assert quality.head_spread < 0.03
+    assert quality.rest_misfit < 0.02
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("marker", "onto"), [(4, 5), (6, 5), (3, 2), (5, 6), (7, 6), (2, 3), (8, 7)])
+def test_a_marker_that_collapses_onto_its_neighbor_is_lost(marker, onto, seed):
+    track = SWIMMER.track(seed=seed)
+    positions = track.positions.copy()
+    positions[60:, marker] = positions[60:, onto] + [1e-3, 2e-3]
+    quality = check(track, positions)
+    # now and then it is the neighbor that is blamed, but of two that coincide one always goes
+    assert quality.lost[60:, [marker, onto]].any(axis=1).all()
+    assert quality.lost[60:, marker].mean() > 0.8
+    assert np.delete(quality.lost, [marker, onto], axis=1).mean() < 0.02
+    assert np.delete(quality.lost, marker, axis=1).mean() < 0.1
+    assert "collapsed" in reasons(quality, marker)
+    assert not quality.usable
+
+
+@pytest.mark.parametrize("marker", [2, 5, 8])
+def test_a_marker_that_slides_along_the_body_is_lost(healthy, marker):
+    positions = healthy.positions.copy()
+    axis = positions[100:200, 8] - positions[100:200, 2]
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    positions[100:200, marker] -= 0.06 * axis
+    quality = check(healthy, positions)
+    assert_lost(quality, marker, slice(100, 200))
+    assert reasons(quality, marker) & {"misplaced", "collapsed"}
+
+
+def test_a_marker_that_leaves_to_the_side_is_lost(healthy):
+    positions = healthy.positions.copy()
+    positions[100:, 5] += [0.0, 0.1]
+    assert_lost(check(healthy, positions), 5, slice(100, None))
+
+
+def test_a_single_frame_of_nonsense_is_lost(healthy):
+    positions = healthy.positions.copy()
+    positions[150, 6] += [0.05, 0.05]
+    quality = check(healthy, positions)
+    assert_lost(quality, 6, slice(150, 151), slack=2)
+    assert quality.usable
+
+
+def test_a_jump_too_small_to_look_misplaced_is_noticed():
+    track = SWIMMER.track(noise=2e-4, by_hand=False)
+    positions = track.positions.copy()
+    positions[150, 2] += [0.0, 0.025]  # sideways, where a marker may be placed by hand
+    quality = check(track, positions)
+    assert quality.lost[150, 2]
+    assert quality.left_out_share < 0.002
+
+
+@pytest.mark.parametrize(("marker", "start", "stop"), [(2, 100, 200), (8, 100, 140), (6, 30, 90)])
+def test_a_marker_that_stands_still_is_lost(healthy, marker, start, stop):
+    positions = healthy.positions.copy()
+    positions[start:stop, marker] = positions[start, marker]
+    quality = check(healthy, positions)
+    assert_lost(quality, marker, slice(start, stop))
+    assert "frozen" in reasons(quality, marker)
+
+
+def test_a_marker_that_stands_still_from_the_first_frame_is_lost(healthy):
+    positions = healthy.positions.copy()
+    positions[:, 8] = positions[0, 8]
+    quality = check(healthy, positions)
+    assert quality.lost_share[8] > 0.99
+    assert quality.lost[:, :8].sum() == 0
+
+
+def test_a_fish_that_rests_is_not_frozen():
+    times = np.arange(120) / 60
+    quality = check(MarkerTrack(times, np.repeat(REST[None], 120, axis=0)))
+    assert quality.left_out_share == 0
+
+
+def test_missing_markers_are_lost_and_nothing_else(healthy):
+    positions = healthy.positions.copy()
+    positions[50:80, 3] = np.nan
+    positions[10, 7, 1] = np.nan
+    quality = check(healthy, positions)
+    expected = np.zeros_like(quality.lost)
+    expected[50:80, 3] = expected[10, 7] = True
+    np.testing.assert_array_equal(quality.lost, expected)
+    assert reasons(quality, 3) == {"missing"}
+
+
+def test_a_confidence_of_zero_is_missing(healthy):
+    confidence = np.ones((healthy.frame_count, 9))
+    confidence[20:30, 4] = 0.0
+    quality = check(MarkerTrack(healthy.times, healthy.positions, confidence))
+    assert_lost(quality, 4, slice(20, 30), slack=0)
+
+
+def test_short_gaps_between_losses_are_lost_too(healthy):
+    positions = healthy.positions.copy()
+    positions[[50, 54], 3] = np.nan  # 4 frames apart, within 0.1 s
+    positions[[150, 190], 3] = np.nan
+    assert np.flatnonzero(check(healthy, positions).lost[:, 3]).tolist() == [50, 51, 52, 53, 54, 150, 190]
+
+
+@pytest.mark.parametrize("marker", range(9))
+def test_a_marker_that_is_never_seen_is_legal(healthy, marker):
+    positions = healthy.positions.copy()
+    positions[:, marker] = np.nan
+    quality = check(healthy, positions)
+    assert quality.lost[:, marker].all()
+    assert not np.delete(quality.lost, marker, axis=1).any()
+
+
+def test_a_track_of_nothing_is_lost_throughout(healthy):
+    quality = check(healthy, np.full_like(healthy.positions, np.nan))
+    assert quality.left_out_share == 1.0
+    assert np.isnan(quality.rest_misfit)
+
+
+def test_nothing_is_scored_while_the_head_is_lost(healthy):
+    positions = healthy.positions.copy()
+    positions[100:140, 0] += [0.05, 0.0]
+    quality = check(healthy, positions)
+    assert quality.lost[100:140, 0].all()
+    assert quality.lost[:, 2:].mean() < 0.02
+    assert np.all(quality.weights[100:140] == 0)
+    assert np.all(quality.weights[150:] == 1)
+
+
+def test_a_head_of_changing_length_makes_the_scale_doubtful(healthy):
+    positions = healthy.positions.copy()
+    positions *= 1 + 0.1 * np.sin(healthy.times)[:, None, None]
+    quality = check(healthy, positions)
+    assert any("the scale is doubtful" in finding for finding in quality.findings(FISH.marker_names))
+
+
+def test_findings_name_marker_share_and_reason(healthy):
+    positions = healthy.positions.copy()
+    positions[:30, 4] = np.nan
+    assert check(healthy, positions).findings(FISH.marker_names) == ["M4 is lost in 10 % of frames (missing 30)"]
+
+
+def test_the_verdict_doesnt_depend_on_place_and_heading(healthy):
+    positions = healthy.positions.copy()
+    positions[60:, 4] = positions[60:, 5] + [1e-3, 2e-3]
+    turned = positions @ np.array([[0.6, 0.8], [-0.8, 0.6]]) + [3.0, -2.0]
+    np.testing.assert_array_equal(check(healthy, turned).lost, check(healthy, positions).lost)
+
+
+# the published tracks, whichever are there
+
+
+def published(tracks, name):
+    if name not in tracks.names:
+        pytest.skip(f"{name} isn't among the published tracks that are there")
+    return check_track(tracks[name].track, REST)
+
+
+@pytest.mark.parametrize(("name", "markers"), [("f1_50", [4, 6]), ("f2_00", [4, 5, 6])])
+def test_lost_published_markers_are_found(tracks, name, markers):
+    quality = published(tracks, name)
+    assert np.all(quality.lost_share[markers] > 0.8)
+    assert np.all(quality.lost_share[[0, 1, 8]] < 0.05)
+    assert not quality.usable
+
+
+@pytest.mark.parametrize("name", ["f0_50", "f1_00"])
+def test_clean_published_tracks_are_nearly_all_kept(tracks, name):
+    quality = published(tracks, name)
+    assert quality.left_out_share < 0.03
+    assert quality.usable
+
+
+def test_every_published_track_keeps_its_head_and_its_tail(tracks):
+    for trial in tracks:
+        quality = check_track(trial.track, REST)
+        assert np.all(quality.lost_share[[0, 1, 8]] < 0.1), trial.name

@@ -1,0 +1,139 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from swimmers import Swimmer
+
+from swim2real.trials import MarkerTrack, frames
+
+angles = st.floats(-np.pi, np.pi)
+metres = st.floats(-10.0, 10.0)
+
+
+def turned(positions, angle, shift=(0.0, 0.0)):
+    c, s = np.cos(angle), np.sin(angle)
+    return positions @ np.array([[c, s], [-s, c]]) + np.asarray(shift)
+
+
+def slow_swim_frame(positions):
+    """The swim frame frame by frame, with complex numbers."""
+    z = positions[..., 0] + 1j * positions[..., 1]
+    out = np.empty_like(z)
+    come = 0.0 + 0.0j
+    for t in range(len(z)):
+        axis = (z[t, 1] - z[t, 0]) / abs(z[t, 1] - z[t, 0])
+        head = (z[t, 0] + z[t, 1]) / 2
+        if t > 0:
+            come += (head - (z[t - 1, 0] + z[t - 1, 1]) / 2) * axis.conjugate()
+        out[t] = (z[t] - head) * axis.conjugate() + come
+    return np.stack([out.real, out.imag], axis=-1)
+
+
+@given(angles, metres, metres)
+def test_the_body_frame_forgets_place_and_heading(angle, x, y):
+    track = Swimmer(duration=0.5).track()
+    moved = MarkerTrack(track.times, turned(track.positions, angle, (x, y)))
+    np.testing.assert_allclose(moved.body, track.body, atol=1e-12)
+
+
+@given(st.lists(angles, min_size=31, max_size=31))
+def test_the_body_frame_forgets_a_turn_of_every_frame(turns):
+    track = Swimmer(duration=0.5).track()
+    positions = np.stack([turned(p, a) for p, a in zip(track.positions, turns, strict=True)])
+    np.testing.assert_allclose(frames.to_body(positions), track.body, atol=1e-12)
+
+
+def test_the_body_frame_has_its_x_axis_from_the_first_marker_to_the_second():
+    body = Swimmer(duration=0.5).track().body
+    np.testing.assert_allclose(body[:, 0], 0.0, atol=1e-15)
+    np.testing.assert_allclose(body[:, 1, 1], 0.0, atol=1e-15)
+    assert np.all(body[:, 1, 0] > 0.1)
+
+
+def test_the_body_frame_keeps_left_and_right():
+    positions = np.array([[[0.0, 0.0], [0.0, 1.0], [-0.5, 2.0]]] * 2)  # tail up, third marker to the left of it
+    np.testing.assert_allclose(frames.to_body(positions)[0, 2], [2.0, 0.5], atol=1e-15)
+
+
+@given(angles, metres, metres)
+def test_the_swim_frame_forgets_where_the_swim_began_and_its_heading(angle, x, y):
+    track = Swimmer(duration=0.5).track()
+    moved = MarkerTrack(track.times, turned(track.positions, angle, (x, y)))
+    np.testing.assert_allclose(moved.swim, track.swim, atol=1e-11)
+
+
+def test_the_swim_frame_is_its_definition():
+    track = Swimmer(duration=2.0, heading=2.0).track()
+    np.testing.assert_allclose(track.swim, slow_swim_frame(track.positions), atol=1e-12)
+
+
+def test_the_swim_frame_of_a_rigid_body_on_a_circle_is_a_straight_line():
+    # each step is turned into the body frame of its time, so a turning swimmer goes straight ahead
+    angle = np.linspace(0, np.pi, 181)
+    centers = np.stack([np.sin(angle), 1 - np.cos(angle)], axis=1)  # radius 1 m
+    forward = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    positions = np.stack([centers + 0.1 * forward, centers - 0.1 * forward], axis=1)
+    swim = MarkerTrack(angle, positions).swim
+    head = swim.mean(axis=1)
+    assert head[-1, 0] == pytest.approx(-np.pi, rel=1e-3)  # it moves toward -x
+    assert np.abs(np.diff(head[:, 1])).max() < 2e-4
+    np.testing.assert_allclose(swim[:, 1] - swim[:, 0], np.broadcast_to([0.2, 0.0], (181, 2)), atol=1e-12)
+
+
+def test_the_swim_frame_begins_at_the_head():
+    np.testing.assert_allclose(Swimmer().track().swim[0, :2].mean(axis=0), 0.0, atol=1e-15)
+
+
+def test_the_swim_frame_steps_over_frames_without_a_head():
+    positions = Swimmer(duration=1.0, heading=0.0).track(noise=0.0).positions.copy()
+    whole = frames.to_swim(positions)
+    positions[10:13, 0] = np.nan
+    gappy = frames.to_swim(positions)
+    assert np.isnan(gappy[10:13]).all()
+    assert np.isfinite(gappy[13:]).all()
+    np.testing.assert_allclose(gappy[:10], whole[:10], atol=1e-15)
+    np.testing.assert_allclose(gappy[13:], whole[13:], atol=1e-3)  # but for the yaw during the gap
+
+
+@given(angles, st.floats(0.01, 0.5))
+def test_speed_and_progress_of_a_straight_swim_in_any_direction(heading, speed):
+    swimmer = Swimmer(speed=speed, heading=heading, duration=3.0)
+    track = swimmer.track(noise=0.0, by_hand=False)
+    # a head that yaws by 0.03 rad, and markers that sway by formulas, move the head's mean by less than 5 mm
+    assert track.speed == pytest.approx(speed, abs=2e-3)
+    np.testing.assert_allclose(track.progress, speed * track.times, atol=1e-2)
+    assert track.progress[0] == 0.0
+
+
+@given(angles, st.floats(0.01, 0.5))
+def test_speed_of_a_rigid_straight_swim_is_exact(heading, speed):
+    times = np.linspace(0.0, 2.0, 41)
+    forward = -np.array([np.cos(heading), np.sin(heading)])
+    rest = turned(np.array([[0.0, 0.0], [0.14, 0.0], [0.5, 0.0]]), heading)
+    track = MarkerTrack(times, rest + speed * times[:, None, None] * forward)
+    assert track.speed == pytest.approx(speed, rel=1e-9)
+    np.testing.assert_allclose(track.progress, speed * times, atol=1e-12)
+    np.testing.assert_allclose(frames.swimming_axis(times, track.positions), forward, atol=1e-9)
+
+
+def test_progress_lives_with_missing_heads():
+    track = Swimmer(heading=1.0).track(noise=0.0)
+    positions = track.positions.copy()
+    positions[[0, 50], 1] = np.nan
+    gappy = MarkerTrack(track.times, positions)
+    assert np.isnan(gappy.progress[[0, 50]]).all()
+    assert gappy.progress[1] == 0.0
+    assert gappy.speed == pytest.approx(track.speed, abs=1e-3)
+
+
+def test_a_fish_that_stays_has_no_speed_and_an_axis_all_the_same():
+    positions = np.broadcast_to([[[0.0, 0.0], [0.0, 0.14]]], (3, 2, 2))
+    track = MarkerTrack([0.0, 0.1, 0.2], positions)
+    assert track.speed == 0.0
+    np.testing.assert_allclose(frames.swimming_axis(track.times, track.positions), [0.0, -1.0])
+
+
+def test_the_slope_is_that_of_the_finite_values():
+    times = np.array([0.0, 1.0, 2.0, 4.0])
+    assert frames.slope(times, np.array([1.0, 3.0, np.nan, 9.0])) == pytest.approx(2.0)
+    assert np.isnan(frames.slope(times, np.array([1.0, np.nan, np.nan, np.nan])))
