@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from swim2real.advisor.physics.features import Swims, frequencies, swims, to_scale
+from swim2real.advisor.physics.features import Swims, frequencies, from_scale, swims, to_scale, without_outliers
 from swim2real.advisor.physics.model import Expectation, shape_floor
 from swim2real.advisor.physics.surrogate import Kernel, Surrogate
 from swim2real.advisor.physics.words import diagnose, reason
@@ -23,10 +23,11 @@ from swim2real.robots.robot import Response, Robot
 
 Array = NDArray[np.float64]
 
-KERNEL = Kernel(offset=0.1, slope=0.5, bend=0.6, length=0.25, noise=0.005)
-SPEED_SCALE, BEAT_SCALE = 1.0, 0.012  # deviation from the response, on the speed scale and in m
-TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.06, 0.7  # half width of the trusted box, in the unit cube
-GROW, SHRINK = 1.4, 0.6
+KERNEL = Kernel(offset=0.1, slope=0.5, bend=0.6, length=0.35, noise=0.005)
+SPEED_SPREAD, BEAT_SPREAD = 0.4, 0.012  # deviation from the response, on the speed scale and in m
+CAUTION = 0.3
+TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.1, 0.7  # half width of the trusted box, in the unit cube
+GROW, SHRINK = 1.3, 0.7
 _SAMPLES, _STARTS = 3000, 4
 _DIFFERENCE = 1e-4
 
@@ -80,20 +81,21 @@ class PhysicsAdvisor:
     def _expectation(self, evaluations: Sequence[Evaluation], incumbent: Evaluation) -> Expectation:
         real = swims(incumbent.detail, "real")
         points = np.array([self._point(e) for e in evaluations])
-        features = np.array([_filled(swims(e.detail, "simulated"), real).features.ravel() for e in evaluations])
         driven = frequencies(incumbent.detail)
+        seen = [_filled(swims(e.detail, "simulated"), real, driven) for e in evaluations]
+        features = np.array([one.features.ravel() for one in seen])
         per_trial = real.features.shape[1]
-        scale = np.tile([SPEED_SCALE, *[BEAT_SCALE] * (per_trial - 1)], len(driven))
+        spread = np.tile([SPEED_SPREAD, *[BEAT_SPREAD] * (per_trial - 1)], len(driven))
         response = self._robot.response.adapted(
-            points, self._own.to_array(points), np.array([swims(e.detail, "simulated").speed for e in evaluations]), driven
+            points, self._own.to_array(points), np.array([one.speed for one in seen]), driven
         )
-        surrogate = Surrogate(KERNEL, lambda p: self._prior(response, p, driven), scale, points, features)
+        surrogate = Surrogate(KERNEL, lambda p: self._prior(response, p, driven), spread, points, features)
         figures = [trial["shape_error"] for trial in incumbent.detail["trials"].values()]
-        here = _filled(swims(incumbent.detail, "simulated"), real)
+        here = swims(incumbent.detail, "simulated")
         horizon = incumbent.detail["horizon"] or 4.0
         return Expectation(
             surrogate, real.speed, real.beat, shape_floor(np.array(figures), here.beat, real.beat),
-            np.full(len(driven), float(horizon)),
+            np.full(len(driven), float(horizon)), CAUTION,
         )  # fmt: skip
 
     def _prior(self, response: Response, points: Array, driven: Array) -> Array:
@@ -146,6 +148,7 @@ def trust_radius(rounds: Sequence[Round]) -> float:
     return trust
 
 
-def _filled(simulated: Swims, real: Swims) -> Swims:
-    """Simulated beats with zeros where a marker never counts, so that they don't matter."""
-    return Swims(simulated.speed, np.where(np.isfinite(real.beat), np.nan_to_num(simulated.beat), 0.0))
+def _filled(simulated: Swims, real: Swims, driven: Array) -> Swims:
+    """What can be learned from: no outlying speeds, and zeros for markers that never count."""
+    speed = from_scale(without_outliers(to_scale(simulated.speed), driven))
+    return Swims(speed, np.where(np.isfinite(real.beat), np.nan_to_num(simulated.beat), 0.0))

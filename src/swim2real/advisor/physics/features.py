@@ -13,9 +13,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 Array = NDArray[np.float64]
 
+_LEAST_TRIALS = 4
+_OUTLIER = 0.12  # on the speed scale, from a line over the logarithm of frequency
 SLOW = 0.01  # m/s, where the speed scale turns from linear to logarithmic
 
 
@@ -59,6 +62,22 @@ def swims(evidence: Mapping[str, Any], side: str) -> Swims:
         turned = amplitude * np.exp(1j * (phase - (phase[-1] if np.isfinite(phase[-1]) else 0.0)))
         beats.append(np.concatenate([turned.real, turned.imag]))
     return Swims(speed, np.array(beats))
+
+
+def without_outliers(scaled: Array, frequencies: Array) -> Array:
+    """Scaled speeds whose outliers are replaced by what the other frequencies suggest. Shape (F,).
+
+    Close to a bound of stability a simulated swimmer may turn or stagger at one frequency and not at the next, for
+    the slightest change of a parameter. Such a speed tells nothing of thrust and drag.
+    """
+    if len(scaled) < _LEAST_TRIALS:
+        return scaled
+    logs = np.log(frequencies)
+    basis = np.column_stack([np.ones_like(logs), logs - logs.mean()])
+    line = least_squares(lambda p: basis @ p - scaled, [np.median(scaled), 1.0], loss="soft_l1", f_scale=0.05).x
+    rest = scaled - basis @ line
+    limit = max(_OUTLIER, 4 * float(np.median(np.abs(rest))))
+    return np.where(np.abs(rest) > limit, basis @ line, scaled)
 
 
 def frequencies(evidence: Mapping[str, Any]) -> Array:

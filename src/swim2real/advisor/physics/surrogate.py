@@ -49,26 +49,26 @@ class Surrogate:
     """Posterior mean and standard deviation of the features at any point."""
 
     def __init__(
-        self, kernel: Kernel, prior: Callable[[Array], Array], scale: Array, points: Array, features: Array
+        self, kernel: Kernel, prior: Callable[[Array], Array], spread: Array, points: Array, features: Array
     ) -> None:
         """Conditions the prior on what was seen.
 
         Args:
             kernel: For features of unit scale.
             prior: Points (N, d) to features (N, K).
-            scale: Of each feature's deviation from the prior. Shape (K,).
+            spread: Standard deviation of each feature's deviation from the prior, in units of the kernel's. Shape (K,).
             points: Evaluated points. Shape (N, d).
             features: As seen there. Shape (N, K).
         """
-        self._kernel, self._prior, self._scale, self._points = kernel, prior, scale, points
+        self._kernel, self._prior, self._spread, self._points = kernel, prior, spread, points
         covariance = kernel(points, points) + kernel.noise**2 * np.eye(len(points))
         self._factor = cho_factor(covariance, lower=True)
-        self._weights = np.asarray(cho_solve(self._factor, (features - prior(points)) / scale))
+        self._weights = np.asarray(cho_solve(self._factor, features - prior(points)))
 
     def predict(self, points: Array) -> tuple[Array, Array]:
         """Mean and standard deviation of every feature. Shape (N, d) to (N, K) and (N, K)."""
         cross = self._kernel(points, self._points)
-        mean = self._prior(points) + (cross @ self._weights) * self._scale
+        mean = self._prior(points) + cross @ self._weights
         explained = (cross.T * np.asarray(cho_solve(self._factor, cross.T))).sum(axis=0)
         spread = np.sqrt(np.maximum(self._kernel.variance(points) - explained, 0.0))
-        return mean, spread[:, None] * self._scale
+        return mean, spread[:, None] * self._spread

@@ -13,7 +13,7 @@ know nothing of any real swim. The beat of each marker is a linear function of a
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from importlib import resources
 
@@ -110,5 +110,4 @@ class FishResponse:
 def fish_response() -> FishResponse:
     """The measured response that is shipped with the package."""
     content = json.loads((resources.files(__package__) / "response.json").read_text(encoding="utf-8"))
-    names = ("frequencies", "thrust", "drag", "amplitude", "beat")
-    return FishResponse(*(np.array(content[name], dtype=float) for name in names))
+    return FishResponse(**{field.name: np.array(content[field.name], dtype=float) for field in fields(FishResponse)})

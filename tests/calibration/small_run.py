@@ -1,0 +1,83 @@
+"""A calibration that takes seconds: the fish with four free parameters, and two short swims of one with hidden values.
+
+Run as a script it begins a run, or goes on with it: `python small_run.py REFERENCE RUN METHOD BUDGET`.
+"""
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from swim2real.calibration import Problem, Progress, RunFolder, calibrate, examine, reference_fingerprint
+from swim2real.optimizers import BacktrackingLineSearch, Optimizer, RandomSearch, ScriptedAdvisor, first_point, streams
+from swim2real.parameters import ParameterSpace
+from swim2real.robots.fish import FISH
+from swim2real.simulation import Simulator, Swim
+from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet, load_reference, save_reference
+
+FREE = ("fluid_slender_drag", "fluid_kutta_lift", "motor_arm_length", "hinge_damping_0")
+FREQUENCIES = {"f1_30": 1.3, "f1_70": 1.7}  # Hz
+HIDDEN = {
+    "fluid_slender_drag": 5.0, "fluid_kutta_lift": 5.0, "motor_arm_length": 0.036, "hinge_damping_0": 0.005
+}  # fmt: skip
+
+ROBOT = replace(
+    FISH,
+    space=ParameterSpace(tuple(FISH.space[name] for name in FREE)),
+    build=lambda values: FISH.build({**FISH.space.published, **values}),
+)
+
+
+def make_reference(folder: Path) -> TrialSet:
+    """Films the hidden fish at 60 frames a second and saves the tracks."""
+    simulator = Simulator(ROBOT, threads=2, sample_interval=1 / 60)
+    swims = [Swim(name, Actuation(f, 1.0 + f, 0.1), 2.0) for name, f in FREQUENCIES.items()]
+    rng = np.random.default_rng(0)
+    trials = [
+        Trial(
+            trial.name,
+            MarkerTrack(trial.track.times, trial.track.positions + rng.normal(0, 5e-4, trial.track.positions.shape)),
+            trial.nominal_frequency,
+        )
+        for trial in simulator.simulate(HIDDEN, swims)
+    ]
+    save_reference(TrialSet(tuple(trials), ROBOT.marker_names), folder)
+    return load_reference(folder)
+
+
+def make_problem(reference: TrialSet, threads: int = 2) -> Problem:
+    return Problem(ROBOT, examine(reference, ROBOT), Simulator(ROBOT, threads))
+
+
+def make_optimizer(method: str, seed: int = 0) -> Optimizer:
+    dimension = len(ROBOT.space)
+    first = first_point(dimension, seed)
+    if method == "random":
+        return RandomSearch(dimension, streams(seed)[1], first)
+    return BacktrackingLineSearch(ScriptedAdvisor(list(streams(seed)[2].random((20, dimension)))), first)
+
+
+def make_settings(reference: TrialSet, method: str, budget: int, seed: int = 0) -> dict[str, object]:
+    return {"method": method, "seed": seed, "budget": budget, "reference": reference_fingerprint(reference)}
+
+
+def run(
+    problem: Problem, reference: TrialSet, out: Path, method: str, budget: int, seed: int = 0,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+) -> dict[str, object]:  # fmt: skip
+    """Begins a run or goes on with it."""
+    folder = RunFolder(out)
+    settings = make_settings(reference, method, budget, seed)
+    with folder.locked():
+        if folder.exists:
+            folder.resume(settings)
+        else:
+            folder.begin(settings)
+        return calibrate(problem, ROBOT.space, make_optimizer(method, seed), budget, folder, on_progress)
+
+
+if __name__ == "__main__":
+    swims = load_reference(sys.argv[1])
+    run(make_problem(swims), swims, Path(sys.argv[2]), sys.argv[3], int(sys.argv[4]))

@@ -1,0 +1,311 @@
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import small_run
+
+import swim2real
+from swim2real.calibration import RunFolder, calibrate, run_folder
+from swim2real.errors import RunError
+from swim2real.parameters import read_parameters
+
+BUDGET = 6
+METHODS = ("random", "line-search")
+both = pytest.mark.parametrize("method", METHODS)
+
+
+class Stop(Exception):
+    """What a test throws to leave a run early."""
+
+
+def record(run: Path) -> list[dict]:
+    return RunFolder(run).record()
+
+
+def without_seconds(run: Path) -> list[str]:
+    """The lines of a record, to the byte, but for how long each evaluation took."""
+    lines = (run / "record.jsonl").read_text().splitlines(keepends=True)
+    return [line[: line.rindex('"seconds": ')] for line in lines]
+
+
+def refusal(call, *arguments, **options) -> str:
+    with pytest.raises(RunError) as caught:
+        call(*arguments, **options)
+    return str(caught.value)
+
+
+@pytest.fixture
+def go(problem, reference, tmp_path):
+    """Begins a run in a fresh folder, or goes on with it."""
+
+    def start(method="random", budget=BUDGET, run=tmp_path / "run", **options):
+        return small_run.run(problem, reference, run, method, budget, **options)
+
+    return start
+
+
+@pytest.fixture
+def half(tmp_path, uninterrupted):
+    """A run of random search that was left after three evaluations."""
+    run = tmp_path / "run"
+    shutil.copytree(uninterrupted["random"], run)
+    lines = (run / "record.jsonl").read_text().splitlines(keepends=True)
+    (run / "record.jsonl").write_text("".join(lines[:3]))
+    (run / "best.json").unlink()
+    return run
+
+
+@both
+def test_every_evaluation_is_on_record(uninterrupted, method):
+    entries = record(uninterrupted[method])
+    optimizer = small_run.make_optimizer(method)
+    assert [entry["index"] for entry in entries] == list(range(BUDGET))
+    np.testing.assert_array_equal(entries[0]["point"], optimizer.ask().point)
+    for entry in entries:
+        assert entry["values"] == small_run.ROBOT.space.to_values(entry["point"])
+        assert entry["loss"] == pytest.approx(entry["evidence"]["loss"], rel=1e-8)
+        assert (entry["failed"], entry["reason"]) == (False, None)
+        assert entry["seconds"] > 0
+        assert set(entry["evidence"]["trials"]) == set(small_run.FREQUENCIES)
+    assert entries[0]["note"] == {"source": "first point"}
+
+
+@both
+def test_the_best_evaluation_is_a_parameters_file(uninterrupted, problem, method):
+    entries = record(uninterrupted[method])
+    best = min(entries, key=lambda entry: entry["loss"])
+    found = read_parameters(uninterrupted[method], "fish", small_run.ROBOT.space)
+    assert found.values == best["values"]
+    assert found.engine == problem.simulator.engine.name
+    assert problem.simulator.engine.difference(found.physics) is None
+    written = json.loads((uninterrupted[method] / "best.json").read_text())
+    assert (written["loss"], written["evaluation"]) == (best["loss"], best["index"])
+
+
+def test_progress_is_told_after_every_evaluation(go):
+    seen = []
+    best = go(budget=3, on_progress=seen.append)
+    assert [(p.done, p.budget, p.replayed) for p in seen] == [(1, 3, False), (2, 3, False), (3, 3, False)]
+    assert [p.best for p in seen] == np.minimum.accumulate([p.loss for p in seen]).tolist()
+    assert seen[0].improved
+    assert seen[-1].best == best["loss"]
+    assert seen[-1].seconds_left == 0
+
+
+@both
+@pytest.mark.parametrize("stop", [1, 4])
+def test_a_run_that_was_left_early_ends_as_if_it_hadnt_been(go, tmp_path, uninterrupted, method, stop):
+    def leave(progress):
+        if progress.done == stop:
+            raise Stop
+
+    with pytest.raises(Stop):
+        go(method, on_progress=leave)
+    assert len(record(tmp_path / "run")) == stop
+    seen = []
+    go(method, on_progress=seen.append)
+    assert [progress.replayed for progress in seen] == [True] * stop + [False] * (BUDGET - stop)
+    assert without_seconds(tmp_path / "run") == without_seconds(uninterrupted[method])
+    assert (tmp_path / "run" / "best.json").read_bytes() == (uninterrupted[method] / "best.json").read_bytes()
+
+
+@pytest.mark.parametrize("cut", [1, 40, 4000])
+def test_a_line_that_was_cut_off_is_done_again(go, half, uninterrupted, cut):
+    whole = (uninterrupted["random"] / "record.jsonl").read_text().splitlines(keepends=True)[3]
+    with (half / "record.jsonl").open("a") as file:
+        file.write(whole[: min(cut, len(whole) - 2)])
+    go(run=half)
+    assert without_seconds(half) == without_seconds(uninterrupted["random"])
+
+
+def test_a_line_that_only_lacks_its_end_is_done_again(go, half, uninterrupted):
+    whole = (uninterrupted["random"] / "record.jsonl").read_text().splitlines()[3]
+    with (half / "record.jsonl").open("a") as file:
+        file.write(whole)
+    go(run=half)
+    assert without_seconds(half) == without_seconds(uninterrupted["random"])
+
+
+def test_a_process_that_is_killed_loses_nothing(go, tmp_path, reference_folder, uninterrupted):
+    run = tmp_path / "run"
+    process = subprocess.Popen(
+        [sys.executable, small_run.__file__, reference_folder, run, "line-search", str(BUDGET)],
+        env={**os.environ, "PYTHONPATH": str(Path(swim2real.__file__).parents[1])},
+        cwd=tmp_path,
+    )
+    try:
+        deadline = time.monotonic() + 60
+        while not (run / "record.jsonl").is_file() or (run / "record.jsonl").read_bytes().count(b"\n") < 2:
+            assert process.poll() is None, "the run ended before it could be killed"
+            assert time.monotonic() < deadline, "the run doesn't get on"
+            time.sleep(0.005)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert 2 <= len(record(run)) < BUDGET
+    go("line-search")
+    assert without_seconds(run) == without_seconds(uninterrupted["line-search"])
+    assert (run / "best.json").read_bytes() == (uninterrupted["line-search"] / "best.json").read_bytes()
+
+
+def test_a_larger_budget_goes_on(go, tmp_path, uninterrupted):
+    go(budget=2)
+    seen = []
+    go(budget=BUDGET, on_progress=seen.append)
+    assert [progress.replayed for progress in seen] == [True] * 2 + [False] * 4
+    assert without_seconds(tmp_path / "run") == without_seconds(uninterrupted["random"])
+    assert RunFolder(tmp_path / "run").settings()["budget"] == BUDGET
+
+
+def test_a_run_that_is_done_is_only_read(go, tmp_path, uninterrupted):
+    run = tmp_path / "run"
+    shutil.copytree(uninterrupted["random"], run)
+    before = (run / "record.jsonl").read_bytes()
+    (run / "best.json").unlink()
+    best = go()
+    assert (run / "record.jsonl").read_bytes() == before
+    assert best["loss"] == min(entry["loss"] for entry in record(run))
+    assert read_parameters(run, "fish", small_run.ROBOT.space).values == best["values"]  # written again
+
+
+def test_a_smaller_budget_drops_nothing(go, half):
+    assert go(budget=1, run=half)["index"] in (0, 1, 2)
+    assert len(record(half)) == 3
+
+
+@pytest.mark.parametrize("budget", [0, -1])
+def test_no_budget_is_refused(go, budget):
+    assert refusal(go, budget=budget) == f"budget is {budget}; it must be at least 1"
+
+
+def test_a_diverged_simulation_is_recorded_and_not_the_best(reference, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    calls = []
+
+    def spoiled(values):
+        spec = small_run.ROBOT.build(values)
+        calls.append(values)
+        if values["motor_arm_length"] > 0.0376:
+            spec.option.timestep = 0.05
+        return spec
+
+    robot = small_run.replace(small_run.ROBOT, build=spoiled)
+    real = small_run.examine(reference, robot)
+    problem = small_run.Problem(robot, real, small_run.Simulator(robot, threads=2))
+    low, high = np.full(4, 0.5), np.array([0.5, 0.5, 0.9, 0.5])
+    advisor = small_run.ScriptedAdvisor([high, low])
+    search = small_run.BacktrackingLineSearch(advisor, high, max_steps=1)
+    folder = RunFolder(tmp_path / "run")
+    folder.path.mkdir()
+    best = calibrate(problem, robot.space, search, 3, folder)
+    entries = folder.record()
+    assert [entry["failed"] for entry in entries] == [True, True, False]
+    assert [entry["loss"] for entry in entries[:2]] == [1.0, 1.0]
+    assert entries[0]["reason"].startswith("trial 'f1_30': the simulation diverged ")
+    assert best["index"] == 2
+    assert read_parameters(folder.path, "fish", robot.space).values["motor_arm_length"] == pytest.approx(0.035)
+
+
+# records that don't fit
+
+
+def edited(run, line, change):
+    lines = (run / "record.jsonl").read_text().splitlines()
+    entry = json.loads(lines[line])
+    change(entry)
+    lines[line] = json.dumps(entry)
+    (run / "record.jsonl").write_text("\n".join(lines) + "\n")
+
+
+def nudge(entry):
+    entry["point"][1] += 1e-12
+
+
+def skip(entry):
+    entry["index"] += 1
+
+
+@pytest.mark.parametrize("change", [nudge, skip])
+@pytest.mark.parametrize("line", [0, 1, 2])
+def test_an_edited_record_is_refused_at_the_first_mismatch(go, half, change, line):
+    edited(half, line, change)
+    before = (half / "record.jsonl").read_bytes()
+    seen = []
+    message = refusal(go, run=half, on_progress=seen.append)
+    assert f"evaluation {line + 1} on record isn't the one that these settings ask for" in message
+    assert len(seen) == line
+    assert (half / "record.jsonl").read_bytes() == before
+
+
+def test_an_edited_loss_is_noticed_by_the_search_that_built_on_it(go, tmp_path, uninterrupted):
+    run = tmp_path / "run"
+    shutil.copytree(uninterrupted["line-search"], run)
+    entries = record(run)
+    accepted = next(i for i in range(1, BUDGET - 1) if entries[i + 1]["note"]["round"] != entries[i]["note"]["round"])
+    better = entries[accepted]["loss"] < min(entry["loss"] for entry in entries[:accepted])
+    edited(run, accepted, lambda entry: entry.update(loss=0.9 if better else 1e-6))
+    assert "isn't the one that these settings ask for" in refusal(go, "line-search", budget=BUDGET + 4)
+
+
+def test_a_damaged_line_in_the_middle_is_named(go, half):
+    lines = (half / "record.jsonl").read_text().splitlines(keepends=True)
+    (half / "record.jsonl").write_text(lines[0] + lines[1][:50] + "\n" + lines[2])
+    assert refusal(go, run=half).startswith(f"{half / 'record.jsonl'}, line 2 is damaged (")
+
+
+@pytest.mark.parametrize("line", ["[]", "3", "null", '"text"', "{}"])
+def test_a_line_that_is_no_evaluation_is_refused(go, half, line):
+    lines = (half / "record.jsonl").read_text().splitlines()
+    (half / "record.jsonl").write_text("\n".join([lines[0], line, lines[2]]) + "\n")
+    refusal(go, run=half)
+
+
+def test_the_record_of_another_seed_is_refused(go, half, reference):
+    assert refusal(go, run=half, seed=1) == (
+        f"run '{half}' can't go on: seed was 0 and is now 1; use the same settings and reference, or begin a new run"
+    )
+
+
+# a disk that fails
+
+
+def test_a_full_disk_stops_the_run_and_keeps_the_record(go, tmp_path, uninterrupted, monkeypatch):
+    real, calls = os.fsync, []
+
+    def fsync(descriptor):
+        calls.append(descriptor)
+        if len(calls) > 2:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(descriptor)
+
+    monkeypatch.setattr(run_folder.os, "fsync", fsync)
+    run = tmp_path / "run"
+    assert refusal(go, method="line-search") == (
+        f"can't write run folder '{run}': No space left on device; what was recorded so far is kept, "
+        f"--resume goes on from there"
+    )
+    assert len(record(run)) >= 2
+    monkeypatch.undo()
+    go("line-search")
+    assert without_seconds(run) == without_seconds(uninterrupted["line-search"])
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_a_record_on_a_device_that_is_full_is_told(go, half):
+    (half / "record.jsonl").unlink()
+    (half / "record.jsonl").symlink_to("/dev/full")
+    assert "No space left on device" in refusal(go, run=half)
+
+
+def test_best_parameters_that_cant_be_written_are_told(go, half):
+    (half / "best.json.part").mkdir()
+    assert refusal(go, run=half).startswith(f"can't write '{half / 'best.json'}': ")
+    assert len(record(half)) >= 3

@@ -1,0 +1,190 @@
+import json
+
+import numpy as np
+import pytest
+import small_run
+from swimmers import Swimmer, trial_set
+
+from swim2real.calibration import (
+    Problem,
+    RunFolder,
+    commit,
+    conclude,
+    examine,
+    load_swims,
+    reference_fingerprint,
+    sensitivities,
+    versions,
+)
+from swim2real.errors import RunError, TrialError
+from swim2real.parameters import ParameterSpace
+from swim2real.robots.fish import FISH
+from swim2real.simulation import Simulator
+from swim2real.trials import MarkerTrack, Trial, TrialSet
+
+ROBOT = small_run.ROBOT
+
+
+def refusal(call, *arguments, **options) -> str:
+    with pytest.raises((RunError, TrialError)) as caught:
+        call(*arguments, **options)
+    return str(caught.value)
+
+
+# the problem
+
+
+def test_the_hidden_values_have_hardly_any_loss(problem):
+    comparison = problem.evaluate(small_run.HIDDEN)
+    assert comparison.loss < 2.5e-3  # the noise of the markers, which turns the body frame
+    assert comparison.figure("velocity_error") < 2e-3
+    assert comparison.figure("static_offset") < 1e-3
+    assert problem.evaluate(ROBOT.space.published).loss > 2 * comparison.loss
+
+
+def test_hidden_phases_are_found(problem):
+    for trial in problem.evaluate(small_run.HIDDEN).trials:
+        hidden = 1.0 + small_run.FREQUENCIES[trial.name]
+        assert np.angle(np.exp(1j * (trial.phase - hidden))) == pytest.approx(0.0, abs=0.03)
+
+
+def test_batched_and_single_evaluations_are_the_same(problem):
+    candidates = [small_run.HIDDEN, ROBOT.space.published]
+    for values, many in zip(candidates, problem.evaluate_many(candidates), strict=True):
+        assert problem.evaluate(values).figures() == many.figures()
+
+
+def test_the_papers_protocol_drives_at_the_nominal_frequency_from_rest(reference):
+    problem = Problem(ROBOT, examine(reference, ROBOT), Simulator(ROBOT, threads=2), protocol="paper")
+    for trial, swim in zip(reference, problem.swims, strict=True):
+        assert swim.actuation.frequency == trial.nominal_frequency
+        assert swim.actuation.start_speed is None
+    figures = problem.evaluate(small_run.HIDDEN).figures()
+    assert figures["loss"] == figures["marker_error"] > figures["aligned_marker_error"] > 0.005
+
+
+def test_the_papers_protocol_needs_nominal_frequencies():
+    real = examine(trial_set(Swimmer().track()), FISH)
+    message = refusal(Problem, ROBOT, real, Simulator(ROBOT, threads=1), "paper")
+    assert message == (
+        "trial 'swim0' has no nominal frequency, which protocol 'paper' needs; "
+        "write it into reference.json or use protocol 'aligned'"
+    )
+
+
+@pytest.mark.parametrize("horizon", [0.0, -1.0, float("nan")])
+def test_a_horizon_that_is_no_time_is_refused(problem, horizon):
+    message = refusal(Problem, ROBOT, problem.real, problem.simulator, "aligned", horizon)
+    assert message == f"horizon is {horizon} s; it must be above 0"
+
+
+def test_markers_that_arent_the_robots_are_refused():
+    times = np.arange(60) / 60
+    few = TrialSet((Trial("a", MarkerTrack(times, np.random.default_rng(0).random((60, 3, 2)))),))
+    assert refusal(examine, few, FISH) == (
+        "the reference has 3 markers (M0, M1, M2); robot 'fish' has 9 (M0, M1, M2, M3, M4, M5, M6, M7, M8)"
+    )
+
+
+def test_a_trial_without_a_beat_is_named():
+    message = refusal(examine, trial_set(Swimmer().track(), Swimmer(amplitude=0.0).track()), FISH)
+    assert message.startswith("trial 'swim1': no regular beat")
+
+
+# what a run found
+
+
+def test_an_outcome_is_written_with_fit_and_held_out_apart(reference, tmp_path):
+    kept, out = reference.split(["f1_70"])
+    simulator = Simulator(ROBOT, threads=2)
+    fitted, unseen = (Problem(ROBOT, examine(trials, ROBOT), simulator) for trials in (kept, out))
+    folder = RunFolder(tmp_path)
+    outcome = conclude(folder, fitted, unseen, small_run.HIDDEN)
+    assert folder.outcome() == json.loads(json.dumps(outcome, allow_nan=False)) == outcome
+    assert list(outcome["fit"]["trials"]) == ["f1_30"]
+    assert list(outcome["held_out"]["trials"]) == ["f1_70"]
+    assert set(outcome["trials"]) == {"f1_30", "f1_70"}
+    for name, frequency in small_run.FREQUENCIES.items():
+        found = outcome["trials"][name]
+        assert found["frequency"] == pytest.approx(frequency, abs=0.01)
+        assert found["usable"]
+        assert found["findings"] == []
+        assert found["nominal_frequency"] == frequency
+    assert outcome["sensitivity"] is None
+    assert outcome["marker_names"] == list(ROBOT.marker_names)
+    assert simulator.engine.difference(outcome["engine"]) is None
+
+    swims = load_swims(folder)
+    assert [(swim.name, swim.held_out) for swim in swims] == [("f1_30", False), ("f1_70", True)]
+    for swim, part in zip(swims, (fitted, unseen), strict=True):
+        (trial,) = part.evaluate(small_run.HIDDEN).trials
+        assert swim.frequency == pytest.approx(trial.frequency)
+        for name in ("times", "weights", "real", "simulated", "registration", "progress_real", "progress_simulated"):
+            np.testing.assert_allclose(getattr(swim, name), getattr(trial, name), atol=1e-6)
+
+
+def test_an_outcome_without_held_out_trials(problem, tmp_path):
+    outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN)
+    assert outcome["held_out"] is None
+    assert [swim.held_out for swim in load_swims(RunFolder(tmp_path))] == [False, False]
+
+
+def test_swims_that_arent_there_or_damaged_are_told(tmp_path):
+    folder = RunFolder(tmp_path)
+    assert refusal(load_swims, folder) == f"run '{tmp_path}' has no swims.npz yet; it is written when a run ends"
+    for damage in (b"", b"PK\x03\x04 no archive", b"text"):
+        (tmp_path / "swims.npz").write_bytes(damage)
+        assert refusal(load_swims, folder).startswith(f"{tmp_path / 'swims.npz'} can't be read: ")
+    np.savez(tmp_path / "swims.npz", names=np.array(["a"]))
+    assert refusal(load_swims, folder).startswith(f"{tmp_path / 'swims.npz'} can't be read: ")
+
+
+# which parameters the trials can tell
+
+
+def test_sensitivities_tell_parameters_apart(problem):
+    space = ParameterSpace(tuple(ROBOT.space[name] for name in small_run.FREE))
+    values = {**small_run.HIDDEN, "hinge_damping_0": 0.0}
+    found = {one.name: one for one in sensitivities(problem, space, values)}
+    assert list(found) == list(small_run.FREE)
+    arm, damping = found["motor_arm_length"], found["hinge_damping_0"]
+    assert arm.verdict == "identified"
+    assert arm.lower is not None
+    assert arm.speed > 0  # a longer arm bends the tail farther
+    assert damping.lower is None  # at its bound
+    assert damping.upper is not None
+    assert found["fluid_slender_drag"].speed < 0
+    # the same by hand, for one step
+    point = space.to_cube(values)
+    point[2] += 0.1
+    by_hand = problem.evaluate(space.to_values(point)).loss - problem.evaluate(space.to_values(space.to_cube(values))).loss
+    assert arm.upper == pytest.approx(by_hand, rel=1e-9)
+    assert json.dumps([one.as_dict() for one in found.values()], allow_nan=False)
+
+
+# where a result comes from
+
+
+def test_a_reference_has_a_fingerprint_of_all_that_matters(reference):
+    same = TrialSet(tuple(reference), reference.marker_names)
+    assert reference_fingerprint(same) == reference_fingerprint(reference)
+    first, second = reference
+    nudged = first.track.positions.copy()
+    nudged[0, 0, 0] += 1e-9
+    others = [
+        TrialSet((second, first)),
+        TrialSet((first,)),
+        TrialSet((Trial("other", first.track, first.nominal_frequency), second)),
+        TrialSet((Trial(first.name, first.track, 0.5), second)),
+        TrialSet((Trial(first.name, MarkerTrack(first.track.times, nudged), first.nominal_frequency), second)),
+    ]
+    prints = {reference_fingerprint(trials) for trials in [reference, *others]}
+    assert len(prints) == len(others) + 1
+
+
+def test_versions_and_commit_are_known():
+    found = versions()
+    assert set(found) == {"swim2real", "python", "numpy", "scipy", "mujoco", "machine"}
+    assert all(found.values())
+    name = commit()
+    assert name is None or len(name) >= 7
