@@ -1,4 +1,3 @@
-import re
 from pathlib import Path
 
 import pytest
@@ -35,8 +34,3 @@ def uninterrupted(tmp_path_factory, problem, reference) -> dict[str, Path]:
         runs[method] = tmp_path_factory.mktemp("whole") / method
         small_run.run(problem, reference, runs[method], method, BUDGET)
     return runs
-
-
-def without_seconds(run: Path) -> bytes:
-    """A run's record, but for how long each evaluation took."""
-    return re.sub(rb'"seconds": [0-9.]+', b'"seconds": 0', (run / "record.jsonl").read_bytes())

@@ -17,7 +17,13 @@ from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet, load_reference, save_reference
 
-FREE = ("fluid_slender_drag", "fluid_kutta_lift", "motor_arm_length", "hinge_damping_0")
+BOUNDS = {  # of fish that soon swim steadily
+    "fluid_slender_drag": (3.0, 10.0),
+    "fluid_kutta_lift": (2.0, 8.0),
+    "motor_arm_length": (0.03, 0.05),
+    "hinge_damping_0": (0.0, 0.02),
+}
+FREE = tuple(BOUNDS)
 FREQUENCIES = {"f1_30": 1.3, "f1_70": 1.7}  # Hz
 HIDDEN = {
     "fluid_slender_drag": 5.0, "fluid_kutta_lift": 5.0, "motor_arm_length": 0.036, "hinge_damping_0": 0.005
@@ -25,7 +31,7 @@ HIDDEN = {
 
 ROBOT = replace(
     FISH,
-    space=ParameterSpace(tuple(FISH.space[name] for name in FREE)),
+    space=ParameterSpace(tuple(replace(FISH.space[name], lower=low, upper=up) for name, (low, up) in BOUNDS.items())),
     build=lambda values: FISH.build({**FISH.space.published, **values}),
 )
 

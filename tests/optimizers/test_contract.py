@@ -60,7 +60,9 @@ def drive(optimizer: Optimizer, count: int, failed: Callable[[int], bool] = lamb
 def test_asking_twice_is_refused(make):
     optimizer = make(0)
     optimizer.ask()
-    with pytest.raises(OptimizerError, match=r"^ask\(\) was called twice; tell\(\) the evaluation of the last candidate"):
+    with pytest.raises(
+        OptimizerError, match=r"^ask\(\) was called twice; tell\(\) the evaluation of the last candidate"
+    ):
         optimizer.ask()
 
 

@@ -115,7 +115,9 @@ def test_bad_values_are_refused_in_exact_words(values, message):
 
 
 def test_messages_name_where_a_value_comes_from():
-    with pytest.raises(ParameterError, match=r"^parameter 'drag' in best\.json is 11, out of bounds; allowed is 0 to 10$"):
+    with pytest.raises(
+        ParameterError, match=r"^parameter 'drag' in best\.json is 11, out of bounds; allowed is 0 to 10$"
+    ):
         SPACE.check({**GOOD, "drag": 11}, "best.json")
     with pytest.raises(ParameterError, match=r"^missing parameter in best\.json: drag$"):
         SPACE.check({"arm_length": 0.03, "stiffness": 1.0}, "best.json")

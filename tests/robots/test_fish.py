@@ -157,7 +157,10 @@ def test_half_a_turn_of_the_motor_mirrors_the_swim():
     ("change", "message"),
     [
         ({"fluid_kutta_lift": 11}, "parameter 'fluid_kutta_lift' is 11, out of bounds; allowed is 0 to 10"),
-        ({"motor_arm_length": np.nan}, "parameter 'motor_arm_length' is nan; it must be finite, allowed is 0.01 to 0.06 m"),
+        (
+            {"motor_arm_length": np.nan},
+            "parameter 'motor_arm_length' is nan; it must be finite, allowed is 0.01 to 0.06 m",
+        ),
         ({"hinge_damping_5": 0.1}, "unknown parameter 'hinge_damping_5'; did you mean 'hinge_damping_4'?"),
     ],
 )

@@ -131,7 +131,9 @@ def test_a_motor_too_weak_to_turn_makes_a_diverged_trial():
         motor = spec.actuators[0]
         motor.gainprm[0], motor.biasprm[2] = 1e-3, -1e-3
 
-    trial = Simulator(rebuilt(weaken), threads=1).simulate(PUBLISHED, [Swim("stuck", Actuation(2.0, 0.0, 0.1), 1.0)])["stuck"]
+    trial = Simulator(rebuilt(weaken), threads=1).simulate(PUBLISHED, [Swim("stuck", Actuation(2.0, 0.0, 0.1), 1.0)])[
+        "stuck"
+    ]
     assert (trial.divergence or "").startswith("the motor is stuck: ")
     assert np.isfinite(trial.track.positions).all()
 

@@ -86,9 +86,7 @@ def circling(turn: float):
         if turn == 0:
             position = -step * phase[:, None] * np.array([np.cos(0.3), np.sin(0.3)])
         else:  # the integral of -(cos, sin) of the heading
-            position = -step / turn * np.stack(
-                [np.sin(heading) - np.sin(0.3), np.cos(0.3) - np.cos(heading)], axis=1
-            )
+            position = -step / turn * np.stack([np.sin(heading) - np.sin(0.3), np.cos(0.3) - np.cos(heading)], axis=1)
         axis = np.stack([np.cos(heading), np.sin(heading)], axis=1)
         left = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
         beat = 0.05 * np.sin(2 * np.pi * phase)[:, None]

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from swimmers import REST, Swimmer
 
 from swim2real.errors import TrialError
 from swim2real.robots.fish import FISH
 from swim2real.tracking import check_track, identify_beat
 from swim2real.trials import MarkerTrack
+from swimmers import REST, Swimmer
 
 SEEDS = range(12)
 
@@ -72,7 +72,9 @@ def test_harmonics_dont_mislead():
     positions = swimmer.body(times)
     share = (REST[:, 0] / REST[-1, 0]) ** 2
     positions[..., 1] += 0.6 * swimmer.amplitude * share * np.cos(4 * np.pi * 0.9 * times + 1.0)[:, None]
-    assert beat_of(MarkerTrack(times, positions - [0.1, 0.0] * times[:, None, None])).frequency == pytest.approx(0.9, rel=1e-3)
+    assert beat_of(MarkerTrack(times, positions - [0.1, 0.0] * times[:, None, None])).frequency == pytest.approx(
+        0.9, rel=1e-3
+    )
 
 
 def test_lost_frames_are_left_out():
@@ -126,13 +128,14 @@ def test_a_short_trial_is_refused(duration):
     assert "trial 'swim': " in refusal(Swimmer(duration=duration, frequency=0.5).track())
 
 
-def test_less_than_a_cycle_is_never_told_as_a_slow_beat():
-    # half a cycle: whatever is found, or refused, the frequency of a whole cycle in the trial is the lowest there is
-    track = Swimmer(frequency=0.4, duration=1.25).track()
-    try:
-        assert beat_of(track).frequency >= 1 / 1.25
-    except TrialError as error:
-        assert "beat" in str(error)
+@pytest.mark.parametrize("duration", [0.6, 1.25, 2.0])
+def test_less_than_a_cycle_is_refused(duration):
+    message = refusal(Swimmer(frequency=0.4, duration=duration).track())
+    assert message.startswith(f"trial 'swim': no whole beat: in {duration:.2f} s the tail moves more slowly than the ")
+
+
+def test_little_more_than_a_cycle_is_enough():
+    assert beat_of(Swimmer(frequency=0.8, duration=1.6).track()).frequency == pytest.approx(0.8, abs=0.05)
 
 
 def test_a_tail_that_is_lost_is_said():

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from swimmers import REST, Swimmer
 
 from swim2real.robots.fish import FISH
 from swim2real.tracking import check_track
 from swim2real.tracking.quality import REASONS
 from swim2real.trials import MarkerTrack
+from swimmers import REST, Swimmer
 
 SWIMMER = Swimmer()
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from swimmers import Swimmer
 
 from swim2real.trials import MarkerTrack, frames
+from swimmers import Swimmer
 
 angles = st.floats(-np.pi, np.pi)
 metres = st.floats(-10.0, 10.0)

@@ -3,11 +3,11 @@ import json
 
 import numpy as np
 import pytest
-from swimmers import REST, Swimmer
 
 from swim2real.errors import TrialError
 from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.files import read_published
+from swimmers import REST, Swimmer
 
 SCALE = 0.142 / 180.0  # m per pixel
 
@@ -319,11 +319,14 @@ def with_cell(lines, line, column, text):
     return [*lines[: line - 1], ",".join(cells), *lines[line:]]
 
 
+HEADER = ", line 1: the header must be time_s,P0_x_m,P0_y_m,P0_confidence,… (28 columns)"
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda x: x[1:], ", line 1: the header must be time_s,P0_x_m,P0_y_m,P0_confidence,… (28 columns)"),
-        (lambda x: with_cell(x, 1, 2, "x"), ", line 1: the header must be time_s,P0_x_m,P0_y_m,P0_confidence,… (28 columns)"),
+        (lambda x: x[1:], HEADER),
+        (lambda x: with_cell(x, 1, 2, "x"), HEADER),
         (lambda x: with_cell(x, 7, 5, "abc"), ", line 7, column 5: 'abc' is not a number"),
         (lambda x: [*x, "1,2,3"], ", line 33: 3 columns, the rows above have 28"),
         (lambda x: x[:1], ": the table is empty; expected 28 columns, as the header"),

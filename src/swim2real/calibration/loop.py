@@ -118,7 +118,8 @@ def _evaluate(problem: Problem, space: ParameterSpace, candidate: Candidate, ind
 
 
 def _check_replay(entry: Mapping[str, Any], candidate: Candidate, index: int, folder: RunFolder) -> None:
-    if entry.get("index") != index or not np.array_equal(np.asarray(entry["point"], dtype=float), candidate.point):
+    point = np.asarray(entry.get("point", ()), dtype=float)
+    if entry.get("index") != index or not np.array_equal(point, candidate.point):
         raise RunError(
             f"run '{folder.path}' can't go on: evaluation {index + 1} on record isn't the one that these settings ask "
             f"for (another version of swim2real, or an edited record?); begin a new run"

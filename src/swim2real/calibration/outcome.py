@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,7 +132,7 @@ def load_swims(folder: RunFolder) -> list[SwimPair]:
     """
     path = folder.path / SWIMS
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             content: Mapping[str, Any] = dict(stored)
         return [
             SwimPair(
@@ -142,5 +143,5 @@ def load_swims(folder: RunFolder) -> list[SwimPair]:
         ]  # fmt: skip
     except FileNotFoundError:
         raise RunError(f"run '{folder.path}' has no {SWIMS} yet; it is written when a run ends") from None
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
         raise RunError(f"{path} can't be read: {error}") from error

@@ -121,9 +121,12 @@ class RunFolder:
         entries: list[dict[str, Any]] = []
         for number, line in enumerate(lines, start=1):
             try:
-                entries.append(json.loads(line))
+                entry = json.loads(line)
             except ValueError as error:
                 raise RunError(f"{path}, line {number} is damaged ({error}); restore it or begin a new run") from error
+            if not isinstance(entry, dict):
+                raise RunError(f"{path}, line {number} is damaged (no evaluation); restore it or begin a new run")
+            entries.append(entry)  # pyright: ignore[reportUnknownArgumentType]
         return entries
 
     def drop_cut_line(self) -> None:

@@ -103,6 +103,11 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
             f"{where}no regular beat: the best sine, at {frequency:.3f} Hz, explains {100 * explained:.0f} % of the "
             f"tail's lateral motion; at least {100 * LEAST_SHARE:.0f} % are needed. Is the fish swimming?"
         )
+    if frequency < (1 + 1e-3) * lowest:
+        raise TrialError(
+            f"{where}no whole beat: in {span:.2f} s the tail moves more slowly than the {lowest:.2f} Hz that can be "
+            f"told; give a longer trial"
+        )
     frequency_std = _frequency_std(times, signals, frequency)
     t, y = signals[-1]
     coefficients, rss = _fit(t, y, frequency, HARMONICS)

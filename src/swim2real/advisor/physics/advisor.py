@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 
 KERNEL = Kernel(offset=0.1, slope=0.5, bend=0.6, length=0.35, noise=0.005)
 SPEED_SPREAD, BEAT_SPREAD = 0.4, 0.012  # deviation from the response, on the speed scale and in m
-CAUTION = 0.3
+CAUTION, BOLDER = 0.3, 0.3  # weight of the variance, and what a round without real progress makes of it
+PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
 TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.1, 0.7  # half width of the trusted box, in the unit cube
 GROW, SHRINK = 1.3, 0.7
 _SAMPLES, _STARTS = 3000, 4
@@ -57,7 +58,7 @@ class PhysicsAdvisor:
             return Proposal(
                 self._back(point), "The simulation diverged.", "A point near the middle of the box is safer.", {}
             )
-        expectation = self._expectation(usable, situation.incumbent)
+        expectation = self._expectation(usable, situation.incumbent, situation.rounds)
         point = self._best_point(expectation, here, trust, rng)
         before, after = expectation.losses(np.array([here, point]))
         real, simulated = (swims(situation.incumbent.detail, side) for side in ("real", "simulated"))
@@ -78,7 +79,9 @@ class PhysicsAdvisor:
     def _back(self, point: Array) -> Array:
         return self._space.to_cube(self._own.to_values(point))
 
-    def _expectation(self, evaluations: Sequence[Evaluation], incumbent: Evaluation) -> Expectation:
+    def _expectation(
+        self, evaluations: Sequence[Evaluation], incumbent: Evaluation, rounds: Sequence[Round]
+    ) -> Expectation:
         real = swims(incumbent.detail, "real")
         points = np.array([self._point(e) for e in evaluations])
         driven = frequencies(incumbent.detail)
@@ -95,7 +98,7 @@ class PhysicsAdvisor:
         horizon = incumbent.detail["horizon"] or 4.0
         return Expectation(
             surrogate, real.speed, real.beat, shape_floor(np.array(figures), here.beat, real.beat),
-            np.full(len(driven), float(horizon)), CAUTION,
+            np.full(len(driven), float(horizon)), caution(rounds),
         )  # fmt: skip
 
     def _prior(self, response: Response, points: Array, driven: Array) -> Array:
@@ -146,6 +149,16 @@ def trust_radius(rounds: Sequence[Round]) -> float:
             trust *= one.steps[-1].step_size ** 0.25
         trust = float(np.clip(trust, TRUST_LEAST, TRUST_MOST))
     return trust
+
+
+def caution(rounds: Sequence[Round]) -> float:
+    """Weight of what the surrogate doesn't know: a run that gets nowhere tries what it is less sure of."""
+    weight = CAUTION
+    for one in reversed(rounds):
+        if one.accepted and one.steps[-1].evaluation.loss < (1 - PROGRESS) * one.incumbent.loss:
+            break
+        weight *= BOLDER
+    return weight
 
 
 def _filled(simulated: Swims, real: Swims, driven: Array) -> Swims:

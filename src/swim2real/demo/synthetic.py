@@ -1,0 +1,105 @@
+"""A synthetic reference: swims of a robot with known parameters, seen as a camera and a person would have them.
+
+It differs from the simulator that is calibrated in all that real tracks differ in: a finer time step, another motor
+angle at the start, another place and heading in the pool, camera noise, markers placed by hand, lost tracks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.parameters import Values
+from swim2real.robots.robot import Robot
+from swim2real.simulation import Simulator, Swim
+from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """What stands between a swim and its track.
+
+    Attributes:
+        fps: Frames a second.
+        noise: Standard deviation of a marker position [m].
+        placement: Standard deviation of each marker's static offset on the body [m].
+        timestep: Of the physics [s]; None for the robot's own.
+        lost: Trial name to (marker, neighbor that it collapses onto, time from which on [s]).
+    """
+
+    fps: float = 60.0
+    noise: float = 0.0
+    placement: float = 0.0
+    timestep: float | None = None
+    lost: Mapping[str, tuple[int, int, float]] | None = None
+
+
+def synthetic_reference(
+    robot: Robot, values: Values, frequencies: Sequence[float], seconds: float, camera: Camera, seed: int,
+    threads: int | None = None,
+) -> TrialSet:  # fmt: skip
+    """Steady swims of a robot with known parameters, as tracks.
+
+    Args:
+        robot: What swims.
+        values: Its parameters.
+        frequencies: Of the motor [Hz].
+        seconds: Length of each trial [s].
+        camera: Noise and losses.
+        seed: Of everything random.
+        threads: Swims simulated at a time.
+
+    Returns:
+        Trials named after their frequencies, such as `f1_50`.
+    """
+    rng = np.random.default_rng([seed, 1])
+    body = replace(robot, build=_with_timestep(robot, camera.timestep))
+    angles = rng.uniform(0, 2 * np.pi, len(frequencies))
+    swims = [
+        Swim(f"f{f:.2f}".replace(".", "_"), Actuation(f, angle, 0.1), seconds)
+        for f, angle in zip(frequencies, angles, strict=True)
+    ]
+    simulated = Simulator(body, threads, sample_interval=1 / camera.fps).simulate(values, swims)
+    return TrialSet(tuple(_seen(trial, camera, rng) for trial in simulated), robot.marker_names)
+
+
+def _with_timestep(robot: Robot, timestep: float | None):  # noqa: ANN202
+    def build(values: Values) -> mujoco.MjSpec:
+        spec = robot.build(values)
+        if timestep is not None:
+            spec.option.timestep = timestep
+        return spec
+
+    return build
+
+
+def _seen(trial: Trial, camera: Camera, rng: np.random.Generator) -> Trial:
+    times = np.arange(int(np.floor(trial.track.duration * camera.fps + 1e-6)) + 1) / camera.fps
+    samples = np.round(times / np.diff(trial.track.times)[0]).astype(int)
+    positions = trial.track.positions[np.minimum(samples, trial.track.frame_count - 1)]
+    # where in the pool, and which way
+    angle = rng.uniform(-np.pi, np.pi)
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    positions = positions @ rotation.T + rng.uniform(-0.5, 0.5, 2)
+    # markers sit beside their places: a static offset each in the body frame
+    axes = positions[:, 1] - positions[:, 0]
+    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    offsets = rng.normal(0, camera.placement, (positions.shape[1], 2)) if camera.placement else np.zeros((positions.shape[1], 2))
+    offsets[:2, 0] = 0.0  # lengthwise the head markers set the scale; sideways they turn the body frame
+    sideways = np.stack([-axes[:, 1], axes[:, 0]], axis=1)
+    positions = positions + offsets[:, 0, None] * axes[:, None] + offsets[:, 1, None] * sideways[:, None]
+    positions = positions + rng.normal(0, camera.noise, positions.shape) if camera.noise else positions
+    lost = (camera.lost or {}).get(trial.name)
+    if lost is not None:
+        marker, neighbor, start = lost
+        late = times >= start
+        positions[late, marker] = positions[late, neighbor] + rng.normal(0, 1e-3, (int(late.sum()), 2))
+    return replace(
+        trial, track=MarkerTrack(times, positions), provenance=f"synthetic, {camera.fps:g} fps, hidden parameters"
+    )
