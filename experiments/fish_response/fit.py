@@ -1,6 +1,6 @@
 """Fits the law of `swim2real.robots.fish.response` to the swims that `measure.py` simulated.
 
-    python experiments/fish_response/fit.py swims.npz src/swim2real/robots/fish/response.json
+python experiments/fish_response/fit.py swims.npz src/swim2real/robots/fish/response.json
 """
 
 import json

@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-
 from swim2real.advisor import ADVISORS, make_advisor
 from swim2real.calibration import (
     HORIZON,

@@ -92,9 +92,7 @@ def calibrate(
             write_best(folder, problem, best)
         optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"]))
         left = (time.monotonic() - started) / max(fresh, 1) * (budget - index - 1)
-        on_progress(
-            Progress(index + 1, budget, entry["loss"], best["loss"], entry["note"], improved, left, replayed)
-        )
+        on_progress(Progress(index + 1, budget, entry["loss"], best["loss"], entry["note"], improved, left, replayed))
     if best is None:
         raise RunError("nothing was evaluated")
     return best

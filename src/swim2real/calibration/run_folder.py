@@ -55,7 +55,9 @@ class RunFolder:
             with _disk(self.path):
                 lock.acquire()
         except Timeout:
-            raise RunError(f"another process is working on run folder '{self.path}'; wait for it or use another") from None
+            raise RunError(
+                f"another process is working on run folder '{self.path}'; wait for it or use another"
+            ) from None
         try:
             yield
         finally:

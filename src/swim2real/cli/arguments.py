@@ -150,6 +150,8 @@ class Demo:
     """Simulation evaluations."""
     seed: int = 0
     """Decides the first point and every random choice."""
+    resume: bool = False
+    """Go on with an interrupted demo."""
     quiet: bool = False
     """Print no progress."""
 

@@ -69,7 +69,7 @@ def synthetic_reference(
     return TrialSet(tuple(_seen(trial, camera, rng) for trial in simulated), robot.marker_names)
 
 
-def _with_timestep(robot: Robot, timestep: float | None):  # noqa: ANN202
+def _with_timestep(robot: Robot, timestep: float | None):
     def build(values: Values) -> mujoco.MjSpec:
         spec = robot.build(values)
         if timestep is not None:
@@ -90,7 +90,11 @@ def _seen(trial: Trial, camera: Camera, rng: np.random.Generator) -> Trial:
     # markers sit beside their places: a static offset each in the body frame
     axes = positions[:, 1] - positions[:, 0]
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
-    offsets = rng.normal(0, camera.placement, (positions.shape[1], 2)) if camera.placement else np.zeros((positions.shape[1], 2))
+    offsets = (
+        rng.normal(0, camera.placement, (positions.shape[1], 2))
+        if camera.placement
+        else np.zeros((positions.shape[1], 2))
+    )
     offsets[:2, 0] = 0.0  # lengthwise the head markers set the scale; sideways they turn the body frame
     sideways = np.stack([-axes[:, 1], axes[:, 0]], axis=1)
     positions = positions + offsets[:, 0, None] * axes[:, None] + offsets[:, 1, None] * sideways[:, None]

@@ -45,7 +45,9 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.lower) and np.isfinite(self.upper) and self.lower < self.upper):
-            raise ParameterError(f"parameter '{self.name}': bounds {self.lower} to {self.upper} must be finite and rise")
+            raise ParameterError(
+                f"parameter '{self.name}': bounds {self.lower} to {self.upper} must be finite and rise"
+            )
         if self.log_offset is not None and self.lower + self.log_offset <= 0:
             raise ParameterError(
                 f"parameter '{self.name}': lower bound {self.lower} plus log offset {self.log_offset} must be above 0"

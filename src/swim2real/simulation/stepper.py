@@ -43,7 +43,9 @@ class Chunk:
 class Stepper:
     """A compiled robot whose motor turns at a constant speed."""
 
-    def __init__(self, model: mujoco.MjModel, robot: Robot, speed: float, motor_speed: float, motor_angle: float) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, robot: Robot, speed: float, motor_speed: float, motor_angle: float
+    ) -> None:
         """Everything at rest but the motor and the forward speed.
 
         Args:

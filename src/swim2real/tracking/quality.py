@@ -76,7 +76,9 @@ class TrackQuality:
         found: list[str] = []
         for m, share in enumerate(self.lost_share):
             if share > 0:
-                parts = [f"{reason} {count}" for reason, count in zip(REASONS, self.reasons[:, m], strict=True) if count]
+                parts = [
+                    f"{reason} {count}" for reason, count in zip(REASONS, self.reasons[:, m], strict=True) if count
+                ]
                 found.append(f"{names[m]} is lost in {100 * share:.0f} % of frames ({', '.join(parts)})")
         if self.head_spread > HEAD_SPREAD:
             found.append(f"the head's length varies by {100 * self.head_spread:.1f} %: the scale is doubtful")
@@ -192,7 +194,9 @@ def _misplaced(spacings: Array, spacing: Array, distances: Array, expected: Arra
     for t in np.flatnonzero(wrong.any(axis=(1, 2))):
         left = ~out[t]
         while (pairs := wrong[t] & left[:, None] & left).any():
-            tie = 1e-3 * (slack[t] * (left[:, None] & left)).sum(axis=1)  # of two that disagree: the one with less slack
+            tie = 1e-3 * (slack[t] * (left[:, None] & left)).sum(
+                axis=1
+            )  # of two that disagree: the one with less slack
             left[int(np.argmax((badness[t] * pairs).sum(axis=1) + tie))] = False
         out[t] = ~left
     return out & ~missing

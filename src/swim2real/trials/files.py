@@ -40,7 +40,9 @@ def load_reference(folder: str | Path) -> TrialSet:
         return _load_folder(path)
     tables = sorted(path.glob("*.csv"))
     if not tables:
-        raise TrialError(f"reference '{path}' holds neither {INDEX} nor any .csv; `swim2real fetch --to {path}` gets one")
+        raise TrialError(
+            f"reference '{path}' holds neither {INDEX} nor any .csv; `swim2real fetch --to {path}` gets one"
+        )
     return TrialSet(tuple(read_published(table) for table in tables))
 
 

@@ -150,9 +150,7 @@ class Trial:
             return self
         track = self.track
         keep = track.times - track.times[0] <= horizon + 1e-9
-        return replace(
-            self, track=MarkerTrack(track.times[keep], track.positions[keep], track.confidence[keep])
-        )
+        return replace(self, track=MarkerTrack(track.times[keep], track.positions[keep], track.confidence[keep]))
 
 
 @dataclass(frozen=True)

@@ -51,9 +51,7 @@ FIN_GAP = 0.010  # behind the last segment
 SEGMENT_LENGTH = 2 * PLATE_HALF_LENGTH
 GAPS = (*(s.gap for s in SEGMENTS), FIN_GAP)
 # each hinge sits in the middle of its gap
-HINGE_X = tuple(
-    float(BODY_END_X + sum(GAPS[:i]) + i * SEGMENT_LENGTH + GAPS[i] / 2) for i in range(len(SEGMENTS))
-)
+HINGE_X = tuple(float(BODY_END_X + sum(GAPS[:i]) + i * SEGMENT_LENGTH + GAPS[i] / 2) for i in range(len(SEGMENTS)))
 
 # Side views (height, leading edge, trailing edge) in the frame of their body; enough points for smooth edges.
 TAIL_FIN_OUTLINE = np.array(
@@ -150,8 +148,7 @@ def extrude(outline: NDArray[np.float64], thickness: float) -> tuple[NDArray[np.
     vertices = np.stack([np.stack([x, y, z], axis=1) for x, y in corners], axis=1).reshape(-1, 3)
     rings = 4 * np.arange(len(z) - 1)[:, None]
     sides = [
-        np.concatenate([rings + [i, j, j + 4], rings + [i, j + 4, i + 4]])
-        for i, j in ((0, 1), (1, 2), (2, 3), (3, 0))
+        np.concatenate([rings + [i, j, j + 4], rings + [i, j + 4, i + 4]]) for i, j in ((0, 1), (1, 2), (2, 3), (3, 0))
     ]
     top = 4 * (len(z) - 1)
     caps = np.array([[0, 2, 1], [0, 3, 2], [top, top + 1, top + 2], [top, top + 2, top + 3]])

@@ -5,10 +5,26 @@ from swim2real.parameters import Parameter, ParameterSpace
 TAIL_SEGMENTS = 5
 
 _FLUID = (
-    ("blunt_drag", 0.4, "Drag of every part against motion along its broad faces; more of it slows the fish and loads the beating tail."),
-    ("slender_drag", 7.79, "Drag along slender directions, skin-like: more of it slows the fish at all frequencies and damps the sway of the body."),
-    ("angular_drag", 2.81, "Resistance to rotation in water: more of it damps yaw of the head and the rotation of tail segments and motor arms."),
-    ("kutta_lift", 3.84, "Lift of plates at an angle of attack: the tail fin's thrust grows with it, and so do side forces on the body."),
+    (
+        "blunt_drag",
+        0.4,
+        "Drag of every part against motion along its broad faces; more of it slows the fish and loads the beating tail.",
+    ),
+    (
+        "slender_drag",
+        7.79,
+        "Drag along slender directions, skin-like: more of it slows the fish at all frequencies and damps the sway of the body.",
+    ),
+    (
+        "angular_drag",
+        2.81,
+        "Resistance to rotation in water: more of it damps yaw of the head and the rotation of tail segments and motor arms.",
+    ),
+    (
+        "kutta_lift",
+        3.84,
+        "Lift of plates at an angle of attack: the tail fin's thrust grows with it, and so do side forces on the body.",
+    ),
     ("magnus_lift", 0.27, "Lift of parts that rotate while they translate; a smaller effect on thrust and sway."),
 )
 

@@ -1,0 +1,98 @@
+"""`calibrate` and `demo`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from swim2real.calibration import Progress
+from swim2real.cli import tables
+from swim2real.cli.arguments import Calibrate, Demo
+from swim2real.cli.files import write_report
+from swim2real.cli.progress import shown
+from swim2real.errors import ArgumentError
+from swim2real.pipeline import Settings, run
+from swim2real.robots.fish import FISH
+from swim2real.trials import load_reference
+
+
+def calibrate(a: Calibrate) -> int:
+    """Runs or resumes a calibration."""
+    if a.horizon < 0:
+        raise ArgumentError(f"--horizon is {a.horizon}; it must be 0 (all) or above")
+    settings = Settings(
+        method=a.method, advisor=a.advisor, protocol=a.protocol, budget=a.budget, seed=a.seed,
+        scale=None if a.scale == "auto" else a.scale, max_steps=a.max_steps, horizon=a.horizon or None,
+        hold_out=a.hold_out, threads=threads(a.threads),
+    )  # fmt: skip
+    reference = load_reference(a.reference)
+
+    def work(on_progress: Callable[[Progress], None]) -> dict[str, Any]:
+        return run(
+            reference, FISH, settings, a.out, source=str(a.reference), resume=a.resume, sensitivity=a.sensitivity,
+            on_progress=on_progress,
+        )  # fmt: skip
+
+    return _finish(work, a.budget, a.out, a.quiet, a.json)
+
+
+def demo(a: Demo) -> int:
+    """Runs the embedded example."""
+    from swim2real.demo import HELD_OUT
+    from swim2real.demo import demo as example
+
+    if not a.quiet:
+        tables.console.print(
+            "A synthetic fish with hidden parameters swims at five frequencies; its markers are noisy and misplaced, "
+            f"one track is lost, and trial {HELD_OUT} is left out of the fit.",
+        )
+    began = time.monotonic()
+
+    def work(on_progress: Callable[[Progress], None]) -> dict[str, Any]:
+        return example(a.out, a.budget, a.seed, a.resume, on_progress=on_progress)[1]
+
+    code = _finish(work, a.budget, a.out / "run", a.quiet, False)
+    if not a.quiet:
+        tables.console.print(f"The demo took {time.monotonic() - began:.0f} s.")
+    return code
+
+
+def threads(count: int) -> int | None:
+    """None for all cores."""
+    if count < 0:
+        raise ArgumentError(f"--threads is {count}; it must be 0 (all cores) or above")
+    return count or None
+
+
+def _finish(
+    work: Callable[[Callable[[Progress], None]], dict[str, Any]], budget: int, folder: Path, quiet: bool, as_json: bool
+) -> int:
+    try:
+        with shown(budget, quiet) as on_progress:
+            outcome = work(on_progress)
+    except KeyboardInterrupt:
+        print(f"swim2real: interrupted; '{folder}' is usable as it is, --resume goes on with it", file=sys.stderr)
+        return 1
+    if as_json:
+        print(json.dumps(outcome, indent=2))
+    elif not quiet:
+        _print(outcome)
+    page = write_report(folder)
+    if not as_json and not quiet:
+        tables.console.print(f"Parameters: {folder / 'best.json'}   Report: {page or 'not written'}", soft_wrap=True)
+    return 0
+
+
+def _print(outcome: Mapping[str, Any]) -> None:
+    lost = [(name, line) for name, t in outcome["trials"].items() for line in t["findings"] if not t["usable"]]
+    if lost:
+        tables.table("Lost tracks (left out by weights)", ("trial", "finding"), lost)
+    tables.figures(outcome["fit"], "Fitted trials")
+    if outcome["held_out"]:
+        tables.figures(outcome["held_out"], "Held-out trials")
+    if outcome["sensitivity"]:
+        tables.sensitivities(outcome["sensitivity"])

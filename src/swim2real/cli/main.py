@@ -1,0 +1,85 @@
+"""Parses the command line, runs a command, and turns errors into sentences and exit codes."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import tyro
+
+from swim2real import __version__
+from swim2real.cli import arguments as args
+from swim2real.errors import Swim2RealError
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Runs a command and exits: 0 done, 1 the work failed (with a sentence), 2 wrong arguments."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    debug = "--debug" in words
+    words = [word for word in words if word != "--debug"]
+    if words == ["--version"]:
+        print(f"swim2real {__version__}")
+        sys.exit(0)
+    logging.basicConfig(level=logging.DEBUG if debug else logging.WARNING, format="%(levelname)s: %(message)s")
+    command: Any = tyro.cli(
+        args.Command,  # pyright: ignore[reportArgumentType]
+        prog="swim2real",
+        description="From videos of a swimming robot to a calibrated MuJoCo simulator. --debug shows tracebacks.",
+        args=words,
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+    )
+    try:
+        code = _run(command)
+    except Swim2RealError as error:
+        if debug:
+            raise
+        print(f"swim2real: {error}", file=sys.stderr)
+        code = error.exit_code
+    except KeyboardInterrupt:
+        print("swim2real: interrupted", file=sys.stderr)
+        code = 1
+    except BrokenPipeError:  # the reader of our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 0
+    except OSError as error:
+        if debug:
+            raise
+        print(f"swim2real: {error.strerror or error}: {error.filename or ''}".rstrip(": "), file=sys.stderr)
+        code = 1
+    sys.exit(code)
+
+
+def _run(command: args.Command) -> int:
+    # each command's module brings what it needs, so that the others stay quick
+    match command:
+        case args.Calibrate():
+            from swim2real.cli.calibrate import calibrate
+
+            return calibrate(command)
+        case args.Demo():
+            from swim2real.cli.calibrate import demo
+
+            return demo(command)
+        case args.Evaluate():
+            from swim2real.cli.evaluate import evaluate
+
+            return evaluate(command)
+        case args.Quality():
+            from swim2real.cli.quality import quality
+
+            return quality(command)
+        case args.Simulate():
+            from swim2real.cli.simulate import simulate
+
+            return simulate(command)
+        case args.Report():
+            from swim2real.cli.files import report
+
+            return report(command)
+        case args.Fetch():
+            from swim2real.cli.files import fetch
+
+            return fetch(command)
