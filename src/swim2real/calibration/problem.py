@@ -66,7 +66,8 @@ class Problem:
         if horizon is not None and not horizon > 0:
             raise TrialError(f"horizon is {horizon} s; it must be above 0")
         self.robot, self.real, self.simulator = robot, tuple(real), simulator
-        self.protocol, self.horizon = protocol, horizon
+        self.protocol: Protocol = protocol
+        self.horizon = horizon
         self.targets: list[Target] = []
         self.swims: list[Swim] = []
         for one in self.real:

@@ -18,7 +18,7 @@ def millimeters(value: float | None) -> str:
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Prints a table whose first column is text and whose others are numbers."""
-    out = Table(title=title, title_justify="left", title_style="bold", pad_edge=False, box=SIMPLE_HEAD)
+    out = Table(title=title, title_justify="left", title_style="bold", pad_edge=False, box=SIMPLE_HEAD, padding=(0, 1), collapse_padding=True)
     for i, column in enumerate(columns):
         out.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
     for row in rows:
@@ -42,10 +42,10 @@ def figures(content: Mapping[str, Any], title: str) -> None:
     table(title, ("figure", "value"), rows)
     table(
         "Per trial [mm, mm/s]",
-        ("trial", "beat Hz", "v real", "v sim", "marker", "aligned", "shape", "progress", "offset", "left out"),
+        ("trial", "beat Hz", "v real", "v sim", "Eq. 1", "aligned", "shape", "progress", "offset", "out"),
         [
             (
-                name, f"{t['frequency']:.4f}", millimeters(t["velocity_real"]), millimeters(t["velocity_simulated"]),
+                name, f"{t['frequency']:.3f}", millimeters(t["velocity_real"]), millimeters(t["velocity_simulated"]),
                 *(millimeters(t[k]) for k in (
                     "marker_error", "aligned_marker_error", "shape_error", "progress_error", "static_offset")),
                 f"{100 * t['left_out_share']:.0f} %",

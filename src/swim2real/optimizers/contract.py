@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ def streams(seed: int) -> tuple[np.random.Generator, np.random.Generator, np.ran
     Raises:
         OptimizerError: The seed isn't a whole number from 0 on.
     """
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
         raise OptimizerError(f"seed is {seed!r}; it must be a whole number from 0 on")
     first, optimizer, advisor = (np.random.default_rng(s) for s in np.random.SeedSequence(int(seed)).spawn(3))
     return first, optimizer, advisor

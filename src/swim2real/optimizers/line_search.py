@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from swim2real.errors import OptimizerError
@@ -58,7 +60,7 @@ class BacktrackingLineSearch(Optimizer):
         step_size = self._step_size
         start = self._incumbent.candidate.point
         point = cube_point(np.clip(start + step_size * (self._proposal.point - start), 0.0, 1.0))
-        note = {"source": "line search", "round": len(self._rounds) + 1, "step_size": step_size}
+        note: dict[str, Any] = {"source": "line search", "round": len(self._rounds) + 1, "step_size": step_size}
         if not self._steps:
             note["proposal"] = self._proposal.as_dict()
         return Candidate(point, note)

@@ -81,7 +81,8 @@ def write_parameters(
         notes: What else the file should tell, such as the loss.
     """
     content = {
-        "format": FORMAT, "robot": robot, "parameters": dict(values), "engine": engine, "physics": dict(physics), **notes
+        "format": FORMAT, "robot": robot, "parameters": dict(values), "engine": engine, "physics": dict(physics),
+        **notes,
     }  # fmt: skip
     place = Path(path)
     part = place.with_name(place.name + ".part")

@@ -1,5 +1,6 @@
-"""The report: a run folder in, one self-contained HTML page out."""
+"""The report: a run folder in, one self-contained HTML page out; and the page of the track checks."""
 
 from swim2real.report.page import write_report
+from swim2real.report.quality_page import write_quality_page
 
-__all__ = ["write_report"]
+__all__ = ["write_quality_page", "write_report"]

@@ -35,7 +35,7 @@ def write_quality_page(real: Sequence[RealTrial], names: Sequence[str], path: st
         figure.add_trace(
             go.Heatmap(
                 x=track.times, y=list(names), z=one.quality.lost.T.astype(int), showscale=False, zmin=0, zmax=1,
-                colorscale=[[0, "#eef1f4"], [1, LIGHT.real]],
+                colorscale=[[0, "#eef1f4"], [1, LIGHT['real']]],
                 hovertemplate="%{y} at %{x:.2f} s: %{z:d} (1 = lost)<extra></extra>",
             ),
             row=row, col=1,
@@ -43,10 +43,10 @@ def write_quality_page(real: Sequence[RealTrial], names: Sequence[str], path: st
         figure.update_yaxes(autorange="reversed", row=row, col=1)
     figure.update_xaxes(title_text="time [s]", row=len(real), col=1)
     figure.update_layout(
-        title="Lost markers (colored) over time, head (top) to tail", height=150 + 210 * len(real), template="plotly_white"
+        title="Lost markers (colored) over time, head (top) to tail",
+        height=150 + 210 * len(real),
+        template="plotly_white",
     )
     target = Path(path)
     target.write_text(figure.to_html(include_plotlyjs=True, full_html=True), encoding="utf-8")
     return target
-
-

@@ -15,7 +15,7 @@ from swim2real.errors import EngineError
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.engine import Engine
-from swim2real.simulation.steady import Diverged, steady_cycle
+from swim2real.simulation.steady import DivergedError, steady_cycle
 from swim2real.simulation.stepper import Stepper
 from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet
 
@@ -100,7 +100,7 @@ class Simulator:
                 times, markers = cycle.unroll(int(np.ceil((lead + swim.duration) / actuation.period)))
                 samples = self._samples(swim.duration)
                 track = MarkerTrack(samples, CubicSpline(times, markers, axis=0)(lead + samples))
-        except Diverged as error:
+        except DivergedError as error:
             rest = np.zeros((2, len(self.robot.marker_names), 2)) + self.robot.rest_markers
             track = MarkerTrack([0.0, _UNROLLED_SAMPLE], rest)
             return Trial(swim.name, track, actuation.frequency, provenance="diverged", divergence=str(error))
@@ -113,7 +113,7 @@ class Simulator:
         stepper = Stepper(model, self.robot, 0.0, speed, swim.actuation.phase)
         chunk = stepper.run(int(np.ceil(swim.duration / stepper.timestep - 1e-9)) + 1)
         if chunk.failed_at is not None:
-            raise Diverged(f"the simulation diverged {chunk.failed_at:.3f} s after its start")
+            raise DivergedError(f"the simulation diverged {chunk.failed_at:.3f} s after its start")
         times = np.arange(len(chunk.markers)) * stepper.timestep
         samples = self._samples(swim.duration)
         return MarkerTrack(samples, CubicSpline(times, chunk.markers, axis=0)(samples))

@@ -32,7 +32,7 @@ _MIN_SAMPLES = 64
 _SAMPLE_INTERVAL = 0.01  # s
 
 
-class Diverged(Exception):
+class DivergedError(Exception):
     """The engine gave up; the message says when."""
 
 
@@ -80,7 +80,7 @@ class Cycle:
             rotation = np.array([[c, s], [-s, c]])  # for row vectors
             pieces.append((local if k < count else local[:1]) @ rotation + origin)
             origin = origin + step @ rotation
-        return np.arange(count * samples + 1) * (self.period / samples), np.concatenate(pieces)
+        return np.arange(count * samples + 1, dtype=np.float64) * (self.period / samples), np.concatenate(pieces)
 
 
 def steady_cycle(stepper: Stepper, period: float) -> Cycle:
@@ -93,7 +93,7 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
         period: Of the motor [s].
 
     Raises:
-        Diverged: The engine gave up.
+        DivergedError: The engine gave up.
     """
     end = max(0.5, np.ceil(2 * SETTLING_TIME / period) / 2) + 1.0  # turns
     swim, change_before = _run_to(None, stepper, period, end), None
@@ -120,15 +120,17 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
 def _run_to(swim: Chunk | None, stepper: Stepper, period: float, turns: float) -> Chunk:
     """Simulates until the motor has made so many turns, and a few steps more."""
     wanted = turns + _MARGIN_STEPS * stepper.timestep / period
+    made = 0.0
     for _ in range(_MOTOR_TRIES):
-        made = 0.0 if swim is None else float(swim.turns[-1])
-        if made >= wanted:
-            return swim  # pyright: ignore[reportReturnType]
+        if swim is not None:
+            made = float(swim.turns[-1])
+            if made >= wanted:
+                return swim
         chunk = stepper.run(int(np.ceil((wanted - made) * period / stepper.timestep)) + 1)
         swim = chunk if swim is None else swim.then(chunk)
         if swim.failed_at is not None:
-            raise Diverged(f"the simulation diverged {swim.failed_at:.3f} s after its start")
-    raise Diverged(f"the motor is stuck: {made:.2f} turns where {turns:.2f} were due")
+            raise DivergedError(f"the simulation diverged {swim.failed_at:.3f} s after its start")
+    raise DivergedError(f"the motor is stuck: {made:.2f} turns where {turns:.2f} were due")
 
 
 @dataclass(frozen=True)

@@ -131,7 +131,7 @@ def _basis(times: Array, frequency: float, harmonics: int) -> Array:
 def _fit(times: Array, values: Array, frequency: float, harmonics: int) -> tuple[Array, float]:
     """Least-squares coefficients and the sum of squared residuals."""
     basis = _basis(times, frequency, harmonics)
-    coefficients = np.linalg.lstsq(basis, values, rcond=None)[0]
+    coefficients = np.asarray(np.linalg.lstsq(basis, values, rcond=None)[0], dtype=np.float64)
     rest = values - basis @ coefficients
     return coefficients, float(rest @ rest)
 

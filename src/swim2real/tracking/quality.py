@@ -54,7 +54,7 @@ class TrackQuality:
     @property
     def weights(self) -> Array:
         """1 where a marker counts; 0 where it or the head, on which the body frame stands, is lost. Shape (T, M)."""
-        return 1.0 - (self.lost | self.lost[:, :2].any(axis=1, keepdims=True))
+        return (~(self.lost | self.lost[:, :2].any(axis=1, keepdims=True))).astype(float)
 
     @property
     def lost_share(self) -> Array:
@@ -79,10 +79,14 @@ class TrackQuality:
                 parts = [
                     f"{reason} {count}" for reason, count in zip(REASONS, self.reasons[:, m], strict=True) if count
                 ]
-                found.append(f"{names[m]} is lost in {100 * share:.0f} % of frames ({', '.join(parts)})")
+                found.append(f"{names[m]} is lost in {_percent(share)} of frames ({', '.join(parts)})")
         if self.head_spread > HEAD_SPREAD:
             found.append(f"the head's length varies by {100 * self.head_spread:.1f} %: the scale is doubtful")
         return found
+
+
+def _percent(share: float) -> str:
+    return "under 1 %" if share < 0.01 else f"{100 * share:.0f} %"
 
 
 def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
@@ -207,7 +211,7 @@ def _frozen(track: MarkerTrack, interval: float) -> Mask:
     still = np.zeros(track.positions.shape[:2], dtype=bool)
     with np.errstate(invalid="ignore"):
         still[1:] = (np.diff(track.positions, axis=0) == 0).all(axis=2)
-    runs = binary_opening(still, structure=np.ones((max(2, round(FREEZE_TIME / interval)), 1)))
+    runs = binary_opening(still, structure=np.ones((max(2, round(FREEZE_TIME / interval)), 1), dtype=bool))
     if not runs.any():
         return runs
     frozen = np.zeros_like(runs)
@@ -234,4 +238,4 @@ def _jumped(track: MarkerTrack, interval: float, known: Mask) -> Mask:
 def _join(lost: Mask, frames: int) -> Mask:
     """Closes short gaps between two losses of a marker."""
     padded = np.pad(lost, ((frames, frames), (0, 0)))
-    return binary_closing(padded, structure=np.ones((frames + 1, 1)))[frames:-frames] | lost
+    return binary_closing(padded, structure=np.ones((frames + 1, 1), dtype=bool))[frames:-frames] | lost

@@ -26,7 +26,9 @@ SHA256 = {
 }
 
 
-def fetch(to: str | Path, source: str | None = None, on_file: Callable[[str, str], None] = lambda n, w: None) -> TrialSet:
+def fetch(
+    to: str | Path, source: str | None = None, on_file: Callable[[str, str], None] = lambda n, w: None
+) -> TrialSet:
     """Writes the published tracks as a reference folder.
 
     Args:

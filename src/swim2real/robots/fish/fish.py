@@ -1,4 +1,4 @@
-"""The fish as an MjSpec: a floating body, a motor that turns a crank, two tendons and a tail of five hinged segments."""
+"""The fish as an MjSpec: a floating body, a motor turning a crank, two tendons and a tail of five hinged segments."""
 
 from __future__ import annotations
 

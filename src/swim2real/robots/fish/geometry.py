@@ -148,7 +148,9 @@ def extrude(outline: NDArray[np.float64], thickness: float) -> tuple[NDArray[np.
     vertices = np.stack([np.stack([x, y, z], axis=1) for x, y in corners], axis=1).reshape(-1, 3)
     rings = 4 * np.arange(len(z) - 1)[:, None]
     sides = [
-        np.concatenate([rings + [i, j, j + 4], rings + [i, j + 4, i + 4]]) for i, j in ((0, 1), (1, 2), (2, 3), (3, 0))
+        rings + np.array(triangle)
+        for i, j in ((0, 1), (1, 2), (2, 3), (3, 0))
+        for triangle in ([i, j, j + 4], [i, j + 4, i + 4])
     ]
     top = 4 * (len(z) - 1)
     caps = np.array([[0, 2, 1], [0, 3, 2], [top, top + 1, top + 2], [top, top + 2, top + 3]])

@@ -8,17 +8,20 @@ _FLUID = (
     (
         "blunt_drag",
         0.4,
-        "Drag of every part against motion along its broad faces; more of it slows the fish and loads the beating tail.",
+        "Drag of every part against motion along its broad faces; "
+        "more of it slows the fish and loads the beating tail.",
     ),
     (
         "slender_drag",
         7.79,
-        "Drag along slender directions, skin-like: more of it slows the fish at all frequencies and damps the sway of the body.",
+        "Drag along slender directions, skin-like: more of it slows the fish at all frequencies "
+        "and damps the sway of the body.",
     ),
     (
         "angular_drag",
         2.81,
-        "Resistance to rotation in water: more of it damps yaw of the head and the rotation of tail segments and motor arms.",
+        "Resistance to rotation in water: more of it damps yaw of the head "
+        "and the rotation of tail segments and motor arms.",
     ),
     (
         "kutta_lift",
@@ -47,7 +50,8 @@ FISH_SPACE = ParameterSpace(
         *(Parameter(f"fluid_{n}", "-", 0.0, 10.0, m, v, log_offset=0.1) for n, v, m in _FLUID),
         Parameter(
             "motor_arm_length", "m", 0.01, 0.06,
-            "Length of the crank arm that pulls the tendons: sets how far the tail bends, so sideways amplitude and thrust.",
+            "Length of the crank arm that pulls the tendons: sets how far the tail bends, "
+            "so sideways amplitude and thrust.",
             0.0395,
         ),
         *(

@@ -5,9 +5,9 @@ coefficient, so
 
     v |v| = f² A T / D,   T = t · (c, 1),   D = exp(d) · (c, 1),   A = exp(a · (1, z)),
 
-with the five fluid coefficients c and the other eleven parameters z on a scale from -1 to 1. The coefficients t, d and a
-were fitted to simulated swims of random parameters (`experiments/fish_response`); they tell signs and rough sizes, and
-know nothing of any real swim. The beat of each marker is a linear function of all sixteen.
+with the five fluid coefficients c and the other eleven parameters z on a scale from -1 to 1. The coefficients t, d and
+a were fitted to simulated swims of random parameters (`experiments/fish_response`); they tell signs and rough sizes,
+and know nothing of any real swim. The beat of each marker is a linear function of all sixteen.
 """
 
 from __future__ import annotations
@@ -109,5 +109,5 @@ class FishResponse:
 @cache
 def fish_response() -> FishResponse:
     """The measured response that is shipped with the package."""
-    content = json.loads((resources.files(__package__) / "response.json").read_text(encoding="utf-8"))
+    content = json.loads((resources.files("swim2real.robots.fish") / "response.json").read_text(encoding="utf-8"))
     return FishResponse(**{field.name: np.array(content[field.name], dtype=float) for field in fields(FishResponse)})
