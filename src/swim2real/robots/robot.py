@@ -22,6 +22,10 @@ class Response(Protocol):
         """Forward speeds [m/s], from the logarithmic cube and from values. Shapes (N, d), (N, d), (F,) to (N, F)."""
         ...
 
+    def reserve(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Share of the thrust that is left after what works against it. Shape (N, d) to (N,)."""
+        ...
+
     def adapted(
         self, points: NDArray[np.float64], values: NDArray[np.float64], speeds: NDArray[np.float64],
         frequencies: NDArray[np.float64],

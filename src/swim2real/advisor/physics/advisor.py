@@ -29,6 +29,7 @@ CAUTION, BOLDER = 0.3, 0.3  # weight of the variance, and what a round without r
 PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
 TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.1, 0.7  # half width of the trusted box, in the unit cube
 GROW, SHRINK = 1.3, 0.7
+RESERVE_GAIN = 0.35  # share of what is missing of the thrust reserve that should turn a backward trial
 _SAMPLES, _STARTS = 3000, 4
 _DIFFERENCE = 1e-4
 
@@ -93,12 +94,18 @@ class PhysicsAdvisor:
             points, self._own.to_array(points), np.array([one.speed for one in seen]), driven
         )
         surrogate = Surrogate(KERNEL, lambda p: self._prior(response, p, driven), spread, points, features)
-        figures = [trial["shape_error"] for trial in incumbent.detail["trials"].values()]
+        trials = list(incumbent.detail["trials"].values())
         here = swims(incumbent.detail, "simulated")
+        # a trial that goes backward while most go forward: its speed was an outlier above
+        backward = (here.speed < 0) & (np.median(here.speed) > 0)
+        stuck = np.where(backward, [trial["aligned_marker_error"] for trial in trials], 0.0)
+        start = float(response.reserve(self._own.to_array(self._point(incumbent)[None]))[0])
+        wanted = RESERVE_GAIN * (1 - start)
         horizon = incumbent.detail["horizon"] or 4.0
+        floor = shape_floor(np.array([trial["shape_error"] for trial in trials]), here.beat, real.beat)
         return Expectation(
-            surrogate, real.speed, real.beat, shape_floor(np.array(figures), here.beat, real.beat),
-            np.full(len(driven), float(horizon)), caution(rounds),
+            surrogate, real.speed, real.beat, floor, np.full(len(driven), float(horizon)), caution(rounds), stuck,
+            lambda p: (response.reserve(self._own.to_array(p)) - start) / wanted,
         )  # fmt: skip
 
     def _prior(self, response: Response, points: Array, driven: Array) -> Array:

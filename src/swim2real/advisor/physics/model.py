@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,9 @@ class Expectation:
         shape_floor: What of each trial's shape error the beats don't explain [m]. Shape (F,).
         horizon: Seconds compared in each trial. Shape (F,).
         caution: Weight of the surrogate's variance.
+        stuck: What each trial loses beyond what its speed explains, because it swims backward at the incumbent while
+            others don't [m]; expected to vanish as the thrust reserve grows. Shape (F,).
+        reserve: Points (N, d) to the thrust reserve that is gained over the incumbent's, 1 when it is enough.
     """
 
     surrogate: Surrogate
@@ -34,7 +38,9 @@ class Expectation:
     beat: Array
     shape_floor: Array
     horizon: Array
-    caution: float = 1.0
+    caution: float
+    stuck: Array
+    reserve: Callable[[Array], Array]
 
     def losses(self, points: Array) -> Array:
         """Expected loss of each point [m]. Shape (N, d) to (N,)."""
@@ -48,7 +54,10 @@ class Expectation:
         shape = self.shapes(mean[:, :, 1:], self.caution * spread[:, :, 1:] ** 2)
         instants = (np.arange(_INSTANTS) + 0.5) / _INSTANTS * self.horizon[:, None]
         squared = difference[:, :, None] * instants**2 + shape[:, :, None] ** 2
-        return np.sqrt(squared).mean(axis=2).mean(axis=1)
+        losses = np.sqrt(squared).mean(axis=2).mean(axis=1)
+        if not self.stuck.any():
+            return losses
+        return losses + self.stuck.mean() * (1 - np.clip(self.reserve(points), -1.0, 1.0))
 
     def shapes(self, beat: Array, variance: Array | float = 0.0) -> Array:
         """Expected shape errors [m]. Shape (N, F, 2 M) to (N, F)."""

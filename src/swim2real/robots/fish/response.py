@@ -64,6 +64,14 @@ class FishResponse:
         squared = np.exp(rest @ self.amplitude) * (fluid @ self.thrust) / (fluid @ np.exp(self.drag))
         return (np.sign(squared) * np.sqrt(np.abs(squared)))[:, None] * frequencies
 
+    def reserve(self, values: Array) -> Array:
+        """Share of the thrust that is left after what works against it. Shape (N, 16) to (N,), from -1 to 1.
+
+        With little left, the swim hangs on small differences: at one frequency the fish may go backward.
+        """
+        terms = np.column_stack([values[:, :FLUID], np.ones(len(values))]) * self.thrust
+        return terms.sum(axis=1) / np.abs(terms).sum(axis=1)
+
     def adapted(self, points: Array, values: Array, speeds: Array, frequencies: Array) -> FishResponse:
         """The law bent to what was seen: corrections of t, d and a that stay near zero.
 
