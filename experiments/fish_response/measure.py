@@ -20,9 +20,7 @@ CYCLES = 6
 
 
 def one(simulator, point):
-    swims = [
-        Swim(f"{f} Hz", Actuation(f, 0.0, v), CYCLES / f) for f, v in zip(FREQUENCIES, START_SPEEDS, strict=True)
-    ]
+    swims = [Swim(f"{f} Hz", Actuation(f, 0.0, v), CYCLES / f) for f, v in zip(FREQUENCIES, START_SPEEDS, strict=True)]
     trials = simulator.simulate(FISH.space.to_values(point), swims)
     speeds, beats = [], []
     for trial, frequency in zip(trials, FREQUENCIES, strict=True):

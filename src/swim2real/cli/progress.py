@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -18,7 +18,7 @@ def _clock(seconds: float) -> str:
 
 
 @contextmanager
-def shown(budget: int, quiet: bool) -> Iterator[Callable[[Progress], None]]:  # pyright: ignore[reportDeprecated]
+def shown(budget: int, quiet: bool) -> Generator[Callable[[Progress], None]]:
     """Gives the callback that shows progress, on standard error."""
     console = Console(stderr=True, highlight=False)
     if quiet:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich.console import Console
 from rich.box import SIMPLE_HEAD
+from rich.console import Console
 from rich.table import Table
 
 console = Console(highlight=False)
@@ -18,7 +18,15 @@ def millimeters(value: float | None) -> str:
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Prints a table whose first column is text and whose others are numbers."""
-    out = Table(title=title, title_justify="left", title_style="bold", pad_edge=False, box=SIMPLE_HEAD, padding=(0, 1), collapse_padding=True)
+    out = Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        pad_edge=False,
+        box=SIMPLE_HEAD,
+        padding=(0, 1),
+        collapse_padding=True,
+    )
     for i, column in enumerate(columns):
         out.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
     for row in rows:
@@ -36,7 +44,9 @@ def figures(content: Mapping[str, Any], title: str) -> None:
         ("static offset (registration)", "static_offset"),
     ]
     rows = [(label, millimeters(content[key]) + " mm") for label, key in lines]
-    rows.append(("lost tracks would add", millimeters(content["unweighted_error"] - content["aligned_marker_error"]) + " mm"))
+    rows.append(
+        ("lost tracks would add", millimeters(content["unweighted_error"] - content["aligned_marker_error"]) + " mm")
+    )
     rows.append(("velocity error", millimeters(content["velocity_error"]) + " mm/s"))
     rows.append(("left out (lost markers)", f"{100 * content['left_out_share']:.1f} %"))
     table(title, ("figure", "value"), rows)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-
 from swim2real.calibration import RealTrial
 from swim2real.errors import MissingExtraError
 from swim2real.report.palette import LIGHT

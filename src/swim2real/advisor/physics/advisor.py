@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, minimize
 
 from swim2real.advisor.physics.features import Swims, frequencies, from_scale, swims, to_scale, without_outliers
 from swim2real.advisor.physics.model import Expectation, shape_floor
@@ -63,14 +63,13 @@ class PhysicsAdvisor:
         point = self._best_point(expectation, here, trust, rng)
         before, after = expectation.losses(np.array([here, point]))
         real, simulated = (swims(situation.incumbent.detail, side) for side in ("real", "simulated"))
-        values_before, values_after = self._own.to_values(here), self._own.to_values(point)
         notes = {
             "trust": round(trust, 4), "expected_loss": float(after), "expected_loss_here": float(before),
         }  # fmt: skip
         return Proposal(
             self._back(point),
             diagnose(frequencies(situation.incumbent.detail), real, simulated, situation.incumbent.detail),
-            reason(self._own, here, point, values_before, values_after, self._effects(expectation, here, point)),
+            reason(self._own, here, point, self._gains(expectation, here, point)),
             notes,
         )
 
@@ -131,12 +130,12 @@ class PhysicsAdvisor:
             return float(losses[0]), (losses[1:] - losses[0]) / steps
 
         result = minimize(
-            value_and_slope, start, jac=True, method="L-BFGS-B", bounds=np.column_stack([low, high]),
+            value_and_slope, start, jac=True, method="L-BFGS-B", bounds=Bounds(low, high),
             options={"maxiter": 60},
         )  # fmt: skip
         return float(result.fun), np.clip(result.x, low, high)
 
-    def _effects(self, expectation: Expectation, here: Array, point: Array) -> Array:
+    def _gains(self, expectation: Expectation, here: Array, point: Array) -> Array:
         """By how much each parameter's own change is expected to lower the loss [m]. Shape (d,)."""
         alone = np.repeat(point[None], len(here) + 1, axis=0)
         alone[1:][np.eye(len(here), dtype=bool)] = here  # all but this one

@@ -59,7 +59,9 @@ def swims(evidence: Mapping[str, Any], side: str) -> Swims:
     for trial in trials:
         content = trial[f"beat_{side}"]
         amplitude, phase = (np.array(content[key], dtype=float) for key in ("amplitude", "phase"))
-        turned = amplitude * np.exp(1j * (phase - (phase[-1] if np.isfinite(phase[-1]) else 0.0)))
+        turned: NDArray[np.complex128] = amplitude * np.exp(
+            1j * (phase - (phase[-1] if np.isfinite(phase[-1]) else 0.0))
+        )
         beats.append(np.concatenate([turned.real, turned.imag]))
     return Swims(speed, np.array(beats))
 
