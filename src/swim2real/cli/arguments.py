@@ -28,11 +28,11 @@ class Calibrate:
     out: Path
     """Run folder to write."""
     method: Literal["line-search", "random", "warm-start"] = "line-search"
-    """line-search: an advisor's proposals with backtracking. random: uniform samples. warm-start: one proposal, then random."""
+    """line-search: an advisor's proposals with backtracking; random; warm-start: one proposal, then random."""
     advisor: str = "physics"
     """Who proposes: 'physics' is built in and needs no key."""
     protocol: Literal["aligned", "paper"] = "aligned"
-    """aligned: identified frequency, steady swimming, phase, registration, lost tracks left out. paper: none of these."""
+    """aligned: identified frequency, steady swim, phase, registration, lost tracks left out. paper: none of these."""
     budget: int = 40
     """Simulation evaluations, the first included."""
     seed: int = 0

@@ -13,20 +13,16 @@ console = Console(highlight=False)
 
 
 def millimeters(value: float | None) -> str:
+    """A length or speed in thousandths, a dash for None."""
     return "–" if value is None else f"{1e3 * value:.1f}"
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Prints a table whose first column is text and whose others are numbers."""
     out = Table(
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        pad_edge=False,
-        box=SIMPLE_HEAD,
-        padding=(0, 1),
-        collapse_padding=True,
-    )
+        title=title, title_justify="left", title_style="bold",
+        box=SIMPLE_HEAD, padding=(0, 1), collapse_padding=True, pad_edge=False,
+    )  # fmt: skip
     for i, column in enumerate(columns):
         out.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
     for row in rows:

@@ -143,7 +143,8 @@ class ParameterSpace:
         """Physical values at points of the unit cube, as arrays and unchecked. Shape (..., d) to (..., d)."""
         low, high = self._coordinate_bounds
         raw = self._from_coordinates(low + points * (high - low))
-        return np.clip(raw, self._bounds[0], self._bounds[1])
+        lower, upper = self._bounds
+        return np.where(points <= 0, lower, np.where(points >= 1, upper, np.clip(raw, lower, upper)))
 
     def to_cube(self, values: Values) -> NDArray[np.float64]:
         """The point of the unit cube that stands for physical values. Shape (d,)."""

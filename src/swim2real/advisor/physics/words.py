@@ -21,8 +21,10 @@ _SMALL = 0.01  # of a parameter's range
 def diagnose(frequencies: Array, real: Swims, simulated: Swims, evidence: Mapping[str, Any]) -> str:
     """What differs between simulated and real swims: speed over frequency first, then the beat."""
     order = np.argsort(frequencies)
-    speeds = [_speed(frequencies[i], real.speed[i], simulated.speed[i]) for i in (order[0], order[-1])]
-    sentences = ["; ".join(speeds) + "." if len(order) > 1 else speeds[0] + "."]
+    speeds = [
+        _speed(float(frequencies[i]), float(real.speed[i]), float(simulated.speed[i])) for i in (order[0], order[-1])
+    ]
+    sentences = [". ".join(speeds[: len(order)]) + "."]
     backward = frequencies[order][simulated.speed[order] < 0]
     forward = simulated.speed > 0
     if 0 < backward.size < len(order):
@@ -61,7 +63,7 @@ def reason(space: ParameterSpace, here: Array, point: Array, gains: Array) -> st
         verb = "raise" if point[i] > here[i] else "lower"
         parts.append(
             f"{verb} {name} from {before[name]:.3g} to {after[name]:.3g} {unit}".rstrip()
-            + f" ({1e3 * gains[i]:+.1f} mm of loss without this change)"
+            + f" (expected gain {1e3 * gains[i]:.1f} mm)"
         )
     rest = len(moved) - len(parts)
     more = f"; {rest} smaller change{'s' if rest > 1 else ''}" if rest else ""
@@ -70,9 +72,7 @@ def reason(space: ParameterSpace, here: Array, point: Array, gains: Array) -> st
 
 
 def _speed(frequency: float, real: float, simulated: float) -> str:
-    measured = (
-        f"At {frequency:.2f} Hz it swims {1e3 * simulated:.0f} mm/s where the real one swims {1e3 * real:.0f} mm/s"
-    )
+    measured = f"At {frequency:.2f} Hz it swims {1e3 * simulated:.0f} mm/s the real one {1e3 * real:.0f} mm/s"
     if simulated <= 0 or abs(simulated - real) <= _CLOSE * abs(real):
         return measured
     factor = simulated / real
