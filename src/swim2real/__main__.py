@@ -1,0 +1,5 @@
+"""`python -m swim2real`."""
+
+from swim2real.cli import main
+
+main()
