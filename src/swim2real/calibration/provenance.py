@@ -13,7 +13,7 @@ import numpy as np
 from swim2real import __version__
 from swim2real.trials import TrialSet
 
-_PACKAGES = ("numpy", "scipy", "mujoco")
+_PACKAGES = ("numpy", "scipy", "mujoco", "numba")
 
 
 def versions() -> dict[str, str]:
