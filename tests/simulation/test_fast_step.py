@@ -229,7 +229,9 @@ def test_without_numba_the_engine_steps(monkeypatch, caplog):
     assert "numba can't be imported" in caplog.text
 
 
-def test_simulated_trials_are_the_engines():
+def test_simulated_trials_are_the_engines(new_fluid_law):
+    if new_fluid_law:
+        pytest.skip("with the newer fluid forces the engine itself ends up mm away when it starts 1e-16 off")
     fast, engine = (Simulator(FISH, threads=2, step=step).simulate(PUBLISHED, SWIMS) for step in ("fast", "engine"))
     for swim in SWIMS:
         np.testing.assert_allclose(fast[swim.name].track.positions, engine[swim.name].track.positions, atol=1e-6)
@@ -262,6 +264,14 @@ def test_threads_that_share_a_step_change_no_bit():
         together = list(pool.map(lambda frequency: swim(model, fast, frequency).markers, frequencies))
     for one, other in zip(alone, together, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_the_first_steps_of_a_swim_are_the_engines():
+    model = FISH.build(PUBLISHED).compile()
+    ours, engine = (swim(model, fast, steps=200) for fast in (FastStep(model), None))
+    np.testing.assert_allclose(ours.markers, engine.markers, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(ours.velocity, engine.velocity, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(ours.turns, engine.turns, rtol=0, atol=1e-9)
 
 
 def test_each_step_may_have_its_own_control():
