@@ -11,7 +11,7 @@ from swim2real.errors import MissingExtraError, TrialError
 from swim2real.trials.files import INDEX, read_published, save_reference
 from swim2real.trials.trial import TrialSet
 
-COMMIT = "08880b6"
+COMMIT = "08880b6ed0ac60a03fa37df9b9a85ea07746f381"
 SOURCE = f"https://raw.githubusercontent.com/srl-ethz/fishsim/{COMMIT}/Data/Markers/"
 PAGE = f"https://github.com/srl-ethz/fishsim/tree/{COMMIT}/Data/Markers"
 SHA256 = {
@@ -82,6 +82,8 @@ def _from_folder(folder: Path, on_file: Callable[[str, str], None]) -> list[Path
 
 
 def _download(source: str, cache: Path, on_file: Callable[[str, str], None]) -> list[Path]:
+    if not source.startswith(("http://", "https://")):
+        raise TrialError(f"'{source}' is no address to download from; give one with http:// or https://, or a folder")
     try:
         import pooch
     except ImportError:
@@ -95,12 +97,12 @@ def _download(source: str, cache: Path, on_file: Callable[[str, str], None]) -> 
     for name in SHA256:
         try:
             paths.append(Path(downloads.fetch(name)))
-        except ValueError as error:  # the hash
-            raise TrialError(f"{name} from {source} isn't the published file: {error}") from error
-        except Exception as error:  # whatever the network library raises
+        except Exception as error:  # whatever the network library raises, which is an OSError; another hash isn't
+            another = isinstance(error, ValueError) and not isinstance(error, OSError)
+            what = "isn't the published file" if another else f"can't be downloaded ({type(error).__name__})"
             raise TrialError(
-                f"{name} can't be downloaded from {source} ({type(error).__name__}). Without a network: get the files "
-                f"of {PAGE} by hand and run `swim2real fetch --from FOLDER --to …`"
+                f"{name} from {source} {what}. By hand: get the files of {PAGE} and run "
+                f"`swim2real fetch --from FOLDER --to …`"
             ) from error
         on_file(name, "downloaded")
     return paths
