@@ -1,10 +1,12 @@
 """Getting the published tracks, from a folder and from a server on this machine. The internet is never asked."""
 
+import gc
 import hashlib
 import re
 import shutil
 import sys
 import threading
+import warnings
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import numpy as np
@@ -26,7 +28,7 @@ def digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def refusal(*arguments) -> str:
+def refusal(*arguments: object) -> str:
     with pytest.raises(TrialError) as caught:
         fetch(*arguments)
     return str(caught.value)
@@ -99,6 +101,9 @@ def server(tables, monkeypatch):
     one.files = {f"/tracks/{name}": table for name, table in tables.items()}
     yield one
     one.close()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # pooch leaves a refused answer open
+        gc.collect()
 
 
 # what is published
@@ -109,8 +114,8 @@ def test_the_published_files_are_fixed():
     assert all(re.fullmatch("[0-9a-f]{64}", value) for value in SHA256.values())
     assert {name: SHA256[name] for name in PUBLISHED_SHA256} == PUBLISHED_SHA256
     assert SOURCE.startswith("https://")
-    assert "/08880b6/" in SOURCE
-    assert "/08880b6/" in PAGE
+    assert "/08880b6" in SOURCE
+    assert "/08880b6" in PAGE
 
 
 # from a folder
@@ -241,13 +246,9 @@ def test_without_a_server_the_message_says_how_to_do_it_by_hand(server, tmp_path
     assert not (tmp_path / "reference").exists()
 
 
-@pytest.mark.parametrize("source", ["ftp://127.0.0.1/tracks", "file:///tracks", "HTTP//://"])
+@pytest.mark.parametrize("source", ["ftp://127.0.0.1/tracks", "file:///tracks", "://", "http://", "http://[::1"])
 def test_an_address_of_another_kind_is_refused(source, tmp_path):
     assert refusal(tmp_path / "reference", source).startswith(f"'{source}' is no address to download from; ")
-
-
-def test_a_broken_address_is_told(server, tmp_path):
-    assert "can't be downloaded (InvalidURL)" in refusal(tmp_path / "reference", "http://[::1")
 
 
 def test_without_its_library_a_download_says_what_to_install(tables, tmp_path, monkeypatch):

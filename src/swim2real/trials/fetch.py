@@ -6,6 +6,7 @@ import hashlib
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from swim2real.errors import MissingExtraError, TrialError
 from swim2real.trials.files import INDEX, read_published, save_reference
@@ -27,7 +28,7 @@ SHA256 = {
 
 
 def fetch(
-    to: str | Path, source: str | None = None, on_file: Callable[[str, str], None] = lambda n, w: None
+    to: str | Path, source: str | Path | None = None, on_file: Callable[[str, str], None] = lambda n, w: None
 ) -> TrialSet:
     """Writes the published tracks as a reference folder.
 
@@ -47,13 +48,13 @@ def fetch(
     target = Path(to)
     if (target / INDEX).exists():
         raise TrialError(f"'{target}' holds a reference already; remove it or choose another folder with --to")
-    folder = Path(source) if source is not None and "://" not in source else None
-    if folder is not None:
-        paths = _from_folder(folder, on_file)
+    address = SOURCE if source is None else str(source)
+    if "://" not in address:
+        paths = _from_folder(Path(address), on_file)
         trials = TrialSet(tuple(read_published(path) for path in paths))
     else:
         with tempfile.TemporaryDirectory() as cache:
-            paths = _download(source or SOURCE, Path(cache), on_file)
+            paths = _download(address, Path(cache), on_file)
             trials = TrialSet(tuple(read_published(path) for path in paths))
     save_reference(trials, target)
     return trials
@@ -81,8 +82,16 @@ def _from_folder(folder: Path, on_file: Callable[[str, str], None]) -> list[Path
     return paths
 
 
+def _is_address(text: str) -> bool:
+    try:
+        parts = urlsplit(text)
+        return parts.scheme in ("http", "https") and bool(parts.hostname)
+    except ValueError:
+        return False
+
+
 def _download(source: str, cache: Path, on_file: Callable[[str, str], None]) -> list[Path]:
-    if not source.startswith(("http://", "https://")):
+    if not _is_address(source):
         raise TrialError(f"'{source}' is no address to download from; give one with http:// or https://, or a folder")
     try:
         import pooch
