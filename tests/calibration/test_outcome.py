@@ -186,7 +186,7 @@ def test_a_reference_has_a_fingerprint_of_all_that_matters(reference):
 
 def test_versions_and_commit_are_known():
     found = versions()
-    assert set(found) == {"swim2real", "python", "numpy", "scipy", "mujoco", "machine"}
+    assert set(found) == {"swim2real", "python", "numpy", "scipy", "mujoco", "numba", "machine"}
     assert all(found.values())
     name = commit()
     assert name is None or len(name) >= 7

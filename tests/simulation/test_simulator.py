@@ -65,8 +65,8 @@ def test_trials_say_what_was_asked_and_how_they_were_made():
         assert trial.divergence is None
         assert np.isfinite(trial.track.positions).all()
     assert trials.marker_names == FISH.marker_names
-    assert trials["from rest"].provenance == f"mujoco {mujoco.__version__}, from rest"
-    assert trials["slow"].provenance.startswith(f"mujoco {mujoco.__version__}, steady cycle after ")
+    assert trials["from rest"].provenance == f"mujoco {mujoco.__version__}, fast step, from rest"
+    assert trials["slow"].provenance.startswith(f"mujoco {mujoco.__version__}, fast step, steady cycle after ")
 
 
 def test_a_swim_from_rest_begins_at_rest():

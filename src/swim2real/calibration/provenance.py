@@ -13,13 +13,20 @@ import numpy as np
 from swim2real import __version__
 from swim2real.trials import TrialSet
 
-_PACKAGES = ("numpy", "scipy", "mujoco")
+_PACKAGES = ("numpy", "scipy", "mujoco", "numba")
 
 
 def versions() -> dict[str, str]:
     """Versions of what the numbers depend on."""
-    found = {name: metadata.version(name) for name in _PACKAGES}
+    found = {name: _version(name) for name in _PACKAGES}
     return {"swim2real": __version__, "python": platform.python_version(), **found, "machine": platform.machine()}
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:  # numba: slower without it
+        return "not installed"
 
 
 def commit() -> str | None:

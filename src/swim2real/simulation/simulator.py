@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
 
 import mujoco
 import numpy as np
@@ -19,7 +21,14 @@ from swim2real.simulation.steady import DivergedError, steady_cycle
 from swim2real.simulation.stepper import Stepper
 from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet
 
+if TYPE_CHECKING:
+    from swim2real.simulation.fast_step import FastStep
+
+Step = Literal["auto", "fast", "engine"]
+AGREEMENT = 1e-10  # of one step's velocities with the engine's own, relative
+
 _UNROLLED_SAMPLE = 1.0  # s, a diverged simulation still has a track of this length
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -41,23 +50,41 @@ class Simulator:
     """Simulates swims of a robot for one or many candidates at once.
 
     Every swim is simulated by itself, so results don't depend on the number of threads or on what else is in the
-    batch. The threads run the engine without Python's lock.
+    batch. The threads run without Python's lock.
+
+    Attributes:
+        robot: What is simulated.
+        engine: Which physics that is.
+        step: `fast` or `engine`, whichever steps the published robot. The provenance of a trial names its own.
     """
 
-    def __init__(self, robot: Robot, threads: int | None = None, sample_interval: float = 0.01) -> None:
+    def __init__(
+        self, robot: Robot, threads: int | None = None, sample_interval: float = 0.01, step: Step = "auto"
+    ) -> None:
         """Makes a simulator.
 
         Args:
             robot: What is simulated.
             threads: Swims simulated at a time; by default the number of cores.
             sample_interval: Longest time between samples of a simulated trial [s].
+            step: `fast`: the fast step, or an error. `engine`: the engine's own. `auto`: the fast step where it
+                applies and agrees with the engine's own, which is checked on the published robot.
+
+        Raises:
+            EngineError: An argument is outside what is allowed, or the fast step is asked for and doesn't apply.
         """
         if threads is not None and threads < 1:
             raise EngineError(f"threads is {threads}; it must be at least 1")
+        if step not in get_args(Step):
+            raise EngineError(f"step is '{step}'; there are {', '.join(get_args(Step))}")
         self.robot = robot
         self.engine = Engine.of(robot)
         self._threads = threads or os.cpu_count() or 1
         self._sample_interval = sample_interval
+        self._required = step == "fast"
+        self.step: Literal["fast", "engine"] = "fast"
+        if step == "engine" or self._planned(robot.build(robot.space.published).compile(), check=True) is None:
+            self.step = "engine"
 
     def simulate(self, values: Values, swims: Sequence[Swim]) -> TrialSet:
         """Simulated trials for one candidate, in the order of the swims."""
@@ -72,9 +99,10 @@ class Simulator:
             One set a candidate. World frame [m]; the head starts at the origin and points to -x.
         """
         models = [self.robot.build(values).compile() for values in candidates]
-        jobs = [(model, swim) for model in models for swim in swims]
+        steps = [self._planned(model) if self.step == "fast" else None for model in models]
+        jobs = [(model, fast, swim) for model, fast in zip(models, steps, strict=True) for swim in swims]
         # the longest first, so that no thread is left with it at the end
-        order = sorted(range(len(jobs)), key=lambda i: -jobs[i][1].actuation.period)
+        order = sorted(range(len(jobs)), key=lambda i: -jobs[i][2].actuation.period)
         with ThreadPoolExecutor(self._threads) as pool:
             done = dict(zip(order, pool.map(lambda i: self._swim(*jobs[i]), order), strict=True))
         count = len(swims)
@@ -83,15 +111,35 @@ class Simulator:
             for c in range(len(candidates))
         ]
 
-    def _swim(self, model: mujoco.MjModel, swim: Swim) -> Trial:
+    def _planned(self, model: mujoco.MjModel, check: bool = False) -> FastStep | None:
+        """The fast step of a model; without one a warning says why."""
+        try:
+            from swim2real.simulation.fast_step import FastStep, disagreement  # numba takes a while to import
+
+            fast = FastStep(model)
+            gap = disagreement(fast) if check else 0.0
+            if gap <= AGREEMENT:
+                return fast
+            why = f"it differs from the engine's own by {gap:.2g}, relative, after one step"
+        except ImportError as error:
+            why = f"numba can't be imported: {error}"
+        except EngineError as error:
+            why = str(error)
+        if self._required:
+            raise EngineError(f"the fast step can't simulate robot '{self.robot.name}': {why}; use step 'engine'")
+        _log.warning("robot '%s' is simulated with the engine's own step, which is slower: %s", self.robot.name, why)
+        return None
+
+    def _swim(self, model: mujoco.MjModel, fast: FastStep | None, swim: Swim) -> Trial:
         actuation = swim.actuation
         speed = 2 * np.pi * actuation.frequency
+        step = "engine's own" if fast is None else "fast"
         try:
             if actuation.start_speed is None:
-                track = self._from_rest(model, swim, speed)
+                track = self._from_rest(model, fast, swim, speed)
                 note = "from rest"
             else:
-                stepper = Stepper(model, self.robot, actuation.start_speed, speed, 0.0)
+                stepper = Stepper(model, self.robot, actuation.start_speed, speed, 0.0, fast)
                 cycle = steady_cycle(stepper, actuation.period)
                 note = f"steady cycle after {cycle.cycles:.2f} periods" + (
                     "" if cycle.settled else f", not settled: {1e3 * cycle.speed_to_come:.2f} mm/s still to come"
@@ -104,13 +152,13 @@ class Simulator:
             rest = np.zeros((2, len(self.robot.marker_names), 2)) + self.robot.rest_markers
             track = MarkerTrack([0.0, _UNROLLED_SAMPLE], rest)
             return Trial(swim.name, track, actuation.frequency, provenance="diverged", divergence=str(error))
-        return Trial(swim.name, track, actuation.frequency, provenance=f"{self.engine.name}, {note}")
+        return Trial(swim.name, track, actuation.frequency, provenance=f"{self.engine.name}, {step} step, {note}")
 
     def _samples(self, duration: float) -> np.ndarray:
         return np.linspace(0.0, duration, int(np.ceil(duration / self._sample_interval - 1e-9)) + 1)
 
-    def _from_rest(self, model: mujoco.MjModel, swim: Swim, speed: float) -> MarkerTrack:
-        stepper = Stepper(model, self.robot, 0.0, speed, swim.actuation.phase)
+    def _from_rest(self, model: mujoco.MjModel, fast: FastStep | None, swim: Swim, speed: float) -> MarkerTrack:
+        stepper = Stepper(model, self.robot, 0.0, speed, swim.actuation.phase, fast)
         chunk = stepper.run(int(np.ceil(swim.duration / stepper.timestep - 1e-9)) + 1)
         if chunk.failed_at is not None:
             raise DivergedError(f"the simulation diverged {chunk.failed_at:.3f} s after its start")

@@ -1,8 +1,9 @@
-"""One robot in the water, stepped by the engine: the only place that calls it."""
+"""One robot in the water: where swims are stepped, by the fast step or by the engine's own."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -11,12 +12,17 @@ from numpy.typing import NDArray
 
 from swim2real.robots.robot import Robot
 
+if TYPE_CHECKING:
+    from swim2real.simulation.fast_step import FastStep
+
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Chunk:
     """What a stretch of simulation gave.
+
+    Where the simulation failed, the fast step ends the arrays and the engine repeats its last state.
 
     Attributes:
         markers: Positions before each step [m]. Shape (steps, M, 2).
@@ -44,8 +50,9 @@ class Stepper:
     """A compiled robot whose motor turns at a constant speed."""
 
     def __init__(
-        self, model: mujoco.MjModel, robot: Robot, speed: float, motor_speed: float, motor_angle: float
-    ) -> None:
+        self, model: mujoco.MjModel, robot: Robot, speed: float, motor_speed: float, motor_angle: float,
+        fast: FastStep | None = None,
+    ) -> None:  # fmt: skip
         """Everything at rest but the motor and the forward speed.
 
         Args:
@@ -54,37 +61,48 @@ class Stepper:
             speed: Forward speed at the start [m/s].
             motor_speed: [rad/s].
             motor_angle: At the start [rad].
+            fast: Fast step of the model, which its swims share; without one the engine steps.
         """
-        self._model = model
+        self._model, self._fast = model, fast
         self._data = mujoco.MjData(model)
         self._markers = len(robot.marker_names)
         self._surge = [int(model.joint(name).dofadr[0]) for name in robot.surge_joints]
         motor = model.joint(robot.motor_joint)
-        self._data.qpos[motor.qposadr[0]] = motor_angle
+        self._motor = int(motor.qposadr[0])
+        self._motor_speed = motor_speed
+        self._data.qpos[self._motor] = motor_angle
         self._data.qvel[motor.dofadr[0]] = motor_speed
         self._data.qvel[self._surge[0]] = -speed  # the robot points its head toward -x
-        self._state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
-        mujoco.mj_getState(model, self._data, self._state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        self._motor_speed = motor_speed
-        self._velocity_columns = [1 + model.nq + dof for dof in self._surge]
-        self._motor_column = 1 + int(motor.qposadr[0])
         self.timestep = float(model.opt.timestep)
 
     def push(self, velocity: Array) -> None:
         """Adds to the velocity of the whole robot in the plane [m/s]. Shape (2,)."""
-        self._state[self._velocity_columns] += velocity
+        self._data.qvel[self._surge] += velocity
 
     def run(self, steps: int) -> Chunk:
         """Steps on from where the last chunk ended."""
+        if self._fast is None:
+            return self._run_engine(steps)
+        made = self._fast.run(self._data, np.array([self._motor_speed]), steps)
+        return self._chunk(made.sensors, made.qvel, made.qpos, float(self._data.time) if made.failed else None)
+
+    def _run_engine(self, steps: int) -> Chunk:
+        model, physics = self._model, mujoco.mjtState.mjSTATE_FULLPHYSICS
+        state = np.empty(mujoco.mj_stateSize(model, physics))
+        mujoco.mj_getState(model, self._data, state, physics)
         control = np.full((1, steps, 1), self._motor_speed)
-        states, sensors = rollout.rollout(self._model, self._data, self._state[None], control, nstep=steps)
-        states, sensors = states[0], sensors[0].reshape(steps, self._markers, 3)
-        times = np.concatenate([self._state[:1], states[:, 0]])
-        stalled = np.flatnonzero(np.diff(times) <= 0)  # after a warning the engine repeats its last state
-        broken = np.flatnonzero(~np.isfinite(sensors).all(axis=(1, 2)))
+        states, sensors = rollout.rollout(model, self._data, state[None], control, nstep=steps)
+        states, sensors = states[0], sensors[0]
+        mujoco.mj_setState(model, self._data, states[-1], physics)
+        before = np.concatenate([state[None], states[:-1]])
+        stalled = np.flatnonzero(states[:, 0] <= before[:, 0])  # after a warning the engine repeats its last state
+        broken = np.flatnonzero(~np.isfinite(sensors).all(axis=1))
         first_bad = min([*stalled[:1], *broken[:1]], default=None)
-        before = np.concatenate([self._state[None], states[:-1]])
-        failed_at = None if first_bad is None else float(times[first_bad])
-        self._state = states[-1].copy()
-        turns = before[:, self._motor_column] / (2 * np.pi)
-        return Chunk(sensors[:, :, :2], before[:, self._velocity_columns], turns, failed_at)
+        failed_at = None if first_bad is None else float(before[first_bad, 0])
+        positions, velocities = before[:, 1 : 1 + model.nq], before[:, 1 + model.nq : 1 + model.nq + model.nv]
+        return self._chunk(sensors, velocities, positions, failed_at)
+
+    def _chunk(self, sensors: Array, velocities: Array, positions: Array, failed_at: float | None) -> Chunk:
+        markers = sensors.reshape(len(sensors), self._markers, 3)[:, :, :2]
+        turns = positions[:, self._motor] / (2 * np.pi)
+        return Chunk(markers, velocities[:, self._surge], turns, failed_at)

@@ -1,0 +1,243 @@
+"""What the fast step knows of a compiled model: whether it applies, and the constants it computes with."""
+
+from __future__ import annotations
+
+import copy
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import EngineError
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+MIN = 1e-15  # the engine's mjMINVAL
+
+# where in a geom's row of constants: place in its body, 9 numbers of its rotation there, whether it is turned at all
+POS, ROT, TURNED = 0, 3, 12
+ABC = 13  # squared products of two semi-axes
+DRAG_LIN, DRAG_SLENDER, DRAG_BLUNT = 17, 18, 19
+LIFT, MAGNUS = 20, 21
+MASS, INERTIA = 22, 25  # of the water that moves along, 3 each
+SPIN_LIN, SPIN = 28, 29  # drag against turning, 1 and 3
+COLUMNS = 32
+
+
+class UnsupportedModelError(EngineError):
+    """The fast step doesn't apply to a model; the message says why."""
+
+
+class Plan(NamedTuple):
+    """A model, as the compiled functions see it.
+
+    Attributes:
+        wet: Address of the model.
+        dry: Address of its twin without water.
+        timestep: [s].
+        density: Of the water [kg/m³].
+        symmetric: Whether the integrator is `implicitfast`, which drops the antisymmetric part of the derivative.
+        floor: Smallest denominator of the fluid's formulas.
+        wind: Velocity of the water [m/s]. Shape (3,).
+        geoms: Constants of the geoms in the water, sorted by body. Shape (G, COLUMNS).
+        body_first: First geom of each body. Shape (bodies,).
+        body_last: The one after its last. Shape (bodies,).
+        body_root: Root of the tree that a body is in. Shape (bodies,).
+        body_parent: Shape (bodies,).
+        body_dof: First degree of freedom of each body. Shape (bodies,).
+        dof_body: Shape (nv,).
+        dof_parent: The next degree of freedom above in the tree, -1 for none. Shape (nv,).
+        dof_last: The last that turns or moves together with it in one joint, -1 for hinges and slides. Shape (nv,).
+        d_rowadr: Rows of the engine's sparse velocity derivative.
+        d_rownnz: Their lengths.
+        d_colind: Their columns.
+        m_rowadr: Rows of the engine's sparse mass matrix, lower half.
+        m_rownnz: Their lengths.
+        m_colind: Their columns.
+    """
+
+    wet: int
+    dry: int
+    timestep: float
+    density: float
+    symmetric: bool
+    floor: float
+    wind: Array
+    geoms: Array
+    body_first: Indices
+    body_last: Indices
+    body_root: Indices
+    body_parent: Indices
+    body_dof: Indices
+    dof_body: Indices
+    dof_parent: Indices
+    dof_last: Indices
+    d_rowadr: Indices
+    d_rownnz: Indices
+    d_colind: Indices
+    m_rowadr: Indices
+    m_rownnz: Indices
+    m_colind: Indices
+
+
+class State(NamedTuple):
+    """The arrays of an `MjData`, named as there, and its address."""
+
+    data: int
+    qpos: Array
+    qvel: Array
+    qacc: Array
+    qacc_warmstart: Array
+    ctrl: Array
+    cdof: Array
+    cdof_dot: Array
+    cvel: Array
+    cinert: Array
+    xpos: Array
+    xmat: Array
+    subtree_com: Array
+    M: Array
+    qDeriv: Array  # noqa: N815
+    qfrc_smooth: Array
+    qfrc_constraint: Array
+    qfrc_passive: Array
+    qfrc_fluid: Array
+    sensordata: Array
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> State:
+        """Shares memory with the data."""
+        return cls(data._address, *(getattr(data, name) for name in cls._fields[1:]))
+
+
+def without_fluid(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The model's twin that the engine steps: no water, and nothing implicit in its Euler step."""
+    dry = copy.copy(model)
+    dry.opt.density = dry.opt.viscosity = 0.0
+    dry.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+    return dry
+
+
+def make_plan(model: mujoco.MjModel, dry: mujoco.MjModel) -> Plan:
+    """Plans the fast step of a model. The models must live as long as the plan.
+
+    Args:
+        model: Compiled.
+        dry: Its twin from `without_fluid`.
+
+    Raises:
+        UnsupportedModelError: The fast step doesn't apply.
+    """
+    _check(model)
+    # from 3.14 on the engine normalizes velocity and semi-axes, where its floor on denominators took lift away before
+    normalized = tuple(int(part) for part in mujoco.__version__.split(".")[:2]) >= (3, 14)
+    rows: list[Array] = []
+    first: list[int] = []
+    last: list[int] = []
+    in_water = model.opt.density > 0 or model.opt.viscosity > 0
+    for body in range(model.nbody):
+        begin = int(model.body_geomadr[body])
+        geoms = range(begin, begin + int(model.body_geomnum[body]))
+        wet = [geom for geom in geoms if model.geom_fluid[geom, 0] > 0]
+        first.append(len(rows))
+        if in_water and model.body_mass[body] >= MIN:
+            if not wet and body > 0:
+                raise UnsupportedModelError(
+                    f"body '{model.body(body).name}' has no ellipsoid geom: the inertia-box fluid applies to it"
+                )
+            rows += [_geom_constants(model, geom, normalized) for geom in wet]
+        last.append(len(rows))
+    return Plan(
+        wet=model._address, dry=dry._address, timestep=float(model.opt.timestep), density=float(model.opt.density),
+        symmetric=bool(model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+        floor=1e-300 if normalized else MIN, wind=np.array(model.opt.wind, dtype=np.float64),
+        geoms=np.array(rows, dtype=np.float64).reshape(-1, COLUMNS),
+        body_first=_indices(first), body_last=_indices(last), body_root=_indices(model.body_rootid),
+        body_parent=_indices(model.body_parentid), body_dof=_indices(model.body_dofadr),
+        dof_body=_indices(model.dof_bodyid), dof_parent=_indices(model.dof_parentid), dof_last=_last_of_joint(model),
+        d_rowadr=_indices(model.D_rowadr), d_rownnz=_indices(model.D_rownnz), d_colind=_indices(model.D_colind),
+        m_rowadr=_indices(model.M_rowadr), m_rownnz=_indices(model.M_rownnz), m_colind=_indices(model.M_colind),
+    )  # fmt: skip
+
+
+def _check(model: mujoco.MjModel) -> None:
+    integrator, joint = mujoco.mjtIntegrator, mujoco.mjtJoint
+    if model.opt.integrator not in (integrator.mjINT_IMPLICIT, integrator.mjINT_IMPLICITFAST):
+        raise UnsupportedModelError("the integrator is neither implicit nor implicitfast")
+    turns_freely = np.isin(model.jnt_type, (int(joint.mjJNT_FREE), int(joint.mjJNT_BALL))).any()
+    if model.opt.integrator == integrator.mjINT_IMPLICITFAST and turns_freely:
+        raise UnsupportedModelError("implicitfast treats free and ball joints in its own way")
+    if model.opt.enableflags:
+        raise UnsupportedModelError("an enable flag is set")
+    flags = mujoco.mjtDisableBit
+    if model.opt.disableflags & int(flags.mjDSBL_SPRING | flags.mjDSBL_DAMPER):
+        raise UnsupportedModelError("passive forces are switched off")
+    if model.nflex or model.nplugin:
+        raise UnsupportedModelError("the model has flexes or plugins")
+    if getattr(model, "nhistory", 0):
+        raise UnsupportedModelError("the model has delayed sensors or actuators")
+    if np.any(np.asarray(model.sensor_needstage) == int(mujoco.mjtStage.mjSTAGE_ACC)):
+        raise UnsupportedModelError("the model has sensors of forces or accelerations")
+    for name in ("control", "passive", "act_dyn", "act_gain", "act_bias", "sensor", "contactfilter", "time"):
+        getter = getattr(mujoco, f"get_mjcb_{name}", None)
+        if getter is not None and getter() is not None:
+            raise UnsupportedModelError(f"a {name} callback is set")
+
+
+def _geom_constants(model: mujoco.MjModel, geom: int, normalized: bool) -> Array:
+    """What the fluid's formulas need of a geom, after the engine's `mj_ellipsoidFluidModel`. Shape (COLUMNS,)."""
+    interaction, blunt, slender, angular, kutta, magnus = model.geom_fluid[geom, :6]
+    if interaction != 1.0:
+        raise UnsupportedModelError(f"geom {geom} has a fluid interaction of {interaction}")
+    axes = _semi_axes(int(model.geom_type[geom]), model.geom_size[geom])
+    density, viscosity = model.opt.density, model.opt.viscosity
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+    row = np.zeros(COLUMNS)
+    row[POS : POS + 3] = model.geom_pos[geom]
+    row[ROT : ROT + 9] = rotation
+    row[TURNED] = not np.array_equal(rotation, np.eye(3).ravel())
+    row[ABC : ABC + 3] = (axes[[1, 2, 0]] * axes[[2, 0, 1]]) ** 2
+    largest_square = row[ABC : ABC + 3].max() if normalized else 1.0
+    row[ABC : ABC + 3] /= largest_square
+    scale = np.sqrt(largest_square)  # of what grows with the squared products
+    _, middle, high = np.sort(axes)
+    sphere = 2.0 / 3.0 * axes.sum()
+    row[DRAG_LIN] = viscosity * 3.0 * np.pi * sphere
+    row[DRAG_SLENDER] = slender * np.pi * high * middle
+    row[DRAG_BLUNT] = (blunt - slender) * scale
+    row[LIFT] = kutta * np.pi * scale
+    row[MAGNUS] = magnus * density * 4.0 / 3.0 * np.pi * axes.prod()
+    row[MASS : MASS + 3] = density * model.geom_fluid[geom, 6:9]
+    row[INERTIA : INERTIA + 3] = density * model.geom_fluid[geom, 9:12]
+    row[SPIN_LIN] = viscosity * np.pi * sphere**3
+    moments = 8.0 / 15.0 * np.pi * axes * np.maximum(axes[[1, 2, 0]], axes[[2, 0, 1]]) ** 4
+    largest = 8.0 / 15.0 * np.pi * middle * high**4
+    row[SPIN : SPIN + 3] = angular * moments + slender * (largest - moments)
+    return row
+
+
+def _semi_axes(kind: int, size: Array) -> Array:
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return np.full(3, size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return np.array([size[0], size[0], size[1] + size[0]])
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return np.array([size[0], size[0], size[1]])
+    return np.array(size)
+
+
+def _last_of_joint(model: mujoco.MjModel) -> Indices:
+    last = np.full(model.nv, -1, dtype=np.int32)
+    for kind, dof in zip(model.jnt_type, model.jnt_dofadr, strict=True):
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            last[dof : dof + 3], last[dof + 3 : dof + 6] = dof + 2, dof + 5
+        elif kind == mujoco.mjtJoint.mjJNT_BALL:
+            last[dof : dof + 3] = dof + 2
+    return last
+
+
+def _indices(values: object) -> Indices:
+    return np.ascontiguousarray(values, dtype=np.int32)

@@ -1,0 +1,292 @@
+"""What the velocities do to the forces, as the matrix that the engine's implicit integrators need.
+
+In those integrators almost all time goes into the velocity derivative of the fluid forces: the engine forms a product
+over all degrees of freedom for every geom. Here the 6x6 derivatives of the geoms are summed per body, then from the
+leaves of the kinematic tree to its root, all about the tree's center of mass, where the engine's spatial velocities
+and motion axes are given, too. Each pair of degrees of freedom, one above the other in the tree, then needs one
+product. Integrator `implicit` also has the derivative of the bias forces, which goes the same way.
+"""
+
+# ruff: noqa: N803, N806 (matrices are capitals)
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from swim2real.simulation.engine_calls import compiled
+from swim2real.simulation.fast_plan import POS, ROT, TURNED, Array, Plan, State
+from swim2real.simulation.geom_fluid import geom_fluid, shift, turn
+
+
+class Scratch(NamedTuple):
+    """Room to work in.
+
+    Attributes:
+        B: Derivative of the forces by velocity of each body, then of each subtree. Shape (bodies, 36).
+        W: Torque and force of the fluid, likewise. Shape (bodies, 6).
+        inertia: Spatial inertias of the subtrees, as the engine's `cinert`. Shape (bodies, 10).
+        change: What a velocity adds to the accelerations below it. Shape (nv, 6).
+        A: Mass matrix minus timestep times derivative. Shape (nv, nv).
+    """
+
+    B: Array
+    W: Array
+    inertia: Array
+    change: Array
+    A: Array
+
+
+@compiled
+def add_fluid(plan: Plan, state: State, scratch: Scratch) -> None:
+    """Adds the fluid's forces to the passive ones, and writes -timestep times its derivative to A, and the bias's."""
+    scratch.A[:] = 0.0
+    _sum_bodies(plan, state, scratch.B, scratch.W)
+    _sum_subtrees(plan, state, scratch)
+    _project(plan, state, scratch)
+
+
+@compiled
+def _sum_bodies(plan: Plan, state: State, B: Array, W: Array) -> None:
+    """Derivative and force of each body's geoms, about the center of mass of its tree."""
+    local, F = np.empty(36), np.empty(6)
+    sum_B, sum_W, turned = np.empty(36), np.empty(6), np.empty(36)
+    B[:] = 0.0
+    W[:] = 0.0
+    for body in range(1, len(plan.body_first)):
+        first, last = plan.body_first[body], plan.body_last[body]
+        if first == last:
+            continue
+        R = state.xmat[body]
+        com = state.subtree_com[plan.body_root[body]]
+        rx, ry, rz = state.xpos[body, 0] - com[0], state.xpos[body, 1] - com[1], state.xpos[body, 2] - com[2]
+        cvel = state.cvel[body]
+        w0, w1, w2 = cvel[0], cvel[1], cvel[2]
+        v0 = cvel[3] + w1 * rz - w2 * ry - plan.wind[0]
+        v1 = cvel[4] + w2 * rx - w0 * rz - plan.wind[1]
+        v2 = cvel[5] + w0 * ry - w1 * rx - plan.wind[2]
+        bw0 = R[0] * w0 + R[3] * w1 + R[6] * w2
+        bw1 = R[1] * w0 + R[4] * w1 + R[7] * w2
+        bw2 = R[2] * w0 + R[5] * w1 + R[8] * w2
+        bv0 = R[0] * v0 + R[3] * v1 + R[6] * v2
+        bv1 = R[1] * v0 + R[4] * v1 + R[7] * v2
+        bv2 = R[2] * v0 + R[5] * v1 + R[8] * v2
+        sum_B[:] = 0.0
+        sum_W[:] = 0.0
+        for geom in range(first, last):
+            g = plan.geoms[geom]
+            x, y, z = g[POS], g[POS + 1], g[POS + 2]
+            u0 = bv0 + bw1 * z - bw2 * y
+            u1 = bv1 + bw2 * x - bw0 * z
+            u2 = bv2 + bw0 * y - bw1 * x
+            if g[TURNED] == 0.0:
+                geom_fluid(g, plan.density, plan.floor, bw0, bw1, bw2, u0, u1, u2, local, F)
+            else:
+                Q = g[ROT : ROT + 9]
+                geom_fluid(
+                    g, plan.density, plan.floor,
+                    Q[0] * bw0 + Q[3] * bw1 + Q[6] * bw2,
+                    Q[1] * bw0 + Q[4] * bw1 + Q[7] * bw2,
+                    Q[2] * bw0 + Q[5] * bw1 + Q[8] * bw2,
+                    Q[0] * u0 + Q[3] * u1 + Q[6] * u2,
+                    Q[1] * u0 + Q[4] * u1 + Q[7] * u2,
+                    Q[2] * u0 + Q[5] * u1 + Q[8] * u2,
+                    local, F,
+                )  # fmt: skip
+                turned[:] = 0.0
+                for k in range(4):
+                    turn(Q, local[9 * k : 9 * k + 9], turned[9 * k : 9 * k + 9])
+                local[:] = turned
+                t0, t1, t2, f0, f1, f2 = F[0], F[1], F[2], F[3], F[4], F[5]
+                for k in range(3):
+                    F[k] = Q[3 * k] * t0 + Q[3 * k + 1] * t1 + Q[3 * k + 2] * t2
+                    F[3 + k] = Q[3 * k] * f0 + Q[3 * k + 1] * f1 + Q[3 * k + 2] * f2
+            shift(local, x, y, z)
+            for k in range(36):
+                sum_B[k] += local[k]
+            sum_W[0] += F[0] + y * F[5] - z * F[4]
+            sum_W[1] += F[1] + z * F[3] - x * F[5]
+            sum_W[2] += F[2] + x * F[4] - y * F[3]
+            sum_W[3] += F[3]
+            sum_W[4] += F[4]
+            sum_W[5] += F[5]
+        out = B[body]
+        for k in range(4):
+            turn(R, sum_B[9 * k : 9 * k + 9], out[9 * k : 9 * k + 9])
+        shift(out, rx, ry, rz)
+        wrench = W[body]
+        for k in range(3):
+            wrench[k] = R[3 * k] * sum_W[0] + R[3 * k + 1] * sum_W[1] + R[3 * k + 2] * sum_W[2]
+            wrench[3 + k] = R[3 * k] * sum_W[3] + R[3 * k + 1] * sum_W[4] + R[3 * k + 2] * sum_W[5]
+        wrench[0] += ry * wrench[5] - rz * wrench[4]
+        wrench[1] += rz * wrench[3] - rx * wrench[5]
+        wrench[2] += rx * wrench[4] - ry * wrench[3]
+
+
+@compiled
+def _sum_subtrees(plan: Plan, state: State, scratch: Scratch) -> None:
+    """Adds the bodies' bias, sums from the leaves to the root, and takes the symmetric part where that is asked."""
+    B, W, inertia = scratch.B, scratch.W, scratch.inertia
+    bodies = len(plan.body_first)
+    if not plan.symmetric:
+        for body in range(1, bodies):
+            _add_bias(state.cinert[body], state.cvel[body], B[body])
+            for k in range(10):
+                inertia[body, k] = state.cinert[body, k]
+    for body in range(bodies - 1, 0, -1):
+        parent = plan.body_parent[body]
+        if parent > 0:
+            for k in range(36):
+                B[parent, k] += B[body, k]
+            if not plan.symmetric:
+                for k in range(10):
+                    inertia[parent, k] += inertia[body, k]
+            for k in range(6):
+                W[parent, k] += W[body, k]
+    if plan.symmetric:
+        for body in range(1, bodies):
+            out = B[body]
+            for i in range(3):
+                for j in range(3):
+                    if j < i:
+                        tt = 0.5 * (out[3 * i + j] + out[3 * j + i])
+                        ll = 0.5 * (out[27 + 3 * i + j] + out[27 + 3 * j + i])
+                        out[3 * i + j] = tt
+                        out[3 * j + i] = tt
+                        out[27 + 3 * i + j] = ll
+                        out[27 + 3 * j + i] = ll
+                    tl = 0.5 * (out[9 + 3 * i + j] + out[18 + 3 * j + i])
+                    out[9 + 3 * i + j] = tl
+                    out[18 + 3 * j + i] = tl
+
+
+@compiled
+def _project(plan: Plan, state: State, scratch: Scratch) -> None:
+    """Onto the degrees of freedom: forces, and A between each and those above it in the tree."""
+    B, W, inertia, change, A = scratch.B, scratch.W, scratch.inertia, scratch.change, scratch.A
+    h = plan.timestep
+    full = not plan.symmetric
+    pull, push = np.empty(6), np.empty(6)
+    for dof in range(len(plan.dof_body)):
+        body = plan.dof_body[dof]
+        b, c = B[body], state.cdof[dof]
+        c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]
+        # B c, for what this velocity does to the forces above, and B^T c, for what those above do to its force
+        r0 = b[0] * c0 + b[1] * c1 + b[2] * c2 + b[9] * c3 + b[10] * c4 + b[11] * c5
+        r1 = b[3] * c0 + b[4] * c1 + b[5] * c2 + b[12] * c3 + b[13] * c4 + b[14] * c5
+        r2 = b[6] * c0 + b[7] * c1 + b[8] * c2 + b[15] * c3 + b[16] * c4 + b[17] * c5
+        r3 = b[18] * c0 + b[19] * c1 + b[20] * c2 + b[27] * c3 + b[28] * c4 + b[29] * c5
+        r4 = b[21] * c0 + b[22] * c1 + b[23] * c2 + b[30] * c3 + b[31] * c4 + b[32] * c5
+        r5 = b[24] * c0 + b[25] * c1 + b[26] * c2 + b[33] * c3 + b[34] * c4 + b[35] * c5
+        l0 = b[0] * c0 + b[3] * c1 + b[6] * c2 + b[18] * c3 + b[21] * c4 + b[24] * c5
+        l1 = b[1] * c0 + b[4] * c1 + b[7] * c2 + b[19] * c3 + b[22] * c4 + b[25] * c5
+        l2 = b[2] * c0 + b[5] * c1 + b[8] * c2 + b[20] * c3 + b[23] * c4 + b[26] * c5
+        l3 = b[9] * c0 + b[12] * c1 + b[15] * c2 + b[27] * c3 + b[30] * c4 + b[33] * c5
+        l4 = b[10] * c0 + b[13] * c1 + b[16] * c2 + b[28] * c3 + b[31] * c4 + b[34] * c5
+        l5 = b[11] * c0 + b[14] * c1 + b[17] * c2 + b[29] * c3 + b[32] * c4 + b[35] * c5
+        if full:  # the rest of the bias: inertia times the change of the accelerations
+            _change(plan, state, dof, change[dof])
+            _momentum(inertia[body], c, pull)
+            _momentum(inertia[body], change[dof], push)
+            r0 -= push[0]
+            r1 -= push[1]
+            r2 -= push[2]
+            r3 -= push[3]
+            r4 -= push[4]
+            r5 -= push[5]
+        w = W[body]
+        force = c0 * w[0] + c1 * w[1] + c2 * w[2] + c3 * w[3] + c4 * w[4] + c5 * w[5]
+        state.qfrc_fluid[dof] += force
+        state.qfrc_passive[dof] += force
+        A[dof, dof] -= h * (c0 * r0 + c1 * r1 + c2 * r2 + c3 * r3 + c4 * r4 + c5 * r5)
+        other = plan.dof_parent[dof]
+        while other >= 0:
+            o = state.cdof[other]
+            up = o[0] * r0 + o[1] * r1 + o[2] * r2 + o[3] * r3 + o[4] * r4 + o[5] * r5
+            down = o[0] * l0 + o[1] * l1 + o[2] * l2 + o[3] * l3 + o[4] * l4 + o[5] * l5
+            if full:
+                e = change[other]
+                down -= e[0] * pull[0] + e[1] * pull[1] + e[2] * pull[2]
+                down -= e[3] * pull[3] + e[4] * pull[4] + e[5] * pull[5]
+            A[other, dof] -= h * up
+            A[dof, other] -= h * down
+            other = plan.dof_parent[other]
+
+
+@compiled
+def _add_bias(i: Array, v: Array, B: Array) -> None:
+    """B -= derivative by velocity of a body's bias force, V x* (I V), minus I (V x .); about the tree's center."""
+    h0, h1, h2, m = i[6], i[7], i[8], i[9]
+    w0, w1, w2, v0, v1, v2 = v[0], v[1], v[2], v[3], v[4], v[5]
+    L0 = i[0] * w0 + i[3] * w1 + i[4] * w2 + h1 * v2 - h2 * v1
+    L1 = i[3] * w0 + i[1] * w1 + i[5] * w2 + h2 * v0 - h0 * v2
+    L2 = i[4] * w0 + i[5] * w1 + i[2] * w2 + h0 * v1 - h1 * v0
+    p0 = 2.0 * (m * v0 - h1 * w2 + h2 * w1)
+    p1 = 2.0 * (m * v1 - h2 * w0 + h0 * w2)
+    p2 = 2.0 * (m * v2 - h0 * w1 + h1 * w0)
+    B[19] -= p2
+    B[20] += p1
+    B[21] += p2
+    B[23] -= p0
+    B[24] -= p1
+    B[25] += p0
+    s01 = w1 * i[5] - w2 * i[1]
+    s02 = w1 * i[2] - w2 * i[5]
+    s10 = w2 * i[0] - w0 * i[4]
+    s12 = w2 * i[4] - w0 * i[2]
+    s20 = w0 * i[3] - w1 * i[0]
+    s21 = w0 * i[1] - w1 * i[3]
+    d = 2.0 * (h0 * v0 + h1 * v1 + h2 * v2)
+    B[0] -= 2.0 * (w1 * i[4] - w2 * i[3] - h0 * v0) + d
+    B[4] -= 2.0 * (w2 * i[3] - w0 * i[5] - h1 * v1) + d
+    B[8] -= 2.0 * (w0 * i[5] - w1 * i[4] - h2 * v2) + d
+    t = s01 + s10 - h0 * v1 - h1 * v0
+    B[1] -= t + L2
+    B[3] -= t - L2
+    t = s02 + s20 - h0 * v2 - h2 * v0
+    B[2] -= t - L1
+    B[6] -= t + L1
+    t = s12 + s21 - h1 * v2 - h2 * v1
+    B[5] -= t + L0
+    B[7] -= t - L0
+
+
+@compiled
+def _momentum(i: Array, v: Array, out: Array) -> None:
+    """Writes I v to out, for the 10 numbers of a spatial inertia."""
+    h0, h1, h2 = i[6], i[7], i[8]
+    out[0] = i[0] * v[0] + i[3] * v[1] + i[4] * v[2] + h1 * v[5] - h2 * v[4]
+    out[1] = i[3] * v[0] + i[1] * v[1] + i[5] * v[2] + h2 * v[3] - h0 * v[5]
+    out[2] = i[4] * v[0] + i[5] * v[1] + i[2] * v[2] + h0 * v[4] - h1 * v[3]
+    out[3] = i[9] * v[3] - h1 * v[2] + h2 * v[1]
+    out[4] = i[9] * v[4] - h2 * v[0] + h0 * v[2]
+    out[5] = i[9] * v[5] - h0 * v[1] + h1 * v[0]
+
+
+@compiled
+def _change(plan: Plan, state: State, dof: int, out: Array) -> None:
+    """What a velocity adds to the accelerations beyond it, but for the part that grows with their velocity."""
+    dot = state.cdof_dot[dof]
+    if plan.dof_last[dof] < 0:  # hinges and slides
+        for k in range(6):
+            out[k] = 2.0 * dot[k]
+        return
+    parent = plan.body_parent[plan.dof_body[dof]]
+    w0, w1, w2 = state.cvel[parent, 0], state.cvel[parent, 1], state.cvel[parent, 2]
+    v0, v1, v2 = state.cvel[parent, 3], state.cvel[parent, 4], state.cvel[parent, 5]
+    for k in range(plan.body_dof[plan.dof_body[dof]], plan.dof_last[dof] + 1):
+        q, c = state.qvel[k], state.cdof[k]
+        w0 += q * c[0]
+        w1 += q * c[1]
+        w2 += q * c[2]
+        v0 += q * c[3]
+        v1 += q * c[4]
+        v2 += q * c[5]
+    c = state.cdof[dof]
+    out[0] = dot[0] + w1 * c[2] - w2 * c[1]
+    out[1] = dot[1] + w2 * c[0] - w0 * c[2]
+    out[2] = dot[2] + w0 * c[1] - w1 * c[0]
+    out[3] = dot[3] + w1 * c[5] - w2 * c[4] + v1 * c[2] - v2 * c[1]
+    out[4] = dot[4] + w2 * c[3] - w0 * c[5] + v2 * c[0] - v0 * c[2]
+    out[5] = dot[5] + w0 * c[4] - w1 * c[3] + v0 * c[1] - v1 * c[0]
