@@ -8,6 +8,7 @@ NEWEST := .venv-newest
 .PHONY: demo test test-all test-newest check format clean
 
 demo: $(STAMP)
+	rm -rf demo-out
 	$(BIN)/swim2real demo --out demo-out
 
 test: $(STAMP)

@@ -42,6 +42,8 @@ def split(p):
 def main(source, target):
     with np.load(source) as stored:
         points, speeds, beats, frequencies = (stored[k] for k in ("points", "speeds", "beats", "frequencies"))
+    kept = np.isfinite(speeds).all(axis=1)  # a diverged swim tells nothing
+    points, speeds, beats = points[kept], speeds[kept], beats[kept]
     values = FISH.space.to_array(points)
     turned = beats * np.exp(-1j * np.angle(beats[:, :, -1:]))
     parts = np.concatenate([turned.real, turned.imag], axis=2)

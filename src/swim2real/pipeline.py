@@ -22,7 +22,7 @@ from swim2real.calibration import (
     sensitivities,
     versions,
 )
-from swim2real.errors import ArgumentError, RunError
+from swim2real.errors import ArgumentError, OptimizerError, RunError
 from swim2real.objective import Protocol
 from swim2real.optimizers import (
     Advisor,
@@ -78,7 +78,20 @@ class Settings:
             raise ArgumentError(f"method is '{self.method}'; there are line-search, random and warm-start")
         if self.advisor not in ADVISORS:
             raise ArgumentError(f"advisor is '{self.advisor}'; this version has {', '.join(ADVISORS)}")
-        streams(self.seed)
+        if self.protocol not in ("aligned", "paper"):
+            raise ArgumentError(f"protocol is '{self.protocol}'; there are aligned and paper")
+        if self.scale not in (None, "log", "linear"):
+            raise ArgumentError(f"scale is '{self.scale}'; there are log and linear")
+        if self.max_steps < 1:
+            raise ArgumentError(f"max_steps is {self.max_steps}; it must be at least 1")
+        if self.horizon is not None and not 0 < self.horizon < float("inf"):
+            raise ArgumentError(f"horizon is {self.horizon} s; it must be finite and above 0")
+        if self.threads is not None and self.threads < 1:
+            raise ArgumentError(f"threads is {self.threads}; it must be at least 1")
+        try:
+            streams(self.seed)
+        except OptimizerError as error:
+            raise ArgumentError(str(error)) from None
 
     @property
     def resolved_scale(self) -> Scale:

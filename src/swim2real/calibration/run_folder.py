@@ -87,7 +87,7 @@ class RunFolder:
                     f"run '{self.path}' can't go on: {key} was {_short(recorded.get(key))} and is now {_short(value)}; "
                     f"use the same settings and reference, or begin a new run"
                 )
-        if recorded.get("budget") != wanted.get("budget"):
+        if wanted["budget"] > recorded.get("budget", 0):
             self.write_json(self.settings_path, {**recorded, "budget": wanted["budget"]})
 
     def settings(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from swim2real.calibration import Progress
+from swim2real.calibration import Progress, RunFolder
 from swim2real.cli import tables
 from swim2real.cli.arguments import Calibrate, Demo
 from swim2real.cli.files import write_report
@@ -22,11 +22,9 @@ from swim2real.trials import load_reference
 
 def calibrate(a: Calibrate) -> int:
     """Runs or resumes a calibration."""
-    if a.horizon < 0:
-        raise ArgumentError(f"--horizon is {a.horizon}; it must be 0 (all) or above")
     settings = Settings(
         method=a.method, advisor=a.advisor, protocol=a.protocol, budget=a.budget, seed=a.seed,
-        scale=None if a.scale == "auto" else a.scale, max_steps=a.max_steps, horizon=a.horizon or None,
+        scale=None if a.scale == "auto" else a.scale, max_steps=a.max_steps, horizon=horizon(a.horizon),
         hold_out=a.hold_out, threads=threads(a.threads),
     )  # fmt: skip
     reference = load_reference(a.reference)
@@ -68,6 +66,13 @@ def threads(count: int) -> int | None:
     return count or None
 
 
+def horizon(seconds: float) -> float | None:
+    """None for all of each trial."""
+    if not 0 <= seconds < float("inf"):
+        raise ArgumentError(f"--horizon is {seconds:g}; it must be 0 (all) or above, and finite")
+    return seconds or None
+
+
 def _finish(
     work: Callable[[Callable[[Progress], None]], dict[str, Any]], budget: int, folder: Path, quiet: bool, as_json: bool
 ) -> int:
@@ -75,6 +80,8 @@ def _finish(
         with shown(budget, quiet) as on_progress:
             outcome = work(on_progress)
     except KeyboardInterrupt:
+        if not RunFolder(folder).exists:
+            raise
         print(f"swim2real: interrupted; '{folder}' is usable as it is, --resume goes on with it", file=sys.stderr)
         return 1
     if as_json:

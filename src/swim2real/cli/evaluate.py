@@ -9,7 +9,7 @@ from pathlib import Path
 from swim2real.calibration import Problem, examine, sensitivities
 from swim2real.cli import tables
 from swim2real.cli.arguments import Evaluate
-from swim2real.cli.calibrate import threads
+from swim2real.cli.calibrate import horizon, threads
 from swim2real.objective import evidence
 from swim2real.parameters import read_parameters
 from swim2real.robots.fish import FISH
@@ -24,7 +24,7 @@ def evaluate(a: Evaluate) -> int:
     simulator = Simulator(FISH, threads(a.threads))
     values = values_of(a.parameters, simulator)
     reference = load_reference(a.reference)
-    problem = Problem(FISH, examine(reference, FISH), simulator, a.protocol, a.horizon or None)
+    problem = Problem(FISH, examine(reference, FISH), simulator, a.protocol, horizon(a.horizon))
     comparison = problem.evaluate(values)
     found = [s.as_dict() for s in sensitivities(problem, FISH.space, values)] if a.sensitivity else None
     if a.json:

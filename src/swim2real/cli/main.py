@@ -33,6 +33,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     try:
         code = _run(command)
+        sys.stdout.flush()
     except Swim2RealError as error:
         if debug:
             raise
@@ -48,6 +49,11 @@ def main(argv: Sequence[str] | None = None) -> None:
         if debug:
             raise
         print(f"swim2real: {error.strerror or error}: {error.filename or ''}".rstrip(": "), file=sys.stderr)
+        code = 1
+    except Exception as error:  # a fault of ours, which is no reason to frighten anybody
+        if debug:
+            raise
+        print(f"swim2real: unexpected {type(error).__name__}: {error}; --debug shows where", file=sys.stderr)
         code = 1
     sys.exit(code)
 

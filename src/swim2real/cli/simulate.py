@@ -23,6 +23,9 @@ def simulate(a: Simulate) -> int:
             raise ArgumentError(f"{name} is {value}; it must be above 0")
     if not a.frequency:
         raise ArgumentError("give at least one --frequency in Hz")
+    for frequency in a.frequency:
+        if not (np.isfinite(frequency) and frequency > 0):
+            raise ArgumentError(f"--frequency is {frequency:g}; it must be finite and above 0")
     simulator = Simulator(FISH, threads(a.threads), sample_interval=1 / a.rate)
     values = values_of(a.parameters, simulator)
     start = None if a.from_rest else _START_SPEED

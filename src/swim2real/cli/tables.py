@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 console = Console(highlight=False)
@@ -20,11 +21,11 @@ def millimeters(value: float | None) -> str:
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Prints a table whose first column is text and whose others are numbers."""
     out = Table(
-        title=title, title_justify="left", title_style="bold",
+        title=escape(title), title_justify="left", title_style="bold",
         box=SIMPLE_HEAD, padding=(0, 1), collapse_padding=True, pad_edge=False,
     )  # fmt: skip
     for i, column in enumerate(columns):
-        out.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
+        out.add_column(column, justify="left" if i == 0 or column == "finding" else "right", overflow="fold")
     for row in rows:
         out.add_row(*row)
     console.print(out)
@@ -41,7 +42,10 @@ def figures(content: Mapping[str, Any], title: str) -> None:
     ]
     rows = [(label, millimeters(content[key]) + " mm") for label, key in lines]
     rows.append(
-        ("lost tracks would add", millimeters(content["unweighted_error"] - content["aligned_marker_error"]) + " mm")
+        (
+            "lost tracks would add",
+            millimeters(content["unweighted_error"] - content["aligned_marker_error"] + 0.0) + " mm",
+        )
     )
     rows.append(("velocity error", millimeters(content["velocity_error"]) + " mm/s"))
     rows.append(("left out (lost markers)", f"{100 * content['left_out_share']:.1f} %"))

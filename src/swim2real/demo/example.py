@@ -14,7 +14,7 @@ from swim2real.demo.synthetic import Camera, synthetic_reference
 from swim2real.errors import RunError
 from swim2real.pipeline import Settings, run
 from swim2real.robots.fish import FISH
-from swim2real.trials import TrialSet, save_reference
+from swim2real.trials import TrialSet, load_reference, save_reference
 
 DEMO_FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5)
 HELD_OUT = "f1_00"
@@ -52,9 +52,10 @@ def demo(
     folder = Path(out)
     if not resume and (folder / "run" / "settings.json").exists():
         raise RunError(f"'{folder}' holds a demo already; remove it, choose another --out or go on with --resume")
-    reference = synthetic_reference(FISH, hidden_values(), DEMO_FREQUENCIES, _SECONDS, _CAMERA, _HIDDEN_SEED, threads)
-    save_reference(reference, folder / "reference")
     settings = Settings(budget=budget, seed=seed, hold_out=(HELD_OUT,), threads=threads)
+    filmed = synthetic_reference(FISH, hidden_values(), DEMO_FREQUENCIES, _SECONDS, _CAMERA, _HIDDEN_SEED, threads)
+    save_reference(filmed, folder / "reference")
+    reference = load_reference(folder / "reference")  # as the other commands read it
     outcome = run(
         reference, FISH, settings, folder / "run", source=str(folder / "reference"), resume=resume, sensitivity=True,
         on_progress=on_progress,

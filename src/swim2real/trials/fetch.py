@@ -6,12 +6,13 @@ import hashlib
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from swim2real.errors import MissingExtraError, TrialError
 from swim2real.trials.files import INDEX, read_published, save_reference
 from swim2real.trials.trial import TrialSet
 
-COMMIT = "08880b6"
+COMMIT = "08880b6ed0ac60a03fa37df9b9a85ea07746f381"
 SOURCE = f"https://raw.githubusercontent.com/srl-ethz/fishsim/{COMMIT}/Data/Markers/"
 PAGE = f"https://github.com/srl-ethz/fishsim/tree/{COMMIT}/Data/Markers"
 SHA256 = {
@@ -27,7 +28,7 @@ SHA256 = {
 
 
 def fetch(
-    to: str | Path, source: str | None = None, on_file: Callable[[str, str], None] = lambda n, w: None
+    to: str | Path, source: str | Path | None = None, on_file: Callable[[str, str], None] = lambda n, w: None
 ) -> TrialSet:
     """Writes the published tracks as a reference folder.
 
@@ -47,13 +48,13 @@ def fetch(
     target = Path(to)
     if (target / INDEX).exists():
         raise TrialError(f"'{target}' holds a reference already; remove it or choose another folder with --to")
-    folder = Path(source) if source is not None and "://" not in source else None
-    if folder is not None:
-        paths = _from_folder(folder, on_file)
+    address = SOURCE if source is None else str(source)
+    if "://" not in address:
+        paths = _from_folder(Path(address), on_file)
         trials = TrialSet(tuple(read_published(path) for path in paths))
     else:
         with tempfile.TemporaryDirectory() as cache:
-            paths = _download(source or SOURCE, Path(cache), on_file)
+            paths = _download(address, Path(cache), on_file)
             trials = TrialSet(tuple(read_published(path) for path in paths))
     save_reference(trials, target)
     return trials
@@ -81,7 +82,17 @@ def _from_folder(folder: Path, on_file: Callable[[str, str], None]) -> list[Path
     return paths
 
 
+def _is_address(text: str) -> bool:
+    try:
+        parts = urlsplit(text)
+        return parts.scheme in ("http", "https") and bool(parts.hostname)
+    except ValueError:
+        return False
+
+
 def _download(source: str, cache: Path, on_file: Callable[[str, str], None]) -> list[Path]:
+    if not _is_address(source):
+        raise TrialError(f"'{source}' is no address to download from; give one with http:// or https://, or a folder")
     try:
         import pooch
     except ImportError:
@@ -95,12 +106,12 @@ def _download(source: str, cache: Path, on_file: Callable[[str, str], None]) -> 
     for name in SHA256:
         try:
             paths.append(Path(downloads.fetch(name)))
-        except ValueError as error:  # the hash
-            raise TrialError(f"{name} from {source} isn't the published file: {error}") from error
-        except Exception as error:  # whatever the network library raises
+        except Exception as error:  # whatever the network library raises, which is an OSError; another hash isn't
+            another = isinstance(error, ValueError) and not isinstance(error, OSError)
+            what = "isn't the published file" if another else f"can't be downloaded ({type(error).__name__})"
             raise TrialError(
-                f"{name} can't be downloaded from {source} ({type(error).__name__}). Without a network: get the files "
-                f"of {PAGE} by hand and run `swim2real fetch --from FOLDER --to …`"
+                f"{name} from {source} {what}. By hand: get the files of {PAGE} and run "
+                f"`swim2real fetch --from FOLDER --to …`"
             ) from error
         on_file(name, "downloaded")
     return paths

@@ -24,7 +24,7 @@ from swim2real.robots.robot import Response, Robot
 Array = NDArray[np.float64]
 
 KERNEL = Kernel(offset=0.1, slope=0.5, bend=0.6, length=0.35, noise=0.005)
-SPEED_SPREAD, BEAT_SPREAD = 0.4, 0.012  # deviation from the response, on the speed scale and in m
+SPEED_SPREAD, BEAT_SPREAD = 0.25, 0.012  # deviation from the response, on the speed scale and in m
 CAUTION, BOLDER = 0.3, 0.3  # weight of the variance, and what a round without real progress makes of it
 PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
 TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.1, 0.7  # half width of the trusted box, in the unit cube
@@ -95,9 +95,10 @@ class PhysicsAdvisor:
         surrogate = Surrogate(KERNEL, lambda p: self._prior(response, p, driven), spread, points, features)
         trials = list(incumbent.detail["trials"].values())
         here = swims(incumbent.detail, "simulated")
-        # a trial that goes backward while most go forward: its speed was an outlier above
-        backward = (here.speed < 0) & (np.median(here.speed) > 0)
-        stuck = np.where(backward, [trial["aligned_marker_error"] for trial in trials], 0.0)
+        # a trial that goes backward or staggers while the others don't: its speed was replaced above
+        replaced = np.abs(here.speed - _filled(here, real, driven).speed) > 1e-4
+        apart = replaced & (np.median(here.speed) > 0)
+        stuck = np.where(apart, [trial["aligned_marker_error"] for trial in trials], 0.0)
         start = float(response.reserve(self._own.to_array(self._point(incumbent)[None]))[0])
         wanted = RESERVE_GAIN * (1 - start)
         horizon = incumbent.detail["horizon"] or 4.0

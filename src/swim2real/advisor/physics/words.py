@@ -72,7 +72,7 @@ def reason(space: ParameterSpace, here: Array, point: Array, gains: Array) -> st
 
 
 def _speed(frequency: float, real: float, simulated: float) -> str:
-    measured = f"At {frequency:.2f} Hz it swims {1e3 * simulated:.0f} mm/s the real one {1e3 * real:.0f} mm/s"
+    measured = f"At {frequency:.2f} Hz it swims {1e3 * simulated:.0f} mm/s, the real one {1e3 * real:.0f} mm/s"
     if simulated <= 0 or abs(simulated - real) <= _CLOSE * abs(real):
         return measured
     factor = simulated / real
@@ -81,7 +81,7 @@ def _speed(frequency: float, real: float, simulated: float) -> str:
         if factor >= 2
         else f"{100 * abs(factor - 1):.0f} % too {'fast' if factor > 1 else 'slow'}"
     )
-    return f"{measured}, {size}"
+    return f"{measured}: {size}"
 
 
 def _slope(frequencies: Array, real: Array, simulated: Array) -> str:

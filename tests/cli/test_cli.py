@@ -1,0 +1,801 @@
+"""The program as it is used: words in, files, text and an exit code out."""
+
+import errno
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from filelock import FileLock
+
+import swim2real
+from pools import NAMES, film
+from swim2real.calibration import RunFolder
+from swim2real.cli import main
+from swim2real.demo import Camera
+from swim2real.errors import ParameterError, TrialError
+from swim2real.robots.fish import FISH
+from swim2real.simulation import Engine
+from swim2real.trials import save_reference
+
+COMMANDS = ("calibrate", "demo", "evaluate", "fetch", "quality", "report", "simulate")
+SPEC_FIGURES = {  # of the interface's `evaluate --json`
+    "marker_error", "aligned_marker_error", "shape_error", "static_offset", "velocity_error", "left_out_share",
+}  # fmt: skip
+OUR_FIGURES = {"progress_error", "unweighted_error"}
+SPEC_TRIAL = {"frequency", "velocity_real", "velocity_simulated"}
+OUR_TRIAL = {"phase", "divergence", "marker_errors", "aligned_marker_errors", "beat_real", "beat_simulated"}
+
+
+class Program:
+    """Calls the program in this process."""
+
+    def __init__(self, capsys):
+        self._capsys = capsys
+        self.code, self.out, self.err = None, "", ""
+
+    def __call__(self, *words: object) -> "Program":
+        self._capsys.readouterr()
+        with pytest.raises(SystemExit) as leaving:
+            main([str(word) for word in words])
+        self.code = leaving.value.code
+        self.out, self.err = self._capsys.readouterr()
+        return self
+
+    def done(self) -> "Program":
+        assert self.code == 0, self.err
+        return self
+
+    @property
+    def json(self):
+        return json.loads(self.out)
+
+    @property
+    def text(self) -> str:
+        """What was printed, without the boxes and line breaks of a terminal's width."""
+        return plain(self.out)
+
+    def sentence(self, code: int) -> str:
+        """The one line that a refusal must be."""
+        assert self.code == code, self.err
+        assert self.out == ""
+        lines = self.err.splitlines()
+        assert len(lines) == 1, self.err
+        assert lines[0].startswith("swim2real: ")
+        return lines[0].removeprefix("swim2real: ")
+
+
+def plain(text: str) -> str:
+    return re.sub(r"[\s│╭╮╰╯─]+", " ", text)
+
+
+@pytest.fixture(autouse=True)
+def no_terminal(monkeypatch):
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture
+def program(capsys) -> Program:
+    return Program(capsys)
+
+
+def process(*words: object, **options) -> subprocess.Popen:
+    """Starts the program as its own process; Ctrl-C works there even when it is switched off here."""
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); import swim2real.__main__"
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, words)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8",
+        env={**os.environ, "PYTHONPATH": str(Path(swim2real.__file__).parents[1]), "PYTHONIOENCODING": "utf-8"},
+        **options,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def finished(pool_folder, tmp_path_factory) -> Path:
+    """A finished run of three evaluations. Copy it before changing it."""
+    run = tmp_path_factory.mktemp("finished") / "run"
+    with pytest.raises(SystemExit) as leaving:
+        main(["calibrate", str(pool_folder), "--out", str(run), "--budget", "3", "--quiet"])
+    assert leaving.value.code == 0
+    return run
+
+
+@pytest.fixture
+def run(finished, tmp_path) -> Path:
+    """A copy of the finished run."""
+    return Path(shutil.copytree(finished, tmp_path / "run"))
+
+
+def record(run: Path) -> list[dict]:
+    return RunFolder(run).record()
+
+
+def edited(path: Path, **changes: object) -> None:
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+@pytest.fixture
+def parameters(tmp_path):
+    """Writes a parameters file with the published values, some of them changed or left out (None)."""
+
+    def write(changes=None, **content):
+        values = {**FISH.space.published, **(changes or {})}
+        path = tmp_path / "parameters.json"
+        kept = {name: value for name, value in values.items() if value is not None}
+        path.write_text(json.dumps({"format": 1, "robot": "fish", "parameters": kept, **content}))
+        return path
+
+    return write
+
+
+# the program itself
+
+
+def test_the_version_is_told(program):
+    assert program("--version").done().out == f"swim2real {swim2real.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "phrases"),
+    {
+        "calibrate": [
+            "--resume", "--hold-out", "--budget", "Reads a reference", "writes a run folder", "record.jsonl",
+            "best.json", "report.html", "Costs about a second an evaluation",
+        ],
+        "demo": ["--out", "no network", "writes the report", "Folder to write"],
+        "evaluate": ["--reference", "Reads a run folder or parameters file", "writes nothing", "Costs one evaluation"],
+        "fetch": ["--from", "--to", "sha256", "write a reference folder"],
+        "quality": ["--plot", "Folder with the real trials", "Exits with 1 when", "Also write an HTML page"],
+        "report": ["Run folder", "one self-contained HTML file"],
+        "simulate": ["--from-rest", "Run folder or parameters file", "Writes an .npz with times (T,)"],
+    }.items(),
+)  # fmt: skip
+def test_every_command_has_a_help_that_says_what_it_reads_and_writes(program, command, phrases):
+    program(command, "--help").done()
+    for phrase in phrases:
+        assert phrase in program.text
+    assert program.err == ""
+
+
+def test_the_help_lists_every_command(program):
+    program("--help").done()
+    assert all(f" {command} " in program.text for command in COMMANDS)
+    assert "--debug shows tracebacks" in program.text
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        ["swim"],
+        ["quality"],
+        ["quality", "REFERENCE", "--bogus"],
+        ["calibrate", "REFERENCE"],
+        ["calibrate", "REFERENCE", "--out", "run", "--budget", "many"],
+        ["calibrate", "REFERENCE", "--out", "run", "--seed", "1.5"],
+        ["calibrate", "REFERENCE", "--out", "run", "--method", "guessing"],
+        ["evaluate", "published"],
+        ["simulate", "published", "--frequency", "fast", "--out", "f.npz"],
+        ["fetch"],
+    ],
+    ids=" ".join,
+)
+def test_words_that_make_no_command_leave_with_2(program, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    program(*words)
+    assert program.code == 2
+    assert program.out == ""
+    assert "Traceback" not in program.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--budget", "-1"], "budget is -1; it must be at least 1"),
+        (["--budget", "0"], "budget is 0; it must be at least 1"),
+        (["--horizon", "-1"], "--horizon is -1; it must be 0 (all) or above, and finite"),
+        (["--horizon", "nan"], "--horizon is nan; it must be 0 (all) or above, and finite"),
+        (["--horizon", "inf"], "--horizon is inf; it must be 0 (all) or above, and finite"),
+        (["--threads", "-2"], "--threads is -2; it must be 0 (all cores) or above"),
+        (["--seed", "-1"], "seed is -1; it must be a whole number from 0 on"),
+        (["--advisor", "oracle"], "advisor is 'oracle'; this version has physics"),
+        (["--max-steps", "0"], "max_steps is 0; it must be at least 1"),
+    ],
+    ids=" ".join,
+)
+def test_wrong_arguments_of_calibrate_are_named_and_nothing_is_written(program, pool_folder, tmp_path, words, says):
+    assert program("calibrate", pool_folder, "--out", tmp_path / "run", *words).sentence(2) == says
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--rate", "-60"], "--rate is -60.0; it must be above 0"),
+        (["--seconds", "0"], "--seconds is 0.0; it must be above 0"),
+        (["--seconds", "inf"], "--seconds is inf; it must be above 0"),
+        (["--frequency", "1", "-1"], "--frequency is -1; it must be finite and above 0"),
+        (["--frequency", "nan"], "--frequency is nan; it must be finite and above 0"),
+        (["--frequency"], "give at least one --frequency in Hz"),
+        (["--threads", "-1"], "--threads is -1; it must be 0 (all cores) or above"),
+    ],
+    ids=" ".join,
+)
+def test_wrong_arguments_of_simulate_are_named_and_nothing_is_written(program, tmp_path, words, says):
+    words = words if "--frequency" in words else ["--frequency", "1", *words]
+    out = tmp_path / "f.npz"
+    assert program("simulate", "published", *words, "--out", out).sentence(2) == says
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--horizon", "-1"], "--horizon is -1; it must be 0 (all) or above, and finite"),
+        (["--threads", "-1"], "--threads is -1; it must be 0 (all cores) or above"),
+    ],
+    ids=" ".join,
+)
+def test_wrong_arguments_of_evaluate_are_named(program, pool_folder, words, says):
+    assert program("evaluate", "published", "--reference", pool_folder, *words).sentence(2) == says
+
+
+@pytest.mark.parametrize(("option", "says"), [("--budget", "budget is -1"), ("--seed", "seed is -1")])
+def test_wrong_arguments_of_demo_are_named_and_nothing_is_written(program, tmp_path, option, says):
+    assert program("demo", "--out", tmp_path / "demo", "--quiet", option, "-1").sentence(2).startswith(says)
+    assert not (tmp_path / "demo").exists()
+
+
+def test_debug_shows_where_it_went_wrong(tmp_path):
+    with pytest.raises(TrialError, match="is not there"):
+        main(["quality", str(tmp_path / "nothing"), "--debug"])
+    with pytest.raises(ParameterError, match="is not there"):
+        main(["--debug", "evaluate", str(tmp_path / "nothing"), "--reference", str(tmp_path)])
+
+
+def test_a_fault_of_ours_is_a_sentence_unless_debug_is_on(program, pool_folder, monkeypatch):
+    def fail(reference, robot):
+        raise ValueError("no idea")
+
+    monkeypatch.setattr("swim2real.cli.quality.examine", fail)
+    assert program("quality", pool_folder).sentence(1) == "unexpected ValueError: no idea; --debug shows where"
+    with pytest.raises(ValueError, match="no idea"):
+        main(["quality", str(pool_folder), "--debug"])
+
+
+def test_a_fault_of_the_disk_is_a_sentence(program, pool_folder, monkeypatch):
+    def fail(reference):
+        raise OSError(errno.EIO, "Input/output error", "swims.csv")
+
+    monkeypatch.setattr("swim2real.cli.quality.load_reference", fail)
+    assert program("quality", pool_folder).sentence(1) == "Input/output error: swims.csv"
+
+
+def test_as_a_process_a_refusal_is_one_line_and_debug_a_traceback(tmp_path):
+    for words, is_traceback in ((["quality", "nothing"], False), (["quality", "nothing", "--debug"], True)):
+        program = process(*words, cwd=tmp_path)
+        out, err = program.communicate(timeout=60)
+        assert (program.returncode, out) == (1, "")
+        assert err.startswith("Traceback" if is_traceback else "swim2real: reference 'nothing' is not there")
+        assert (len(err.splitlines()) > 1) == is_traceback
+
+
+def test_it_runs_as_a_module():
+    done = subprocess.run([sys.executable, "-m", "swim2real", "--version"], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"swim2real {swim2real.__version__}\n", "")
+
+
+def test_a_reader_that_has_gone_is_no_fault(pool_folder):
+    program = process("evaluate", "published", "--reference", pool_folder, "--json")
+    program.stdout.close()
+    assert program.stderr.read() == ""
+    assert program.wait(timeout=60) == 0
+    program.stderr.close()
+
+
+# quality
+
+
+@pytest.fixture(scope="session")
+def lossy_folder(tmp_path_factory) -> Path:
+    """The pool again; here a marker of the second swim collapses onto its neighbor early on."""
+    folder = tmp_path_factory.mktemp("lossy") / "reference"
+    save_reference(film(Camera(noise=5e-4, placement=2e-3, lost={NAMES[1]: (6, 7, 0.4)})), folder)
+    return folder
+
+
+def test_quality_of_clean_tracks_leaves_with_0(program, pool_folder):
+    program("quality", pool_folder).done()
+    assert "What drove each trial" in program.text
+    assert "Frames for which each marker is lost [%]" in program.text
+    assert all(name in program.text for name in NAMES)
+    assert program.err == ""
+
+
+def test_quality_of_lost_tracks_leaves_with_1_and_names_the_marker(program, lossy_folder):
+    program("quality", lossy_folder)
+    assert program.code == 1
+    assert re.search(rf"{NAMES[1]}: M6 is lost in \d+ % of frames \(collapsed", program.text)
+    assert program.err == ""
+
+
+def test_quality_as_json_is_json_alone(program, lossy_folder):
+    program("quality", lossy_folder, "--json")
+    assert program.code == 1
+    content = program.json
+    assert tuple(content) == NAMES
+    clean, lost = (content[name] for name in NAMES)
+    assert (clean["usable"], clean["findings"], clean["left_out_share"]) == (True, [], 0)
+    assert not lost["usable"]
+    assert lost["lost_share"][6] > 0.6
+    assert clean["frequency"] == pytest.approx(1.2, abs=0.01)
+    assert clean["nominal_frequency"] == 1.2
+    assert 0.01 < clean["start_speed"] < 1  # m/s
+    assert 0.01 < clean["amplitude"] < 0.3  # m
+    assert program.err == ""
+
+
+def test_quality_plots_a_page_that_needs_nothing_else(program, lossy_folder, tmp_path):
+    page = tmp_path / "page.html"
+    assert program("quality", lossy_folder, "--plot", page).code == 1
+    html = page.read_text(encoding="utf-8")
+    assert all(name in html for name in NAMES)
+    assert not re.search(r"<(script|link|img|iframe)[^>]*\s(src|href)\s*=", html)
+
+
+def test_a_plot_that_cant_be_written_is_told(program, pool_folder, tmp_path):
+    program("quality", pool_folder, "--plot", tmp_path / "nowhere" / "page.html")
+    assert program.code == 2
+    page = tmp_path / "nowhere" / "page.html"
+    assert program.err == f"swim2real: --plot '{page}' can't be written: No such file or directory\n"
+
+
+# evaluate
+
+
+@pytest.fixture
+def published(program, pool_folder):
+    return program("evaluate", "published", "--reference", pool_folder, "--json").done().json
+
+
+def test_evaluate_as_json_has_the_promised_keys(program, published):
+    extra = {"horizon", "trials", "loss", "protocol", "engine", "sensitivity"}
+    assert set(published) == SPEC_FIGURES | OUR_FIGURES | extra
+    assert tuple(published["trials"]) == NAMES
+    for trial in published["trials"].values():
+        assert set(trial) == SPEC_FIGURES | OUR_FIGURES | SPEC_TRIAL | OUR_TRIAL
+        assert len(trial["marker_errors"]) == len(trial["aligned_marker_errors"]) == 9
+    assert program.err == ""
+
+
+def test_evaluate_as_json_is_in_si(published, pool):
+    assert published["horizon"] == 4.0  # s
+    for name, frequency in zip(NAMES, (1.2, 1.6), strict=True):
+        trial = published["trials"][name]
+        assert trial["frequency"] == pytest.approx(frequency, abs=0.01)  # Hz
+        assert trial["velocity_real"] == pytest.approx(pool[name].track.speed, rel=1e-6)  # m/s
+        assert trial["velocity_error"] == pytest.approx(abs(trial["velocity_simulated"] - trial["velocity_real"]))
+        assert 0 <= trial["phase"] < 2 * np.pi  # rad
+        assert 1e-4 < trial["shape_error"] < trial["aligned_marker_error"] < 0.5  # m
+    for figure in SPEC_FIGURES | OUR_FIGURES:
+        assert published[figure] == pytest.approx(np.mean([t[figure] for t in published["trials"].values()]))
+    assert published["loss"] == published["aligned_marker_error"]
+
+
+def test_evaluate_prints_tables(program, pool_folder, published):
+    program("evaluate", "published", "--reference", pool_folder).done()
+    for phrase in ("aligned marker error", "static offset", "velocity error", "Per trial", "Aligned error per marker"):
+        assert phrase in program.text
+    assert f"{1e3 * published['aligned_marker_error']:.1f} mm" in program.text
+    assert program.err == ""
+
+
+def test_evaluate_compares_the_whole_trial_with_horizon_0(program, pool_folder):
+    program("evaluate", "published", "--reference", pool_folder, "--horizon", 0, "--json").done()
+    assert program.json["horizon"] is None
+
+
+def test_evaluate_by_the_papers_protocol(program, pool_folder):
+    program("evaluate", "published", "--reference", pool_folder, "--protocol", "paper", "--json").done()
+    content = program.json
+    assert content["protocol"] == "paper"
+    assert content["loss"] == content["marker_error"]
+    assert content["trials"][NAMES[0]]["frequency"] == 1.2  # the nominal one
+
+
+@pytest.mark.slow
+def test_evaluate_tells_each_parameters_effect(program, pool_folder):
+    program("evaluate", "published", "--reference", pool_folder, "--sensitivity", "--json").done()
+    found = program.json["sensitivity"]
+    assert [one["name"] for one in found] == list(FISH.space.names)
+    assert {one["verdict"] for one in found} <= {"identified", "weak", "not identified"}
+
+
+def test_evaluate_takes_a_run_and_its_parameters_file(program, finished, pool_folder):
+    best = min(entry["loss"] for entry in record(finished))
+    for place in (finished, finished / "best.json"):
+        content = program("evaluate", place, "--reference", pool_folder, "--json").done().json
+        assert content["loss"] == pytest.approx(best, rel=1e-6)
+        assert program.err == ""
+
+
+def test_parameters_that_were_found_with_other_physics_are_told(program, parameters, pool_folder, tmp_path):
+    engine = Engine.of(FISH).as_dict()
+    other = [1.1 * force for force in engine["fluid_fingerprint"]]
+    file = parameters(engine="mujoco 9.9.9", physics={**engine, "name": "mujoco 9.9.9", "fluid_fingerprint": other})
+    program("evaluate", file, "--reference", pool_folder, "--json").done()
+    assert program.json["loss"] > 0
+    assert program.err.startswith(f"swim2real: warning: {file} was made with mujoco 9.9.9, whose fluid forces differ")
+    assert len(program.err.splitlines()) == 1
+    program("simulate", file, "--frequency", 1.5, "--seconds", 0.2, "--from-rest", "--out", tmp_path / "f.npz").done()
+    assert "swim2real: warning: " in program.err
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"fluid_blunt_drag": float("nan")}, "parameter 'fluid_blunt_drag' in {} is nan; it must be finite"),
+        ({"motor_arm_length": 0.2}, "parameter 'motor_arm_length' in {} is 0.2, out of bounds; allowed is 0.01 to 0.0"),
+        ({"fluid_blunt_drag": "0.4"}, "parameter 'fluid_blunt_drag' in {} is '0.4', not a number"),
+        ({"fluid_bluntdrag": 0.4}, "unknown parameter 'fluid_bluntdrag'; did you mean 'fluid_blunt_drag'?"),
+        ({"hinge_damping_3": None}, "missing parameter in {}: hinge_damping_3"),
+    ],
+    ids=["nan", "out of bounds", "text", "unknown", "missing"],
+)
+def test_wrong_parameters_are_named(program, parameters, pool_folder, changes, says):
+    file = parameters(changes)
+    for words in (["evaluate", file, "--reference", pool_folder], ["simulate", file, "--frequency", 1, "--out", "f"]):
+        assert program(*words).sentence(2).startswith(says.format(f"'{file}'"))
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [({"format": 2}, "format is 2"), ({"robot": "eel"}, "is for robot 'eel', not 'fish'")],
+    ids=["format", "robot"],
+)
+def test_a_parameters_file_for_something_else_is_refused(program, parameters, pool_folder, content, says):
+    assert says in program("evaluate", parameters(**content), "--reference", pool_folder).sentence(2)
+
+
+def test_parameters_that_arent_there_are_named(program, pool_folder, tmp_path):
+    place = tmp_path / "nothing"
+    assert f"'{place}' is not there" in program("evaluate", place, "--reference", pool_folder).sentence(2)
+    assert "has no best.json" in program("evaluate", tmp_path, "--reference", pool_folder).sentence(2)
+    place.write_text("{")
+    assert "can't be read as JSON" in program("evaluate", place, "--reference", pool_folder).sentence(2)
+
+
+# references that can't be used
+
+
+def raw(folder: Path, text: str) -> Path:
+    folder.mkdir()
+    (folder / "markers_f1_00.csv").write_text(text)
+    return folder
+
+
+def still(width: int = 18, count: int = 60) -> str:
+    row = ",".join(f"{100 + 25 * (i // 2 + 1)}" if i % 2 == 0 else "300" for i in range(width))
+    return f"{row}\n" * count
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "the table is empty"),
+        (still(width=16), "16 columns; expected 18 numbers a row"),
+        (still(count=1), "one frame only"),
+        (still(), "no marker moves"),
+        (still().replace("300", "here", 1), "line 1, column 2: 'here' is not a number"),
+    ],
+    ids=["empty", "wrong width", "one frame", "no motion", "text"],
+)
+@pytest.mark.parametrize("command", ["quality", "evaluate", "calibrate"])
+def test_a_bad_table_is_named(program, tmp_path, command, text, says):
+    folder, run = raw(tmp_path / "bad", text), tmp_path / "run"
+    words = {
+        "quality": [folder], "evaluate": ["published", "--reference", folder], "calibrate": [folder, "--out", run],
+    }[command]  # fmt: skip
+    sentence = program(command, *words).sentence(1)
+    assert says in sentence
+    assert "markers_f1_00.csv" in sentence
+    assert not run.exists()
+
+
+def test_a_reference_that_isnt_there_is_named(program, tmp_path):
+    assert "is not there" in program("quality", tmp_path / "nothing").sentence(1)
+    assert "holds neither reference.json nor any .csv" in program("quality", tmp_path).sentence(1)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda trials: trials[0].update(fps=-60), "fps of trial 'f1_20' is -60; it must be a number above 0"),
+        (lambda trials: trials[1].update(name="f1_20"), "two trials are named 'f1_20'"),
+        (lambda trials: trials[1].update(table="gone.csv"), "table 'gone.csv' of trial 'f1_60' is not in"),
+    ],
+    ids=["negative fps", "same name", "missing table"],
+)
+def test_a_bad_index_is_named(program, pool_folder, tmp_path, change, says):
+    folder = Path(shutil.copytree(pool_folder, tmp_path / "reference"))
+    index = json.loads((folder / "reference.json").read_text())
+    change(index["trials"])
+    (folder / "reference.json").write_text(json.dumps(index))
+    assert says in program("quality", folder).sentence(1)
+
+
+# simulate
+
+
+def simulated(program, path: Path, *words: object) -> dict[str, np.ndarray]:
+    program("simulate", "published", *words, "--out", path).done()
+    assert program.err == ""
+    with np.load(path, allow_pickle=False) as stored:
+        return dict(stored)
+
+
+def test_simulate_from_rest_writes_the_promised_arrays(program, tmp_path):
+    words = ("--frequency", 1, 1.5, "--seconds", 1, "--rate", 100, "--from-rest")
+    swims = simulated(program, tmp_path / "f.npz", *words)
+    assert set(swims) == {"times", "frequencies", "markers", "marker_names"}
+    np.testing.assert_allclose(swims["times"], np.arange(101) / 100)
+    np.testing.assert_array_equal(swims["frequencies"], [1.0, 1.5])
+    assert swims["markers"].shape == (2, 101, 9, 2)
+    assert np.isfinite(swims["markers"]).all()
+    assert list(swims["marker_names"]) == [f"M{i}" for i in range(9)]
+    assert "2 swims of 101 samples" in program.text
+    # sample 0 is t = 0: the fish lies straight and at rest, whatever the motor does
+    for start in swims["markers"][:, 0]:
+        np.testing.assert_allclose(start - start[0], FISH.rest_markers, atol=1e-9)
+    assert np.ptp(swims["markers"][:, :, 8, 1], axis=1).min() > 0.01
+
+
+def test_simulate_from_rest_matches_the_reference_rollouts(program, shared, new_fluid_law, tmp_path):
+    place = shared / "reference" / "fish_rollouts.npz"
+    if not place.is_file():
+        pytest.skip(f"no reference rollouts at {place}")
+    with np.load(place) as stored:
+        frequencies, expected, times = stored["frequencies"], stored["markers"][0], stored["times"]
+    words = ("--frequency", *frequencies, "--seconds", 3, "--rate", 100, "--from-rest")
+    swims = simulated(program, tmp_path / "f.npz", *words)
+    np.testing.assert_allclose(swims["times"], times)
+    errors = np.linalg.norm(swims["markers"] - expected, axis=3).mean(axis=(1, 2))
+    if new_fluid_law:  # another swim, as stable
+        assert errors.max() < 0.1
+    else:
+        assert errors.max() < 1e-3
+
+
+def test_simulate_writes_a_steady_cycle_otherwise(program, tmp_path):
+    swims = simulated(program, tmp_path / "f.npz", "--frequency", 1.25, "--seconds", 2.4, "--rate", 50)
+    assert swims["markers"].shape == (1, 121, 9, 2)
+    markers = swims["markers"][0]
+    lengths = np.linalg.norm(np.diff(markers[::40, 0], axis=0), axis=1)  # of three cycles
+    np.testing.assert_allclose(lengths, lengths[0], rtol=0.02)
+    assert lengths[0] > 0.02
+    np.testing.assert_allclose(  # the same shape again, cycle by cycle
+        np.linalg.norm(markers[0] - markers[0, 0], axis=1),
+        np.linalg.norm(markers[80] - markers[80, 0], axis=1),
+        atol=2e-3,
+    )
+
+
+def test_simulate_takes_a_run(program, finished, tmp_path):
+    out = tmp_path / "f.npz"
+    program("simulate", finished, "--frequency", 1.2, "--seconds", 0.3, "--from-rest", "--out", out).done()
+    with np.load(out) as stored:
+        assert stored["markers"].shape == (1, 19, 9, 2)
+
+
+def test_an_output_that_cant_be_written_is_told(program, tmp_path):
+    out = tmp_path / "nowhere" / "f.npz"
+    words = ("--frequency", 1.5, "--seconds", 0.1, "--from-rest")
+    sentence = program("simulate", "published", *words, "--out", out).sentence(2)
+    assert sentence == f"--out '{out}' can't be written: No such file or directory"
+
+
+# calibrate and report
+
+
+def test_calibrate_leaves_a_whole_run(program, finished, pool_folder):
+    names = {path.name for path in finished.iterdir()} - {".lock"}
+    assert names == {"settings.json", "record.jsonl", "best.json", "outcome.json", "swims.npz", "report.html"}
+    settings = RunFolder(finished).settings()
+    assert (settings["budget"], settings["seed"], settings["protocol"]) == (3, 0, "aligned")
+    assert settings["reference"] == str(pool_folder)
+    assert settings["versions"]["swim2real"] == swim2real.__version__
+    entries = record(finished)
+    assert len(entries) == 3
+    assert json.loads((finished / "best.json").read_text())["loss"] == min(entry["loss"] for entry in entries)
+
+
+def test_calibrate_quietly_prints_nothing(program, pool_folder, tmp_path):
+    program("calibrate", pool_folder, "--out", tmp_path / "run", "--budget", 1, "--quiet").done()
+    assert (program.out, program.err) == ("", "")
+
+
+def test_calibrate_tells_its_progress_in_plain_lines_when_piped(program, pool_folder, tmp_path):
+    program("calibrate", pool_folder, "--out", tmp_path / "run", "--budget", 2, "--method", "random").done()
+    lines = program.err.splitlines()
+    assert len(lines) == 2
+    for number, line in enumerate(lines, start=1):
+        assert re.fullmatch(rf"   {number}/2 (best|    ) +[\d.]+ mm  \(best [\d.]+ mm, [a-z ]+, \d+:\d\d left\)", line)
+    assert "\x1b" not in program.err + program.out
+    assert "Fitted trials" in program.text
+    assert f"Report: {tmp_path / 'run' / 'report.html'}" in program.text
+
+
+def test_calibrate_shows_a_bar_on_a_terminal(program, pool_folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as if it were one
+    monkeypatch.setenv("COLUMNS", "120")
+    program("calibrate", pool_folder, "--out", tmp_path / "run", "--budget", 2, "--method", "random").done()
+    assert "\x1b[" in program.err
+    shown = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", program.err)
+    assert re.search(r"calibrating .* 2/2 best [\d.]+ mm, 0:00 left", shown)
+
+
+def test_calibrate_as_json_prints_the_outcome_alone(program, pool_folder, tmp_path):
+    words = ("--budget", 2, "--hold-out", NAMES[1], "--json")
+    program("calibrate", pool_folder, "--out", tmp_path / "run", *words).done()
+    content = program.json
+    assert content == json.loads((tmp_path / "run" / "outcome.json").read_text())
+    assert tuple(content["fit"]["trials"]) == (NAMES[0],)
+    assert tuple(content["held_out"]["trials"]) == (NAMES[1],)
+    assert content["sensitivity"] is None
+    assert len(program.err.splitlines()) == 2  # its progress
+
+
+@pytest.mark.slow
+def test_calibrate_tells_each_parameters_effect_at_the_end(program, run, pool_folder):
+    program("calibrate", pool_folder, "--out", run, "--budget", 3, "--resume", "--sensitivity").done()
+    assert "Effect on the loss of a tenth of a parameter's range" in program.text
+    assert len(RunFolder(run).outcome()["sensitivity"]) == len(FISH.space)
+    assert len(record(run)) == 3  # outside the budget
+
+
+def test_an_unknown_trial_to_hold_out_is_named_with_the_nearest(program, pool_folder, tmp_path):
+    words = ("calibrate", pool_folder, "--out", tmp_path / "run", "--hold-out", "f1_02")
+    assert program(*words).sentence(1) == "no trial is named 'f1_02'; there are f1_20, f1_60; did you mean 'f1_60'?"
+    assert not (tmp_path / "run").exists()
+    assert "all 2 trials are held out" in program(*words[:-1], *NAMES).sentence(1)
+
+
+def test_a_run_that_is_there_isnt_overwritten(program, run, pool_folder):
+    before = {path.name: path.read_bytes() for path in run.iterdir()}
+    sentence = program("calibrate", pool_folder, "--out", run, "--budget", 3).sentence(1)
+    assert sentence == f"'{run}' holds a run already; go on with --resume or choose another folder"
+    assert {path.name: path.read_bytes() for path in run.iterdir()} == before
+
+
+def test_a_larger_budget_goes_on_with_a_run(program, run, pool_folder):
+    before = (run / "record.jsonl").read_bytes()
+    program("calibrate", pool_folder, "--out", run, "--budget", 4, "--resume").done()
+    assert (run / "record.jsonl").read_bytes().startswith(before)
+    assert len(record(run)) == 4
+    assert [line.split()[:2] for line in program.err.splitlines()[:3]] == [[f"{i}/4", "read"] for i in (1, 2, 3)]
+
+
+def test_resuming_what_isnt_there_is_refused(program, pool_folder, tmp_path):
+    words = ("calibrate", pool_folder, "--out", tmp_path / "run", "--resume")
+    assert "is no run folder: it has no settings.json" in program(*words).sentence(1)
+
+
+def test_a_run_on_another_reference_is_refused_by_name(program, run, lossy_folder):
+    before = (run / "record.jsonl").read_bytes()
+    sentence = program("calibrate", lossy_folder, "--out", run, "--budget", 4, "--resume").sentence(1)
+    assert "can't go on: reference_fingerprint was" in sentence
+    assert (run / "record.jsonl").read_bytes() == before
+
+
+def test_a_run_of_another_format_is_refused(program, run, pool_folder):
+    edited(run / "settings.json", format=9)
+    says = f"run '{run}' has format 9; this version of swim2real reads 1"
+    assert program("calibrate", pool_folder, "--out", run, "--budget", 4, "--resume").sentence(1) == says
+    assert program("report", run).sentence(1) == says
+
+
+def test_a_run_that_another_process_works_on_is_left_alone(program, run, pool_folder):
+    with FileLock(run / ".lock"):
+        words = ("calibrate", pool_folder, "--out", run, "--budget", 4, "--resume")
+        assert "another process is working on run folder" in program(*words).sentence(1)
+
+
+@pytest.mark.parametrize("below", [False, True], ids=["a file", "below a file"])
+def test_a_run_folder_that_cant_be_made_is_told(program, pool_folder, tmp_path, below):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    out = file / "run" if below else file
+    words = ("calibrate", pool_folder, "--out", out, "--budget", 1)
+    assert program(*words).sentence(1).startswith(f"can't write run folder '{out}': ")
+    assert file.read_text() == "mine"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="the superuser may write everywhere")
+def test_a_folder_that_is_read_only_is_told(program, pool_folder, tmp_path):
+    locked = tmp_path / "locked"
+    locked.mkdir(mode=0o500)
+    words = ("calibrate", pool_folder, "--out", locked / "run", "--budget", 1)
+    assert "Permission denied" in program(*words).sentence(1)
+
+
+def test_report_writes_the_page_again(program, run):
+    page = run / "report.html"
+    page.unlink()
+    program("report", run).done()
+    assert program.out.strip() == str(page)
+    assert not re.search(r"<(script|link|img|iframe)[^>]*\s(src|href)\s*=\s*[\"']?(https?:)?//", page.read_text())
+
+
+def test_a_report_of_no_run_is_refused(program, tmp_path):
+    assert program("report", tmp_path).sentence(1) == f"'{tmp_path}' is no run folder: it has no settings.json"
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGINT") or sys.platform == "win32", reason="no Ctrl-C to send")
+def test_an_interrupted_run_is_usable_and_goes_on(program, pool_folder, tmp_path):
+    run = tmp_path / "run"
+    started = process("calibrate", pool_folder, "--out", run, "--budget", 500, "--method", "random")
+    try:
+        deadline = time.monotonic() + 60
+        while len(record(run)) < 2:
+            assert started.poll() is None, started.communicate()[1]
+            assert time.monotonic() < deadline, "the run doesn't get on"
+            time.sleep(0.01)
+        started.send_signal(signal.SIGINT)
+        out, err = started.communicate(timeout=60)
+    finally:
+        started.kill()
+        started.wait()
+    assert (started.returncode, out) == (1, "")
+    *lines, last = err.splitlines()
+    assert last == f"swim2real: interrupted; '{run}' is usable as it is, --resume goes on with it"
+    assert all(re.match(r" +\d+/500 ", line) for line in lines)
+    done = len(record(run))
+    losses = [entry["loss"] for entry in record(run)]
+    evaluated = program("evaluate", run, "--reference", pool_folder, "--json").done().json
+    # the parameters file may be one evaluation behind the record until the run goes on
+    assert any(evaluated["loss"] == pytest.approx(min(part), rel=1e-6) for part in (losses, losses[:-1]))
+    words = ("--budget", done + 2, "--method", "random", "--resume", "--quiet")
+    program("calibrate", pool_folder, "--out", run, *words).done()
+    assert [entry["loss"] for entry in record(run)][:done] == losses
+    assert len(record(run)) == done + 2
+    best = min(entry["loss"] for entry in record(run))
+    assert json.loads((run / "best.json").read_text())["loss"] == best
+    assert (run / "report.html").is_file()
+
+
+def test_an_interruption_before_a_run_began_promises_nothing(program, pool_folder, tmp_path, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("swim2real.cli.calibrate.run", interrupted)
+    assert program("calibrate", pool_folder, "--out", tmp_path / "run").sentence(1) == "interrupted"
+
+
+# fetch
+
+
+def test_fetch_from_a_folder_without_the_files_is_refused(program, tmp_path):
+    program("fetch", "--to", tmp_path / "tracks", "--from", tmp_path)
+    assert program.code == 1
+    assert program.out.splitlines()[0] == "markers_f0_50.csv: not there"
+    assert program.err.startswith(f"swim2real: '{tmp_path}' holds none of the published files (markers_f0_50.csv, ")
+    assert not (tmp_path / "tracks").exists()
+
+
+def test_fetch_from_a_folder_says_what_it_took(program, shared, tmp_path):
+    source = shared / "data" / "fishsim-markers"
+    if not source.is_dir():
+        pytest.skip(f"no published tracks at {source}")
+    program("fetch", "--to", tmp_path / "tracks", "--from", source).done()
+    assert "markers_f1_00.csv: taken" in program.text
+    assert f"{len(list(source.glob('*.csv')))} trials" in program.text
+    assert program("quality", tmp_path / "tracks").code == 1  # some of the published tracks are lost

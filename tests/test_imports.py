@@ -1,0 +1,36 @@
+"""What an import costs, and what it may not touch."""
+
+import socket
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("mujoco", "scipy", "numpy", "plotly", "jinja2", "pooch", "requests", "torch")
+
+
+def loaded_by(statement: str) -> set[str]:
+    """The heavy libraries that a statement brings into a fresh interpreter."""
+    code = f"import sys\n{statement}\nprint(*[name for name in {HEAVY} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize("statement", ["import swim2real", "import swim2real.cli"])
+def test_the_package_and_its_command_line_bring_nothing_heavy(statement):
+    assert not loaded_by(statement)
+
+
+def test_trials_need_no_physics_engine():
+    assert "mujoco" not in loaded_by("import swim2real.trials, swim2real.objective, swim2real.optimizers")
+
+
+def test_the_pipeline_brings_no_extras():
+    assert not loaded_by("import swim2real.pipeline") & {"plotly", "jinja2", "pooch", "requests", "torch"}
+
+
+@pytest.mark.parametrize("call", ["connect", "connect_ex"])
+def test_no_test_reaches_another_machine(call):
+    with socket.socket() as one, pytest.raises(AssertionError, match=r"tried to connect to .*203\.0\.113\.1"):
+        getattr(one, call)(("203.0.113.1", 80))
