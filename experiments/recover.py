@@ -45,14 +45,15 @@ def main():
         best = json.loads((folder / "best.json").read_text())["parameters"]
         off = np.abs(FISH.space.to_cube(best) - point)
         fit = outcome["fit"]
+        names = ("aligned_marker_error", "shape_error", "velocity_error")
+        aligned, shape, velocity = (f"{1e3 * fit[name]:.1f}" for name in names)
+        speeds = " ".join(f"{1e3 * trial['velocity_real']:.0f}" for trial in fit["trials"].values())
         print(
-            f"hidden {number}: aligned {1e3 * fit['aligned_marker_error']:.1f} mm, shape {1e3 * fit['shape_error']:.1f} mm, "
-            f"velocity {1e3 * fit['velocity_error']:.1f} mm/s; real speeds "
-            + " ".join(f"{1e3 * t['velocity_real']:.0f}" for t in fit["trials"].values()),
-            flush=True,
+            f"hidden {number}: aligned {aligned} mm, shape {shape} mm, velocity {velocity} mm/s; real speeds {speeds}"
         )
         for effect, distance in zip(outcome["sensitivity"], off, strict=True):
-            print(f"    {effect['name']:24s} off by {100 * distance:3.0f} % of its range, {effect['verdict']}", flush=True)
+            off_by = f"off by {100 * distance:3.0f} % of its range"
+            print(f"    {effect['name']:24s} {off_by}, {effect['verdict']}", flush=True)
 
 
 if __name__ == "__main__":

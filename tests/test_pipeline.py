@@ -115,28 +115,28 @@ def test_every_method_runs_and_goes_on(pool, tmp_path, method):
     settings = Settings(method=method, budget=2)
     run(pool, FISH, settings, tmp_path / "run")
     before = record(tmp_path / "run")
-    run(pool, FISH, replace(settings, budget=4), tmp_path / "run", resume=True)
+    run(pool, FISH, replace(settings, budget=3), tmp_path / "run", resume=True)
     after = record(tmp_path / "run")
-    assert len(after) == 4
+    assert len(after) == 3
     assert after[:2] == before
 
 
 def test_a_resumed_line_search_ends_as_an_uninterrupted_one(pool, tmp_path):
-    run(pool, FISH, Settings(budget=4), tmp_path / "whole")
+    run(pool, FISH, Settings(budget=3), tmp_path / "whole")
     run(pool, FISH, Settings(budget=2), tmp_path / "resumed")
-    run(pool, FISH, Settings(budget=4), tmp_path / "resumed", resume=True)
+    run(pool, FISH, Settings(budget=3), tmp_path / "resumed", resume=True)
     assert without_seconds(tmp_path / "resumed") == without_seconds(tmp_path / "whole")
 
 
 def test_proposals_on_record_arent_asked_again(pool, tmp_path, monkeypatch):
-    run(pool, FISH, Settings(budget=3), tmp_path / "run")
+    run(pool, FISH, Settings(budget=2), tmp_path / "run")
 
     def propose(self, situation):
         raise AssertionError("the advisor was asked again")
 
     monkeypatch.setattr("swim2real.advisor.PhysicsAdvisor.propose", propose)
-    run(pool, FISH, Settings(budget=3), tmp_path / "run", resume=True)
-    assert len(record(tmp_path / "run")) == 3
+    run(pool, FISH, Settings(budget=2), tmp_path / "run", resume=True)
+    assert len(record(tmp_path / "run")) == 2
 
 
 def test_a_damaged_proposal_on_record_is_told(pool, tmp_path):
@@ -150,7 +150,7 @@ def test_a_damaged_proposal_on_record_is_told(pool, tmp_path):
 
 def test_random_search_doesnt_depend_on_the_number_of_threads(pool, tmp_path):
     for threads in (1, 3):
-        run(pool, FISH, Settings(method="random", budget=3, threads=threads), tmp_path / str(threads))
+        run(pool, FISH, Settings(method="random", budget=2, threads=threads), tmp_path / str(threads))
     assert without_seconds(tmp_path / "1") == without_seconds(tmp_path / "3")
 
 

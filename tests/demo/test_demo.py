@@ -176,6 +176,7 @@ def test_a_demo_without_a_budget_is_refused_before_anything_is_written(tmp_path)
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_whole_demo_finds_the_hidden_fish(tmp_path, capsys):
     from swim2real.cli import main
 

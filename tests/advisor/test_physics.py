@@ -1,0 +1,489 @@
+"""The built-in physics advisor: in worlds without a simulator, and once against the real thing."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from worlds import FASTER, SPACE, World, hidden_point, search, situation
+
+from pools import LOGARITHMIC, hidden_values
+from swim2real.advisor import ADVISORS, PhysicsAdvisor, make_advisor
+from swim2real.advisor.physics.advisor import caution, trust_radius
+from swim2real.advisor.physics.features import from_scale, swims, to_scale, without_outliers
+from swim2real.advisor.physics.surrogate import Kernel, Surrogate
+from swim2real.demo import Camera, synthetic_reference
+from swim2real.errors import ArgumentError
+from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, Situation, Step
+from swim2real.pipeline import Settings, run
+from swim2real.robots.fish import FISH
+from swim2real.robots.fish.response import fish_response
+from swim2real.simulation.stepper import Stepper
+
+MIDDLE = np.full(16, 0.5)
+FORWARD = np.where(np.arange(16) == SPACE.names.index("fluid_kutta_lift"), 0.85, MIDDLE)  # where the fish swims
+CHANGE = re.compile(r"(raise|lower) (\w+) from ([\d.e+-]+) to ([\d.e+-]+)", re.IGNORECASE)
+
+
+def advisor(space=SPACE, seed: int = 0) -> PhysicsAdvisor:
+    return PhysicsAdvisor(FISH, space, seed)
+
+
+def start(world: World, point=MIDDLE, failed: bool = False) -> Situation:
+    """The situation after the first evaluation."""
+    evaluation = world.evaluate(point, failed)
+    return Situation(evaluation, (), evaluation)
+
+
+def assert_sound(proposal: Proposal, incumbent: np.ndarray, space=SPACE) -> None:
+    """Within the cube, with sentences that a person can read and that tell the truth."""
+    assert proposal.point.shape == (16,)
+    assert np.all((proposal.point >= 0) & (proposal.point <= 1))
+    for text in (proposal.diagnosis, proposal.reasoning):
+        assert text[:1].isupper()
+        assert text.endswith(".")
+        assert not re.search(r"\b(nan|inf|None)\b", text)
+    json.dumps(proposal.as_dict(), allow_nan=False)
+    before, after = space.to_values(incumbent), space.to_values(proposal.point)
+    for verb, name, old, new in CHANGE.findall(proposal.reasoning):
+        assert before[name] == pytest.approx(float(old), rel=0.01, abs=1e-6)
+        assert after[name] == pytest.approx(float(new), rel=0.01, abs=1e-6)
+        assert (after[name] > before[name]) == (verb.lower() == "raise")
+
+
+# proposals
+
+
+def test_it_is_made_by_name():
+    assert ADVISORS == ("physics",)
+    assert isinstance(make_advisor("physics", FISH, SPACE, 0), PhysicsAdvisor)
+    with pytest.raises(ArgumentError, match="advisor is 'oracle'; this version has physics"):
+        make_advisor("oracle", FISH, SPACE, 0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("space", [SPACE, replace(SPACE, scale="linear")], ids=["log", "linear"])
+def test_a_proposal_is_in_the_cube_and_says_what_it_changes_and_why(space, seed):
+    point = np.random.default_rng(seed).random(16)
+    proposal = advisor(space, seed).propose(start(World(space=space), point))
+    assert_sound(proposal, point, space)
+    assert CHANGE.search(proposal.reasoning)
+
+
+def test_the_diagnosis_begins_with_speed_over_frequency():
+    evaluation = World().evaluate(MIDDLE)
+    proposal = advisor().propose(Situation(evaluation, (), evaluation))
+    slowest, *_, fastest = evaluation.detail["trials"].values()
+    for frequency, trial in ((0.6, slowest), (1.5, fastest)):
+        assert f"At {frequency:.2f} Hz it swims {1e3 * trial['velocity_simulated']:.0f} mm/s" in proposal.diagnosis
+        assert f"{1e3 * trial['velocity_real']:.0f} mm/s" in proposal.diagnosis
+    assert "The worst trial is f" in proposal.diagnosis
+
+
+def test_the_same_situation_gets_the_same_proposal():
+    shown = situation(World(), rounds=2)
+    one = advisor()
+    first, again, other = one.propose(shown), one.propose(shown), advisor().propose(shown)
+    assert first.as_dict() == again.as_dict() == other.as_dict()
+
+
+def test_a_situation_read_back_from_a_record_gets_the_same_proposal():
+    def read(evaluation):
+        return replace(evaluation, detail=json.loads(json.dumps(evaluation.detail)))
+
+    shown = start(World(lost=[(1, 5)]))
+    back = Situation(read(shown.incumbent), (), read(shown.first))
+    assert advisor().propose(back).as_dict() == advisor().propose(shown).as_dict()
+
+
+def test_a_proposal_stays_within_its_trust():
+    for rounds in (0, 1, 3):
+        shown = situation(World(), rounds)
+        apart = np.abs(advisor().propose(shown).point - shown.incumbent.candidate.point).max()
+        assert 0 < apart <= trust_radius(shown.rounds) + 1e-9
+
+
+def test_rejected_rounds_change_the_next_proposal():
+    world = World()
+    first = world.evaluate(MIDDLE)
+    plain = Situation(first, (), first)
+    proposal = advisor().propose(plain)
+    steps = tuple(
+        Step(size, replace(world.evaluate(MIDDLE + size * (proposal.point - MIDDLE)), loss=first.loss + 0.1))
+        for size in (1.0, 0.5, 0.25)
+    )
+    rejected = Situation(first, (Round(proposal, first, steps, False),), first)
+    after = advisor().propose(rejected)
+    assert np.abs(after.point - proposal.point).max() > 0.01
+    assert np.abs(after.point - MIDDLE).max() <= trust_radius(rejected.rounds) + 1e-9 < trust_radius(())
+
+
+def test_it_never_simulates(monkeypatch):
+    def forbidden(*arguments, **options):
+        raise AssertionError("the advisor simulates")
+
+    shown = start(World())
+    monkeypatch.setattr(Stepper, "run", forbidden)
+    monkeypatch.setattr("mujoco.rollout.rollout", forbidden)
+    monkeypatch.setattr("mujoco.MjData", forbidden)
+    robot = replace(FISH, build=forbidden)
+    assert_sound(PhysicsAdvisor(robot, SPACE, 0).propose(shown), MIDDLE)
+
+
+def test_global_random_state_is_left_alone():
+    np.random.seed(1)  # noqa: NPY002
+    before = np.random.get_state()[1].copy()  # noqa: NPY002
+    advisor().propose(start(World()))
+    np.testing.assert_array_equal(np.random.get_state()[1], before)  # noqa: NPY002
+
+
+# situations that aren't as one would like
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [
+        [(0, 6)],
+        [(trial, 6) for trial in range(4)],
+        [(2, 8)],
+        [(trial, 8) for trial in range(4)],
+        [(1, marker) for marker in range(9)],
+        [(trial, marker) for trial in range(4) for marker in range(9)],
+    ],
+    ids=["one", "one in all", "tail tip", "tail tip in all", "whole trial", "everything"],
+)
+def test_lost_markers_are_no_obstacle(lost):
+    world = World(lost=lost)
+    assert_sound(advisor().propose(start(world)), MIDDLE)
+    shown = situation(world, rounds=1)
+    assert_sound(advisor().propose(shown), shown.incumbent.candidate.point)
+
+
+@pytest.mark.parametrize("frequencies", [(1.2,), (1.6, 0.8), (0.1, 6.0)], ids=str)
+def test_few_trials_are_enough(frequencies):
+    world = World(frequencies)
+    assert_sound(advisor().propose(start(world)), MIDDLE)
+    shown = situation(world, rounds=1)
+    assert_sound(advisor().propose(shown), shown.incumbent.candidate.point)
+
+
+def test_a_fish_that_swims_tail_first_gets_a_proposal():
+    proposal = advisor().propose(start(World(sign=-1.0)))
+    assert_sound(proposal, MIDDLE)
+    assert "tail first" in proposal.diagnosis
+
+
+def test_a_trial_that_swims_backward_alone_is_told():
+    evaluation = World().evaluate(FORWARD)
+    evaluation.detail["trials"]["f2"]["velocity_simulated"] *= -1
+    proposal = advisor().propose(Situation(evaluation, (), evaluation))
+    assert_sound(proposal, FORWARD)
+    assert "backward at 1.20 Hz" in proposal.diagnosis
+
+
+def test_a_fish_that_doesnt_move_gets_a_proposal():
+    evaluation = World().evaluate(MIDDLE)
+    for trial in evaluation.detail["trials"].values():
+        trial["velocity_simulated"] = 0.0
+    assert_sound(advisor().propose(Situation(evaluation, (), evaluation)), MIDDLE)
+
+
+def test_after_a_diverged_first_simulation_it_proposes_around_the_middle():
+    corner = np.full(16, 0.99)
+    first = World().evaluate(corner, failed=True)
+    rounds: tuple[Round, ...] = ()
+    proposed = []
+    for _ in range(4):
+        proposal = advisor().propose(Situation(first, rounds, first))
+        assert_sound(proposal, corner)
+        assert "diverged" in proposal.diagnosis
+        assert np.abs(proposal.point - 0.5).max() <= trust_radius(rounds)
+        proposed.append(tuple(proposal.point))
+        failed = tuple(Step(0.5**k, World().evaluate(corner, failed=True)) for k in range(3))
+        rounds = (*rounds, Round(proposal, first, failed, False))
+    assert len(set(proposed)) == 4  # another one each time
+
+
+def test_a_diverged_step_is_no_evidence():
+    world = World()
+    first, failed = world.evaluate(MIDDLE), world.evaluate(np.full(16, 0.9), failed=True)
+    rejected = Round(Proposal(np.full(16, 0.9)), first, (Step(1.0, failed),), False)
+    proposal = advisor().propose(Situation(first, (rejected,), first))
+    assert_sound(proposal, MIDDLE)
+
+
+@pytest.mark.parametrize("corner", [0.0, 1.0])
+def test_a_start_in_a_corner_is_no_obstacle(corner):
+    point = np.full(16, corner)
+    assert_sound(advisor().propose(start(World(), point)), point)
+
+
+def test_the_whole_of_each_trial_may_be_compared():
+    evaluation = World().evaluate(MIDDLE)
+    evaluation.detail["horizon"] = None
+    assert_sound(advisor().propose(Situation(evaluation, (), evaluation)), MIDDLE)
+
+
+# success
+
+
+def test_a_fish_that_is_too_fast_is_slowed_and_one_that_is_too_slow_is_sped_up():
+    for factor, sooner in ((0.4, True), (2.5, False)):
+        evaluation = World().evaluate(FORWARD)
+        for trial in evaluation.detail["trials"].values():
+            trial["velocity_real"] = factor * trial["velocity_simulated"]
+        proposal = advisor().propose(Situation(evaluation, (), evaluation))
+        points = np.array([FORWARD, proposal.point])
+        before, after = FISH.response.speeds(points, SPACE.to_array(points), np.array([1.0]))[:, 0]
+        assert (after < before) == sooner
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_it_gets_close_in_a_world_that_is_like_its_law(seed):
+    first = np.random.default_rng(seed).random(16)
+    seen, _ = search(World(), advisor(seed=seed), first, 8)
+    assert min(evaluation.loss for evaluation in seen) < seen[0].loss / 3
+
+
+@pytest.mark.slow
+def test_it_finds_a_hidden_fish(tmp_path):
+    """Noise-free swims; against the simulator itself, in a dozen evaluations."""
+    reference = synthetic_reference(FISH, hidden_values(), (0.8, 1.2, 1.6), 2.5, Camera(), seed=3)
+    losses = []
+    run(reference, FISH, Settings(budget=12), tmp_path / "run", on_progress=lambda p: losses.append(p.loss))
+    assert len(losses) == 12
+    assert min(losses) < losses[0] / 3
+
+
+# trust and caution
+
+
+def finished_round(loss: float = 0.1, steps: int = 1, accepted: bool = True, before: float = 0.2) -> Round:
+    def evaluation(value: float) -> Evaluation:
+        return Evaluation(Candidate(MIDDLE), value)
+
+    tried = [Step(0.5**k, evaluation(0.3)) for k in range(steps - 1)]
+    return Round(
+        Proposal(MIDDLE), evaluation(before), (*tried, Step(0.5 ** (steps - 1), evaluation(loss))), accepted
+    )  # fmt: skip
+
+
+REJECTED = finished_round(loss=0.3, steps=3, accepted=False)
+
+
+def test_trust_grows_with_full_steps_and_shrinks_with_rejections():
+    begin = trust_radius(())
+    assert trust_radius((finished_round(),)) > begin
+    assert trust_radius((REJECTED,)) < begin
+    assert trust_radius((REJECTED, REJECTED)) < trust_radius((REJECTED,))
+    assert trust_radius((REJECTED, finished_round())) > trust_radius((REJECTED,))
+
+
+def test_a_shortened_step_costs_less_trust_than_a_rejection():
+    half, quarter = trust_radius((finished_round(steps=2),)), trust_radius((finished_round(steps=3),))
+    assert trust_radius((REJECTED,)) <= quarter < half < trust_radius(())
+
+
+def test_trust_stays_within_limits():
+    lowest, highest = trust_radius((REJECTED,) * 50), trust_radius((finished_round(),) * 50)
+    assert 0 < lowest < trust_radius(()) < highest <= 1
+    assert trust_radius((REJECTED,) * 51) == lowest
+    assert trust_radius((finished_round(),) * 51) == highest
+
+
+def test_caution_falls_while_nothing_is_gained_and_returns_with_progress():
+    begin = caution(())
+    assert caution((REJECTED, REJECTED)) < caution((REJECTED,)) < begin
+    assert caution((REJECTED, REJECTED, finished_round(loss=0.1, before=0.2))) == begin
+    assert caution((REJECTED, finished_round(), REJECTED)) == caution((REJECTED,))
+
+
+def test_a_hair_of_progress_isnt_progress():
+    assert caution((finished_round(loss=0.1999, before=0.2),)) == caution((REJECTED,))
+
+
+# what it sees
+
+
+def test_the_speed_scale_is_odd_and_goes_back():
+    speeds = np.array([-0.3, -0.01, 0.0, 0.001, 0.05, 0.4])
+    np.testing.assert_allclose(from_scale(to_scale(speeds)), speeds, atol=1e-12)
+    np.testing.assert_allclose(to_scale(-speeds), -to_scale(speeds))
+    assert np.all(np.diff(to_scale(speeds)) > 0)
+
+
+def test_the_beat_is_read_relative_to_the_tail_tip():
+    evidence = World().evidence(MIDDLE)
+    plain = swims(evidence, "simulated")
+    for trial in evidence["trials"].values():
+        trial["beat_simulated"]["phase"] = [phase + 1.234 for phase in trial["beat_simulated"]["phase"]]
+    np.testing.assert_allclose(swims(evidence, "simulated").beat, plain.beat, atol=1e-12)
+    np.testing.assert_allclose(plain.beat[:, 17], 0.0, atol=1e-12)
+    assert plain.features.shape == (4, 19)
+
+
+def test_a_lost_marker_is_nan_in_what_it_sees_and_nothing_else_is():
+    real = swims(World(lost=[(1, 5)]).evidence(MIDDLE), "real")
+    expected = np.zeros((4, 18), dtype=bool)
+    expected[1, [5, 14]] = True
+    np.testing.assert_array_equal(np.isnan(real.beat), expected)
+
+
+FREQUENCIES = np.array([0.4, 0.7, 0.9, 1.1, 1.3, 1.5])
+
+
+def test_one_staggering_trial_is_replaced_by_what_its_neighbors_suggest():
+    smooth = to_scale(0.12 * FREQUENCIES)
+    for index in range(1, len(smooth)):  # the slowest, far from the others, has the slope to itself
+        spoiled = smooth.copy()
+        spoiled[index] -= 1.0
+        found = without_outliers(spoiled, FREQUENCIES)
+        assert found[index] == pytest.approx(smooth[index], abs=0.1)
+        others = np.arange(len(smooth)) != index
+        np.testing.assert_array_equal(found[others], spoiled[others])
+
+
+@pytest.mark.parametrize("power", [0.7, 1.0, 1.3])
+def test_smooth_speeds_are_kept_as_they_are(power):
+    scaled = to_scale(0.1 * FREQUENCIES**power) + 0.02 * np.sin(7 * FREQUENCIES)
+    np.testing.assert_array_equal(without_outliers(scaled, FREQUENCIES), scaled)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_trials_have_no_outliers(count):
+    scaled = np.array([1.0, -3.0, 2.0])[:count]
+    np.testing.assert_array_equal(without_outliers(scaled, FREQUENCIES[:count]), scaled)
+
+
+# the surrogate
+
+
+@pytest.fixture
+def surrogate():
+    rng = np.random.default_rng(0)
+    points = 0.5 + 0.1 * (rng.random((6, 3)) - 0.5)
+    features = np.column_stack([points.sum(axis=1), np.sin(points[:, 0]), 3 * points[:, 1] ** 2])
+    kernel = Kernel(offset=0.1, slope=0.5, bend=0.6, length=0.35, noise=0.005)
+    spread = np.array([1.0, 1.0, 2.0])
+    return Surrogate(kernel, lambda p: np.zeros((len(p), 3)), spread, points, features), points, features
+
+
+def test_the_surrogate_goes_through_what_was_seen(surrogate):
+    model, points, features = surrogate
+    mean, spread = model.predict(points)
+    np.testing.assert_allclose(mean, features, atol=0.02)
+    assert spread.max() < 0.02
+
+
+def test_the_surrogate_is_less_sure_the_farther_away(surrogate):
+    model, points, _ = surrogate
+    away = points.mean(axis=0) + np.outer([0.0, 0.1, 0.2, 0.4, 0.8], np.ones(3))
+    spread = model.predict(away)[1]
+    assert np.all(np.diff(spread[:, 0]) > 0)
+    np.testing.assert_allclose(spread[:, 2], 2 * spread[:, 0])
+
+
+def test_the_surrogate_keeps_to_its_prior_where_the_data_agree():
+    def prior(points):
+        return np.column_stack([points.sum(axis=1)])
+
+    points = np.random.default_rng(1).random((5, 4))
+    model = Surrogate(Kernel(0.1, 0.5, 0.6, 0.35, 0.005), prior, np.ones(1), points, prior(points))
+    others = np.random.default_rng(2).random((20, 4))
+    np.testing.assert_allclose(model.predict(others)[0], prior(others), atol=1e-9)
+
+
+def test_points_that_were_seen_twice_are_no_obstacle():
+    points = np.tile(MIDDLE, (5, 1))
+    model = Surrogate(Kernel(0.1, 0.5, 0.6, 0.35, 0.005), lambda p: np.zeros((len(p), 1)), np.ones(1), points,
+                      np.array([[1.0], [1.01], [0.99], [1.0], [1.0]]))  # fmt: skip
+    assert model.predict(MIDDLE[None])[0][0, 0] == pytest.approx(1.0, abs=0.01)
+
+
+# the measured response
+
+
+def test_the_measured_response_has_its_shapes():
+    response = fish_response()
+    groups = len(response.frequencies)
+    assert response.thrust.shape == response.drag.shape == (6,)
+    assert response.amplitude.shape == (12,)
+    assert response.beat.shape == (groups, 17, 18)
+    assert np.all(np.diff(response.frequencies) > 0)
+    for array in (response.thrust, response.drag, response.amplitude, response.beat):
+        assert np.isfinite(array).all()
+
+
+def box(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Points all over the cube, corners among them, and their values."""
+    rng = np.random.default_rng(seed)
+    points = rng.random((count, 16))
+    points[: count // 4] = rng.integers(0, 2, (count // 4, 16))
+    points[0], points[1] = 0.0, 1.0
+    return points, LOGARITHMIC.to_array(points)
+
+
+def test_the_law_is_finite_over_the_whole_box():
+    points, values = box(400)
+    frequencies = np.array([0.05, 0.4, 1.0, 3.0, 8.0])
+    speeds, beats = fish_response().speeds(points, values, frequencies), fish_response().beats(points, frequencies)
+    assert speeds.shape == (400, 5)
+    assert beats.shape == (400, 5, 18)
+    assert np.isfinite(speeds).all()
+    assert np.isfinite(beats).all()
+    reserve = fish_response().reserve(values)
+    assert np.all((reserve >= -1) & (reserve <= 1))
+
+
+def test_more_blunt_drag_slows_a_forward_swimmer():
+    points, _ = box(400)
+    points[:, 0] = np.minimum(points[:, 0], 0.8)
+    more = points + 0.2 * (np.arange(16) == 0)
+    one = np.array([1.0])
+    before, after = (fish_response().speeds(p, LOGARITHMIC.to_array(p), one)[:, 0] for p in (points, more))
+    forward = before > 0
+    assert forward.sum() > 100
+    assert np.all(after[forward] < before[forward])
+
+
+def test_more_lift_leaves_a_fish_more_thrust():
+    points, _ = box(400)
+    points[:, 3] = np.minimum(points[:, 3], 0.8)
+    more = points + 0.2 * (np.arange(16) == 3)
+    before, after = (fish_response().reserve(LOGARITHMIC.to_array(p)) for p in (points, more))
+    assert np.all(after >= before)
+
+
+def test_the_law_bends_toward_what_was_seen():
+    points, values = box(5, seed=3)
+    points, values = points[2:], values[2:]
+    frequencies = np.array([0.6, 1.0, 1.4])
+    law = fish_response()
+    seen = FASTER * law.speeds(points, values, frequencies) + 0.03
+    bent = law.adapted(points, values, seen, frequencies)
+    before, after = (
+        np.abs(to_scale(one.speeds(points, values, frequencies)) - to_scale(seen)).mean() for one in (law, bent)
+    )
+    assert after < 0.6 * before
+    np.testing.assert_array_equal(bent.beat, law.beat)  # speeds tell nothing of it
+    np.testing.assert_array_equal(law.thrust, fish_response().thrust)  # and the shipped law stays as it is
+
+
+def test_a_law_that_is_right_is_left_as_it_is():
+    points, values = box(6, seed=4)
+    frequencies = np.array([0.6, 1.2])
+    law = fish_response()
+    bent = law.adapted(points, values, law.speeds(points, values, frequencies), frequencies)
+    np.testing.assert_allclose(bent.thrust, law.thrust, atol=1e-6)
+    np.testing.assert_allclose(bent.drag, law.drag, atol=1e-6)
+
+
+def test_the_beat_between_measured_frequencies_is_between_theirs():
+    low, high = fish_response().frequencies[1:3]
+    middle = np.sqrt(low * high)
+    beats = fish_response().beats(hidden_point()[None], np.array([low, middle, high]))[0]
+    np.testing.assert_allclose(beats[1], (beats[0] + beats[2]) / 2, atol=1e-12)
+    beyond = fish_response().beats(hidden_point()[None], np.array([1e-3, 1e3]))[0]
+    ends = fish_response().beats(hidden_point()[None], fish_response().frequencies[[0, -1]])[0]
+    np.testing.assert_allclose(beyond, ends, atol=1e-12)
