@@ -44,7 +44,11 @@ def values_of(path: Path, simulator: Simulator) -> dict[str, float]:
     if str(path) == PUBLISHED:
         return FISH.space.published
     file = read_parameters(path, FISH.name, FISH.space)
-    note = simulator.engine.difference(file.physics) if file.physics is not None else None
+    note = None
+    if file.physics is not None:
+        note = simulator.engine.difference(file.physics)
+    elif file.engine is not None and file.engine != simulator.engine.name:
+        note = f"made with {file.engine}; this is {simulator.engine.name}, whose fluid forces may differ"
     if note:
         print(f"swim2real: warning: {file.path} was {note}", file=sys.stderr)
     return file.values

@@ -52,10 +52,13 @@ class Engine:
 
     def difference(self, other: Mapping[str, Any]) -> str | None:
         """A sentence when a recorded engine has other physics than this one; None when they agree."""
-        recorded = np.asarray(other.get("fluid_fingerprint") or [], dtype=float)
         mine = np.asarray(self.fluid_fingerprint)
+        try:
+            recorded = np.asarray(other.get("fluid_fingerprint") or [], dtype=float)
+        except (TypeError, ValueError):
+            recorded = np.empty(0)
         if recorded.shape != mine.shape:
-            return None
+            return "made without a fluid fingerprint that can be compared with this robot's; its physics is unknown"
         scale = float(np.abs(mine).max())
         gap = float(np.abs(recorded - mine).max()) / scale
         if gap > FINGERPRINT_TOLERANCE:

@@ -55,7 +55,7 @@ class PhysicsAdvisor:
         trust = trust_radius(situation.rounds)
         here = self._point(situation.incumbent)
         if situation.incumbent.failed or not usable:
-            point = np.clip(0.5 + rng.uniform(-trust, trust, len(here)), 0, 1)
+            point = 0.5 + 0.5 * trust * rng.uniform(-1, 1, len(here))
             return Proposal(
                 self._back(point), "The simulation diverged.", "A point near the middle of the box is safer.", {}
             )
