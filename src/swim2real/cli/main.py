@@ -24,6 +24,10 @@ def main(argv: Sequence[str] | None = None) -> None:
         print(f"swim2real {__version__}")
         sys.exit(0)
     logging.basicConfig(level=logging.DEBUG if debug else logging.WARNING, format="%(levelname)s: %(message)s")
+    logging.getLogger("numba").setLevel(logging.WARNING)  # a compiler's diary
+    # before NumPy is imported: matrices are small, and threads of linear algebra would only wait for one another
+    for library in ("OPENBLAS", "MKL"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     command: Any = tyro.cli(
         args.Command,  # pyright: ignore[reportArgumentType]
         prog="swim2real",
