@@ -64,7 +64,7 @@ def half(tmp_path, uninterrupted):
 
 
 @both
-def test_every_evaluation_is_on_record(uninterrupted, method):
+def test_every_evaluation_is_on_record(uninterrupted, method, new_fluid_law):
     entries = record(uninterrupted[method])
     optimizer = small_run.make_optimizer(method)
     assert [entry["index"] for entry in entries] == list(range(BUDGET))
@@ -72,7 +72,8 @@ def test_every_evaluation_is_on_record(uninterrupted, method):
     for entry in entries:
         assert entry["values"] == small_run.ROBOT.space.to_values(entry["point"])
         assert entry["loss"] == pytest.approx(entry["evidence"]["loss"], rel=1e-8)
-        assert (entry["failed"], entry["reason"]) == (False, None)
+        assert entry["failed"] == (entry["reason"] is not None)
+        assert new_fluid_law or not entry["failed"]  # with the newer lift force random candidates do diverge
         assert entry["seconds"] > 0
         assert set(entry["evidence"]["trials"]) == set(small_run.FREQUENCIES)
     assert entries[0]["note"] == {"source": "first point"}

@@ -23,11 +23,11 @@ from swim2real.robots.robot import Response, Robot
 
 Array = NDArray[np.float64]
 
-KERNEL = Kernel(offset=0.1, slope=0.5, bend=0.6, length=0.35, noise=0.005)
+KERNEL = Kernel(offset=0.1, slope=0.5, bend=0.6, length=0.35, noise=0.002)
 SPEED_SPREAD, BEAT_SPREAD = 0.25, 0.012  # deviation from the response, on the speed scale and in m
 CAUTION, BOLDER = 0.3, 0.3  # weight of the variance, and what a round without real progress makes of it
 PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
-TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.1, 0.7  # half width of the trusted box, in the unit cube
+TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.05, 0.7  # half width of the trusted box, in the unit cube
 GROW, SHRINK = 1.3, 0.7
 RESERVE_GAIN = 0.35  # share of what is missing of the thrust reserve that should turn a backward trial
 _SAMPLES, _STARTS = 3000, 4
