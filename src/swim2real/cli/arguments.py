@@ -20,7 +20,7 @@ class Calibrate:
 
     Reads a reference (a folder with reference.json, or with published CSVs) and writes a run folder: settings.json,
     record.jsonl (one line an evaluation), best.json (the parameters), outcome.json, swims.npz and report.html. Costs
-    about a second an evaluation on two cores. Ctrl-C leaves a usable run; --resume goes on with it.
+    under a second an evaluation on two cores. Ctrl-C leaves a usable run; --resume goes on with it.
     """
 
     reference: Positional[Path]
@@ -61,7 +61,7 @@ class Calibrate:
 class Evaluate:
     """Compare parameters with real trials: every figure, per trial and per marker.
 
-    Reads a run folder or parameters file and a reference; writes nothing. Costs one evaluation, about a second.
+    Reads a run folder or parameters file and a reference; writes nothing. Costs one evaluation, under a second.
     """
 
     parameters: Positional[Path]
