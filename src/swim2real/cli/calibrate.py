@@ -13,7 +13,7 @@ from swim2real.calibration import Progress, RunFolder
 from swim2real.cli import tables
 from swim2real.cli.arguments import Calibrate, Demo
 from swim2real.cli.files import write_report
-from swim2real.cli.progress import shown
+from swim2real.cli.progress import interruptible, shown
 from swim2real.errors import ArgumentError
 from swim2real.pipeline import Settings, run
 from swim2real.robots.fish import FISH
@@ -77,7 +77,7 @@ def _finish(
     work: Callable[[Callable[[Progress], None]], dict[str, Any]], budget: int, folder: Path, quiet: bool, as_json: bool
 ) -> int:
     try:
-        with shown(budget, quiet) as on_progress:
+        with shown(budget, quiet) as show, interruptible(show) as on_progress:
             outcome = work(on_progress)
     except KeyboardInterrupt:
         if not RunFolder(folder).exists:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from types import FrameType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
@@ -38,6 +41,35 @@ def shown(budget: int, quiet: bool) -> Generator[Callable[[Progress], None]]:
                 bar.console.print(_line(p))
 
         yield update
+
+
+@contextmanager
+def interruptible(on_progress: Callable[[Progress], None]) -> Generator[Callable[[Progress], None]]:
+    """Lets Ctrl-C end a run between two evaluations, when all is on the disk; a second Ctrl-C ends it at once.
+
+    An interrupt in the middle of a call of the engine would come out as some error of its bindings.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield on_progress
+        return
+    asked = False
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+
+    def update(progress: Progress) -> None:
+        on_progress(progress)
+        if asked:
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield update
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _line(p: Progress) -> str:
