@@ -148,7 +148,7 @@ def test_the_version_is_told(program):
     {
         "calibrate": [
             "--resume", "--hold-out", "--budget", "Reads a reference", "writes a run folder", "record.jsonl",
-            "best.json", "report.html", "Costs about a second an evaluation",
+            "best.json", "report.html", "Costs under a second an evaluation",
         ],
         "demo": ["--out", "no network", "writes the report", "Folder to write"],
         "evaluate": ["--reference", "Reads a run folder or parameters file", "writes nothing", "Costs one evaluation"],
