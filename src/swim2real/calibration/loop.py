@@ -84,11 +84,10 @@ def calibrate(
             folder.append(entry)
             fresh += 1
         improved = not entry["failed"] and (best is None or entry["loss"] < best["loss"])
+        before = best
         if improved or best is None:
             best = entry
-            if not replayed or index == len(recorded) - 1:
-                write_best(folder, problem, best)
-        elif replayed and index == len(recorded) - 1:
+        if (best is not before and not replayed) or index == len(recorded) - 1:  # once for all that is replayed
             write_best(folder, problem, best)
         optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"]))
         left = (time.monotonic() - started) / max(fresh, 1) * (budget - index - 1)

@@ -28,8 +28,8 @@ class Expectation:
         shape_floor: What of each trial's shape error the beats don't explain [m]. Shape (F,).
         horizon: Seconds compared in each trial. Shape (F,).
         caution: Weight of the surrogate's variance.
-        stuck: What each trial loses beyond what its speed explains, because it swims backward at the incumbent while
-            others don't [m]; expected to vanish as the thrust reserve grows. Shape (F,).
+        stuck: What each trial loses beyond what its speed explains, because it swims backward or staggers at the
+            incumbent while others don't [m]; expected to vanish as the thrust reserve grows. Shape (F,).
         reserve: Points (N, d) to the thrust reserve that is gained over the incumbent's, 1 when it is enough.
     """
 
