@@ -23,6 +23,14 @@ class ParameterError(Swim2RealError):
     exit_code = 2
 
 
+class VideoError(Swim2RealError):
+    """A video can't be read or written."""
+
+
+class TrackingError(Swim2RealError):
+    """Markers can't be tracked as asked: wrong points, no camera calibration, a marker that isn't seen."""
+
+
 class TrialError(Swim2RealError):
     """Marker tracks can't be read or don't make a trial."""
 

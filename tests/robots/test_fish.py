@@ -37,6 +37,8 @@ def test_the_markers_rest_where_they_are_mounted(model):
     mujoco.mj_forward(model, data)
     markers = data.sensordata.reshape(9, 3)
     np.testing.assert_allclose(markers[:, :2] - markers[0, :2], FISH.rest_markers, atol=1e-12)
+    above = markers[:, 2] - data.body("fish").xpos[2]
+    np.testing.assert_allclose(above, FISH.marker_heights, atol=1e-12)
     expected = [0.0, 0.142, 0.357, 0.3765, 0.4065, 0.4385, 0.4675, 0.4885, 0.551]
     np.testing.assert_allclose(FISH.rest_markers[:, 0], expected)
     np.testing.assert_allclose(markers[:, 2], [0.05, 0.05, 0.1, *[0.05] * 5, 0.1])

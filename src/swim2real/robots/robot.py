@@ -48,6 +48,8 @@ class Robot:
         build: Values to an MjSpec. The spec has one `framepos` sensor a marker, in order, and nothing else there.
         marker_names: M names, head first.
         rest_markers: Marker positions of the straight robot relative to the first, x toward the tail [m]. Shape (M, 2).
+        marker_heights: Of the markers above the robot's origin; a camera above sees higher ones farther out [m].
+            Shape (M,).
         surge_joints: The two joints that carry the robot along world x and y.
         motor_joint: The joint that an actuation turns.
         tail_markers: Indices of the markers whose sideways motion shows the beat best.
@@ -59,6 +61,7 @@ class Robot:
     build: Callable[[Values], mujoco.MjSpec]
     marker_names: tuple[str, ...]
     rest_markers: NDArray[np.float64]
+    marker_heights: NDArray[np.float64]
     surge_joints: tuple[str, str]
     motor_joint: str
     tail_markers: tuple[int, ...]

@@ -15,7 +15,8 @@ from swim2real.robots.robot import Robot
 
 MARKER_NAMES = tuple(f"M{i}" for i in range(9))
 REST_MARKERS = np.array([[x, 0.0] for x in (0.0, 0.142, 0.357, 0.3765, 0.4065, 0.4385, 0.4675, 0.4885, 0.551)])
-REST_MARKERS.flags.writeable = False
+MARKER_HEIGHTS = np.array([0.05, 0.05, 0.1, 0.05, 0.05, 0.05, 0.05, 0.05, 0.1])  # dorsal and tail fin stand higher
+REST_MARKERS.flags.writeable = MARKER_HEIGHTS.flags.writeable = False
 
 
 def build_fish(values: Values) -> mujoco.MjSpec:
@@ -209,6 +210,7 @@ FISH = Robot(
     build=build_fish,
     marker_names=MARKER_NAMES,
     rest_markers=REST_MARKERS,
+    marker_heights=MARKER_HEIGHTS,
     surge_joints=("slide_x", "slide_y"),
     motor_joint="motor",
     tail_markers=(6, 7, 8),
