@@ -21,7 +21,7 @@ import numba
 import numpy as np
 from mujoco import rollout
 
-from swim2real.calibration import Problem, examine
+from swim2real.calibration import Problem, RealTrial, examine
 from swim2real.demo.synthetic import Camera, synthetic_reference
 from swim2real.objective import compare
 from swim2real.robots.fish import FISH
@@ -130,6 +130,16 @@ def parts(problem: Problem, repeats: int) -> None:
         row(name, f"{1e3 * median:.1f} ms, {100 * median / whole:.0f} %")
 
 
+def scaling(real: tuple[RealTrial, ...], repeats: int) -> None:
+    """Evaluations a second by number of threads, up to twice the cores."""
+    counts = [n for n in (1, 2, 4, 8, 16, 32, 64) if n <= 2 * (os.cpu_count() or 1)]
+    problems = {f"{n} thread{'s' * (n > 1)}": Problem(FISH, real, Simulator(FISH, n), horizon=HORIZON) for n in counts}
+    batch = [PUBLISHED] * 4
+    times = in_turns({name: lambda p=p: p.evaluate_many(batch) for name, p in problems.items()}, repeats)
+    for name, spent in times.items():
+        row(name, f"{len(batch) / statistics.median(spent):.1f} /s, {ratio(times, '1 thread', name):.2f} times")
+
+
 def batches(problem: Problem, sizes: tuple[int, ...]) -> None:
     rng = np.random.default_rng(0)
     for size in sizes:
@@ -173,7 +183,7 @@ def heading(title: str) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=7, help="turns of each comparison (%(default)s)")
-    parser.add_argument("--quick", action="store_true", help="three turns, no batch of 64")
+    parser.add_argument("--quick", action="store_true", help="three turns, no batches of 64 and 512")
     arguments = parser.parse_args()
     repeats = 3 if arguments.quick else arguments.repeats
     print(
@@ -187,7 +197,9 @@ def main() -> None:
     heading("parts of an evaluation, fast step, 1 thread")
     parts(problems["fast step, 1 thread"], repeats)
     heading("throughput, fast step, 2 threads")
-    batches(problems["fast step, 2 threads"], (1, 8) if arguments.quick else (1, 8, 64))
+    batches(problems["fast step, 2 threads"], (1, 8) if arguments.quick else (1, 8, 64, 512))
+    heading("the published candidate, four in a batch, by threads")
+    scaling(problems["fast step, 2 threads"].real, repeats)
     heading("start-up, compiled code on the disk")
     start_up(repeats)
 

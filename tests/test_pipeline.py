@@ -38,6 +38,10 @@ def without_seconds(path) -> list[dict]:
         ({"protocol": "strict"}, "protocol is 'strict'; there are aligned and paper"),
         ({"scale": "cubic"}, "scale is 'cubic'; there are log and linear"),
         ({"max_steps": 0}, "max_steps is 0; it must be at least 1"),
+        (
+            {"early_stop": True, "method": "random"},
+            "early_stop is for method line-search; method random needs every loss in full",
+        ),
         ({"horizon": 0.0}, "horizon is 0.0 s; it must be finite and above 0"),
         ({"horizon": -1.0}, "horizon is -1.0 s; it must be finite and above 0"),
         ({"horizon": float("nan")}, "horizon is nan s; it must be finite and above 0"),

@@ -55,6 +55,7 @@ class Settings:
         seed: Of the first point and every random choice.
         scale: Of the parameters; None takes the protocol's.
         max_steps: Of the line search.
+        early_stop: Whether a step's evaluation stops once it is certain to be rejected.
         horizon: Seconds that are compared, None for all.
         hold_out: Names of trials to leave out.
         threads: Swims simulated at a time, None for all cores.
@@ -67,6 +68,7 @@ class Settings:
     seed: int = 0
     scale: Scale | None = None
     max_steps: int = 3
+    early_stop: bool = False
     horizon: float | None = HORIZON
     hold_out: tuple[str, ...] = field(default=())
     threads: int | None = None
@@ -84,6 +86,8 @@ class Settings:
             raise ArgumentError(f"scale is '{self.scale}'; there are log and linear")
         if self.max_steps < 1:
             raise ArgumentError(f"max_steps is {self.max_steps}; it must be at least 1")
+        if self.early_stop and self.method != "line-search":
+            raise ArgumentError(f"early_stop is for method line-search; method {self.method} needs every loss in full")
         if self.horizon is not None and not 0 < self.horizon < float("inf"):
             raise ArgumentError(f"horizon is {self.horizon} s; it must be finite and above 0")
         if self.threads is not None and self.threads < 1:
@@ -172,7 +176,7 @@ def make_optimizer(
         advisor = ScriptedAdvisor(proposals, then=advisor)
     if settings.method == "warm-start":
         return WarmStart(advisor, first, RandomSearch(len(space), rng))
-    return BacktrackingLineSearch(advisor, first, max_steps=settings.max_steps)
+    return BacktrackingLineSearch(advisor, first, max_steps=settings.max_steps, early_stop=settings.early_stop)
 
 
 def _recorded_proposals(folder: RunFolder) -> list[Proposal]:

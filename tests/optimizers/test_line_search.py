@@ -41,6 +41,29 @@ def feed(optimizer, losses, failed=()):
     return candidates
 
 
+def test_an_early_stop_asks_for_no_more_than_the_incumbents_loss():
+    search = BacktrackingLineSearch(ScriptedAdvisor([TO, FIRST]), FIRST, early_stop=True)
+    asked = feed(search, [1.0, 2.0, 0.5, 2.0])
+    assert [candidate.stop_above for candidate in asked] == [None, 1.0, 1.0, 0.5]
+    assert [c.stop_above for c in feed(BacktrackingLineSearch(ScriptedAdvisor([TO]), FIRST), [1.0, 2.0])] == [None] * 2
+
+
+@pytest.mark.parametrize(("optimizer", "sentence"), [
+    (RandomSearch(2, np.random.default_rng(0)), "got a lower bound of 0.7 where the loss was asked for$"),
+    (BacktrackingLineSearch(ScriptedAdvisor([TO]), FIRST, early_stop=True), "asked for$"),
+])  # fmt: skip
+def test_who_needs_the_loss_gets_no_lower_bound(optimizer, sentence):
+    with pytest.raises(OptimizerError, match=sentence):
+        optimizer.tell(Evaluation(optimizer.ask(), 0.7, lower_bound=True))
+
+
+def test_a_lower_bound_must_reject():
+    search = BacktrackingLineSearch(ScriptedAdvisor([TO]), FIRST, early_stop=True)
+    feed(search, [1.0])
+    with pytest.raises(OptimizerError, match=r"lower bound of 0.7 where the loss was asked for up to 1.0"):
+        search.tell(Evaluation(search.ask(), 0.7, lower_bound=True))
+
+
 def points(candidates):
     return np.array([candidate.point for candidate in candidates])
 

@@ -69,6 +69,28 @@ def test_trials_say_what_was_asked_and_how_they_were_made():
     assert trials["slow"].provenance.startswith(f"mujoco {mujoco.__version__}, fast step, steady cycle after ")
 
 
+def test_the_cycle_is_what_a_swim_at_full_length_does():
+    swims = [Swim("a", Actuation(1.0, 1.0, 0.1), 3.0), Swim("b", Actuation(1.6, 0.0, 0.1), 3.0)]
+    short = Simulator(FISH, 2).simulate(PUBLISHED, swims)
+    whole = Simulator(FISH, 2, full_length=True).simulate(PUBLISHED, swims)
+    for name in ("a", "b"):
+        assert "full length" in whole[name].provenance
+        assert short[name].track.speed == pytest.approx(whole[name].track.speed, abs=1e-3)
+        gap = np.linalg.norm(short[name].track.body - whole[name].track.body, axis=2)
+        assert gap.mean() < 1e-3
+
+
+def test_trials_come_one_by_one_as_they_come_together():
+    swims = [Swim(str(f), Actuation(f, 0.0, 0.1), 1.0) for f in (1.7, 1.3, 1.0)]
+    together = Simulator(FISH, 2).simulate(PUBLISHED, swims)
+    each = Simulator(FISH, 2).simulate_each(PUBLISHED, swims)
+    first = next(each)
+    assert first.name == "1.7"
+    np.testing.assert_array_equal(first.track.positions, together["1.7"].track.positions)
+    each.close()
+    assert list(each) == []
+
+
 def test_a_swim_from_rest_begins_at_rest():
     trial = Simulator(FISH, threads=1).simulate(PUBLISHED, [Swim("rest", Actuation(1.5), 0.5)])["rest"]
     positions = trial.track.positions

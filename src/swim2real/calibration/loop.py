@@ -35,6 +35,7 @@ class Progress:
         improved: Whether this one is the new incumbent.
         seconds_left: Estimate [s].
         replayed: True for an evaluation that was read from the record.
+        lower_bound: True when it stopped early: the loss is at least this.
     """
 
     done: int
@@ -45,6 +46,7 @@ class Progress:
     improved: bool
     seconds_left: float
     replayed: bool
+    lower_bound: bool = False
 
 
 def calibrate(
@@ -89,9 +91,11 @@ def calibrate(
             best = entry
         if (best is not before and not replayed) or index == len(recorded) - 1:  # once for all that is replayed
             write_best(folder, problem, best)
-        optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"]))
+        bound = bool(entry.get("lower_bound"))
+        optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"], bound))
         left = (time.monotonic() - started) / max(fresh, 1) * (budget - index - 1)
-        on_progress(Progress(index + 1, budget, entry["loss"], best["loss"], entry["note"], improved, left, replayed))
+        told = Progress(index + 1, budget, entry["loss"], best["loss"], entry["note"], improved, left, replayed, bound)
+        on_progress(told)
     if best is None:
         raise RunError("nothing was evaluated")
     return best
@@ -100,12 +104,13 @@ def calibrate(
 def _evaluate(problem: Problem, space: ParameterSpace, candidate: Candidate, index: int) -> dict[str, Any]:
     began = time.monotonic()
     values = space.to_values(candidate.point)
-    comparison = problem.evaluate(values)
+    comparison = problem.evaluate(values, candidate.stop_above)
     return {
         "index": index,
         "loss": comparison.loss,
         "failed": comparison.divergence is not None,
         "reason": comparison.divergence,
+        "lower_bound": comparison.lower_bound,
         "point": [float(x) for x in candidate.point],
         "values": values,
         "note": dict(candidate.note),

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 from swim2real.errors import TrialError
-from swim2real.objective import Comparison, Protocol, Target, compare
+from swim2real.objective import Comparison, Protocol, Target, TrialComparison, compare, compare_trial
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation import Simulator, Swim
@@ -14,6 +15,7 @@ from swim2real.tracking import Beat, TrackQuality, check_track, identify_beat
 from swim2real.trials import Actuation, Trial, TrialSet
 
 HORIZON = 4.0  # s, the prior code's
+_ROUNDING = 1e-9  # an early stop must not hang on the order of a sum
 
 
 @dataclass(frozen=True)
@@ -76,9 +78,27 @@ class Problem:
             self.targets.append(Target(one.trial, one.quality.weights, actuation.frequency))
             self.swims.append(Swim(one.trial.name, actuation, one.trial.track.duration + lead))
 
-    def evaluate(self, values: Values) -> Comparison:
-        """Simulates all trials and compares them with the real ones."""
-        return self.evaluate_many([values])[0]
+    def evaluate(self, values: Values, stop_above: float | None = None) -> Comparison:
+        """Simulates all trials and compares them with the real ones.
+
+        Args:
+            values: Of the candidate.
+            stop_above: Stop as soon as the loss is certain to exceed this [m]. A trial's error can't be negative, so
+                the sum over the trials so far bounds the loss from below. The trials are taken from the shortest period
+                to the longest; how many it takes doesn't depend on threads.
+        """
+        if stop_above is None:
+            return self.evaluate_many([values])[0]
+        order = sorted(range(len(self.swims)), key=lambda i: self.swims[i].actuation.period)
+        limit = stop_above * len(order) * (1 + _ROUNDING)
+        found: dict[int, TrialComparison] = {}
+        with closing(self.simulator.simulate_each(values, [self.swims[i] for i in order])) as simulated:
+            for i, trial in zip(order, simulated, strict=True):
+                found[i] = compare_trial(self.targets[i], trial, self.protocol, self.horizon)
+                if trial.divergence or sum(one.loss(self.protocol) for one in found.values()) > limit:
+                    break
+        compared = tuple(found[i] for i in sorted(found))
+        return Comparison(compared, self.protocol, self.horizon, len(order) - len(found))
 
     def evaluate_many(self, candidates: Sequence[Values]) -> list[Comparison]:
         """The same for several candidates in one batch."""

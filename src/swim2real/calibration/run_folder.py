@@ -19,7 +19,7 @@ SETTINGS, RECORD, LOCK = "settings.json", "record.jsonl", ".lock"
 OUTCOME = "outcome.json"
 
 # settings that may differ when a run goes on
-_FREE = ("budget", "threads", "created", "commit", "versions")
+_FREE = ("budget", "threads")
 
 
 class RunFolder:

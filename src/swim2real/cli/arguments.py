@@ -41,6 +41,8 @@ class Calibrate:
     """Scale of the parameters; auto: linear for protocol paper, log otherwise."""
     max_steps: int = 3
     """Steps of the line search; 1 is the ablation without it."""
+    early_stop: bool = False
+    """Stop a step's evaluation once it is certain to be rejected. The advisor then sees less of rejected steps."""
     horizon: float = 4.0
     """Seconds of each trial that are compared; 0 for all of it."""
     hold_out: tuple[str, ...] = ()

@@ -24,8 +24,8 @@ def calibrate(a: Calibrate) -> int:
     """Runs or resumes a calibration."""
     settings = Settings(
         method=a.method, advisor=a.advisor, protocol=a.protocol, budget=a.budget, seed=a.seed,
-        scale=None if a.scale == "auto" else a.scale, max_steps=a.max_steps, horizon=horizon(a.horizon),
-        hold_out=a.hold_out, threads=threads(a.threads),
+        scale=None if a.scale == "auto" else a.scale, max_steps=a.max_steps, early_stop=a.early_stop,
+        horizon=horizon(a.horizon), hold_out=a.hold_out, threads=threads(a.threads),
     )  # fmt: skip
     reference = load_reference(a.reference)
 

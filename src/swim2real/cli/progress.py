@@ -77,7 +77,8 @@ def _line(p: Progress) -> str:
     if "round" in p.note:
         how = f"round {p.note['round']}, step {p.note['step_size']:g}"
     kind = "read" if p.replayed else "best" if p.improved else "    "
+    loss = f"{'>' * p.lower_bound}{1e3 * p.loss:.1f}"
     return (
-        f"{p.done:4d}/{p.budget} {kind} {1e3 * p.loss:7.1f} mm  (best {1e3 * p.best:.1f} mm, {how}, "
+        f"{p.done:4d}/{p.budget} {kind} {loss:>7} mm  (best {1e3 * p.best:.1f} mm, {how}, "
         f"{_clock(p.seconds_left)} left)"
     )

@@ -1,7 +1,15 @@
 """How far simulated swims are from real ones. Arrays only: knows no simulator and no optimizer."""
 
 from swim2real.objective.alignment import Alignment, align
-from swim2real.objective.comparison import FAILED_LOSS, Comparison, Protocol, Target, TrialComparison, compare
+from swim2real.objective.comparison import (
+    FAILED_LOSS,
+    Comparison,
+    Protocol,
+    Target,
+    TrialComparison,
+    compare,
+    compare_trial,
+)
 from swim2real.objective.evidence import evidence
 
 __all__ = [
@@ -13,5 +21,6 @@ __all__ = [
     "TrialComparison",
     "align",
     "compare",
+    "compare_trial",
     "evidence",
 ]

@@ -113,6 +113,10 @@ class TrialComparison:
         seen = np.isfinite(self.residual).all(axis=2).astype(float)
         return FAILED_LOSS if self._failed else weighted_distance(self.residual, seen)
 
+    def loss(self, protocol: Protocol) -> float:
+        """What the trial adds to the loss, before the mean [m]."""
+        return self.aligned_marker_error if protocol == "aligned" else self.marker_error
+
     @property
     def left_out_share(self) -> float:
         return float(1 - np.mean(self.weights > 0))
@@ -167,11 +171,13 @@ class Comparison:
         trials: In the order of the targets.
         protocol: Which figure is the loss.
         horizon: Seconds that are compared, None for all of each trial.
+        skipped: Trials that an early stop left out; the other figures are means over the rest.
     """
 
     trials: tuple[TrialComparison, ...]
     protocol: Protocol
     horizon: float | None
+    skipped: int = 0
 
     @property
     def divergence(self) -> str | None:
@@ -183,7 +189,13 @@ class Comparison:
         """What is minimized [m]; `FAILED_LOSS` when any simulation diverged."""
         if self.divergence is not None:
             return FAILED_LOSS
-        return float(self.figure("aligned_marker_error" if self.protocol == "aligned" else "marker_error"))
+        losses = [trial.loss(self.protocol) for trial in self.trials]
+        return float(np.mean(losses + [0.0] * self.skipped))
+
+    @property
+    def lower_bound(self) -> bool:
+        """Whether the loss is only known to be at least what it says, as after an early stop."""
+        return self.skipped > 0 and self.divergence is None
 
     def figure(self, name: str) -> float:
         """One overall figure."""
@@ -195,7 +207,9 @@ class Comparison:
         overall: dict[str, Any] = {
             name: float(np.mean([figures[name] for figures in per_trial.values()])) for name in MEANS
         }
-        return {**overall, "loss": self.loss, "protocol": self.protocol, "horizon": self.horizon, "trials": per_trial}
+        early = {"skipped": self.skipped} if self.skipped else {}
+        about = {"loss": self.loss, **early, "protocol": self.protocol, "horizon": self.horizon}
+        return {**overall, **about, "trials": per_trial}
 
 
 def compare(targets: Sequence[Target], simulated: TrialSet, protocol: Protocol, horizon: float | None) -> Comparison:
@@ -209,10 +223,11 @@ def compare(targets: Sequence[Target], simulated: TrialSet, protocol: Protocol, 
         horizon: Seconds to compare, None for all.
     """
     pairs = zip(targets, simulated, strict=True)
-    return Comparison(tuple(_compare_trial(t, s, protocol, horizon) for t, s in pairs), protocol, horizon)
+    return Comparison(tuple(compare_trial(t, s, protocol, horizon) for t, s in pairs), protocol, horizon)
 
 
-def _compare_trial(target: Target, simulated: Trial, protocol: Protocol, horizon: float | None) -> TrialComparison:
+def compare_trial(target: Target, simulated: Trial, protocol: Protocol, horizon: float | None) -> TrialComparison:
+    """One trial of `compare`."""
     track = target.trial.track
     times = track.times - track.times[0]
     kept = target.trial.cut(horizon).track.frame_count

@@ -55,10 +55,13 @@ class Candidate:
     Attributes:
         point: In the unit cube, read-only. Shape (d,).
         note: Where it comes from, ready for JSON: a method's own words for the record.
+        stop_above: All that the optimizer needs to know of a loss above this is that it is above; the evaluation may
+            stop as soon as that is certain. None asks for the loss itself.
     """
 
     point: Array
     note: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    stop_above: float | None = None
 
 
 @dataclass(frozen=True)
@@ -70,12 +73,14 @@ class Evaluation:
         loss: Finite, lower is better.
         failed: True when there is no proper result, such as a simulation that diverged.
         detail: What else is known, for those who can read it.
+        lower_bound: True when the evaluation stopped early: the loss is at least this, and the detail is incomplete.
     """
 
     candidate: Candidate
     loss: float
     failed: bool = False
     detail: Any = None
+    lower_bound: bool = False
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.loss):
@@ -106,12 +111,19 @@ class Optimizer(ABC):
         """Takes the evaluation of the candidate that was asked last.
 
         Raises:
-            OptimizerError: Nothing was asked, or it is another candidate's evaluation.
+            OptimizerError: Nothing was asked, it is another candidate's evaluation, or it is a lower bound where the
+                loss was asked for.
         """
         if self._pending is None:
             raise OptimizerError("tell() without a candidate; ask() for one first")
         if not np.array_equal(evaluation.candidate.point, self._pending.point):
             raise OptimizerError("tell() got the evaluation of another candidate than the one that was asked last")
+        limit = self._pending.stop_above
+        if evaluation.lower_bound and (limit is None or evaluation.loss < limit):
+            raise OptimizerError(
+                f"tell() got a lower bound of {evaluation.loss} where "
+                + ("the loss was asked for" if limit is None else f"the loss was asked for up to {limit}")
+            )
         self._pending = None
         self._learn(evaluation)
 

@@ -18,7 +18,10 @@ class BacktrackingLineSearch(Optimizer):
     improvement is rejected; the advisor finds it in the history when it is asked again.
     """
 
-    def __init__(self, advisor: Advisor, first: Array, decrease_factor: float = 0.5, max_steps: int = 3) -> None:
+    def __init__(
+        self, advisor: Advisor, first: Array, decrease_factor: float = 0.5, max_steps: int = 3,
+        early_stop: bool = False,
+    ) -> None:  # fmt: skip
         """Prepares the search.
 
         Args:
@@ -26,6 +29,8 @@ class BacktrackingLineSearch(Optimizer):
             first: Where the run begins, in the unit cube. Shape (d,).
             decrease_factor: β, within 0 and 1.
             max_steps: K; 1 is the ablation without line search.
+            early_stop: Let evaluations of steps stop once they are certain to be rejected. Accepts and rejects the
+                same, but the advisor then sees less of rejected steps.
 
         Raises:
             OptimizerError: A setting is out of range.
@@ -37,7 +42,7 @@ class BacktrackingLineSearch(Optimizer):
             raise OptimizerError(f"max_steps is {max_steps}; it must be at least 1")
         self._advisor = advisor
         self._first_point = cube_point(first)
-        self._decrease_factor, self._max_steps = decrease_factor, max_steps
+        self._decrease_factor, self._max_steps, self._early_stop = decrease_factor, max_steps, early_stop
         self._first: Evaluation | None = None
         self._incumbent: Evaluation | None = None
         self._rounds: list[Round] = []
@@ -63,7 +68,7 @@ class BacktrackingLineSearch(Optimizer):
         note: dict[str, Any] = {"source": "line search", "round": len(self._rounds) + 1, "step_size": step_size}
         if not self._steps:
             note["proposal"] = self._proposal.as_dict()
-        return Candidate(point, note)
+        return Candidate(point, note, self._incumbent.loss if self._early_stop else None)
 
     @property
     def _step_size(self) -> float:

@@ -120,7 +120,7 @@ def _grouped(run: ReportedRun) -> list[tuple[int, list[int]]]:
 
 def _step(index: int, entry: Json, before: Json | None) -> TriedStep:
     failed = bool(entry["failed"])
-    change = None if failed or before is None else entry["loss"] - before["loss"]
+    change = None if failed or before is None or entry.get("lower_bound") else entry["loss"] - before["loss"]
     return TriedStep(
         evaluation=index + 1,
         size=f"{text(100 * float(entry['note'].get('step_size', 1.0)), 1).removesuffix('.0')} %",
@@ -132,7 +132,9 @@ def _step(index: int, entry: Json, before: Json | None) -> TriedStep:
 
 
 def _loss(entry: Json | None) -> str:
-    return "diverged" if entry is None or entry["failed"] else f"{mm(entry['loss'], 2)} mm"
+    if entry is None or entry["failed"]:
+        return "diverged"
+    return f"{'over ' if entry.get('lower_bound') else ''}{mm(entry['loss'], 2)} mm"
 
 
 def _moves(space: ParameterSpace, start: Json, proposal: Json) -> tuple[str, ...]:

@@ -27,7 +27,8 @@ def convergence(run: ReportedRun) -> Figure:
             "type": "scatter", "mode": "markers", "name": "evaluation",
             "x": [n for n, _ in proper], "y": [to_mm(entry["loss"]) for _, entry in proper],
             "marker": {"color": LIGHT["faint"], "size": 7},
-            "hovertemplate": "evaluation %{x}: %{y:.1f} mm<extra></extra>",
+            "text": ["over " if entry.get("lower_bound") else "" for _, entry in proper],
+            "hovertemplate": "evaluation %{x}: %{text}%{y:.1f} mm<extra></extra>",
         },
         {
             "type": "scatter", "mode": "lines", "name": "best so far", "x": best_x, "y": best_y,

@@ -16,6 +16,7 @@ _LABELS = {
     "budget": "Budget (evaluations)",
     "seed": "Seed",
     "scale": "Scale of the search",
+    "early_stop": "Early stop of rejected steps",
     "horizon": "Horizon (s compared of each trial)",
     "hold_out": "Held-out trials",
     "reference": "Reference",

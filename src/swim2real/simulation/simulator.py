@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
@@ -17,7 +17,7 @@ from swim2real.errors import EngineError
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.engine import Engine
-from swim2real.simulation.steady import DivergedError, steady_cycle
+from swim2real.simulation.steady import DivergedError, run_to, steady_cycle
 from swim2real.simulation.stepper import Stepper
 from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Step = Literal["auto", "fast", "engine"]
 AGREEMENT = 1e-10  # of one step's velocities with the engine's own, relative
 
+SETTLING = 6.0  # s of a swim at full length before it counts as steady
 _UNROLLED_SAMPLE = 1.0  # s, a diverged simulation still has a track of this length
 _log = logging.getLogger(__name__)
 
@@ -59,8 +60,9 @@ class Simulator:
     """
 
     def __init__(
-        self, robot: Robot, threads: int | None = None, sample_interval: float = 0.01, step: Step = "auto"
-    ) -> None:
+        self, robot: Robot, threads: int | None = None, sample_interval: float = 0.01, step: Step = "auto",
+        full_length: bool = False,
+    ) -> None:  # fmt: skip
         """Makes a simulator.
 
         Args:
@@ -69,6 +71,8 @@ class Simulator:
             sample_interval: Longest time between samples of a simulated trial [s].
             step: `fast`: the fast step, or an error. `engine`: the engine's own. `auto`: the fast step where it
                 applies and agrees with the engine's own, which is checked on the published robot.
+            full_length: Simulate steady swims for as long as they are asked for, after `SETTLING` to become steady,
+                instead of finding and repeating their cycle: several times slower, to check the cycle by.
 
         Raises:
             EngineError: An argument is outside what is allowed, or the fast step is asked for and doesn't apply.
@@ -81,7 +85,7 @@ class Simulator:
         self.engine = Engine.of(robot)
         self._threads = threads or os.cpu_count() or 1
         self._sample_interval = sample_interval
-        self._required = step == "fast"
+        self._required, self._full_length = step == "fast", full_length
         self.step: Literal["fast", "engine"] = "fast"
         if step == "engine" or self._planned(robot.build(robot.space.published).compile(), check=True) is None:
             self.step = "engine"
@@ -110,6 +114,19 @@ class Simulator:
             TrialSet(tuple(done[c * count + s] for s in range(count)), self.robot.marker_names)
             for c in range(len(candidates))
         ]
+
+    def simulate_each(self, values: Values, swims: Sequence[Swim]) -> Generator[Trial]:
+        """Simulated trials for one candidate, each as soon as it and those before it are done.
+
+        Closing the generator gives up the rest.
+        """
+        model = self.robot.build(values).compile()
+        fast = self._planned(model) if self.step == "fast" else None
+        pool = ThreadPoolExecutor(self._threads)
+        try:
+            yield from pool.map(lambda swim: self._swim(model, fast, swim), swims)
+        finally:
+            pool.shutdown(cancel_futures=True)
 
     def _planned(self, model: mujoco.MjModel, check: bool = False) -> FastStep | None:
         """The fast step of a model; without one a warning says why."""
@@ -140,19 +157,33 @@ class Simulator:
                 note = "from rest"
             else:
                 stepper = Stepper(model, self.robot, actuation.start_speed, speed, 0.0, fast)
-                cycle = steady_cycle(stepper, actuation.period)
-                note = f"steady cycle after {cycle.cycles:.2f} periods" + (
-                    "" if cycle.settled else f", not settled: {1e3 * cycle.speed_to_come:.2f} mm/s still to come"
-                )
-                lead = (actuation.phase / (2 * np.pi)) % 1.0 * actuation.period
-                times, markers = cycle.unroll(int(np.ceil((lead + swim.duration) / actuation.period)))
-                samples = self._samples(swim.duration)
-                track = MarkerTrack(samples, CubicSpline(times, markers, axis=0)(lead + samples))
+                steady = self._steady_at_length if self._full_length else self._steady_cycle
+                track, note = steady(stepper, swim)
         except DivergedError as error:
             rest = np.zeros((2, len(self.robot.marker_names), 2)) + self.robot.rest_markers
             track = MarkerTrack([0.0, _UNROLLED_SAMPLE], rest)
             return Trial(swim.name, track, actuation.frequency, provenance="diverged", divergence=str(error))
         return Trial(swim.name, track, actuation.frequency, provenance=f"{self.engine.name}, {step} step, {note}")
+
+    def _steady_cycle(self, stepper: Stepper, swim: Swim) -> tuple[MarkerTrack, str]:
+        period = swim.actuation.period
+        cycle = steady_cycle(stepper, period)
+        note = f"steady cycle after {cycle.cycles:.2f} periods" + (
+            "" if cycle.settled else f", not settled: {1e3 * cycle.speed_to_come:.2f} mm/s still to come"
+        )
+        lead = swim.actuation.phase / (2 * np.pi) % 1.0 * period
+        times, markers = cycle.unroll(int(np.ceil((lead + swim.duration) / period)))
+        samples = self._samples(swim.duration)
+        return MarkerTrack(samples, CubicSpline(times, markers, axis=0)(lead + samples)), note
+
+    def _steady_at_length(self, stepper: Stepper, swim: Swim) -> tuple[MarkerTrack, str]:
+        period = swim.actuation.period
+        start = np.ceil(SETTLING / period) + swim.actuation.phase / (2 * np.pi) % 1.0  # turns
+        chunk = run_to(None, stepper, period, start + swim.duration / period)
+        times = np.arange(len(chunk.turns)) * stepper.timestep
+        samples = self._samples(swim.duration)
+        begin = float(np.interp(start, chunk.turns, times))
+        return MarkerTrack(samples, CubicSpline(times, chunk.markers, axis=0)(begin + samples)), "at full length"
 
     def _samples(self, duration: float) -> np.ndarray:
         return np.linspace(0.0, duration, int(np.ceil(duration / self._sample_interval - 1e-9)) + 1)

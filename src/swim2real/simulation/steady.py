@@ -96,7 +96,7 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
         DivergedError: The engine gave up.
     """
     end = max(0.5, np.ceil(2 * SETTLING_TIME / period) / 2) + 1.0  # turns
-    swim, change_before = _run_to(None, stepper, period, end), None
+    swim, change_before = run_to(None, stepper, period, end), None
     while True:
         first, last = _state(swim, end - 1), _state(swim, end)
         shape_change = float(np.linalg.norm(last.body - first.body, axis=1).mean())
@@ -113,11 +113,11 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
             change_before, end = None, float(swim.turns[-1]) + 1.25
         else:
             change_before, end = change, end + 0.5
-        swim = _run_to(swim, stepper, period, end)
+        swim = run_to(swim, stepper, period, end)
     return Cycle(period, _one_turn(swim, end, period), bool(settled), float(to_come), shape_change, float(end))
 
 
-def _run_to(swim: Chunk | None, stepper: Stepper, period: float, turns: float) -> Chunk:
+def run_to(swim: Chunk | None, stepper: Stepper, period: float, turns: float) -> Chunk:
     """Simulates until the motor has made so many turns, and a few steps more."""
     wanted = turns + _MARGIN_STEPS * stepper.timestep / period
     made = 0.0

@@ -50,7 +50,7 @@ class PhysicsAdvisor:
 
     def propose(self, situation: Situation) -> Proposal:
         """The point within its trust that it expects to be best."""
-        usable = [e for e in situation.evaluations if not e.failed]
+        usable = [e for e in situation.evaluations if not e.failed and not e.lower_bound]
         rng = np.random.default_rng([self._seed, len(situation.rounds)])
         trust = trust_radius(situation.rounds)
         here = self._point(situation.incumbent)
