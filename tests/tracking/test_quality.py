@@ -139,6 +139,44 @@ def test_a_confidence_of_zero_is_missing(healthy):
     assert_lost(quality, 4, slice(20, 30), slack=0)
 
 
+def with_confidence(track, value, frames, marker):
+    confidence = np.ones((track.frame_count, 9))
+    confidence[frames, marker] = value
+    return MarkerTrack(track.times, track.positions, confidence)
+
+
+def test_a_marker_of_low_confidence_is_doubtful_and_lost(healthy):
+    quality = check(with_confidence(healthy, 0.49, slice(20, 50), 4))
+    assert_lost(quality, 4, slice(20, 50), slack=0)
+    assert reasons(quality, 4) == {"doubtful"}
+    assert quality.findings(FISH.marker_names) == ["M4 is lost in 10 % of frames (doubtful 30)"]
+    np.testing.assert_array_equal(check(with_confidence(healthy, 0.5, slice(20, 50), 4)).lost, check(healthy).lost)
+
+
+@pytest.mark.parametrize("confidence", [0.0, 0.3])
+@pytest.mark.parametrize("marker", range(9))
+def test_positions_that_arent_believed_say_nothing_about_the_others(healthy, marker, confidence):
+    positions = healthy.positions.copy()
+    positions[100:, marker] = positions[100:, (marker + 1) % 9]
+    given = np.ones((healthy.frame_count, 9))
+    given[100:, marker] = confidence
+    quality = check(MarkerTrack(healthy.times, positions, given))
+    assert not np.delete(quality.lost, marker, axis=1).any()
+    assert quality.lost[:, marker].tolist() == [False] * 100 + [True] * (healthy.frame_count - 100)
+    assert quality.head_spread < 0.03
+
+
+def test_markers_lost_for_more_than_is_allowed_are_told(healthy):
+    positions = healthy.positions.copy()
+    positions[:30, 4] = np.nan  # of 301 frames
+    positions[:60, 7] = np.nan
+    quality = check(healthy, positions)
+    assert quality.lost_markers() == (4, 7)
+    assert quality.lost_markers(0.1) == (7,)
+    assert quality.lost_markers(0.2) == ()
+    assert quality.lost_markers(60 / 301) == ()
+
+
 def test_short_gaps_between_losses_are_lost_too(healthy):
     positions = healthy.positions.copy()
     positions[[50, 54], 3] = np.nan  # 4 frames apart, within 0.1 s

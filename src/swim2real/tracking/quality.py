@@ -19,7 +19,8 @@ from swim2real.trials.trial import MarkerTrack
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-REASONS = ("missing", "collapsed", "misplaced", "jumped", "frozen")
+REASONS = ("missing", "collapsed", "misplaced", "jumped", "frozen", "doubtful")
+DOUBTFUL = 0.5  # confidence below which a marker's position isn't believed
 COLLAPSE_SHARE = 0.4  # of the distance that two neighbors should keep
 BEND_SHARE = 0.12  # by which a spacing along the bending body may change
 PLACE_TOLERANCE = 0.010  # m, on top of it
@@ -39,7 +40,7 @@ class TrackQuality:
 
     Attributes:
         lost: True where a marker must not be scored. Shape (T, M).
-        reasons: Frames per reason and marker, in the order of `REASONS`. Shape (5, M).
+        reasons: Frames per reason and marker, in the order of `REASONS`. Shape (6, M).
         head_spread: Relative standard deviation of the head's length, a measure of scale and jitter.
         body_spread: Relative standard deviation of the body's length, first to last marker.
         rest_misfit: Mean deviation of the marker distances from the robot's rest lengths, after one scale [m].
@@ -66,10 +67,14 @@ class TrackQuality:
         """Share of all marker-frames that is left out."""
         return float(self.lost.mean())
 
+    def lost_markers(self, allowed: float = USABLE_SHARE) -> tuple[int, ...]:
+        """Indices of the markers that are lost for more than the allowed share of frames."""
+        return tuple(int(m) for m in np.flatnonzero(self.lost_share > allowed))
+
     @property
     def usable(self) -> bool:
         """Whether the trial can be used as it is, without weights."""
-        return bool(np.all(self.lost_share <= USABLE_SHARE))
+        return not self.lost_markers()
 
     def findings(self, names: tuple[str, ...]) -> list[str]:
         """A sentence for each thing that a person should know."""
@@ -92,10 +97,17 @@ def _percent(share: float) -> str:
 def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
     """Checks one track against the robot's skeleton.
 
+    Positions that weren't seen (confidence 0, such as those that `fill_gaps` makes up) or are doubted (confidence below
+    `DOUBTFUL`) are lost, and say nothing about the others.
+
     Args:
         track: Of a real swim; NaN is legal.
         rest_markers: Marker positions of the straight robot [m]. Shape (M, 2).
     """
+    missing = ~np.isfinite(track.positions).all(axis=2) | (track.confidence <= 0)
+    doubtful = ~missing & (track.confidence < DOUBTFUL)
+    missing |= doubtful
+    track = MarkerTrack(track.times, np.where(missing[:, :, None], np.nan, track.positions), track.confidence)
     positions = track.positions
     distances = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=3)  # (T, M, M)
     places = _places(track)
@@ -108,7 +120,6 @@ def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
         expected, spacing = _usual(distances, start), _usual(spacings, start)
     interval = float(np.median(np.diff(track.times)))
 
-    missing = ~np.isfinite(positions).all(axis=2) | (track.confidence <= 0)
     collapsed_pairs = _collapsed(distances, expected)
     misplaced = _misplaced(spacings, spacing, distances, expected, missing)
     collapsed = misplaced & collapsed_pairs.any(axis=2)
@@ -117,7 +128,7 @@ def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
     lost = missing | misplaced | frozen | jumped
     lost = _join(lost, max(1, round(GAP_TIME / interval)))
 
-    kinds = (missing, collapsed, misplaced & ~collapsed, jumped, frozen)
+    kinds = (missing & ~doubtful, collapsed, misplaced & ~collapsed, jumped, frozen, doubtful)
     scale = _median(distances[~lost.any(axis=1)] if (~lost.any(axis=1)).any() else distances)
     off_diagonal = ~np.eye(len(rest), dtype=bool)
     ratio = float(_median(scale[off_diagonal] / rest[off_diagonal]))
