@@ -1,0 +1,201 @@
+import numpy as np
+import pytest
+from clips import FPS, HEIGHT, WIDTH, clip, error, noisy, picture, read
+
+from swim2real.errors import VideoError
+from swim2real.video import VideoReader, VideoWriter
+
+FORMATS = [
+    ("swim.mp4", "h264"), ("swim.mov", "h264"), ("swim.mkv", "h264"), ("swim.ts", "h264"), ("swim.avi", "h264"),
+    ("swim.mp4", "hevc"), ("swim.mov", "hevc"), ("swim.mp4", "mjpeg"), ("swim.mov", "mjpeg"), ("swim.avi", "mjpeg"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "codec"), FORMATS)
+def test_pictures_and_times_come_back(tmp_path, name, codec):
+    frames, notes, info = read(clip(tmp_path / name, codec=codec))
+    assert len(frames) == 36
+    for index, (time, image, intact) in enumerate(frames):
+        assert time == pytest.approx(index / FPS, abs=0.6e-3)  # Matroska counts milliseconds
+        assert error(image, picture(index)) < 3.0
+        assert intact
+    assert (info.width, info.height, info.fps, info.codec) == (WIDTH, HEIGHT, FPS, codec)
+    assert info.frame_count == 36
+    assert info.duration == pytest.approx(36 / FPS, abs=1e-3)
+    if (name, codec) == ("swim.avi", "h264"):  # AVI has no time stamps
+        assert notes == [
+            "36 frames without a time stamp, from 0.000 to 1.167 s; placed by the frame rate of 30.00 a second"
+        ]
+    else:
+        assert notes == []
+
+
+@pytest.mark.parametrize("codec", ["h264", "hevc", "mjpeg"])
+def test_colors_come_back(tmp_path, codec):
+    colors = np.array(
+        [[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0], [255, 255, 255], [0, 0, 0], [128, 128, 128], [90, 9, 50]]
+    )
+    bars = np.repeat(np.repeat(colors[None].astype(np.uint8), 64, axis=0), 16, axis=1)
+    frames, _, _ = read(clip(tmp_path / "bars.mp4", 3, lambda index: bars, codec=codec, crf=8))
+    assert np.abs(frames[1][1][32, 8::16] - colors).max() <= 4
+
+
+@pytest.mark.parametrize("fps", [24, 25, 29.97, 59.94, 60, 120, 240])
+def test_frame_rates_are_kept(tmp_path, fps):
+    frames, notes, info = read(clip(tmp_path / "swim.mp4", 12, fps=fps))
+    assert info.fps == pytest.approx(fps, rel=1e-4)
+    np.testing.assert_allclose([frame[0] for frame in frames], np.arange(12) / fps, atol=1e-5)
+    assert notes == []
+
+
+def test_times_make_a_variable_frame_rate(tmp_path):
+    times = np.cumsum([0, 0.033, 0.034, 0.1, 0.008, 0.0041, 0.5, 0.033])
+    with VideoWriter(tmp_path / "swim.mp4", WIDTH, HEIGHT, 30) as writer:
+        for index, time in enumerate(times):
+            writer.write(picture(index), time)
+    frames, notes, _ = read(tmp_path / "swim.mp4")
+    np.testing.assert_allclose([frame[0] for frame in frames], times, atol=1e-5)
+    assert all(error(image, picture(index)) < 3 for index, (_, image, _) in enumerate(frames))
+    assert notes == []
+
+
+def test_a_picture_without_a_time_follows_the_one_before(tmp_path):
+    with VideoWriter(tmp_path / "swim.mp4", WIDTH, HEIGHT, 50) as writer:
+        writer.write(picture(0), 0.0)
+        writer.write(picture(1), 0.4)
+        writer.write(picture(2))
+    assert [frame[0] for frame in read(tmp_path / "swim.mp4")[0]] == pytest.approx([0, 0.4, 0.42])
+
+
+def test_the_index_comes_first(tmp_path):
+    data = clip(tmp_path / "swim.mp4").read_bytes()
+    assert 0 < data.index(b"moov") < data.index(b"mdat")
+
+
+def test_the_file_appears_at_the_end(tmp_path):
+    path, part = tmp_path / "swim.mp4", tmp_path / "swim.mp4.part"
+    with VideoWriter(path, WIDTH, HEIGHT, 30) as writer:
+        writer.write(picture())
+        assert part.exists()
+        assert not path.exists()
+    assert path.exists()
+    assert not part.exists()
+
+
+def test_an_error_leaves_what_was_there(tmp_path):
+    path = clip(tmp_path / "swim.mp4", 3)
+    before = path.read_bytes()
+    with pytest.raises(ZeroDivisionError), VideoWriter(path, WIDTH, HEIGHT, 30) as writer:  # noqa: PT012
+        writer.write(picture())
+        _ = 1 / 0
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("codec", ["h264", "mjpeg"])
+def test_odd_sizes_get_their_last_row_and_column_twice(tmp_path, codec):
+    def odd(index):
+        image = np.full((97, 161, 3), 60, np.uint8)
+        image[-1], image[:, -1] = 220, 220
+        return image
+
+    frames, _, info = read(clip(tmp_path / "odd.mp4", 3, odd, codec=codec, crf=5))
+    assert (info.width, info.height) == (162, 98)
+    image = frames[0][1]
+    assert np.abs(image[-2:] - 220).max() < 25
+    assert np.abs(image[:, -2:] - 220).max() < 25
+    assert np.abs(image[:-4, :-4] - 60).max() < 25
+
+
+def test_worse_quality_takes_fewer_bytes(tmp_path):
+    good, bad = (clip(tmp_path / f"{crf}.mp4", 12, noisy, crf=crf) for crf in (10, 45))
+    assert bad.stat().st_size < 0.3 * good.stat().st_size
+
+
+def test_a_view_can_be_written(tmp_path):
+    frames, _, _ = read(clip(tmp_path / "swim.mp4", 3, lambda index: np.rot90(picture(index))))
+    assert error(frames[2][1], np.rot90(picture(2))) < 3
+
+
+def _refused(message, *arguments, **options):
+    with pytest.raises(VideoError, match=message):
+        VideoWriter(*arguments, **options)
+
+
+def test_wrong_arguments_are_refused(tmp_path):
+    path = tmp_path / "swim.mp4"
+    (tmp_path / "folder.mp4").mkdir()
+    _refused(r"no folder '.*nowhere'", tmp_path / "nowhere" / "swim.mp4", 160, 96, 30)
+    _refused("it is a folder", tmp_path / "folder.mp4", 160, 96, 30)
+    _refused(r"its ending must be one of \.mp4, \.mov", tmp_path / "swim.gif", 160, 96, 30)
+    _refused(r"0 x 96 px; both must be at least 2", path, 0, 96, 30)
+    _refused("fps is 0; it must lie within", path, 160, 96, 0)
+    _refused("fps is nan; it must lie within", path, 160, 96, float("nan"))
+    _refused("codec is 'divx'; it must be one of h264, hevc, mjpeg", path, 160, 96, 30, codec="divx")
+    _refused("crf is 60; it must lie within 0", path, 160, 96, 30, crf=60)
+    _refused("rotation is 45; it must be 0, 90, 180 or 270", path, 160, 96, 30, rotation=45)
+    assert not path.exists()
+
+
+def test_an_unwritable_place_is_refused(tmp_path):
+    (tmp_path / "swim.mp4.part").mkdir()  # in the way, also for the superuser
+    with pytest.raises(VideoError, match=r"swim\.mp4' can't be written: Is a directory"):
+        VideoWriter(tmp_path / "swim.mp4", 160, 96, 30)
+
+
+@pytest.mark.parametrize(
+    ("image", "said"),
+    [
+        (np.zeros((96, 161, 3), np.uint8), r"shape \(96, 161, 3\) of uint8; .* takes \(96, 160, 3\) of uint8"),
+        (np.zeros((96, 160), np.uint8), r"shape \(96, 160\) of uint8"),
+        (np.zeros((96, 160, 3)), r"shape \(96, 160, 3\) of float64"),
+    ],
+)
+def test_wrong_pictures_are_refused(tmp_path, image, said):
+    with pytest.raises(VideoError, match=said), VideoWriter(tmp_path / "swim.mp4", 160, 96, 30) as writer:
+        writer.write(image)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("time", [0.2, 0.1, -1.0, float("nan"), float("inf")])
+def test_times_must_rise(tmp_path, time):
+    with VideoWriter(tmp_path / "swim.mp4", WIDTH, HEIGHT, 30) as writer:
+        writer.write(picture(), 0.2)
+        said = rf"is {time} s; it must be 0 or later, and after the last \(0\.200000 s\)"
+        with pytest.raises(VideoError, match=said):
+            writer.write(picture(), time)
+
+
+def test_avi_takes_no_times(tmp_path):
+    with (
+        pytest.raises(VideoError, match=r"AVI has a constant frame rate; write \.mp4 or \.mkv"),
+        VideoWriter(tmp_path / "swim.avi", WIDTH, HEIGHT, 30, codec="mjpeg") as writer,
+    ):
+        writer.write(picture(), 0.0)
+
+
+def test_a_video_needs_a_picture(tmp_path):
+    with pytest.raises(VideoError, match="no picture was written to"), VideoWriter(tmp_path / "a.mp4", 160, 96, 30):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_closed_writer_takes_nothing(tmp_path):
+    with VideoWriter(tmp_path / "swim.mp4", WIDTH, HEIGHT, 30) as writer:
+        writer.write(picture())
+    with pytest.raises(VideoError, match="is closed; write within its `with` block"):
+        writer.write(picture())
+
+
+@pytest.mark.parametrize("codec", ["h264", "hevc", "mjpeg"])
+def test_nothing_is_printed(tmp_path, capfd, codec):
+    path = clip(tmp_path / "swim.mp4", codec=codec)
+    data = bytearray(path.read_bytes())
+    middle = data.index(b"mdat") + len(data) // 3
+    data[middle : middle + 200] = bytes(200)
+    path.write_bytes(data)
+    with VideoReader(path) as reader:
+        for _ in reader:
+            pass
+    out = capfd.readouterr()
+    assert (out.out, out.err) == ("", "")
