@@ -73,13 +73,16 @@ class VideoWriter:
         self._last: int | None = None  # time stamp of the newest frame
         self._reformatter = VideoReformatter()
         try:
-            self._part.touch()  # PyAV would find out with the first picture only
+            self._part.open("wb").close()  # PyAV would find out with the first picture only
         except OSError as error:
             raise VideoError(f"'{self._path}' can't be written: {error.strerror}") from None
         self._container = av.open(
             str(self._part.absolute()), "w", format=FORMATS[self._path.suffix.lower()],
             options={"movflags": "+faststart"} if self._path.suffix.lower() in QUICKTIME else {},
         )  # fmt: skip
+        options = {} if self._mjpeg else {"crf": str(crf)}
+        if codec == "hevc":
+            options["x265-params"] = "log-level=none"
         stream = self._container.add_stream(ENCODERS[codec], rate=self._rate, options=options)
         self._stream = cast("VideoStream", stream)
         self._stream.width, self._stream.height = width + width % 2, height + height % 2
