@@ -1,0 +1,169 @@
+"""The water of the pool camera: floor, light and sensor noise, made once and moved about for each frame.
+
+All are 8-bit numbers with room to spare, so a frame is a few sums that can't overflow. This makes frames cheap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from swim2real.rendering.pool_camera import PoolCamera
+
+Bytes = NDArray[np.uint8]
+Steps = NDArray[np.int8]
+Image32 = NDArray[np.float32]
+
+FLOOR = 1.0  # m below the surface, as it seems from above
+TILE = 0.2  # m
+SWAY = 0.04  # m, how far the pattern of light moves
+NOISE_SHIFT = 64  # px, how far the noise may be shifted
+ROWS = 48  # rows summed at a time, so that they stay in the processor's cache
+COARSE = 4  # points of the grid on which a smooth pattern is made, in the length over which it changes
+
+
+@dataclass(frozen=True)
+class Rect:
+    """Pixels from (x0, y0) to before (x1, y1)."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    @property
+    def empty(self) -> bool:
+        return self.x0 >= self.x1 or self.y0 >= self.y1
+
+
+@dataclass(frozen=True)
+class Water:
+    """Layers of 8-bit numbers with the three channels side by side.
+
+    Attributes:
+        floor: What never changes. Shape (height, 3 width).
+        light: Patterns that move over it, each of shape (height + sway, 3 (width + sway)).
+        noise: Of the sensor, larger by NOISE_SHIFT px; None without noise.
+        sway: How far the patterns move [px].
+        seed: Of the noise's shifts.
+    """
+
+    floor: Bytes
+    light: tuple[Steps, ...]
+    noise: Steps | None
+    sway: int
+    seed: int
+
+    def frame(self, index: int, time: float) -> Bytes:
+        """The water with noise. Shape (height, width, 3)."""
+        rows, columns = self.floor.shape
+        layers = [self.floor, *(layer.view(np.uint8) for layer in self._lit(time))]
+        noise = self._noise(index)
+        if noise is not None:
+            layers.append(noise.view(np.uint8))
+        image = np.empty((rows, columns), dtype=np.uint8)
+        for start in range(0, rows, ROWS):
+            part = slice(start, start + ROWS)
+            if len(layers) == 1:
+                image[part] = layers[0][part]
+            else:
+                np.add(layers[0][part], layers[1][part], out=image[part])
+            for layer in layers[2:]:
+                image[part] += layer[part]
+        return image.reshape(rows, columns // 3, 3)
+
+    def region(self, time: float, rect: Rect) -> tuple[Image32, Image32]:
+        """A part of the water without noise, shape (3, h, w), and the moving light alone, shape (h, w)."""
+        part = (slice(rect.y0, rect.y1), slice(3 * rect.x0, 3 * rect.x1))
+        below = self.floor[part].reshape(rect.y1 - rect.y0, -1, 3).transpose(2, 0, 1).astype(np.float32)
+        light = np.zeros(below.shape[1:], dtype=np.float32)
+        for layer in self._lit(time):
+            light += layer[part][:, ::3]
+        return below + light, light
+
+    def noise_at(self, index: int, rect: Rect) -> Steps | None:
+        """Noise of one frame in a part of the image, shape (h, w)."""
+        noise = self._noise(index)
+        return None if noise is None else noise[rect.y0 : rect.y1, 3 * rect.x0 : 3 * rect.x1 : 3]
+
+    def _lit(self, time: float) -> list[Steps]:
+        rows, columns = self.floor.shape
+        shifts = []
+        for number, layer in enumerate(self.light):
+            # the patterns sway against each other, so that what is seen of both never repeats
+            turn = 2 * np.pi * time / (5.3 + 1.9 * number) + 2.1 * number
+            down, right = (round(self.sway * (0.5 + 0.5 * np.sin(turn * pace))) for pace in (0.7, 1.0))
+            shifts.append(layer[down : down + rows, 3 * right : 3 * right + columns])
+        return shifts
+
+    def _noise(self, index: int) -> Steps | None:
+        if self.noise is None:
+            return None
+        rows, columns = self.floor.shape
+        down, right = np.random.default_rng([self.seed, 3, index]).integers(0, NOISE_SHIFT, 2)
+        return self.noise[down : down + rows, 3 * right : 3 * right + columns]
+
+
+def make_water(camera: PoolCamera, seed: int) -> Water:
+    """Fills the pool."""
+    shine, grain, ground = np.random.default_rng([seed, 2]).spawn(3)
+    sway = round(SWAY / camera.meters_per_pixel)
+    light = tuple(_caustics(camera, sway, shine) for _ in range(2)) if camera.caustics else ()
+    reach = round(min(4 * camera.noise, 60.0))
+    noise = None
+    if camera.noise:
+        shape = (camera.height + NOISE_SHIFT, camera.width + NOISE_SHIFT)
+        field = np.round(camera.noise * grain.standard_normal(shape, dtype=np.float32))
+        noise = _in_three(np.clip(field, -reach, reach))
+    room = reach + sum(int(np.abs(layer.astype(np.int16)).max()) for layer in light)
+    floor = np.clip(np.round(_floor(camera, ground)), min(room, 127), max(255 - room, 128)).astype(np.uint8)
+    return Water(floor.reshape(camera.height, -1), light, noise, sway, seed)
+
+
+def _in_three(field: Image32) -> Steps:
+    return np.repeat(field.astype(np.int8), 3, axis=1)
+
+
+def _smooth(rows: int, columns: int, length: float, rng: np.random.Generator) -> Image32:
+    """A random pattern of mean 0 and standard deviation 1 that changes over `length` [px]. Shape (rows, columns)."""
+    step = max(length / COARSE, 1.0)
+    shape = (int(rows / step) + 3, int(columns / step) + 3)
+    pattern = ndimage.gaussian_filter(rng.standard_normal(shape), length / step, mode="wrap")
+    pattern /= pattern.std()
+    fine = pattern.astype(np.float32)
+    for count in (rows, columns):  # straight lines between grid points, one axis after the other
+        place = np.arange(count) / step
+        first = place.astype(int)
+        share = (place - first).astype(np.float32)[:, None]
+        fine = ((1 - share) * fine[first] + share * fine[first + 1]).T
+    return np.ascontiguousarray(fine)
+
+
+def _caustics(camera: PoolCamera, sway: int, rng: np.random.Generator) -> Steps:
+    """A net of bright lines, as a wavy surface throws it on the floor."""
+    rows, columns = camera.height + sway, camera.width + sway
+    cell = 0.05 / camera.meters_per_pixel
+    net = np.exp(-3.0 * np.abs(_smooth(rows, columns, cell, rng)))
+    net += 0.4 * _smooth(rows, columns, 4 * cell, rng)
+    net -= net.mean()
+    return _in_three(np.clip(np.round(14.0 * camera.caustics * net), -40, 60))
+
+
+def _floor(camera: PoolCamera, rng: np.random.Generator) -> Image32:
+    """Tiles seen through still water, darker toward the edges. Shape (height, width, 3)."""
+    rows, columns = camera.height, camera.width
+    x = (np.arange(columns, dtype=np.float32) - camera.middle[0]) * camera.meters_per_pixel
+    y = (np.arange(rows, dtype=np.float32)[:, None] - camera.middle[1]) * camera.meters_per_pixel
+    deeper = (camera.camera_height + FLOOR) / camera.camera_height
+    length = 0.09 / camera.meters_per_pixel
+    joints = np.zeros((rows, columns), dtype=np.float32)
+    for axis in (x, y):
+        along = axis * deeper + 0.006 * _smooth(rows, columns, length, rng)
+        off = np.abs((along / TILE) % 1.0 - 0.5) * TILE  # m from the joint
+        joints = np.maximum(joints, np.clip(1.5 - off / 0.004, 0.0, 1.0))
+    shade = 1.0 - 0.16 * (x**2 + y**2) / (x[0] ** 2 + y[0] ** 2)
+    shade += 0.025 * _smooth(rows, columns, 4 * length, rng) - 0.10 * joints
+    return shade[..., None] * np.array(camera.water_color, dtype=np.float32)
