@@ -1,0 +1,22 @@
+"""`pick`."""
+
+from __future__ import annotations
+
+from swim2real.cli.arguments import Pick
+from swim2real.cli.tables import console
+from swim2real.robots.fish import FISH
+
+
+def pick(a: Pick) -> int:
+    """Writes the page on which the markers of a video's first frame are clicked."""
+    from swim2real.tracking.picker import write_pick_page
+    from swim2real.video import first_frame
+
+    out = a.out or a.video.with_name(f"{a.video.stem}.pick.html")
+    write_pick_page(first_frame(a.video).image, FISH.marker_names, a.video.name, out, FISH.rest_markers)
+    console.print(
+        f"{out}: open it in a browser, click {FISH.marker_names[0]} to {FISH.marker_names[-1]}, download points.json, "
+        f"then: swim2real track {a.video} --markers points.json",
+        soft_wrap=True, markup=False,
+    )  # fmt: skip
+    return 0

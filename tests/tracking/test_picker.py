@@ -1,0 +1,331 @@
+import base64
+import io
+import json
+import re
+import shutil
+import subprocess
+import sys
+from urllib.parse import unquote
+
+import numpy as np
+import pytest
+
+from swim2real.errors import ArgumentError, TrackingError
+from swim2real.tracking.picker import write_pick_page
+from swim2real.tracking.points import load_points
+
+NAMES = ("M0", "M1", "M2", "M3")
+WIDTH, HEIGHT = 640, 360
+TARGETS = np.array([[100.0, 80.0], [300.25, 200.5], [330.5, 211.0], [620.0, 340.0]])
+COLORS = [(255, 0, 0), (0, 255, 0), (255, 255, 0), (255, 0, 255)]
+
+# What a hand and an eye do. The eye finds each disc by its color on the canvas; nothing of the page's script is used.
+HAND = """
+const canvas = document.querySelector("canvas"), downloads = [], names = [], said = [];
+const keep = URL.createObjectURL;
+URL.createObjectURL = blob => { downloads.push(blob); return keep.call(URL, blob); };
+HTMLAnchorElement.prototype.click = function () { names.push(this.download); };
+const drawn = () => new Promise(done => requestAnimationFrame(() => setTimeout(done, 0)));
+const wrong = [];
+for (const kind of ["error", "unhandledrejection", "securitypolicyviolation"])
+  addEventListener(kind, event => wrong.push(`${kind}: ${event.message ?? event.reason ?? event.blockedURI}`));
+function pixels() {  // of a copy, since reading makes a browser treat a canvas differently
+  const copy = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height });
+  const context = copy.getContext("2d", { willReadFrequently: true });
+  context.drawImage(canvas, 0, 0);
+  return context.getImageData(0, 0, copy.width, copy.height).data;
+}
+function send(type, [x, y], more = {}) {
+  const box = canvas.getBoundingClientRect(), kind = type === "wheel" ? WheelEvent : PointerEvent;
+  canvas.dispatchEvent(new kind(type, { clientX: box.left + x, clientY: box.top + y, pointerId: 1, pointerType: "mouse",
+    bubbles: true, cancelable: true, ...more }));
+}
+const click = (p, more) => { send("pointerdown", p, more); send("pointerup", p, more); };
+function drag([ax, ay], [bx, by], more) {
+  send("pointerdown", [ax, ay], more);
+  for (let i = 1; i <= 8; i++) send("pointermove", [ax + (bx - ax) * i / 8, ay + (by - ay) * i / 8], more);
+  send("pointerup", [bx, by], more);
+}
+const key = (key, more = {}) =>
+  document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true, ...more }));
+const press = id => document.getElementById(id).click();
+const alert_ = () => document.getElementById("alert").textContent;
+const rows = () => [...document.querySelectorAll("#list button span")].map(span => span.textContent);
+// mean place of a color in CSS pixels; the corners where the magnifier may be are left out
+async function see([r, g, b], corners = innerWidth < 620 ? 120 : 170) {
+  send("pointerleave", [0, 0]);
+  await drawn();
+  const { width: w, height: h } = canvas, ratio = devicePixelRatio, data = pixels();
+  let n = 0, sx = 0, sy = 0;
+  for (let y = 0; y < h; y++) for (let x = 0; x < w; x++) {
+    if (y < corners * ratio && (x < corners * ratio || x > w - corners * ratio)) continue;
+    const i = 4 * (y * w + x);
+    const off = Math.abs(data[i] - r) + Math.abs(data[i + 1] - g) + Math.abs(data[i + 2] - b);
+    if (off < 120 && data[i + 3] > 200) {
+      n += 1; sx += x + 0.5; sy += y + 0.5;
+    }
+  }
+  return n ? [Math.round(sx / n / ratio), Math.round(sy / n / ratio)] : null;  // events take whole CSS pixels
+}
+const middle = () => [canvas.clientWidth / 2 | 0, canvas.clientHeight / 2 | 0];
+async function closer(color) {  // zooms in by the wheel and brings a disc to the middle
+  const p = await see(color);
+  send("wheel", p, { deltaY: -150 }); send("wheel", p, { deltaY: -180 }); send("wheel", p, { deltaY: -180 });
+  drag(p, middle());
+  return see(color);
+}
+addEventListener("load", async () => {
+  let result;
+  try {
+    await SCENARIO;
+    result = { files: await Promise.all(downloads.map(blob => blob.text())), names, said, rows: rows(), wrong };
+  } catch (error) { result = { error: String(error.stack) }; }
+  const out = document.createElement("pre");
+  out.id = "result";
+  out.textContent = encodeURIComponent(JSON.stringify(result));
+  document.body.append(out);
+});
+"""
+
+
+def first_frame():
+    image = np.full((HEIGHT, WIDTH, 3), [40.0, 90.0, 120.0])
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    for (cx, cy), color in zip(TARGETS, COLORS, strict=True):
+        cover = np.clip(7.5 - np.hypot(x - cx, y - cy), 0, 1)[..., None]
+        image = image * (1 - cover) + np.array(color) * cover
+    return np.round(image).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    pytest.importorskip("av", reason="PyAV isn't installed; pip install 'swim2real[track]'")
+    return write_pick_page(first_frame(), NAMES, "a <swim>.mp4", tmp_path_factory.mktemp("page") / "pick.html")
+
+
+@pytest.fixture
+def play(page, tmp_path):
+    """Opens the page in Chromium, plays a scenario on it and returns what came of it."""
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no Chromium on this machine; install chromium to see that clicks become the right points")
+
+    def run(scenario, window="1400,860"):
+        script = HAND.replace("SCENARIO", "(async () => {" + scenario + "})()")
+        script = f"<script>const COLORS = {json.dumps(COLORS)};\n{script}</script></body>"
+        path = tmp_path / "played.html"
+        # without a screen there are no animation frames
+        clock = "<script>window.requestAnimationFrame = step => setTimeout(step, 1);</script></head>"
+        text = page.read_text(encoding="utf-8").replace("</head>", clock).replace("</body>", script)
+        path.write_text(text, encoding="utf-8")
+        done = subprocess.run(
+            [
+                browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+                "--disable-background-networking", "--disable-component-update", "--disable-sync",
+                f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={window}", "--virtual-time-budget=8000",
+                "--dump-dom", path.as_uri(),
+            ],
+            capture_output=True, text=True, timeout=120, check=True,
+        )  # fmt: skip
+        found = re.search(r'<pre id="result">([^<]*)</pre>', done.stdout)
+        assert found, done.stdout[-2000:]
+        result = json.loads(unquote(found.group(1)))
+        assert "error" not in result, result["error"]
+        assert result["wrong"] == []
+        return result
+
+    return run
+
+
+def points_of(text, path):
+    path.write_text(text, encoding="utf-8")
+    return load_points(path, NAMES, WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize("window", ["1400,860", "500,900"])
+def test_clicks_after_zoom_and_pan_are_points_of_the_frame(play, tmp_path, window):
+    result = play(
+        """
+        for (const color of COLORS) { click(await closer(color)); press("fit"); }
+        press("download");
+        """,
+        window,
+    )
+    assert result["names"] == ["points.json"]
+    np.testing.assert_allclose(points_of(result["files"][0], tmp_path / "p.json"), TARGETS, atol=0.5)
+    content = json.loads(result["files"][0])
+    assert (content["video"], content["width"], content["height"]) == ("a <swim>.mp4", WIDTH, HEIGHT)
+    assert list(content["markers"]) == list(NAMES)
+
+
+def test_pinch_buttons_and_keys_zoom_as_well(play, tmp_path):
+    result = play(
+        """
+        const [cx, cy] = middle(), touch = { pointerType: "touch" };
+        for (const color of COLORS) {
+          const [x, y] = await see(color);
+          send("pointerdown", [x - 20, y], touch); send("pointerdown", [x + 20, y], { ...touch, pointerId: 2 });
+          for (let i = 1; i <= 10; i++) {  // two fingers part and carry the disc to the middle
+            const f = i / 10, mx = x + (cx - x) * f, my = y + (cy - y) * f;
+            send("pointermove", [mx - 20 - 30 * f, my], touch);
+            send("pointermove", [mx + 20 + 30 * f, my], { ...touch, pointerId: 2 });
+          }
+          send("pointerup", [cx - 50, cy], touch); send("pointerup", [cx + 50, cy], { ...touch, pointerId: 2 });
+          press("closer"); key("+"); key("-"); press("closer"); press("farther");
+          const p = await see(color);
+          said.push(Math.hypot(p[0] - cx, p[1] - cy));
+          click(p, touch);
+          key("0");
+        }
+        press("download");
+        """
+    )
+    np.testing.assert_allclose(points_of(result["files"][0], tmp_path / "p.json"), TARGETS, atol=0.5)
+    assert max(result["said"]) < 8  # the discs did come to the middle
+
+
+def test_the_magnifier_shows_what_is_under_the_pointer(play):
+    result = play(
+        """
+        const p = await see(COLORS[1]);
+        send("pointermove", p);
+        await drawn();
+        const x = canvas.width - (75 + 14) * devicePixelRatio, y = (75 + 14) * devicePixelRatio;
+        said.push(...pixels().slice(4 * (y * canvas.width + x)).slice(0, 4));
+        """
+    )
+    np.testing.assert_allclose(result["said"], [0, 255, 0, 255], atol=30)
+
+
+def test_undo_and_moving(play, tmp_path):
+    result = play(
+        """
+        const places = [];
+        for (const color of COLORS) places.push(await see(color));
+        const [a, b, c, d] = places;
+        click(a); click([b[0] + 60, b[1]]); click(b);
+        key("Backspace"); key("z", { ctrlKey: true });   // both are undone
+        said.push(rows().join("|"));
+        click(c); click(b);                               // M1 and M2 the wrong way round
+        press("undo"); press("undo");
+        click(b); click(c); click([d[0] - 90, d[1] - 80]);
+        drag([d[0] - 90, d[1] - 80], d);                  // M3 is dragged to its place
+        click(a); click([a[0] + 50, a[1] + 50]);          // M0 is clicked and put elsewhere …
+        click([a[0] + 50, a[1] + 50]); click(a);          // … and back
+        click([a[0] + 200, a[1]]);
+        said.push(alert_());                              // there is nothing left to place
+        press("download");
+        """
+    )
+    assert result["said"][0].split("|")[1:] == ["next", "–", "–"]
+    assert "All 4 are placed" in result["said"][1]
+    np.testing.assert_allclose(points_of(result["files"][0], tmp_path / "p.json"), TARGETS, atol=1.0)
+
+
+def test_arrow_keys_move_the_last_point(play):
+    result = play(
+        """
+        click(await see(COLORS[0])); said.push(rows()[0]);
+        key("ArrowRight"); key("ArrowRight"); key("ArrowUp"); key("ArrowDown", { shiftKey: true });
+        said.push(rows()[0]);
+        key("Backspace"); said.push(rows()[0]);           // nudges of a point are one step
+        """
+    )
+    before, after, undone = ([float(v) for v in one.split(", ")] for one in result["said"])
+    np.testing.assert_allclose(np.subtract(after, before), [1.0, 4.5], atol=0.11)
+    assert undone == before
+
+
+def test_neighbors_that_are_close_can_be_clicked_without_zoom(play):
+    result = play(
+        """
+        const p = await see(COLORS[1]);
+        for (let i = 0; i < 4; i++) click([p[0] + 8 * i, p[1]]);
+        """
+    )
+    assert "–" not in result["rows"]
+    assert "next" not in result["rows"]
+
+
+def test_incomplete_points_are_refused(play):
+    result = play(
+        """
+        press("download"); said.push(alert_());
+        click(await see(COLORS[0])); click(await see(COLORS[1]));
+        press("copy"); said.push(alert_());
+        click([5, 5]); said.push(alert_());               // beside the frame
+        press("download"); said.push(alert_());
+        """
+    )
+    assert result["files"] == []
+    assert result["said"] == [
+        "0 of 4 markers are placed; still missing: M0, M1, M2 and M3. Nothing was downloaded.",
+        "2 of 4 markers are placed; still missing: M2 and M3. Nothing was copied.",
+        "That is outside of the frame: nothing was placed.",
+        "2 of 4 markers are placed; still missing: M2 and M3. Nothing was downloaded.",
+    ]
+
+
+def test_two_points_on_the_same_spot_are_refused(play):
+    result = play(
+        """
+        const places = [];
+        for (const color of COLORS) places.push(await see(color));
+        places.forEach(p => click(p));
+        drag(places[1], places[2]);
+        press("download"); said.push(alert_());
+        """
+    )
+    assert result["files"] == []
+    assert result["said"] == ["M1 and M2 are on the same spot: move one of them. Nothing was downloaded."]
+
+
+def test_the_page_is_one_file_that_holds_the_frame(page):
+    av = pytest.importorskip("av")
+    text = page.read_text(encoding="utf-8")
+    assert not re.search(r"https?://", text)
+    assert "@@" not in text
+    assert "<title>Pick the markers of a &lt;swim&gt;.mp4" in text
+    assert "a <swim>" not in text
+    data = base64.b64decode(re.search(r'src="data:image/jpeg;base64,([^"]+)"', text).group(1))
+    with av.open(io.BytesIO(data), format="jpeg_pipe") as container:
+        image = next(container.decode(video=0)).to_ndarray(format="rgb24")
+    assert np.abs(image.astype(int) - first_frame()).mean() < 2
+    assert [p.name for p in page.parent.iterdir()] == ["pick.html"]
+
+
+def test_names_in_the_page_are_data_not_markup(tmp_path):
+    pytest.importorskip("av")
+    path = write_pick_page(first_frame(), NAMES, "</script>@@DATA@@.mp4", tmp_path / "p.html", TARGETS)
+    text = path.read_text(encoding="utf-8")
+    assert text.count("</script>") == 2
+    data = json.loads(re.search(r'id="data">(.*?)</script>', text).group(1))
+    assert data["video"] == "</script>@@DATA@@.mp4"
+    assert data["places"] == [0.0, 0.3851, 0.4433, 1.0]
+
+
+def test_what_is_not_a_frame_is_refused(tmp_path):
+    for wrong in (np.zeros((4, 4)), np.zeros((4, 4, 3)), np.zeros((4, 4, 4), np.uint8), np.zeros((0, 4, 3), np.uint8)):
+        with pytest.raises(ArgumentError, match=r"it must be uint8 with shape \(H, W, 3\)"):
+            write_pick_page(wrong, NAMES, "a.mp4", tmp_path / "p.html")
+    with pytest.raises(TrackingError, match=r"can't write .*: No such file or directory; give a place .* with --out"):
+        write_pick_page(first_frame(), NAMES, "a.mp4", tmp_path / "no" / "p.html")
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_pyav():
+    code = """
+import sys
+sys.modules["av"] = None
+import numpy as np
+from swim2real.errors import MissingExtraError
+from swim2real.tracking.picker import write_pick_page
+try:
+    write_pick_page(np.zeros((8, 8, 3), np.uint8), ("M0",), "a.mp4", "never.html")
+except MissingExtraError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == (
+        "the page to pick markers on needs PyAV; install it with: pip install 'swim2real[track]'"
+    )
