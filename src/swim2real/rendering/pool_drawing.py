@@ -78,7 +78,7 @@ def hull(spine: Array, radii: Array, blur: Array, rect: Rect) -> tuple[Image32, 
         share = np.clip(x * (dx / square) + y * (dy / square), 0.0, 1.0, dtype=np.float32)
         away = np.sqrt((x - share * dx) ** 2 + (y - share * dy) ** 2)
         inner = share * np.float32(rb - ra) + np.float32(ra) - away
-        window = (slice(part.y0 - rect.y0, part.y1 - rect.y0), slice(part.x0 - rect.x0, part.x1 - rect.x0))
+        window = part.within(rect)
         np.maximum(ridge[window], inner * np.float32(2 / (ra + rb)), out=ridge[window])
         # a strip that moves by more than its width covers no pixel for the whole exposure
         rise = min(soft, ra + rb)
@@ -145,7 +145,6 @@ def paint(image: Image32, rect: Rect, cover: Image32, part: Rect, color: Sequenc
         part: Where, within `rect`.
         color: RGB.
     """
-    rows, columns = slice(part.y0 - rect.y0, part.y1 - rect.y0), slice(part.x0 - rect.x0, part.x1 - rect.x0)
     for channel, value in zip(image, color, strict=True):
-        below = channel[rows, columns]
+        below = channel[part.within(rect)]
         below += cover * (np.float32(value) - below)

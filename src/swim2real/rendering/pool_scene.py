@@ -67,6 +67,9 @@ class _Part:
     color: Sequence[float]
     opacity: float
 
+    def box(self, inside: Rect) -> Rect:
+        return box(self.spine, float((self.radii + self.blur / 2).max()) + 1.5, inside)
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -111,7 +114,7 @@ class Scene:
 
         reach = self.camera.marker_radius * float(discs[1].max()) + 1.5
         outline = [box(discs[0], reach, whole)]
-        outline += [box(part.spine, float((part.radii + part.blur / 2).max()) + 1.5, whole) for part in body]
+        outline += [part.box(whole) for part in body]
         done: list[Rect] = []
         for rect in [_union(outline), *(patch.box(whole) for patch in patches)]:
             if not rect.empty and not any(_within(rect, other) for other in done):
@@ -133,11 +136,16 @@ class Scene:
         """A part of the frame without noise and rod. Shape (3, h, w)."""
         picture, light = self.water.region(time, rect)
         for part in body:
-            cover, ridge = hull(part.spine, part.radii, part.blur, rect)
+            window = part.box(rect)
+            if window.empty:
+                continue
+            cover, ridge = hull(part.spine, part.radii, part.blur, window)
             cover *= np.float32(part.opacity)
-            shade = np.float32(0.72) + np.float32(0.42) * ridge
+            shade = np.float32(0.72) + np.float32(0.28) * ridge  # the full color on the spine
+            shine = np.float32(0.35) * light[window.within(rect)]
             for channel, value in zip(picture, part.color, strict=True):
-                channel += cover * (np.float32(value) * shade + np.float32(0.35) * light - channel)
+                below = channel[window.within(rect)]
+                below += cover * (np.float32(value) * shade + shine - below)
         color = _marker_color(self.camera)
         for centers, scale in zip(discs[0].swapaxes(0, 1), discs[1].mean(axis=0), strict=True):
             radius = self.camera.marker_radius * float(scale)

@@ -38,6 +38,10 @@ class Rect:
     def empty(self) -> bool:
         return self.x0 >= self.x1 or self.y0 >= self.y1
 
+    def within(self, other: Rect) -> tuple[slice, slice]:
+        """Its rows and columns in an array that shows another box around it."""
+        return slice(self.y0 - other.y0, self.y1 - other.y0), slice(self.x0 - other.x0, self.x1 - other.x0)
+
 
 @dataclass(frozen=True)
 class Water:
