@@ -1,0 +1,570 @@
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swim2real.errors import ArgumentError, TrackingError
+from swim2real.robots.fish import FISH
+from swim2real.tracking.camera import Camera, camera_for
+from swim2real.tracking.camera_file import CameraFile, Length, camera_from_board, read_camera, write_camera
+from swim2real.tracking.lens import Lens
+from swim2real.tracking.parallax import camera_height_seen
+from swim2real.tracking.plane import fit_plane, local_scale, project
+from swim2real.tracking.scale import Scale, common_scale
+from swim2real.trials import MarkerTrack
+from swimmers import Swimmer
+
+SIZE = (3840, 2160)
+LEVEL = np.full(9, 0.05)
+ABOVE = FISH.marker_heights - FISH.marker_heights[0]
+LENS = Lens(np.array([[2400.0, 0, 1930.0], [0, 2400.0, 1070.0], [0, 0, 1]]), np.array([-0.12, 0.03, 1e-3, -5e-4, 0.0]))
+
+
+@dataclass(frozen=True)
+class Eye:
+    """A pinhole camera over the water: where world points (x, y, height) lie in its picture."""
+
+    height: float = 2.0
+    tilt: tuple[float, float] = (0.0, 0.0)  # rad, about x and y
+    focal: float = 2000.0
+    center: tuple[float, float] = (1919.5, 1079.5)
+
+    def pixels(self, points, heights=0.0):
+        depth = np.broadcast_to(self.height - np.asarray(heights, dtype=float), points.shape[:-1])
+        # x to the right, y down, z away from the camera
+        seen = np.stack([points[..., 0], -points[..., 1], depth], axis=-1) @ self._turn().T
+        return self.focal * seen[..., :2] / seen[..., 2:] + np.array(self.center)
+
+    def _turn(self):
+        (ca, sa), (cb, sb) = ((np.cos(t), np.sin(t)) for t in self.tilt)
+        return np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]]) @ np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
+
+    @property
+    def below(self):
+        return self.pixels(np.zeros(2))
+
+    def track(self, track, heights=ABOVE):
+        return MarkerTrack(track.times, self.pixels(track.positions, heights), track.confidence)
+
+
+def swim(**options):
+    """A swim right under the camera, without noise, markers where the robot has them."""
+    track = Swimmer(**{"heading": 0.0, "speed": 0.2, "duration": 3.0, **options}).track(noise=0, by_hand=False)
+    # the swimmer's rigid markers bend a little as its whole body is a wave: put them where they are rigid
+    positions = track.positions.copy()
+    axes = positions[:, 1] - positions[:, 0]
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    for m in (1, 2):
+        positions[:, m] = positions[:, 0] + FISH.rest_markers[m, 0] * axes
+    return MarkerTrack(track.times, positions)
+
+
+def see(track, known=None, size=SIZE, heights=FISH.marker_heights) -> Camera:
+    return camera_for(track, FISH.rest_markers, heights, FISH.marker_names, known, size)
+
+
+def square(points, eye, meters=None):
+    """Points of a plane, as a camera file has them."""
+    return eye.pixels(points), points if meters is None else meters
+
+
+POOL = np.array([[-0.8, -0.4], [0.9, -0.5], [0.7, 0.5], [-0.9, 0.45], [0.1, 0.0]])
+
+
+def refusal(call, *arguments, error=TrackingError, **options) -> str:
+    with pytest.raises(error) as caught:
+        call(*arguments, **options)
+    return str(caught.value)
+
+
+def shape_misfit(found, true):
+    """Largest distance after the best shift: the picture's origin is nowhere in the pool."""
+    shift = np.nanmean(found.positions - true.positions, axis=(0, 1))
+    return np.nanmax(np.linalg.norm(found.positions - true.positions - shift, axis=2))
+
+
+# scale
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.5, 5), st.floats(500, 4000), st.floats(-3, 3))
+def test_a_level_robot_under_a_straight_camera_is_recovered(height, focal, heading):
+    true, eye = swim(heading=heading, duration=1.0), Eye(height, focal=focal)
+    camera = see(eye.track(true, 0.0), heights=LEVEL)
+    assert camera.scale.meters_per_pixel == pytest.approx(height / focal)
+    assert [name for name, _ in camera.scale.estimates] == ["M0–M1", "M0–M2", "M1–M2"]
+    assert [value for _, value in camera.scale.estimates] == pytest.approx([height / focal] * 3)
+    assert camera.findings() == []
+    assert shape_misfit(camera.to_meters(eye.track(true, 0.0)), true) < 1e-9
+
+
+def test_what_isnt_seen_stays_unseen_and_confidence_stays():
+    track = Eye().track(swim())
+    positions, confidence = track.positions.copy(), np.full((track.frame_count, 9), 0.7)
+    positions[3, 4] = np.nan
+    confidence[5, 6] = 0.0
+    found = see(MarkerTrack(track.times, positions, confidence)).to_meters(
+        MarkerTrack(track.times, positions, confidence)
+    )
+    assert np.argwhere(np.isnan(found.positions).any(axis=2)).tolist() == [[3, 4]]
+    confidence[3, 4] = 0
+    np.testing.assert_array_equal(found.confidence, confidence)
+
+
+def test_the_scale_is_the_head_s_as_in_the_published_tables(tracks):
+    for trial in tracks:
+        pixels = MarkerTrack(trial.track.times, trial.track.positions / trial.meters_per_pixel * [1, -1])
+        camera = see(pixels)
+        assert camera.scale.meters_per_pixel == pytest.approx(trial.meters_per_pixel, rel=1e-12)
+        np.testing.assert_allclose(camera.to_meters(pixels).positions, trial.track.positions, atol=1e-12)
+        assert camera.scale.findings(), trial.name  # all of them are doubtful
+
+
+def test_a_few_wild_frames_and_lost_samples_dont_move_the_scale():
+    track = Eye().track(swim(), 0.0)
+    positions, confidence = track.positions.copy(), np.ones((track.frame_count, 9))
+    positions[:9, 0] += 900
+    positions[20:130, 1] = 5.0
+    confidence[20:130, 1] = 0
+    camera = see(MarkerTrack(track.times, positions, confidence), heights=LEVEL)
+    assert camera.scale.meters_per_pixel == pytest.approx(1e-3)
+
+
+def test_lengths_that_disagree_are_told_with_each_one_s_estimate():
+    positions = Eye().track(swim(), 0.0).positions.copy()
+    positions[:, 2] = positions[:, 0] + 1.04 * (positions[:, 2] - positions[:, 0])
+    camera = see(MarkerTrack(swim().times, positions), heights=LEVEL)
+    assert camera.scale.spread == pytest.approx((1 - 215 / (357 * 1.04 - 142)) * 1.04)
+    assert camera.findings() == [
+        "the scale is doubtful: known lengths disagree by 6.5 % (1 % is 6 mm at the tail tip); mm per pixel by "
+        "M0–M1 1.0000, M0–M2 0.9615, M1–M2 0.9377; used is 0.9615; measure a length in the pool and add it to the "
+        "camera file"
+    ]
+
+
+def test_lengths_in_the_pool_go_before_the_robot_s():
+    lengths = tuple(
+        Length(name, Eye().pixels(np.array([[0.0, 0.0], [0.3, 0.4]])), meters)
+        for name, meters in (("tape", 0.5), ("tile", 0.55), ("edge", 0.505))
+    )
+    scale = see(Eye().track(swim(), 0.0), CameraFile(lengths=lengths), heights=LEVEL).scale
+    assert scale.meters_per_pixel == pytest.approx(1.01e-3)
+    assert dict(scale.estimates) == pytest.approx(
+        {"tape": 1e-3, "tile": 1.1e-3, "edge": 1.01e-3, "M0–M1": 1e-3, "M0–M2": 1e-3, "M1–M2": 1e-3}
+    )
+    assert scale.spread == pytest.approx(0.1 / 1.01)
+
+
+def test_doubts_begin_at_two_per_cent():
+    assert Scale(1e-3, 0.02, ()).findings() == []
+    assert len(Scale(1e-3, 0.021, (("a", 1e-3), ("b", 1.021e-3))).findings()) == 1
+
+
+def test_a_common_scale_is_the_median_of_the_videos():
+    scales = {name: Scale(value, 0.0, (), 0.5) for name, value in (("a", 1e-3), ("b", 1.1e-3), ("c", 1.02e-3))}
+    common = common_scale(scales)
+    assert common.meters_per_pixel == 1.02e-3
+    assert common.estimates == (("a", 1e-3), ("b", 1.1e-3), ("c", 1.02e-3))
+    assert common.spread == pytest.approx(0.1 / 1.02)
+    track = Eye().track(swim(), 0.0)
+    camera = see(track, heights=LEVEL).with_scale(common)
+    assert camera.scale is common
+    np.testing.assert_allclose(camera.to_meters(track).positions, track.positions * 1.02e-3 * [1, -1])
+    assert refusal(common_scale, {}) == "a common scale needs at least one video"
+
+
+def test_without_a_head_there_is_no_scale_but_a_length_helps():
+    track = Eye().track(swim(), 0.0)
+    positions = track.positions.copy()
+    positions[:, 1] = np.nan
+    headless = MarkerTrack(track.times, positions)
+    assert refusal(see, headless) == (
+        "there is no scale: the head's markers coincide or are never seen together; "
+        "add a known length to the camera file"
+    )
+    tape = Length("tape", Eye().pixels(np.array([[0.0, 0.0], [0.0, 0.5]])), 0.5)
+    assert see(headless, CameraFile(lengths=(tape,))).scale.meters_per_pixel == pytest.approx(1e-3)
+
+
+def test_a_camera_is_for_its_own_markers():
+    track = Eye().track(swim())
+    fewer = MarkerTrack(track.times, track.positions[:, :4])
+    assert refusal(see, fewer) == "the track has 4 markers; the robot has 9"
+    assert refusal(see(track).to_meters, fewer) == "the track has 4 markers; the camera is for 9"
+
+
+# heights
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.4, 6), st.floats(-3, 3), st.floats(0, 0.5))
+def test_high_markers_are_put_where_they_are_when_the_camera_s_height_is_known(height, heading, speed):
+    true, eye = swim(heading=heading, speed=speed, duration=1.0), Eye(height)
+    pixels = eye.track(true)
+    camera = see(pixels, CameraFile(camera_height=height))
+    assert shape_misfit(camera.to_meters(pixels), true) < 1e-9
+    assert camera.findings() == []
+
+
+def test_without_the_camera_s_height_they_drift_and_this_is_said():
+    true, eye = swim(), Eye(2.0)
+    pixels = eye.track(true)
+    camera = see(pixels)
+    off = np.linalg.norm(camera.to_meters(pixels).positions - true.positions - [1.9195, -1.0795], axis=2)
+    assert off[:, ABOVE == 0].max() < 1e-9
+    # M8 begins 0.551 m from the middle, and is seen 0.05 / (2 - 0.05) of that too far out
+    assert off.max() == pytest.approx(np.linalg.norm(true.positions[:, 8], axis=1).max() * 0.05 / 1.95)
+    assert camera.notes == (
+        "M2 and M8 stand up to 50 mm above the head's markers and seem to lie up to 14 mm too far out "
+        "(estimated for a camera 2.0 m high, as the track suggests); give camera_height in the camera file to "
+        "correct it",
+    )
+
+
+@pytest.mark.parametrize("height", [1.0, 2.0, 4.0])
+def test_the_camera_s_height_shows_in_the_track(height):
+    eye = Eye(height)
+    noisy = eye.track(swim(speed=0.3, heading=2.0)).positions
+    noisy = noisy + np.random.default_rng(0).normal(0, 0.3, noisy.shape)
+    assert camera_height_seen(noisy, ABOVE, np.array(eye.center)) == pytest.approx(height, rel=0.1)
+
+
+def test_the_camera_s_height_doesnt_show_in_a_fish_that_stays():
+    eye = Eye(2.0)
+    noisy = eye.track(swim(speed=0.0)).positions
+    noisy = noisy + np.random.default_rng(0).normal(0, 3.0, noisy.shape)
+    assert camera_height_seen(noisy, ABOVE, np.array(eye.center)) is None
+    assert "(estimated for a camera 3.8 m high, as high as its picture is wide)" in see(
+        MarkerTrack(swim().times, noisy)
+    ).notes[0]  # fmt: skip
+
+
+def test_without_the_picture_s_size_no_number_is_made_up():
+    assert see(Eye().track(swim()), size=None).notes == (
+        "M2 and M8 stand up to 50 mm above the head's markers and seem to lie farther from the picture's center than "
+        "they do; give camera_height in the camera file to correct it, with principal_point",
+    )
+
+
+def test_a_camera_height_that_cant_be_used_is_refused():
+    track = Eye().track(swim())
+    assert refusal(see, track, CameraFile(camera_height=2.0), size=None) == (
+        "the camera file gives camera_height 2 m, but nothing tells the pixel straight below the camera; "
+        "add principal_point"
+    )
+    assert refusal(see, track, CameraFile(camera_height=0.05)) == (
+        "the camera file's camera_height 0.05 m is not above the highest marker, which stands 0.05 m over the "
+        "head's; measure from the head's markers up to the camera"
+    )
+
+
+# planes
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10_000), st.integers(4, 12))
+def test_a_homography_is_recovered_from_its_points(seed, count):
+    rng = np.random.default_rng(seed)
+    true = np.array([[1e-3, 1e-4, -1.0], [1e-4, -1e-3, 0.5], [0, 0, 1]]) + rng.normal(0, 1, (3, 3)) * [
+        [1e-4, 1e-4, 0.3], [1e-4, 1e-4, 0.3], [2e-5, 2e-5, 0],
+    ]  # fmt: skip
+    corners = np.array([[100, 100], [3700, 150], [3600, 2000], [150, 2100]]) + rng.uniform(-90, 90, (4, 2))
+    pixels = np.vstack([corners, rng.uniform(100, 2000, (count - 4, 2))])
+    plane, residual = fit_plane(pixels, project(true, pixels))
+    assert residual < 1e-9
+    test = rng.uniform(100, 2000, (20, 2))
+    np.testing.assert_allclose(project(plane, test), project(true, test), atol=1e-9)
+
+
+def test_the_residual_is_what_the_points_are_off_by():
+    rng = np.random.default_rng(0)
+    pixels = rng.uniform(0, 2000, (200, 2))
+    meters = pixels * [1e-3, -1e-3] + rng.normal(0, 2e-3, (200, 2))
+    assert fit_plane(pixels, meters)[1] == pytest.approx(2e-3 * np.sqrt(2), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (POOL[:3], "3 points for a plane; at least 4 are needed"),
+        (np.outer(np.arange(5.0), [1, 2]), "the points don't determine a plane: they coincide or lie on a line; "
+         "spread them out"),
+        (np.ones((5, 2)), "the points don't determine a plane: they coincide or lie on a line; spread them out"),
+        (np.array([[0, 0], [1, 0], [2, 0], [0, 1.0]]), "the points don't determine a plane: they coincide or lie on a "
+         "line; spread them out"),
+    ],
+)  # fmt: skip
+def test_points_that_make_no_plane_are_refused(points, message):
+    assert refusal(fit_plane, points, points) == message
+
+
+def test_points_in_the_wrong_order_are_no_picture_of_a_plane():
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    assert refusal(fit_plane, corners, corners[[0, 2, 1, 3]]) == (
+        "the points are no picture of a plane: some lie beyond its horizon; check their order"
+    )
+
+
+def test_beyond_the_horizon_is_nowhere():
+    plane = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0.01, 1]])
+    assert np.isnan(project(plane, np.array([0.0, -200.0]))).all()
+    assert np.isfinite(project(plane, np.array([0.0, -50.0]))).all()
+
+
+def test_the_scale_of_a_plane_at_a_point():
+    plane = fit_plane(*square(POOL, Eye(2.0, (0.2, -0.1))))[0]
+    at = np.array([1500.0, 1200.0])
+    step = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * 1e-2
+    (x, y) = project(plane, at + step).T
+    area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    assert local_scale(plane, at) == pytest.approx(np.sqrt(-area) / 1e-2, rel=1e-4)
+    assert local_scale(plane @ np.diag([1, -1, 1]), at * [1, -1]) == pytest.approx(-local_scale(plane, at))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(1.5, 4), st.booleans())
+def test_a_tilted_camera_is_undone_exactly(a, b, height, as_points):
+    true, eye = swim(duration=1.0), Eye(height, (a, b))
+    points = square(POOL, eye)
+    known = CameraFile(camera_height=height, principal_point=eye.below)
+    known = (
+        replace(known, points=points) if as_points else replace(known, homography=-3.0 * fit_plane(*points)[0])
+    )  # a homography is one whatever its factor
+    camera = see(eye.track(true), known)
+    np.testing.assert_allclose(camera.to_meters(eye.track(true)).positions, true.positions, atol=1e-9)
+    assert camera.scale.spread < 1e-6
+    assert camera.findings() == []
+    assert (camera.residual is not None) == as_points
+
+
+def test_a_plane_whose_meters_disagree_with_the_robot_is_doubted():
+    eye = Eye(2.0, (0.1, 0.1))
+    camera = see(eye.track(swim(), 0.0), CameraFile(points=square(POOL, eye, 1.05 * POOL)), heights=LEVEL)
+    assert camera.scale.spread == pytest.approx(0.05 / 1.05)
+    assert camera.scale.findings()
+    assert camera.scale.estimates[0] == ("camera file's plane", camera.scale.meters_per_pixel)
+
+
+def test_points_that_fit_no_plane_are_told():
+    meters = POOL.copy()
+    meters[2] += 0.3
+    camera = see(Eye().track(swim()), CameraFile(points=square(POOL, Eye(), meters), camera_height=2.0))
+    assert camera.residual > 0.01
+    assert camera.notes == (
+        f"the camera file's points fit no plane better than {1e3 * camera.residual:.0f} mm; "
+        f"check their pixels and meters",
+    )
+
+
+def test_a_plane_that_leaves_the_mirror_image_is_refused():
+    message = (
+        "the camera file's plane is a mirror image: the picture's y points down, the meters' y must point up when "
+        "x points to the right; change the sign of all y in meters"
+    )
+    track = Eye().track(swim())
+    assert refusal(see, track, CameraFile(points=square(POOL, Eye(), POOL * [1, -1]))) == message
+    assert refusal(see, track, CameraFile(homography=np.eye(3) * 1e-3)) == message
+
+
+def test_a_plane_has_its_own_scale():
+    camera = see(Eye().track(swim()), CameraFile(points=square(POOL, Eye((2.0), (0.1, 0)))))
+    assert refusal(camera.with_scale, Scale(1e-3, 0.0, ())) == (
+        "the camera file gives a plane, which has its own scale; it can't have another one"
+    )
+
+
+# lens
+
+
+def distorted(points, lens=LENS):
+    import cv2
+
+    matrix = lens.camera_matrix
+    rays = np.concatenate(
+        [(points - matrix[:2, 2]) / matrix[[0, 1], [0, 1]], np.ones((*points.shape[:-1], 1))], axis=-1
+    )
+    seen = cv2.projectPoints(rays.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), matrix, lens.distortion)[0]
+    return seen.reshape(points.shape)
+
+
+def test_a_lens_is_taken_out_of_everything_that_is_in_pixels():
+    pytest.importorskip("cv2")
+    true = swim()
+    eye = Eye(2.0, (0.1, -0.1), focal=2400.0, center=(1930.0, 1070.0))
+    straight = eye.track(true)
+    bent = MarkerTrack(straight.times, distorted(straight.positions))
+    assert np.abs(bent.positions - straight.positions).max() > 1.0
+    pixels, meters = square(POOL, eye)
+    known = CameraFile(
+        camera_height=2.0, principal_point=distorted(eye.below), points=(distorted(pixels), meters), lens=LENS,
+        lengths=(Length("tape", distorted(pixels[:2]), float(np.linalg.norm(meters[1] - meters[0]))),),
+    )  # fmt: skip
+    camera = see(bent, known)
+    assert np.abs(camera.to_meters(bent).positions - true.positions).max() < 1e-6
+    assert camera.scale.spread < 1e-5
+    assert camera.residual < 1e-6
+
+
+def test_unseen_points_pass_a_lens():
+    pytest.importorskip("cv2")
+    points = np.array([[[100.0, 200.0], [np.nan, 3.0]]])
+    out = LENS.undistort(points)
+    assert np.isnan(out[0, 1]).all()
+    np.testing.assert_allclose(distorted(out[0, 0]), points[0, 0], atol=1e-4)
+    assert np.isnan(LENS.undistort(np.full((2, 2), np.nan))).all()
+
+
+def test_the_picture_s_center_is_the_lens_s():
+    pytest.importorskip("cv2")
+    assert see(Eye().track(swim()), CameraFile(lens=LENS), size=None).center.tolist() == [1930.0, 1070.0]
+
+
+# boards
+
+
+def board_picture(eye, squares=(9, 6), size=0.05, upside_down=False):
+    """A chessboard in the water's plane, as the camera sees it."""
+    import cv2
+
+    columns, rows = squares
+    per_square = 40
+    canvas = np.full(((rows + 2) * per_square, (columns + 2) * per_square), 255, dtype=np.uint8)
+    for i in range(rows):
+        for j in range(columns):
+            if (i + j) % 2 == 0:
+                canvas[(i + 1) * per_square : (i + 2) * per_square, (j + 1) * per_square : (j + 2) * per_square] = 0
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * canvas.shape[::-1]
+    world = (corners / per_square - [columns / 2 + 1, rows / 2 + 1]) * [size, -size]
+    sign = -1.0 if upside_down else 1.0
+    matrix = cv2.getPerspectiveTransform(
+        (corners - 0.5).astype(np.float32), eye.pixels(sign * world).astype(np.float32)
+    )
+    return cv2.warpPerspective(canvas, matrix, (1920, 1080), flags=cv2.INTER_AREA, borderValue=255)
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.12, -0.1)])
+@pytest.mark.parametrize("upside_down", [False, True])
+def test_a_chessboard_gives_the_plane(tilt, upside_down):
+    pytest.importorskip("cv2")
+    eye = Eye(1.0, tilt, focal=1500.0, center=(959.5, 539.5))
+    picture = board_picture(eye, upside_down=upside_down)
+    known = camera_from_board(np.repeat(picture[:, :, None], 3, axis=2), (9, 6), 0.05)
+    assert len(known.points[0]) == 8 * 5
+    true = swim(speed=0.0)
+    camera = see(eye.track(true, 0.0), known, (1920, 1080), LEVEL)
+    assert camera.residual < 2e-4
+    assert camera.scale.spread < 5e-3
+    found = camera.to_meters(eye.track(true, 0.0))
+    np.testing.assert_allclose(found.body, true.body, atol=2e-3)  # left is left, whichever way the board lies
+
+
+def test_a_board_that_isnt_there_is_refused():
+    pytest.importorskip("cv2")
+    blank = np.full((400, 600), 200, dtype=np.uint8)
+    assert refusal(camera_from_board, blank, (9, 6), 0.05) == (
+        "no chessboard of 9 x 6 squares is in the picture; count its squares (not its corners), and let all of it be "
+        "seen with a white border"
+    )
+    assert refusal(camera_from_board, blank, (2, 6), 0.05, error=ArgumentError) == (
+        "squares are 2 x 6; a board needs at least 3 along each side"
+    )
+    assert refusal(camera_from_board, blank, (9, 6), 0.0, error=ArgumentError) == (
+        "square_size is 0.0 m; it must be finite and above 0"
+    )
+
+
+# the file
+
+
+FULL = {
+    "format": 1,
+    "camera_height": 2,
+    "principal_point": [1919.5, 1079.5],
+    "lengths": [{"name": "tape", "pixels": [[1, 2], [3, 4]], "meters": 0.5}, {"pixels": [[1, 2], [3, 9]], "meters": 1}],
+    "points": [{"pixel": [x, y], "meters": [x / 100, -y / 100]} for x, y in ((0, 0), (100, 0), (100, 100), (0, 100))],
+    "lens": {"camera_matrix": [[2400, 0, 1930], [0, 2400, 1070], [0, 0, 1]], "distortion": [0.1, 0, 0, 0]},
+}
+
+
+def file_with(tmp_path, **changes):
+    content = {key: value for key, value in {**FULL, **changes}.items() if value is not ...}
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_a_camera_file_is_read(tmp_path):
+    camera = read_camera(file_with(tmp_path))
+    assert camera.camera_height == 2.0
+    assert camera.principal_point.tolist() == [1919.5, 1079.5]
+    assert [(one.name, one.meters) for one in camera.lengths] == [("tape", 0.5), ("length 2", 1.0)]
+    assert camera.points[0].tolist() == [[0, 0], [100, 0], [100, 100], [0, 100]]
+    assert camera.lens.distortion.tolist() == [0.1, 0, 0, 0]
+    assert camera.homography is None
+
+
+def test_what_was_written_is_read_again(tmp_path):
+    first = read_camera(file_with(tmp_path))
+    plane = replace(first, points=None, homography=np.array([[1e-3, 0, 0], [0, -1e-3, 0], [0, 0, 1]]))
+    for camera in (first, plane, CameraFile()):
+        write_camera(tmp_path / "one.json", camera)
+        write_camera(tmp_path / "two.json", read_camera(tmp_path / "one.json"))
+        assert (tmp_path / "one.json").read_text() == (tmp_path / "two.json").read_text()
+    assert read_camera(tmp_path / "two.json") == CameraFile()
+    assert refusal(write_camera, tmp_path / "nowhere" / "c.json", CameraFile()).startswith("can't write camera file")
+
+
+KEYS = "format, camera_height, principal_point, lengths, points, homography, lens"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"format": 2}, ": format is 2; this version reads format 1"),
+        ({"height": 2}, f" has an unknown key 'height'; allowed are {KEYS}; did you mean 'camera_height'?"),
+        ({"zoom": 2}, f" has an unknown key 'zoom'; allowed are {KEYS}"),
+        ({"homography": np.eye(3).tolist()}, " has both points and a homography; keep one of them"),
+        ({"camera_height": -2}, ": camera_height is -2; it must be a number of m above 0"),
+        ({"camera_height": True}, ": camera_height is True; it must be a number of m above 0"),
+        ({"camera_height": float("inf")}, ": camera_height is inf; it must be a number of m above 0"),
+        ({"principal_point": [1, 2, 3]}, ": principal_point is [1, 2, 3]; it must be 2 finite numbers"),
+        ({"principal_point": [1, float("nan")]}, ": principal_point is [1, nan]; it must be 2 finite numbers"),
+        ({"points": ..., "homography": [[1, 2], [3, 4]]},
+         ": homography is [[1, 2], [3, 4]]; it must be 3 x 3 finite numbers"),
+        ({"points": ..., "homography": [[1, 2, 3]] * 3},
+         ": homography can't be inverted; it must map the picture to a plane"),
+        ({"points": FULL["points"][:3]}, ": points are 3; a plane needs at least 4"),
+        ({"points": 4}, ": points is 4; it must be a list"),
+        ({"points": [[1, 2]] * 4}, ": points[0] is [1, 2]; it must be an object with pixel, meters"),
+        ({"points": [{"pixel": [1, 2]}] * 4}, ": points[0] has no 'meters'; it needs pixel, meters"),
+        ({"points": [{"pixel": [1, "a"], "meters": [1, 2]}] * 4},
+         ": points[0]: pixel is [1, 'a']; it must be 2 finite numbers"),
+        ({"lengths": {}}, ": lengths is {}; it must be a list"),
+        ({"lengths": [{"pixels": [[1, 2], [1, 2]], "meters": 1}]},
+         ": lengths[0]: both ends are the same pixel; give the two ends of the length"),
+        ({"lengths": [{"pixels": [[1, 2], [1, 3]], "meters": 0}]},
+         ": lengths[0]: meters is 0; it must be a number of m above 0"),
+        ({"lengths": [{"pixels": [1, 2], "meters": 1}]},
+         ": lengths[0]: pixels is [1, 2]; it must be 2 x 2 finite numbers"),
+        ({"lens": {"distortion": [0, 0, 0, 0]}}, ": lens has no 'camera_matrix'; it needs camera_matrix, distortion"),
+        ({"lens": {**FULL["lens"], "distortion": [0, 0]}},
+         ": lens: distortion has 2 numbers; allowed are 4, 5, 8, 12, 14 (k1, k2, p1, p2, k3, …)"),
+        ({"lens": {**FULL["lens"], "camera_matrix": np.zeros((3, 3)).tolist()}},
+         ": lens: camera_matrix must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], fx and fy above 0"),
+    ],
+)  # fmt: skip
+def test_camera_files_that_cant_be_used_are_refused(tmp_path, changes, message):
+    path = file_with(tmp_path, **changes)
+    assert refusal(read_camera, path) == f"camera file '{path}'{message}"
+
+
+def test_a_camera_file_that_isnt_one_is_refused(tmp_path):
+    path = tmp_path / "camera.json"
+    assert refusal(read_camera, path) == f"camera file '{path}' is not there"
+    path.write_text("{")
+    assert refusal(read_camera, path).startswith(f"camera file '{path}' can't be read as JSON: ")
+    path.write_text("[]")
+    assert refusal(read_camera, path) == f"camera file '{path}': format is 'list'; this version reads format 1"
