@@ -11,7 +11,7 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.video import VideoReader, VideoWriter
+from swim2real.video import VideoReader, VideoWriter, first_frame
 
 WIDTH, HEIGHT, FPS = 160, 96, 30
 CORNERS = ((200, 30, 30), (30, 160, 30), (30, 30, 200), (210, 200, 30))  # top left, top right, bottom left, ...
@@ -61,7 +61,7 @@ def raw(
             pending += stream.encode(frame)
         for index, packet in enumerate(pending + stream.encode(None)):
             if stamps is not None:
-                packet.pts = stamps(index)
+                packet.pts, packet.dts = stamps(index), index - 20
             container.mux(packet)
     return path
 
@@ -72,11 +72,12 @@ def packets(path: Path) -> list[tuple[int, int, int]]:
         return [(p.pos, p.size, p.pts) for p in container.demux(video=0) if p.size]
 
 
-def damage(path: Path, packet: int, seed: int = 0) -> Path:
-    """Overwrites the middle half of a packet with noise."""
+def damage(path: Path, packet: int, share: tuple[float, float] = (0.0, 1.0), seed: int = 0) -> Path:
+    """Overwrites a packet, or a part of it, with noise."""
     place, size, _ = packets(path)[packet]
+    start, end = (place + int(edge * size) for edge in share)
     data = bytearray(path.read_bytes())
-    data[place + size // 4 : place + 3 * size // 4] = random.Random(seed).randbytes(3 * size // 4 - size // 4)
+    data[start:end] = random.Random(seed).randbytes(end - start)
     return _beside(path, "damaged", data)
 
 
@@ -108,3 +109,9 @@ def _beside(path: Path, word: str, data: bytes) -> Path:
     other = path.with_name(f"{path.stem}-{word}{path.suffix}")
     other.write_bytes(data)
     return other
+
+
+def first_frame_corners(path: Path) -> tuple[tuple[int, int], NDArray[np.uint8]]:
+    """Height and width, and the colors near the four corners, as the reader sees them."""
+    image = first_frame(path).image
+    return image.shape[:2], np.array([image[5, 5], image[5, -6], image[-6, 5], image[-6, -6]], dtype=int)

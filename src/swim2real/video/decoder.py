@@ -1,7 +1,8 @@
-"""Decodes a stream and leaves broken pictures out."""
+"""Decodes a stream, leaves broken pictures out and tells which others lean on them."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,6 +13,8 @@ if TYPE_CHECKING:
     from av.packet import Packet
     from av.video.stream import VideoStream
 
+MOST_HELD = 16  # pictures that may wait for one that is shown later, as many as H.264 and HEVC can refer to
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -20,7 +23,7 @@ class Picture:
     Attributes:
         stored: As it is stored: not turned, in the camera's colors.
         stamp: In units of the stream's time base; None where the file has none.
-        intact: Whether no picture since the last key frame is broken.
+        intact: Whether all pictures since the last key frame that are stored before this one are whole.
         lost: Pictures without a stamp that were left out just before.
     """
 
@@ -34,7 +37,8 @@ class Decoder:
     """Decodes one stream from its beginning to its end.
 
     What is broken shows in two ways: the decoder conceals a hole in a picture and says so, or a packet never becomes a
-    picture. The decoder may work ahead in several threads, so the stamps tell which packets those are.
+    picture. The decoder may work ahead in several threads, so the stamps tell which packets those are. A picture can
+    lean on one that is stored before it and shown after it; it waits until that one has come.
 
     Attributes:
         left_out: Stamps of the pictures that are left out.
@@ -48,8 +52,10 @@ class Decoder:
         self._stream = stream
         # AVI has no time stamps, and what FFmpeg makes up for frames that are stored out of order is wrong
         self._stamped = not (container.format.name == "avi" and stream.codec_context.has_b_frames)
-        self._waiting: dict[int, None] = {}  # stamps of packets that haven't become pictures
-        self._intact = True
+        self._packet = 0  # number of the newest packet, in the order of storage
+        self._waiting: dict[int, int] = {}  # stamps of packets that haven't become pictures: numbers
+        self._held: deque[tuple[int, VideoFrame, int | None]] = deque()  # pictures in the order of showing
+        self._broken: dict[int, int | None] = {}  # numbers and stamps of the broken packets that can still matter
         self._lost = 0
         self.left_out: dict[int, None] = {}
         self.unstamped = 0
@@ -61,15 +67,17 @@ class Decoder:
         for packet in self._packets():
             for stored in self._decode(packet):
                 stamp = stored.pts if self._stamped else None
-                self._settle(stamp)
+                number = self._settle(stamp)
                 if stored.is_corrupt:
-                    self._leave_out(stamp)
-                    continue
-                self._intact = self._intact or stored.key_frame
-                lost, self._lost = self._lost, 0
-                yield Picture(stored, stamp, self._intact, lost)
-        for stamp in self._waiting:
-            self._leave_out(stamp)
+                    self._leave_out(stamp, number)
+                else:
+                    self._held.append((number, stored, stamp))
+                del stored
+                yield from self._release()
+        for stamp, number in self._waiting.items():
+            self._leave_out(stamp, number)
+        self._waiting.clear()
+        yield from self._release()
 
     def _packets(self) -> Iterator[Packet[VideoStream]]:
         from av.error import FFmpegError
@@ -82,34 +90,51 @@ class Decoder:
     def _decode(self, packet: Packet[VideoStream]) -> list[VideoFrame]:
         from av.error import FFmpegError
 
+        self._packet += 1
+        tracked = packet.pts is not None and self._stamped
         if packet.is_discard:
             self.hidden += 1
         elif packet.size and packet.pts is not None and self._stamped:
-            self._waiting[packet.pts] = None
-        if packet.is_corrupt:  # cut off; the decoder's complaint about it could cost whole pictures
-            if packet.pts is None or not self._stamped:
-                self._leave_out(None)
-            return []
+            self._waiting[packet.pts] = self._packet
         try:
-            return packet.decode()
+            # the decoder's complaint about a packet that is cut off could cost whole pictures
+            pictures = [] if packet.is_corrupt else packet.decode()
         except FFmpegError:
-            if not self._stamped or packet.pts is None:
-                self._leave_out(None)
-            return []
+            pictures = None
+        if not tracked and (pictures is None or packet.is_corrupt):
+            self._leave_out(None, self._packet)
+        return pictures or []
 
-    def _settle(self, stamp: int | None) -> None:
-        """A picture has come out: those that should have come before it are lost."""
+    def _settle(self, stamp: int | None) -> int:
+        """A picture has come out: those that should have come before it are lost. The number of its packet."""
         if stamp is None:
             self._waiting.clear()
-            return
-        self._waiting.pop(stamp, None)
+            return self._packet
+        number = self._waiting.pop(stamp, self._packet)
         self.left_out.pop(stamp, None)
         for late in [other for other in self._waiting if other < stamp]:
-            del self._waiting[late]
-            self._leave_out(late)
+            self._leave_out(late, self._waiting.pop(late))
+        return number
 
-    def _leave_out(self, stamp: int | None) -> None:
-        self._intact = False
+    def _release(self) -> Iterator[Picture]:
+        """Pictures for which all that is stored before them is known."""
+        while self._held:
+            number = self._held[0][0]
+            if len(self._held) <= MOST_HELD and any(other < number for other in self._waiting.values()):
+                return
+            _, stored, stamp = self._held.popleft()
+            if stored.key_frame:  # nothing that is shown after it leans on what is shown before it
+                for other, late in list(self._broken.items()):
+                    if (other < number) if stamp is None or late is None else (late < stamp):
+                        del self._broken[other]
+            intact = not any(other < number for other in self._broken)
+            lost, self._lost = self._lost, 0
+            picture = Picture(stored, stamp, intact, lost)
+            del stored
+            yield picture
+
+    def _leave_out(self, stamp: int | None, number: int) -> None:
+        self._broken[number] = stamp
         if stamp is None:
             self._lost += 1
             self.unstamped += 1

@@ -48,15 +48,15 @@ def open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]:
         raise VideoError(f"no video '{path}'; check the path")
     if path.stat().st_size == 0:
         raise VideoError(f"'{path}' is empty (0 bytes); copy it again")
+    if _lacks_index(path):
+        raise VideoError(
+            f"'{path}' ends before its index (the 'moov' box): the recording or the copy was cut off; copy it again, "
+            "or repair it with a tool that has an intact video of the same camera"
+        )
     try:
         # a playlist posing as a video must not open anything else
         container = av.open(str(path.absolute()), options={"protocol_whitelist": "file"})
     except FFmpegError as error:
-        if _lacks_index(path):
-            raise VideoError(
-                f"'{path}' ends before its index (the 'moov' box): the recording or the copy was cut off; copy it "
-                "again, or repair it with a tool that has an intact video of the same camera"
-            ) from None
         if isinstance(error, PermissionError):
             raise VideoError(f"'{path}' can't be read: permission denied") from None
         raise VideoError(f"'{path}' is not a video that FFmpeg can read ({error.strerror})") from None
@@ -88,7 +88,7 @@ def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoS
 
 
 def _lacks_index(path: Path) -> bool:
-    """Whether this is an MP4 or QuickTime file without its 'moov' box."""
+    """Whether this is an MP4 or QuickTime file without a whole 'moov' box (a photo has a 'meta' box instead)."""
     with path.open("rb") as file:
         end = path.stat().st_size
         place = 0
@@ -96,10 +96,12 @@ def _lacks_index(path: Path) -> bool:
             file.seek(place)
             head = file.read(16)
             size, kind = int.from_bytes(head[:4], "big"), head[4:8]
-            if (place == 0 and kind not in TOP_BOXES) or kind == b"moov":
+            if (place == 0 and kind not in TOP_BOXES) or kind == b"meta":
                 return False
             if size == 1:
                 size = int.from_bytes(head[8:16], "big")
+            if kind == b"moov":
+                return place + size > end
             if size < 8:  # 0: up to the end of the file
                 break
             place += size

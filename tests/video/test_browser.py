@@ -1,0 +1,58 @@
+"""A real browser plays what the writer writes, and turns it as the reader does."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from clips import clip, first_frame_corners
+
+PAGE = """<video id="video" muted></video><pre id="said"></pre><script>
+const video = document.getElementById("video"), said = document.getElementById("said");
+// the browser's virtual time would run out before the video has played in real time
+const busy = setInterval(() => { for (let i = 0, sum = 0; i < 1e7; i++) sum += i; }, 20);
+video.onerror = () => { clearInterval(busy); said.textContent = JSON.stringify({error: video.error.message}); };
+video.onloadeddata = () => {
+  const canvas = document.createElement("canvas"), width = video.videoWidth, height = video.videoHeight;
+  canvas.width = width; canvas.height = height;
+  const pen = canvas.getContext("2d");
+  const at = (x, y) => Array.from(pen.getImageData(x, y, 1, 1).data.slice(0, 3));
+  video.onended = () => {
+    pen.drawImage(video, 0, 0);
+    const corners = [at(5, 5), at(width - 6, 5), at(5, height - 6), at(width - 6, height - 6)];
+    clearInterval(busy);
+    said.textContent = JSON.stringify({width, height, corners, duration: video.duration, time: video.currentTime});
+  };
+  video.play();
+};
+video.src = "data:video/mp4;base64,DATA";
+</script>"""
+
+
+@pytest.mark.parametrize("rotation", [0, 90, 180, 270])
+def test_a_browser_plays_the_video_upright(tmp_path, rotation):
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no Chromium on this machine; install chromium to see that videos play")
+    path = clip(tmp_path / "swim.mp4", 15, rotation=rotation)
+    page = tmp_path / "page.html"
+    page.write_text(PAGE.replace("DATA", base64.b64encode(path.read_bytes()).decode()))
+    done = subprocess.run(
+        [
+            browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+            "--disable-background-networking", "--disable-component-update", "--disable-sync",
+            f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=20000", "--dump-dom", page.as_uri(),
+        ],
+        capture_output=True, text=True, timeout=60, check=True,
+    )  # fmt: skip
+    said = json.loads(re.findall(r'<pre id="said">(.*?)</pre>', done.stdout)[0])
+    if "error" in said:
+        pytest.skip(f"this Chromium doesn't play H.264: {said['error']}")
+    shape, corners = first_frame_corners(path)
+    assert (said["height"], said["width"]) == shape
+    assert np.abs(np.array(said["corners"]) - corners).max() <= 12
+    assert said["duration"] == pytest.approx(0.5, abs=0.01)
+    assert said["time"] == pytest.approx(0.5, abs=0.01)

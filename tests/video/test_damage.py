@@ -1,0 +1,178 @@
+import av
+import numpy as np
+import pytest
+from clips import FPS, clip, cut, damage, error, noisy, packets, raw, read
+
+from swim2real.errors import VideoError
+from swim2real.video import VideoReader
+
+QUIET = {"x265-params": "log-level=none"}
+ENCODERS = [("swim.mp4", "libx264", {}), ("swim.mp4", "libx265", QUIET), ("swim.avi", "mjpeg", {})]
+
+
+def _made(path, encoder, options, **more):
+    pixels = "yuvj420p" if encoder == "mjpeg" else "yuv420p"
+    return raw(path, encoder, pixels=pixels, options={"g": "12", **options}, colors=5 if "j" in pixels else 1, **more)
+
+
+def _numbers(frames):
+    return [round(time * FPS) for time, _, _ in frames]
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+@pytest.mark.parametrize("packet", [14, 15, 16, 17, 18])
+@pytest.mark.parametrize(("name", "encoder", "options"), ENCODERS)
+def test_a_broken_frame_is_left_out(tmp_path, name, encoder, options, packet, threads):
+    path = _made(tmp_path / name, encoder, options)
+    whole = dict(enumerate(read(path)[0]))
+    frames, notes, _ = read(damage(path, packet), threads=threads)
+    missing = sorted(set(whole) - set(_numbers(frames)))
+    assert len(missing) == 1 or encoder == "libx265"  # whose decoder gives up those that lean on it as well
+    assert any(f"broken and left out, at {missing[0] / FPS:.3f}" in note for note in notes) or len(missing) > 4
+    for number, (time, image, intact) in zip(_numbers(frames), frames, strict=True):
+        assert time == pytest.approx(whole[number][0])
+        if intact:
+            assert error(image, whole[number][1]) < 0.1
+    smeared = [time for time, _, intact in frames if not intact]
+    if encoder == "mjpeg":
+        assert not smeared
+    if smeared:
+        assert notes[-1].startswith(f"{len(smeared)} frame")
+        assert "after a broken one may be smeared" in notes[-1]
+        assert max(smeared) < 24 / FPS  # a key frame
+    assert all(intact for time, _, intact in frames if time > 23.5 / FPS)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pictures_that_lean_on_a_broken_one_are_marked(tmp_path, seed):
+    """Without frames in both directions, everything up to the next key frame is smeared."""
+    path = _made(tmp_path / "swim.mp4", "libx264", {"bf": "0", "sc_threshold": "0"})
+    whole = read(path)[0]
+    frames, _, _ = read(damage(path, 15, (0.3, 0.7), seed))
+    worse = [n for n, (_, image, _) in zip(_numbers(frames), frames, strict=True) if error(image, whole[n][1]) > 0.5]
+    assert worse == list(range(16, 24))
+    assert [n for n, (_, _, intact) in zip(_numbers(frames), frames, strict=True) if not intact] == worse
+
+
+def test_many_broken_frames_are_summed_up(tmp_path):
+    path = _made(tmp_path / "swim.avi", "mjpeg", {})
+    for packet in (5, 6, 7, 20, 30):
+        path = damage(path, packet)
+    frames, notes, _ = read(path)
+    assert len(frames) == 31
+    assert notes == ["5 frames broken and left out, from 0.167 to 1.000 s"]
+
+
+def test_broken_first_frames_are_left_out(tmp_path):
+    path = _made(tmp_path / "swim.avi", "mjpeg", {})
+    frames, notes, _ = read(damage(damage(path, 0), 1))
+    assert len(frames) == 34
+    assert frames[0][0] == 0.0
+    assert error(frames[0][1], noisy(2)) < 8
+    assert notes == ["2 frames before the first whole one left out"]
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+@pytest.mark.parametrize(
+    ("name", "encoder", "options"), [*ENCODERS, ("swim.mkv", "libx264", {}), ("swim.mov", "libx264", {"bf": "0"})]
+)
+def test_a_video_that_ends_early_gives_what_it_has(tmp_path, name, encoder, options, threads):
+    path = _made(tmp_path / name.replace("mov", "mp4"), encoder, options)
+    whole = read(path)[0]
+    frames, notes, _ = read(cut(path, 0.6), threads=threads)
+    assert 12 < len(frames) < 30
+    for number, (_, image, _) in zip(_numbers(frames), frames, strict=True):
+        assert error(image, whole[number][1]) < 0.1
+    said = [note for note in notes if note.startswith("the video ends early: the file says ")]
+    assert len(said) == 1
+    assert ("36 frames" in said[0]) or ("1.200 s" in said[0])
+
+
+def test_a_stream_that_is_cut_is_read(tmp_path):
+    """MPEG-TS doesn't say how long it is."""
+    path = raw(tmp_path / "swim.ts", "libx264", options={"g": "12"})
+    whole = read(path)[0]
+    start = packets(path)[20][0] + 500
+    frames, notes, _ = read(cut(path, start / path.stat().st_size))
+    assert 15 < len(frames) < 25
+    assert all(error(image, whole[n][1]) < 0.1 for n, (_, image, _) in zip(_numbers(frames), frames, strict=True))
+    assert any("broken and left out" in note for note in notes)
+
+
+def test_a_stream_may_begin_in_the_middle(tmp_path):
+    path = raw(tmp_path / "swim.ts", "libx264", options={"g": "12"})
+    data = path.read_bytes()
+    (tmp_path / "later.ts").write_bytes(data[188 * (len(data) // 188 // 4) :])
+    frames, _, _ = read(tmp_path / "later.ts")
+    assert frames[0][0] == 0.0
+    assert len(frames) == 24
+    assert error(frames[0][1], noisy(12)) < 8
+
+
+def test_an_index_that_is_not_there_is_named(tmp_path):
+    data = clip(tmp_path / "swim.mp4").read_bytes()
+    with av.open(str(tmp_path / "late.mp4"), "w") as late, av.open(str(tmp_path / "swim.mp4")) as early:
+        stream = late.add_stream_from_template(early.streams.video[0])
+        for packet in early.demux(video=0):
+            if packet.size:
+                packet.stream = stream
+                late.mux(packet)
+    with pytest.raises(
+        VideoError, match=r"ends before its index \(the 'moov' box\): the recording or the copy was cut"
+    ):
+        VideoReader(cut(tmp_path / "late.mp4", 0.7))
+    (tmp_path / "head.mp4").write_bytes(data[:100])  # cut within the index
+    with pytest.raises(VideoError, match=r"head\.mp4"):
+        VideoReader(tmp_path / "head.mp4")
+
+
+def test_a_video_without_frames_is_refused(tmp_path):
+    path = clip(tmp_path / "swim.mp4")
+    data = path.read_bytes()
+    path.write_bytes(data[: data.index(b"mdat") + 4])
+    with pytest.raises(VideoError, match=r"not one frame of '.*' can be decoded; it is cut off or damaged"):
+        VideoReader(path)
+
+
+def _restamped(path, stamps):
+    """A Matroska file, in milliseconds, of key frames with these time stamps."""
+    return read(raw(path, "mjpeg", len(stamps), "yuvj420p", lambda index: stamps[index], colors=5))
+
+
+def test_time_stamps_that_do_not_rise_are_mended(tmp_path):
+    frames, notes, _ = _restamped(tmp_path / "swim.mkv", [0, 1, 2, 2, 4, 3, 6, 7])
+    times = [frame[0] for frame in frames]
+    assert np.all(np.diff(times) > 0)
+    good = [0, 1, 2, 4, 6, 7]
+    np.testing.assert_allclose(np.array(times)[good], np.array(good) / FPS, atol=1e-3)
+    assert times[3] == pytest.approx(2.5 / FPS, abs=2e-3)
+    assert len(notes) == 1
+    assert notes[0].startswith("2 frames with a time stamp that doesn't come after the one before, at 0.08")
+
+
+def test_gaps_are_named(tmp_path):
+    frames, notes, _ = _restamped(tmp_path / "swim.mkv", [*range(10), *range(100, 110)])
+    assert frames[10][0] == pytest.approx(100 / FPS, abs=1e-3)
+    assert notes == ["no frames for more than 1 s after 0.300 s"]
+
+
+def test_joined_videos_run_on(tmp_path):
+    """Cameras split long recordings; joined byte by byte, their time stamps begin anew."""
+    one = raw(tmp_path / "one.ts", "libx264", options={"g": "12"})
+    two = clip(tmp_path / "two.ts", 36, lambda index: noisy(index)[:64, :128])
+    (tmp_path / "both.ts").write_bytes(one.read_bytes() + two.read_bytes())
+    frames, notes, info = read(tmp_path / "both.ts")
+    assert len(frames) == 72
+    np.testing.assert_allclose([frame[0] for frame in frames], np.arange(72) / FPS, atol=1e-4)
+    assert {frame[1].shape for frame in frames} == {(info.height, info.width, 3)}
+    assert "the time stamps begin anew at 1.200 s; joined without a gap" in notes
+    assert "36 frames of another size, from 1.200 to 2.367 s; scaled to that of the first" in notes
+
+
+def test_a_file_without_time_stamps_is_placed_by_its_frame_rate(tmp_path):
+    frames, notes, info = read(raw(tmp_path / "swim.h264", "libx264"))
+    assert [frame[0] for frame in frames] == pytest.approx(np.arange(36) / info.fps)
+    assert notes == [
+        f"36 frames without a time stamp, from 0.000 to {35 / info.fps:.3f} s; "
+        f"placed by the frame rate of {info.fps:.2f} a second"
+    ]

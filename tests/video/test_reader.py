@@ -1,0 +1,222 @@
+import subprocess
+import sys
+import wave
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from clips import CORNERS, FPS, HEIGHT, WIDTH, clip, error, patched, picture, raw, read
+
+from swim2real.errors import MissingExtraError, VideoError
+from swim2real.video import VideoReader, VideoWriter, first_frame
+
+QUARTER_TURNS = {0: 0, 90: -1, 180: 2, 270: 1}  # np.rot90 turns the other way
+IDENTITY = np.array([1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30], ">i4").tobytes()
+
+
+@pytest.mark.parametrize("name", ["swim.mp4", "swim.mov"])
+@pytest.mark.parametrize("rotation", [0, 90, 180, 270])
+def test_pictures_are_upright(tmp_path, name, rotation):
+    path = clip(tmp_path / name, 6, rotation=rotation)
+    frames, notes, info = read(path)
+    upright = np.rot90(picture(3), QUARTER_TURNS[rotation])
+    assert info.rotation == rotation
+    assert (info.height, info.width) == upright.shape[:2]
+    assert error(frames[3][1], upright) < 3
+    assert notes == []
+
+
+@pytest.mark.parametrize(("matrix", "rotation"), [((0, 1, -1, 0), 90), ((-1, 0, 0, -1), 180), ((0, -1, 1, 0), 270)])
+def test_rotation_is_as_phones_write_it(tmp_path, matrix, rotation):
+    """ISO/IEC 14496-12: x' = a x + c y, y' = b x + d y with y down, so (0, 1, -1, 0) turns clockwise."""
+    a, b, c, d = (value << 16 for value in matrix)
+    turned = np.array([a, b, 0, c, d, 0, 0, 0, 1 << 30], ">i4").tobytes()
+    plain = clip(tmp_path / "swim.mp4", 6)
+    data = plain.read_bytes()
+    head = data.index(b"tkhd")
+    place = data.index(IDENTITY, head)
+    plain.write_bytes(data[:place] + turned + data[place + 36 :])
+    frames, _, info = read(plain)
+    assert info.rotation == rotation
+    corners = (CORNERS[0], CORNERS[1], CORNERS[3], CORNERS[2])  # clockwise
+    top_left = corners[-rotation // 90 % 4]
+    assert np.abs(frames[0][1][3, 3] - top_left).max() < 12
+    assert error(frames[0][1], np.rot90(picture(0), QUARTER_TURNS[rotation])) < 3
+
+
+@pytest.mark.parametrize("rotation", [0, 90, 180, 270])
+def test_scaled_pictures_match(tmp_path, rotation):
+    frame = first_frame(clip(tmp_path / "swim.mp4", 3, rotation=rotation))
+    half = frame.scaled(frame.image.shape[1] // 2)
+    whole = frame.image.astype(float)
+    blocks = whole.reshape(whole.shape[0] // 2, 2, whole.shape[1] // 2, 2, 3).mean(axis=(1, 3))
+    assert half.shape == blocks.shape
+    assert np.abs(half - blocks).mean() < 2
+    assert half.flags.c_contiguous
+    assert half.flags.writeable
+
+
+@pytest.mark.parametrize(("width", "height"), [(2, 2), (50, 30), (51, 30), (53, 32), (160, 96), (320, 192)])
+def test_scaled_heights_are_even(tmp_path, width, height):
+    assert first_frame(clip(tmp_path / "swim.mp4", 3)).scaled(width).shape == (height, width, 3)
+
+
+def test_scaled_needs_a_width(tmp_path):
+    with pytest.raises(VideoError, match="can't be scaled to a width of 0 px; it must be at least 2"):
+        first_frame(clip(tmp_path / "swim.mp4", 3)).scaled(0)
+
+
+def test_images_are_converted_once_and_read_only(tmp_path):
+    frame = first_frame(clip(tmp_path / "swim.mp4", 3))
+    assert frame.image is frame.image
+    assert frame.image.dtype == np.uint8
+    with pytest.raises(ValueError, match="read-only"):
+        frame.image[0, 0] = 0
+
+
+@pytest.mark.parametrize("threads", [0, 1, 3])
+def test_threads_change_nothing(tmp_path, threads):
+    path = clip(tmp_path / "swim.mp4")
+    for (time, image, _), (other, same, _) in zip(read(path)[0], read(path, threads=threads)[0], strict=True):
+        assert time == other
+        np.testing.assert_array_equal(image, same)
+
+
+def test_a_video_can_be_read_again(tmp_path):
+    with VideoReader(clip(tmp_path / "swim.mp4")) as reader:
+        few = [frame.index for frame, _ in zip(reader, range(5), strict=False)]
+        every = [frame.index for frame in reader]
+        again = [frame.time for frame in reader]
+        assert reader.notes == []
+    assert few == [0, 1, 2, 3, 4]
+    assert every == list(range(36))
+    assert again == pytest.approx(np.arange(36) / FPS)
+
+
+def test_frames_outlive_the_reader(tmp_path):
+    with VideoReader(clip(tmp_path / "swim.mp4")) as reader:
+        frames = list(reader)
+    assert error(frames[20].image, picture(20)) < 3
+    assert first_frame(tmp_path / "swim.mp4").index == 0
+
+
+def test_a_closed_reader_says_so(tmp_path):
+    with VideoReader(clip(tmp_path / "swim.mp4")) as reader:
+        frames = iter(reader)
+        next(frames)
+    with pytest.raises(VideoError, match="was closed before its last frame; read it within its `with` block"):
+        next(frames)
+    with pytest.raises(VideoError, match="is closed; read it within its `with` block"):
+        iter(reader)
+
+
+def test_memory_stays_constant(tmp_path):
+    """Frames aren't kept: their memory, which FFmpeg holds, is at most that of a few of them."""
+    path = tmp_path / "long.mp4"
+    with VideoWriter(path, 640, 480, 30) as writer:
+        for index in range(150):
+            writer.write(picture(index, 640, 480))
+    program = (
+        "import resource, sys\nfrom swim2real.video import VideoReader\n"
+        "def peak(): return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "with VideoReader(sys.argv[1], threads=1) as reader:\n"
+        "    for frame in reader:\n        frame.image\n        if frame.index == 30: before = peak()\n"
+        "print((peak() - before) / 1024)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(path)], capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 20  # MiB; 120 frames take 158 MiB
+
+
+def test_slow_motion_has_every_frame(tmp_path):
+    frames, notes, info = read(clip(tmp_path / "slow.mov", 120, codec="hevc", fps=240))
+    assert info.fps == 240
+    np.testing.assert_allclose([frame[0] for frame in frames], np.arange(120) / 240, atol=1e-5)
+    assert notes == []
+
+
+@pytest.mark.parametrize("colors", [1, 9], ids=["BT.709", "BT.2020"])
+def test_ten_bits_are_read(tmp_path, colors):
+    options = {"x265-params": "log-level=none", "crf": "10"}
+    path = raw(tmp_path / "phone.mp4", "libx265", 6, "yuv420p10le", options=options, colors=colors)
+    frame = first_frame(path)
+    assert frame.image.dtype == np.uint8
+    corners = [frame.image[:40, :70], frame.image[:40, 90:], frame.image[56:, :70], frame.image[56:, 90:]]
+    for seen, given in zip(corners, CORNERS, strict=True):
+        assert np.abs(seen.mean(axis=(0, 1)) - given).max() < 6  # clipped noise
+
+
+def test_an_edit_list_is_not_an_early_end(tmp_path):
+    """A trimmed video keeps its frames in the file; its edit list says which to show."""
+    data = bytearray(clip(tmp_path / "swim.mp4", 36, codec="mjpeg").read_bytes())
+    duration = data.index(b"elst") + 12
+    whole = int.from_bytes(data[duration : duration + 4], "big")
+    data[duration : duration + 4] = (whole // 2).to_bytes(4, "big")
+    (tmp_path / "trimmed.mp4").write_bytes(data)
+    frames, notes, _ = read(tmp_path / "trimmed.mp4")
+    assert len(frames) == 18
+    assert notes == []
+
+
+def test_pixels_that_are_not_square_are_named(tmp_path):
+    _, notes, _ = read(raw(tmp_path / "wide.mp4", "libx264", 4, pixel_shape=Fraction(4, 3)))
+    assert notes == ["the pixels aren't square (4:3); lengths are distorted"]
+
+
+def _refused(path, message):
+    with pytest.raises(VideoError, match=message):
+        VideoReader(path)
+
+
+def test_what_is_not_a_file_is_refused(tmp_path):
+    _refused(tmp_path / "swim.mp4", r"no video '.*swim\.mp4'; check the path")
+    _refused(tmp_path, "is a folder; give the path of a video file")
+    (tmp_path / "empty.mp4").touch()
+    _refused(tmp_path / "empty.mp4", r"is empty \(0 bytes\); copy it again")
+
+
+@pytest.mark.parametrize("name", ["swim.mp4", "swim.txt", "swim.csv"])
+def test_text_is_refused(tmp_path, name):
+    (tmp_path / name).write_text("time,x,y\n0.0,1.0,2.0\n" * 40)
+    _refused(tmp_path / name, "is a text file, not a video|is not a video that FFmpeg can read")
+
+
+def test_a_playlist_opens_nothing_else(tmp_path):
+    clip(tmp_path / "swim.ts")
+    (tmp_path / "list.mp4").write_text(
+        "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:1.2,\nhttp://192.0.2.1/swim.ts\n#EXT-X-ENDLIST\n"
+    )
+    _refused(tmp_path / "list.mp4", "is not a video that FFmpeg can read|can be decoded|has no video")
+
+
+def test_sound_alone_is_refused(tmp_path):
+    with wave.open(str(tmp_path / "sound.wav"), "wb") as sound:
+        sound.setnchannels(1)
+        sound.setsampwidth(2)
+        sound.setframerate(8000)
+        sound.writeframes(bytes(16000))
+    _refused(tmp_path / "sound.wav", "has no video in it, only audio")
+
+
+def test_an_unknown_codec_is_refused(tmp_path):
+    path = patched(clip(tmp_path / "swim.mp4"), b"avc1", b"zzzz")
+    _refused(path, "no decoder for the video in '.*'; convert it to H.264, for example")
+
+
+def test_threads_are_checked(tmp_path):
+    with pytest.raises(VideoError, match=r"threads is -1; it must be 0 \(as many as there are cores\) or more"):
+        VideoReader(clip(tmp_path / "swim.mp4", 3), threads=-1)
+
+
+def test_without_pyav_a_sentence_says_what_to_install(tmp_path, monkeypatch):
+    path = clip(tmp_path / "swim.mp4", 3)
+    monkeypatch.setitem(sys.modules, "av", None)
+    message = r"videos need PyAV; install it with: pip install 'swim2real\[track\]'"
+    with pytest.raises(MissingExtraError, match=message):
+        VideoReader(path)
+    with pytest.raises(MissingExtraError, match=message):
+        VideoWriter(tmp_path / "other.mp4", WIDTH, HEIGHT, FPS)
+
+
+def test_importing_the_room_does_not_import_pyav():
+    program = "import sys, swim2real.video; sys.exit('av' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
