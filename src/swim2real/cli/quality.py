@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import json
+import math
 
-from swim2real.calibration import examine, examined
+from swim2real.calibration import RealTrial, examine, examined
 from swim2real.cli import tables
 from swim2real.cli.arguments import Quality
 from swim2real.errors import ArgumentError
 from swim2real.robots.fish import FISH
+from swim2real.tracking.quality import USABLE_SHARE
 from swim2real.trials import load_reference
 
 
 def quality(a: Quality) -> int:
-    """Checks tracks and says what drove each trial."""
+    """Checks tracks, says what drove each trial, and refuses trials that shouldn't be used as they are."""
+    allowed = float(getattr(a, "allow_lost", USABLE_SHARE))
+    if not 0 <= allowed <= 1:
+        raise ArgumentError(f"--allow-lost is {allowed:g}; it is a share of frames within 0 and 1, such as 0.05")
     real = examine(load_reference(a.reference), FISH)
+    refused = [one for one in real if one.quality.lost_markers(allowed)]
     content = {one.trial.name: examined(one, FISH.marker_names) for one in real}
+    for one in real:
+        content[one.trial.name]["usable"] = not one.quality.lost_markers(allowed)
     if a.json:
         print(json.dumps(content, indent=2))
     else:
@@ -47,6 +55,8 @@ def quality(a: Quality) -> int:
         for name, t in content.items():
             for line in t["findings"]:
                 tables.console.print(f"{name}: {line}")
+        if refused:
+            tables.console.print(_refusal(refused, allowed))
     if a.plot is not None:
         from swim2real.report import write_quality_page
 
@@ -54,4 +64,22 @@ def quality(a: Quality) -> int:
             write_quality_page(real, FISH.marker_names, a.plot)
         except OSError as error:
             raise ArgumentError(f"--plot '{a.plot}' can't be written: {error.strerror or error}") from error
-    return 0 if all(t["usable"] for t in content.values()) else 1
+    return 1 if refused else 0
+
+
+def _refusal(refused: list[RealTrial], allowed: float) -> str:
+    """Which trials and markers, and what to do."""
+    listed: list[str] = []
+    worst = 0.0
+    for one in refused:
+        shares = {FISH.marker_names[m]: float(one.quality.lost_share[m]) for m in one.quality.lost_markers(allowed)}
+        listed.append(
+            f"{one.trial.name} ({', '.join(f'{name} {100 * share:.0f} %' for name, share in shares.items())})"
+        )
+        worst = max(worst, *shares.values())
+    enough = math.ceil(100 * worst) / 100
+    return (
+        f"Not to be used as they are, markers lost in more than {100 * allowed:g} % of frames: {'; '.join(listed)}. "
+        f"Track these videos again, leave the trials out (--hold-out of calibrate), or accept them with "
+        f"--allow-lost {enough:g}: calibration leaves lost marker-frames out by itself."
+    )

@@ -13,13 +13,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
 from swim2real.trials.trial import MarkerTrack, Trial, TrialSet
 
 FORMAT = 1
-INDEX = "reference.json"
+INDEX, LOCK = "reference.json", ".lock"
+_LOCK_TIMEOUT = 60  # s, longer than anybody writes a trial
 PUBLISHED_FPS = 60.0
 PUBLISHED_MARKERS = 9
 PUBLISHED_HEAD_LENGTH = 0.142  # m, distance of the first two markers on the robot
@@ -84,30 +86,95 @@ def save_reference(trials: TrialSet, folder: str | Path) -> None:
     """
     path = Path(folder)
     for name in trials.names:
-        if Path(f"{name}.csv").name != f"{name}.csv":
-            raise TrialError(f"trial name {name!r} can't be the name of a file; give it another")
+        _check_name(name)
     try:
         path.mkdir(parents=True, exist_ok=True)
         for trial in trials:
             _write_table(path / f"{trial.name}.csv", trial.track, trials.marker_names)
-        index = {
-            "format": FORMAT,
-            "markers": list(trials.marker_names),
-            "trials": [
-                {
-                    "name": trial.name,
-                    "table": f"{trial.name}.csv",
-                    "nominal_frequency_hz": trial.nominal_frequency,
-                    "fps": round(trial.fps, 6),
-                    "meters_per_pixel": trial.meters_per_pixel,
-                    "provenance": trial.provenance,
-                }
-                for trial in trials
-            ],
-        }
-        (path / INDEX).write_text(json.dumps(index, indent=2) + "\n", encoding="utf-8")
+        _write_index(path, list(trials.marker_names), [_entry(trial) for trial in trials])
     except OSError as error:
         raise TrialError(f"can't write reference folder '{path}': {error.strerror or error}") from error
+
+
+def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -> None:
+    """Adds a trial to a reference folder, in place of one of the same name; makes the folder if it isn't there.
+
+    Files are replaced at once and the index last, so that a reader never sees half of one, and processes that add
+    trials at the same time wait for one another.
+
+    Args:
+        folder: A reference folder, an empty one, or one to make.
+        trial: In meters.
+        marker_names: Of its M markers; the same as of the trials that are there.
+
+    Raises:
+        TrialError: The folder holds something else or other markers, the trial couldn't be read back, or the folder
+            can't be written.
+    """
+    path = Path(folder)
+    _check_name(trial.name)
+    TrialSet((trial,), marker_names)
+    table = f"{trial.name}.csv"
+    _check_motion(trial, path / table)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with FileLock(path / LOCK, timeout=_LOCK_TIMEOUT):
+            entries = _entries(path, marker_names, table)
+            names = [entry["name"] for entry in entries]
+            for entry in entries:
+                if entry["name"] != trial.name and entry.get("table", f"{entry['name']}.csv") == table:
+                    raise TrialError(f"table '{table}' in '{path}' is trial '{entry['name']}'; choose another name")
+            if trial.name in names:
+                entries[names.index(trial.name)] = _entry(trial)
+            else:
+                entries.append(_entry(trial))
+            _write_table(path / f"{table}.part", trial.track, marker_names)
+            (path / f"{table}.part").replace(path / table)
+            _write_index(path, list(marker_names), entries)
+    except Timeout:
+        raise TrialError(f"another process has been writing to '{path}' for {_LOCK_TIMEOUT} s; try again") from None
+    except OSError as error:
+        raise TrialError(f"can't write reference folder '{path}': {error.strerror or error}") from error
+
+
+def _entries(path: Path, marker_names: tuple[str, ...], table: str) -> list[dict[str, Any]]:
+    """Entries of the trials that a folder's index lists; none in a new folder."""
+    if not (path / INDEX).is_file():
+        others = sorted(other.name for other in path.glob("*.csv") if other.name != table)
+        if others:
+            raise TrialError(f"'{path}' holds {others[0]} but no {INDEX}, so it is no reference folder; choose another")
+        return []
+    there = _load_folder(path)
+    if there.marker_names != marker_names:
+        raise TrialError(
+            f"reference '{path}' has the markers {', '.join(there.marker_names)}; the new trial has "
+            f"{', '.join(marker_names)}; choose another folder"
+        )
+    return json.loads((path / INDEX).read_text(encoding="utf-8"))["trials"]
+
+
+def _check_name(name: str) -> None:
+    if Path(f"{name}.csv").name != f"{name}.csv":
+        raise TrialError(f"trial name {name!r} can't be the name of a file; give it another")
+
+
+def _entry(trial: Trial) -> dict[str, Any]:
+    return {
+        "name": trial.name,
+        "table": f"{trial.name}.csv",
+        "nominal_frequency_hz": trial.nominal_frequency,
+        "fps": round(trial.fps, 6),
+        "meters_per_pixel": trial.meters_per_pixel,
+        "provenance": trial.provenance,
+    }
+
+
+def _write_index(path: Path, markers: list[str], entries: list[dict[str, Any]]) -> None:
+    part = path / f"{INDEX}.part"
+    part.write_text(
+        json.dumps({"format": FORMAT, "markers": markers, "trials": entries}, indent=2) + "\n", encoding="utf-8"
+    )
+    part.replace(path / INDEX)
 
 
 def _load_folder(path: Path) -> TrialSet:

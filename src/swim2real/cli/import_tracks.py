@@ -1,0 +1,76 @@
+"""`import-tracks`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from swim2real.cli import tables
+from swim2real.errors import ArgumentError, TrialError
+from swim2real.robots.fish import FISH
+from swim2real.tracking.camera import Camera, camera_for
+from swim2real.tracking.camera_file import CameraFile, read_camera
+from swim2real.trials import MarkerTrack, Trial
+from swim2real.trials.files import add_trial
+from swim2real.trials.pose_tables import read_dlc
+
+if TYPE_CHECKING:
+    from swim2real.cli.arguments import ImportTracks
+
+
+def import_tracks(a: ImportTracks) -> int:
+    """Turns pose tables into trials of a reference folder; all tables are read before anything is written."""
+    if a.frequency and len(a.frequency) != len(a.tables):
+        raise ArgumentError(
+            f"--frequency has {len(a.frequency)} values for {len(a.tables)} tables; give one for each table, or none"
+        )
+    for frequency in a.frequency:
+        if not (np.isfinite(frequency) and frequency > 0):
+            raise ArgumentError(f"--frequency is {frequency:g} Hz; it must be finite and above 0")
+    if not (np.isfinite(a.fps) and a.fps > 0):
+        raise ArgumentError(f"--fps is {a.fps:g}; it must be finite and above 0")
+    known = None if a.camera is None else read_camera(a.camera)
+    read = {_name(path): (path, *_read(path, a.fps, known)) for path in a.tables}
+    if len(read) < len(a.tables):
+        raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(read)}); rename one")
+    for i, (name, (path, track, camera, said)) in enumerate(read.items()):
+        trial = Trial(
+            name, camera.to_meters(track), a.frequency[i] if a.frequency else None, camera.scale.meters_per_pixel,
+            f"pose table {path.name}, {a.fps:g} fps" + ("" if a.camera is None else f", camera {a.camera.name}"),
+        )  # fmt: skip
+        add_trial(a.to, trial, FISH.marker_names)
+        mm_per_pixel = 1e3 * camera.scale.meters_per_pixel
+        _say(f"{name}: {track.frame_count} frames, {track.duration:.2f} s, {mm_per_pixel:.4f} mm per pixel")
+        for line in (*said, *camera.findings()):
+            _say(f"{name}: {line}")
+    _say(f"{a.to}: check the tracks with: swim2real quality {a.to}")
+    return 0
+
+
+def _name(path: Path) -> str:
+    """What the trial is called: the video's name, without what DeepLabCut adds to it."""
+    return path.stem.split("DLC_")[0] or path.stem
+
+
+def _read(path: Path, fps: float, known: CameraFile | None) -> tuple[MarkerTrack, Camera, list[str]]:
+    """The track in pixels with the robot's markers in order, its camera, and what to tell."""
+    track, names = read_dlc(path, fps)
+    said: list[str] = []
+    if set(names) == set(FISH.marker_names):
+        order = [names.index(name) for name in FISH.marker_names]
+        track = MarkerTrack(track.times, track.positions[:, order], track.confidence[:, order])
+    elif len(names) == len(FISH.marker_names):
+        pairs = ", ".join(f"{ours} is {theirs}" for ours, theirs in zip(FISH.marker_names, names, strict=True))
+        said.append(f"markers are taken in the table's order, head first: {pairs}")
+    else:
+        raise TrialError(
+            f"{path}: {len(names)} markers ({', '.join(names)}); robot '{FISH.name}' has {len(FISH.marker_names)}, "
+            f"head first"
+        )
+    return track, camera_for(track, FISH.rest_markers, FISH.marker_heights, FISH.marker_names, known), said
+
+
+def _say(line: str) -> None:
+    tables.console.print(line, soft_wrap=True, markup=False)

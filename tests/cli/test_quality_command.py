@@ -1,0 +1,63 @@
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from swim2real.cli.quality import quality
+from swim2real.errors import ArgumentError
+from swim2real.robots.fish import FISH
+from swim2real.trials import MarkerTrack, Trial, TrialSet, save_reference
+from swimmers import Swimmer
+
+
+@pytest.fixture
+def reference(tmp_path):
+    """Two swims; of the second M4 is lost in 10 % of frames and M7 in 20 %."""
+    good = Swimmer().track(seed=0)
+    positions = Swimmer(1.4).track(seed=1).positions.copy()
+    positions[:30, 4] = np.nan
+    positions[:60, 7] = np.nan
+    trials = (Trial("good", good), Trial("bad", MarkerTrack(good.times, positions)))
+    save_reference(TrialSet(trials, FISH.marker_names), tmp_path / "reference")
+    return tmp_path / "reference"
+
+
+def arguments(reference, **options):
+    return SimpleNamespace(**{"reference": reference, "plot": None, "json": False, "allow_lost": 0.05, **options})
+
+
+def said(capsys) -> str:
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_a_trial_whose_markers_are_lost_too_often_is_refused_by_name_with_what_to_do(reference, capsys):
+    assert quality(arguments(reference)) == 1
+    assert (
+        "Not to be used as they are, markers lost in more than 5 % of frames: bad (M4 10 %, M7 20 %). Track these "
+        "videos again, leave the trials out (--hold-out of calibrate), or accept them with --allow-lost 0.2: "
+        "calibration leaves lost marker-frames out by itself."
+    ) in said(capsys)
+
+
+@pytest.mark.parametrize(("allowed", "code"), [(0.0, 1), (0.1, 1), (0.19, 1), (0.2, 0), (1.0, 0)])
+def test_told_so_it_takes_them(reference, allowed, code, capsys):
+    assert quality(arguments(reference, allow_lost=allowed)) == code
+    text = said(capsys)
+    assert ("Not to be used" in text) == bool(code)
+    assert ("bad (M7 20 %)" in text) == (allowed in (0.1, 0.19))
+    assert "bad: M4 is lost in 10 % of frames" in text  # told anyway
+
+
+@pytest.mark.parametrize("allowed", [0.05, 0.3])
+def test_json_says_the_same_and_nothing_else(reference, allowed, capsys):
+    code = quality(arguments(reference, allow_lost=allowed, json=True))
+    content = json.loads(capsys.readouterr().out)
+    assert [content[name]["usable"] for name in ("good", "bad")] == [True, code == 0]
+
+
+@pytest.mark.parametrize("allowed", [-0.1, 5.0, float("nan")])
+def test_what_is_allowed_is_a_share(reference, allowed):
+    with pytest.raises(ArgumentError) as caught:
+        quality(arguments(reference, allow_lost=allowed))
+    assert str(caught.value) == (f"--allow-lost is {allowed:g}; it is a share of frames within 0 and 1, such as 0.05")
