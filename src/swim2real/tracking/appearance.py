@@ -1,0 +1,190 @@
+"""What a marker looks like: its color against all that surrounds it, and its radius, learned from the first frame.
+
+Each pixel is given its coverage: the share of it that a marker covers, 0 on the body and in the water, 1 on a marker.
+Coverage is a polynomial of the color, fitted to discs drawn at the known points, so it is right for a light body and
+dark water, for colored markers and for the mixed colors at a marker's edge alike. Colors that were never seen, such as
+glare, count as none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import TrackingError
+from swim2real.tracking.coverage import BITS, contrasts, discs
+from swim2real.tracking.tracker import Array, Image
+
+SURROUNDINGS = 3.0  # radii around a marker that its color is told apart from
+FORGET = 0.9  # of what was learned, at each relearning
+KEEP_FIRST = 0.5  # share of the first frame in what is known, for good
+UNSEEN = 25.0  # squared distance (Mahalanobis) from the colors seen, above which a color is unknown
+SURE_CONTRAST = 0.8  # below it on average, the first guess of the radius is doubted
+LEAST_CONTRAST = 0.35  # coverage of a marker's inside above its surroundings
+_RADII = 1.12 ** np.arange(32) * 1.5
+_SURE_ROUNDS, _ROUNDS = 3, 4
+CLICK_ERROR = 3.0  # px that a picked point may be off
+_RIDGE = 1e-3
+
+
+def radius_at(image: Image, points: Array) -> float:
+    """Radius of the markers: where the color changes most from the ring inside to the ring outside [px].
+
+    Args:
+        image: RGB. Shape (H, W, 3).
+        points: Near the markers' centers [px]. Shape (M, 2).
+    """
+    largest = 0.6 * _typical_gap(points)  # two may seem to overlap, but not most
+    radii = _RADII[max(largest, 2.0) >= _RADII]
+    reach = int(np.ceil(1.5 * radii[-1])) + 1
+    totals = np.zeros((len(points), len(radii)))
+    for m, point in enumerate(points):
+        window, corner = cut(image, point, reach)
+        y, x = np.mgrid[: window.shape[0], : window.shape[1]]
+        grid = np.stack([x + corner[0], y + corner[1]], axis=-1)
+        away = np.linalg.norm(grid - point, axis=2)
+        away[(np.linalg.norm(grid[:, :, None] - points, axis=3) < away[:, :, None]).any(axis=2)] = np.inf
+        colors = window.astype(float)
+        for k, radius in enumerate(radii):
+            thick = max(1.5, 0.2 * radius)
+            inside, ring = (away <= radius) & (away > radius - thick), (away > radius) & (away <= radius + thick)
+            if inside.any() and ring.any():
+                totals[m, k] = np.linalg.norm(colors[inside].mean(axis=0) - colors[ring].mean(axis=0))
+    return float(radii[int(np.argmax(np.median(totals, axis=0)))])
+
+
+def _typical_gap(points: Array) -> float:
+    gaps = np.linalg.norm(points[:, None] - points[None], axis=2) + np.where(np.eye(len(points)), np.inf, 0)
+    return float(np.median(gaps.min(axis=1))) if len(points) > 1 else 50.0
+
+
+def cut(image: Image, point: Array, reach: int) -> tuple[Image, NDArray[np.int64]]:
+    """The square around a point as far as it lies in the frame, and its corner (x, y)."""
+    x, y = np.round(point).astype(int)
+    left, top = max(int(x) - reach, 0), max(int(y) - reach, 0)
+    return image[top : max(int(y) + reach + 1, 0), left : max(int(x) + reach + 1, 0)], np.array([left, top])
+
+
+class Appearance:
+    """Coverage of every color, as a table.
+
+    Attributes:
+        points: Centers of the markers in the first frame [px]. Shape (M, 2).
+        radius: Of the markers [px].
+        shares: How much of its disc each marker covers, about 1. Shape (M,).
+        contrast: How much each looks like a marker, see `contrasts`. Shape (M,).
+        table: Coverage from 0 to 1 by the leading bits of red, green and blue. Shape (2^(3 BITS),).
+    """
+
+    def __init__(self, image: Image, points: Array) -> None:
+        """Learns from the first frame.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            points: Near the markers' centers, off by less than about a radius [px]. Shape (M, 2).
+
+        Raises:
+            TrackingError: What is at the points doesn't differ from what is around them.
+        """
+        self._fitted(image, points, radius_at(image, points))
+        if self.contrast.mean() < SURE_CONTRAST:  # the radius may have been the body's: begin with other ones, too
+            tried = [dict(vars(self))]
+            for share in (0.2, 0.35):
+                self._fitted(image, points, share * _typical_gap(points))
+                tried.append(dict(vars(self)))
+            vars(self).update(max(tried, key=lambda state: float(state["contrast"].mean())))
+        bad = np.flatnonzero(self.contrast < LEAST_CONTRAST)
+        if len(bad) > len(points) // 3:
+            listed = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in points[bad[:3]])
+            raise TrackingError(
+                f"no marker stands out at {len(bad)} of {len(points)} points, such as {listed}; pick the points on the "
+                f"markers' centers in the first frame (`swim2real pick`)"
+            )
+
+    def _fitted(self, image: Image, points: Array, radius: float) -> None:
+        """Color, radius and centers, in turns until they agree."""
+        self.points, self.radius = points.copy(), radius
+        for sure in (*(True,) * _SURE_ROUNDS, *(False,) * _ROUNDS):
+            self._first = _moments(image, self.points, self.radius, CLICK_ERROR if sure else 0.0)
+            self._known = self._first
+            self._rebuild()
+            # as far as the points may be off, but not nearer to another marker
+            reaches = np.full(len(points), 1.3 * self.radius + 2.0)
+            moved, shares = discs(image, self.table, self.points, reaches, self.points, self.radius)
+            self.points = np.where(np.isfinite(moved), moved, self.points)
+            if sure:
+                self.radius = radius_at(image, self.points)
+            else:
+                self.radius *= float(np.clip(np.sqrt(np.median(shares)), 0.8, 1.25))
+            self.shares = shares
+        self.contrast = contrasts(image, self.table, self.points, np.full(len(points), self.radius))
+
+    def learn(self, image: Image, points: Array) -> None:
+        """Takes in how the markers look now, as the light changes.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            points: Of the markers that were found with certainty [px]. Shape (K, 2).
+        """
+        matrix, target, mean, spread = _moments(image, points, self.radius)
+        known = self._known
+        new = (FORGET * known[0] + (1 - FORGET) * matrix, FORGET * known[1] + (1 - FORGET) * target,
+               FORGET * known[2] + (1 - FORGET) * mean, FORGET * known[3] + (1 - FORGET) * spread)  # fmt: skip
+        self._known = new
+        self._rebuild()
+
+    def _rebuild(self) -> None:
+        matrix, target, mean, square = (
+            KEEP_FIRST * a + (1 - KEEP_FIRST) * b for a, b in zip(self._first, self._known, strict=True)
+        )
+        weights = np.linalg.solve(matrix + _RIDGE * np.diag(np.diag(matrix) + 1e-9), target)
+        coverage = _COLOR_FEATURES @ weights
+        covariance = square - np.outer(mean, mean) + np.diag(np.full(3, 1e-4))
+        off = _COLORS - mean
+        unseen = np.einsum("ij,jk,ik->i", off, np.linalg.inv(covariance), off)
+        known = np.clip(2 - unseen / UNSEEN, 0.0, 1.0)
+        self.table = (np.clip(coverage, 0.0, 1.0) * known).astype(np.float32)
+
+
+def _features(colors: Array) -> Array:
+    """Polynomial of colors from 0 to 1. Shape (N, 3) to (N, 10)."""
+    r, g, b = colors.T
+    return np.stack([np.ones_like(r), r, g, b, r * r, g * g, b * b, r * g, g * b, b * r], axis=1)
+
+
+_LEVELS = (np.arange(2**BITS) + 0.5) / 2**BITS
+_COLORS = np.stack(np.meshgrid(_LEVELS, _LEVELS, _LEVELS, indexing="ij"), axis=-1).reshape(-1, 3)
+_COLOR_FEATURES = _features(_COLORS)
+
+
+def _moments(image: Image, points: Array, radius: float, unsure: float = 0.0) -> tuple[Array, Array, Array, Array]:
+    """What a fit of coverage needs: of the polynomial with itself and with the discs, mean and square of the colors.
+
+    Where points may be off by `unsure` [px], only pixels count that are on or off a marker all the same.
+    """
+    reach = int(np.ceil(SURROUNDINGS * radius + 2 * unsure)) + 1
+    matrix, target = np.zeros((10, 10)), np.zeros(10)
+    mean, square, total = np.zeros(3), np.zeros((3, 3)), 0.0
+    for point in points:
+        window, corner = cut(image, point, reach)
+        if window.size == 0:
+            continue
+        y, x = np.mgrid[: window.shape[0], : window.shape[1]]
+        grid = np.stack([x + corner[0], y + corner[1]], axis=-1)
+        away = np.linalg.norm(grid[:, :, None] - points, axis=3).min(axis=2)  # from the nearest marker
+        wanted = np.clip(radius - away + 0.5, 0.0, 1.0).ravel()
+        colors = (window.reshape(-1, 3) + 0.5) / 256
+        weights = np.where(np.abs(away.ravel() - radius) < 1.5, 0.2, 1.0)  # the edge isn't known that well
+        if unsure:
+            inner, outer = max(radius - unsure, 0.4 * radius), radius + unsure
+            weights = ((away <= inner) | (away >= outer)).ravel().astype(float)
+        on = wanted > 0.5
+        weights = weights * np.where(on, 1 / max(weights[on].sum(), 1.0), 1 / max(weights[~on].sum(), 1.0))
+        features = _features(colors)
+        matrix += (features * weights[:, None]).T @ features
+        target += (features * weights[:, None]).T @ wanted
+        mean += weights @ colors
+        square += (colors * weights[:, None]).T @ colors
+        total += float(weights.sum())
+    total = max(total, 1e-12)
+    return matrix / total, target / total, mean / total, square / total

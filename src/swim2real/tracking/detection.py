@@ -1,0 +1,207 @@
+"""The default tracker: finds all markers anew in every frame, and knows when it doesn't see one.
+
+In each frame: predict from motion, look at the region around the prediction, find round blobs of marker color, give
+each marker its blob (`matching`), and refuse what doesn't fit. A marker that isn't seen is lost, not guessed; it is
+searched for at its place on the body until it is seen again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, uniform_filter
+
+from swim2real.errors import TrackingError
+from swim2real.tracking.appearance import Appearance
+from swim2real.tracking.coverage import contrasts, covered, discs
+from swim2real.tracking.matching import filled, gaps_of, link_strain, links_of, match, placed, strained
+from swim2real.tracking.tracker import Array, Image
+
+LEAST_CONFIDENCE = 0.35  # below it a marker is lost
+RELEARN_TIME = 0.2  # s between two looks at how the light has changed
+ADAPT_TIME = 0.7  # s over which lengths between markers may drift: parallax, a body that bends
+SEARCH_TIME = 0.1  # s without the robot, after which it is searched for in the whole frame
+LEAST_SHARE, MOST_SHARE = 0.75, 1.5  # of what a marker usually covers of its disc
+BLUR_SHARE = 0.25  # of a marker's step that blurs it to each side: a shutter that is open half of the time
+_DETAIL = 4.0  # px radius at which blobs are searched for: larger markers are looked at in less detail
+_LEAST_RESPONSE = 0.10
+_MOST_BLOBS = 80
+_HISTORY = 3
+
+
+class DetectionTracker:
+    """Follows the markers of one robot. See `tracker.Tracker`."""
+
+    def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
+        """Learns what the markers look like."""
+        self._look = Appearance(image, points)
+        positions = self._look.points
+        count = len(positions)
+        self._usual, self._shares = np.maximum(self._look.contrast, 0.2), self._look.shares.copy()
+        self._links = links_of(count)
+        self._lengths = np.linalg.norm(positions[self._links[:, 0]] - positions[self._links[:, 1]], axis=1)
+        self._shapes = np.repeat(positions[None], count, axis=0)  # all markers when each was last seen
+        self._times: list[float] = []
+        self._tracks: list[Array] = []
+        self._lost_since = np.full(count, -np.inf)
+        self._learned, self._seen_at = time, time
+        confidence = np.clip(self._look.contrast / max(float(np.median(self._look.contrast)), 1e-9), 0.0, 1.0)
+        self._remember(positions, time)
+        self._places, self._interval = positions.copy(), 0.0
+        return positions.copy(), confidence
+
+    def follow(self, image: Image, time: float) -> tuple[Array, Array]:
+        """Finds the markers in the next frame."""
+        if not self._times or time <= self._times[-1]:
+            raise TrackingError(f"frame time {time:.4f} s isn't after the last one; call start() first, then in order")
+        self._interval = time - self._times[-1]
+        predicted = self._predicted(time)
+        found = self._in_region(image, predicted, time)
+        if np.isfinite(found[0][:, 0]).sum() < 2 and time - self._seen_at > SEARCH_TIME:
+            found = self._anywhere(image, time)
+        positions, confidence = found
+        self._remember(positions, time)
+        self._adapt(image, positions, confidence, time)
+        return positions, confidence
+
+    def _in_region(self, image: Image, predicted: Array, time: float) -> tuple[Array, Array]:
+        radius = self._look.radius
+        lost_for = np.where(np.isfinite(self._tracks[-1][:, 0]), 0.0, time - self._lost_since)
+        doubt = 1.5 * radius + 3 + 0.35 * self._steps() + 150 * radius / 8 * np.minimum(lost_for, 1.0)
+        reach = float(3 * radius + 2 * np.median(doubt) + min(doubt.max(), 200.0))
+        blobs, quality = self._blobs(image, predicted.min(axis=0) - reach, predicted.max(axis=0) + reach)
+        chosen, places = match(predicted, doubt, blobs, quality)
+        self._places = places
+        return self._judged(image, chosen, blobs, places)
+
+    def _judged(self, image: Image, chosen: NDArray[np.int64], blobs: Array, places: Array) -> tuple[Array, Array]:
+        """Positions and confidence of what was chosen; NaN and 0 for what doesn't fit."""
+        count, radius = len(chosen), self._look.radius
+        positions = np.full((count, 2), np.nan)
+        seen = np.flatnonzero(chosen >= 0)
+        if len(seen) == 0:
+            return positions, np.zeros(count)
+        others = np.concatenate([blobs[chosen[seen]], places[chosen < 0]])
+        blur = BLUR_SHARE * self._steps()
+        reaches = 1.1 * radius + 1.5 + blur[seen]
+        at, shares = discs(image, self._look.table, blobs[chosen[seen]], reaches, others, radius)
+        at[_outside(at, image, radius)] = np.nan
+        positions[seen] = at
+        contrast, share = np.zeros(count), np.zeros(count)
+        contrast[seen] = contrasts(image, self._look.table, at, radius + blur[seen])
+        share[seen] = shares
+        self._share = share
+        confidence = np.minimum(contrast / self._usual, 1.0)
+        # part of a marker has its center elsewhere
+        size = share / self._shares
+        confidence[(size < LEAST_SHARE) | (size > MOST_SHARE)] = 0.0
+        slack = 0.3 * radius + 1.0 + 0.1 * float(np.median(self._steps()))
+        confidence[strained(positions, self._links, self._lengths, slack)] = 0.0
+        strain = link_strain(positions, self._links, self._lengths, slack)
+        worst = np.zeros(count)
+        np.maximum.at(worst, self._links.ravel(), np.repeat(np.where(strain <= 1, strain, 0.0), 2))
+        confidence = np.where(confidence < LEAST_CONFIDENCE, 0.0, confidence * (1 - 0.3 * worst**2))
+        positions[confidence == 0] = np.nan
+        return positions, confidence
+
+    def _blobs(self, image: Image, low: Array, high: Array) -> tuple[Array, Array]:
+        """Round blobs of marker color in a box, with their quality."""
+        height, width = image.shape[:2]
+        radius = self._look.radius
+        step = max(1, int(radius / _DETAIL + 0.5))
+        left, top = (int(np.clip(np.floor(v), 0, s)) for v, s in zip(low, (width, height), strict=True))
+        right, bottom = (int(np.clip(np.ceil(v), 0, s)) for v, s in zip(high, (width, height), strict=True))
+        if right - left < 4 * step or bottom - top < 4 * step:
+            return np.empty((0, 2)), np.empty(0)
+        coverage = covered(image[top:bottom, left:right], self._look.table, step)
+        size = max(3, 2 * int(0.6 * radius / step) + 1)
+        inner = uniform_filter(uniform_filter(coverage, size, mode="nearest"), 3, mode="nearest")
+        response = inner - uniform_filter(coverage, 2 * size + 3, mode="nearest")
+        peaks = (response >= maximum_filter(response, max(3, size - 2))) & (response > _LEAST_RESPONSE)
+        rows, columns = np.nonzero(peaks)
+        best = np.argsort(-response[rows, columns])[:_MOST_BLOBS]
+        blobs = np.stack([columns[best], rows[best]], axis=1) * step + (step - 1) / 2 + np.array([left, top])
+        blobs = blobs.astype(np.float64)
+        reaches = np.full(len(blobs), radius)
+        blobs, _ = discs(image, self._look.table, blobs, reaches, blobs, radius)
+        quality = contrasts(image, self._look.table, blobs, reaches) / float(np.median(self._usual))
+        keep = quality > LEAST_CONFIDENCE / 2
+        return blobs[keep], np.minimum(quality[keep], 1.0)
+
+    def _anywhere(self, image: Image, time: float) -> tuple[Array, Array]:
+        """Searches the whole frame for the body as it was seen last, in any place and direction."""
+        size = np.array(image.shape[1::-1], dtype=float)
+        blobs, quality = self._blobs(image, np.zeros(2), size)
+        shape = self._shapes[0]
+        first, second = self._links[0]
+        length = self._lengths[0]
+        best, found = 2.5, None
+        for a in range(len(blobs)):
+            away = np.linalg.norm(blobs - blobs[a], axis=1)
+            for b in np.flatnonzero(np.abs(away - length) < 0.1 * length):
+                points = np.full_like(shape, np.nan)
+                points[first], points[second] = blobs[a], blobs[b]
+                guess = placed(points, shape, np.ones(len(shape)))
+                off = np.linalg.norm(guess[:, None] - blobs[None], axis=2)
+                score = float((quality * np.exp(-0.5 * (off / (0.4 * gaps_of(guess)[:, None])) ** 2)).max(axis=1).sum())
+                if score > best:
+                    best, found = score, guess
+        if found is None:
+            return np.full_like(shape, np.nan), np.zeros(len(shape))
+        doubt = np.full(len(shape), 4 * self._look.radius)
+        chosen, places = match(found, doubt, blobs, quality)
+        return self._judged(image, chosen, blobs, places)
+
+    def _predicted(self, time: float) -> Array:
+        """Where each marker should be now [px]. Shape (M, 2)."""
+        last = self._tracks[-1]
+        out = last.copy()
+        if len(self._tracks) >= 2:
+            t = np.array(self._times)
+            span = (time - t[-1]) / (t[-1] - t[-2])
+            velocity = (last - self._tracks[-2]) * span
+            out = np.where(np.isfinite(velocity), last + velocity, out)
+            if len(self._tracks) >= 3:
+                before = (self._tracks[-2] - self._tracks[-3]) * ((t[-1] - t[-2]) / (t[-2] - t[-3]))
+                bend = (last - self._tracks[-2] - before) * span * (span + 1) / 2
+                out = np.where(np.isfinite(bend), out + 0.9 * bend, out)
+        return filled(out, self._shapes)
+
+    def _steps(self) -> Array:
+        """How far markers went from the last frame but one to the last, or about that [px]. Shape (M,)."""
+        if len(self._tracks) < 2:
+            return np.full(len(self._tracks[-1]), self._look.radius)
+        steps = np.linalg.norm(self._tracks[-1] - self._tracks[-2], axis=1)
+        typical = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else self._look.radius
+        return np.where(np.isfinite(steps), steps, typical)
+
+    def _remember(self, positions: Array, time: float) -> None:
+        seen = np.isfinite(positions[:, 0])
+        if seen.sum() >= 2:
+            self._seen_at = time
+        self._shapes[seen] = filled(positions, self._shapes)
+        just_lost = ~seen & (np.isfinite(self._tracks[-1][:, 0]) if self._tracks else True)
+        self._lost_since = np.where(just_lost, time, self._lost_since)
+        self._times = [*self._times, time][-_HISTORY:]
+        self._tracks = [*self._tracks, positions][-_HISTORY:]
+
+    def _adapt(self, image: Image, positions: Array, confidence: Array, time: float) -> None:
+        sure = confidence > 0.7
+        found = np.linalg.norm(positions[self._links[:, 0]] - positions[self._links[:, 1]], axis=1)
+        both = sure[self._links].all(axis=1)
+        rate = min(1.0, self._interval / ADAPT_TIME)
+        self._lengths = np.where(both, self._lengths + rate * (np.nan_to_num(found) - self._lengths), self._lengths)
+        if time - self._learned >= RELEARN_TIME and sure.sum() > len(sure) // 2:
+            self._learned = time
+            self._look.learn(image, positions[sure])
+            radii = self._look.radius + BLUR_SHARE * self._steps()[sure]
+            contrast = contrasts(image, self._look.table, positions[sure], radii)
+            self._usual[sure] += 0.2 * (np.maximum(contrast, 0.2) - self._usual[sure])
+            self._shares[sure] += 0.2 * (self._share[sure] - self._shares[sure])
+
+
+def _outside(points: Array, image: Image, margin: float) -> NDArray[np.bool_]:
+    """Points whose marker isn't wholly in the frame. Shape (N,)."""
+    height, width = image.shape[:2]
+    x, y = points.T
+    return ~((x >= margin) & (x <= width - 1 - margin) & (y >= margin) & (y <= height - 1 - margin))
