@@ -1,4 +1,5 @@
 import json
+import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -6,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swim2real.errors import ArgumentError, TrackingError
+from swim2real.errors import ArgumentError, MissingExtraError, TrackingError
 from swim2real.robots.fish import FISH
 from swim2real.tracking.camera import Camera, camera_for
 from swim2real.tracking.camera_file import CameraFile, Length, camera_from_board, read_camera, write_camera
@@ -568,3 +569,13 @@ def test_a_camera_file_that_isnt_one_is_refused(tmp_path):
     assert refusal(read_camera, path).startswith(f"camera file '{path}' can't be read as JSON: ")
     path.write_text("[]")
     assert refusal(read_camera, path) == f"camera file '{path}': format is 'list'; this version reads format 1"
+
+
+def test_a_lens_without_opencv_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "cv2", None)  # as if it weren't installed
+    says = "needs OpenCV; install it with: pip install 'swim2real[opencv]'"
+    track = Eye().track(swim())
+    assert refusal(see, track, CameraFile(lens=LENS), error=MissingExtraError) == f"the lens in a camera file {says}"
+    blank = np.zeros((9, 9), dtype=np.uint8)
+    assert refusal(camera_from_board, blank, (9, 6), 0.1, error=MissingExtraError) == f"a chessboard {says}"
+    assert see(track).findings()  # all else works without it
