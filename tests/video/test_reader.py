@@ -1,8 +1,5 @@
-import contextlib
-import socket
 import subprocess
 import sys
-import threading
 import wave
 from fractions import Fraction
 
@@ -181,30 +178,6 @@ def test_what_is_not_a_file_is_refused(tmp_path):
 def test_text_is_refused(tmp_path, name):
     (tmp_path / name).write_text("time,x,y\n0.0,1.0,2.0\n" * 40)
     _refused(tmp_path / name, "is a text file, not a video|is not a video that FFmpeg can read")
-
-
-def test_a_playlist_opens_no_address(tmp_path):
-    asked = []
-
-    def answer(server):
-        with contextlib.suppress(OSError):  # until it is shut down
-            while True:
-                connection, _ = server.accept()
-                asked.append(connection.recv(1000))
-                connection.close()
-
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        listener = threading.Thread(target=answer, args=(server,))
-        listener.start()
-        (tmp_path / "list.m3u8").write_text(
-            "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:1.2,\n"
-            f"http://127.0.0.1:{server.getsockname()[1]}/swim.ts\n#EXT-X-ENDLIST\n"
-        )
-        with pytest.raises(VideoError, match=r"list\.m3u8"):
-            VideoReader(tmp_path / "list.m3u8")
-        server.shutdown(socket.SHUT_RDWR)
-        listener.join()
-        assert asked == []
 
 
 def test_sound_alone_is_refused(tmp_path):

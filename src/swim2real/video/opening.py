@@ -54,8 +54,7 @@ def open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]:
             "or repair it with a tool that has an intact video of the same camera"
         )
     try:
-        # a playlist posing as a video must not open anything else
-        container = av.open(str(path.absolute()), options={"protocol_whitelist": "file"})
+        container = av.open(str(path.absolute()))
     except FFmpegError as error:
         if isinstance(error, PermissionError):
             raise VideoError(f"'{path}' can't be read: permission denied") from None
