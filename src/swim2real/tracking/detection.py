@@ -14,7 +14,7 @@ from scipy.ndimage import maximum_filter, uniform_filter
 from swim2real.errors import TrackingError
 from swim2real.tracking.appearance import Appearance
 from swim2real.tracking.coverage import contrasts, covered, discs
-from swim2real.tracking.matching import filled, gaps_of, link_strain, links_of, match, placed, strained
+from swim2real.tracking.matching import filled, gaps_of, link_strain, links_of, match, placed, strained, unsupported
 from swim2real.tracking.tracker import Array, Image
 
 LEAST_CONFIDENCE = 0.35  # below it a marker is lost
@@ -22,6 +22,7 @@ RELEARN_TIME = 0.2  # s between two looks at how the light has changed
 ADAPT_TIME = 0.7  # s over which lengths between markers may drift: parallax, a body that bends
 SEARCH_TIME = 0.1  # s without the robot, after which it is searched for in the whole frame
 LEAST_SHARE, MOST_SHARE = 0.75, 1.5  # of what a marker usually covers of its disc
+LOST_TRUST = 0.25  # of a lost marker's predicted place, against that of one that was seen
 BLUR_SHARE = 0.25  # of a marker's step that blurs it to each side: a shutter that is open half of the time
 _DETAIL = 4.0  # px radius at which blobs are searched for: larger markers are looked at in less detail
 _LEAST_RESPONSE = 0.10
@@ -47,7 +48,7 @@ class DetectionTracker:
         self._learned, self._seen_at = time, time
         confidence = np.clip(self._look.contrast / max(float(np.median(self._look.contrast)), 1e-9), 0.0, 1.0)
         self._remember(positions, time)
-        self._places, self._interval = positions.copy(), 0.0
+        self._interval = 0.0
         return positions.copy(), confidence
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
@@ -70,8 +71,8 @@ class DetectionTracker:
         doubt = 1.5 * radius + 3 + 0.35 * self._steps() + 150 * radius / 8 * np.minimum(lost_for, 1.0)
         reach = float(3 * radius + 2 * np.median(doubt) + min(doubt.max(), 200.0))
         blobs, quality = self._blobs(image, predicted.min(axis=0) - reach, predicted.max(axis=0) + reach)
-        chosen, places = match(predicted, doubt, blobs, quality)
-        self._places = places
+        trust = np.where(np.isfinite(self._tracks[-1][:, 0]), 1.0, LOST_TRUST)
+        chosen, places = match(predicted, doubt, trust, blobs, quality)
         return self._judged(image, chosen, blobs, places)
 
     def _judged(self, image: Image, chosen: NDArray[np.int64], blobs: Array, places: Array) -> tuple[Array, Array]:
@@ -95,14 +96,16 @@ class DetectionTracker:
         # part of a marker has its center elsewhere
         size = share / self._shares
         confidence[(size < LEAST_SHARE) | (size > MOST_SHARE)] = 0.0
-        slack = 0.3 * radius + 1.0 + 0.1 * float(np.median(self._steps()))
-        confidence[strained(positions, self._links, self._lengths, slack)] = 0.0
+        positions[confidence < LEAST_CONFIDENCE] = np.nan
+        slack = 0.15 * radius + 1.0 + 0.05 * float(np.median(self._steps()))
+        positions[strained(positions, self._links, self._lengths, slack)] = np.nan
         strain = link_strain(positions, self._links, self._lengths, slack)
+        known = np.isfinite(self._tracks[-1][:, 0])
+        positions[unsupported(np.isfinite(positions[:, 0]), known, self._links, strain)] = np.nan
+        confidence[~np.isfinite(positions[:, 0])] = 0.0
         worst = np.zeros(count)
         np.maximum.at(worst, self._links.ravel(), np.repeat(np.where(strain <= 1, strain, 0.0), 2))
-        confidence = np.where(confidence < LEAST_CONFIDENCE, 0.0, confidence * (1 - 0.3 * worst**2))
-        positions[confidence == 0] = np.nan
-        return positions, confidence
+        return positions, confidence * (1 - 0.3 * worst**2)
 
     def _blobs(self, image: Image, low: Array, high: Array) -> tuple[Array, Array]:
         """Round blobs of marker color in a box, with their quality."""
@@ -135,7 +138,7 @@ class DetectionTracker:
         shape = self._shapes[0]
         first, second = self._links[0]
         length = self._lengths[0]
-        best, found = 2.5, None
+        best, found = max(0.4 * len(shape), 2.5), None
         for a in range(len(blobs)):
             away = np.linalg.norm(blobs - blobs[a], axis=1)
             for b in np.flatnonzero(np.abs(away - length) < 0.1 * length):
@@ -149,7 +152,7 @@ class DetectionTracker:
         if found is None:
             return np.full_like(shape, np.nan), np.zeros(len(shape))
         doubt = np.full(len(shape), 4 * self._look.radius)
-        chosen, places = match(found, doubt, blobs, quality)
+        chosen, places = match(found, doubt, np.ones(len(shape)), blobs, quality)
         return self._judged(image, chosen, blobs, places)
 
     def _predicted(self, time: float) -> Array:

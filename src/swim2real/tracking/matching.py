@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 GATE_SHARE = 0.45  # of the distance to the next marker: how far from its place a blob may be
-LINK_SHARE = 0.22  # by which a length along the body may be off
+LINK_SHARES = (0.15, 0.22)  # by which the distance of neighbors, and of next neighbors, may be off
+SUPPORT = 0.6  # of the strain that is allowed, at most, to vouch for a marker that reappears
+LEAST_GROUP = 4  # markers that may reappear without another that was seen
 LEAST_SEEN = 3  # markers, for a correction along the body
 _ROUNDS = 3
 _FAR = 1e6
@@ -26,12 +29,15 @@ def gaps_of(points: Array) -> Array:
     return (distances + np.where(np.eye(len(points)), np.inf, 0.0)).min(axis=1)
 
 
-def match(predicted: Array, doubt: Array, blobs: Array, quality: Array) -> tuple[NDArray[np.int64], Array]:
+def match(
+    predicted: Array, doubt: Array, trust: Array, blobs: Array, quality: Array
+) -> tuple[NDArray[np.int64], Array]:
     """Gives each marker a blob or none.
 
     Args:
         predicted: Places that markers should be at [px]. Shape (M, 2).
         doubt: How far off each one may be beyond what markers have in common [px]. Shape (M,).
+        trust: How much each one says about what they have in common, from 0 to 1. Shape (M,).
         blobs: Found in the frame [px]. Shape (P, 2).
         quality: Of the blobs, from 0 to 1. Shape (P,).
 
@@ -42,7 +48,8 @@ def match(predicted: Array, doubt: Array, blobs: Array, quality: Array) -> tuple
     if len(blobs) == 0:
         return np.full(count, -1), predicted
     gates = np.minimum(doubt, GATE_SHARE * gaps_of(predicted) + 1.0)
-    places = predicted + _common_shift(predicted, np.maximum(gates, 2.0), blobs, quality, float(3 * np.median(doubt)))
+    reach = float(3 * np.median(doubt))
+    places = predicted + _common_shift(predicted, np.maximum(gates, 2.0), trust, blobs, quality, reach)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(predicted, axis=0), axis=1))])
     along = 2 * along / max(along[-1], 1e-9) - 1
     chosen = np.full(count, -1)
@@ -61,13 +68,13 @@ def match(predicted: Array, doubt: Array, blobs: Array, quality: Array) -> tuple
     return chosen, places
 
 
-def _common_shift(predicted: Array, gates: Array, blobs: Array, quality: Array, reach: float) -> Array:
+def _common_shift(predicted: Array, gates: Array, trust: Array, blobs: Array, quality: Array, reach: float) -> Array:
     """The shift that brings most markers onto blobs. Shape (2,)."""
     between = blobs[None] - predicted[:, None]  # (M, P, 2)
     shifts = between.reshape(-1, 2)
     shifts = np.concatenate([np.zeros((1, 2)), shifts[np.linalg.norm(shifts, axis=1) < reach]])
     off = np.linalg.norm(between[None] - shifts[:, None, None], axis=3)  # (S, M, P)
-    hits = (quality * np.exp(-0.5 * (off / (0.5 * gates[:, None])) ** 2)).max(axis=2).sum(axis=1)
+    hits = (quality * np.exp(-0.5 * (off / (0.5 * gates[:, None])) ** 2)).max(axis=2) @ trust
     likely = np.exp(-0.5 * (np.linalg.norm(shifts, axis=1) / reach) ** 2)
     return shifts[int(np.argmax(hits * (0.5 + 0.5 * likely)))]
 
@@ -129,7 +136,39 @@ def strained(points: Array, links: NDArray[np.int64], lengths: Array, slack: flo
 def link_strain(points: Array, links: NDArray[np.int64], lengths: Array, slack: float) -> Array:
     """How far each length is off, 1 at what is allowed; 0 where one end wasn't found. Shape (L,)."""
     found = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
-    return np.nan_to_num(np.abs(found - lengths) / (LINK_SHARE * lengths + slack))
+    shares = np.array(LINK_SHARES)[links[:, 1] - links[:, 0] - 1]
+    return np.nan_to_num(np.abs(found - lengths) / (shares * lengths + slack))
+
+
+def unsupported(found: NDArray[np.bool_], known: NDArray[np.bool_], links: NDArray[np.int64], strain: Array) -> Mask:
+    """Markers that reappeared where nothing vouches for them: a wrong blob may lie there. Shape (M,).
+
+    A marker that was seen a moment ago vouches for one that reappears next to it at the right distance, and so on along
+    the body. Without any, most of the body must reappear at once.
+
+    Args:
+        found: In this frame. Shape (M,).
+        known: In the last frame, too. Shape (M,).
+        links: Pairs of markers. Shape (L, 2).
+        strain: Of each, see `link_strain`. Shape (L,).
+    """
+    sure = found & known
+    if not sure.any():
+        sound = found.copy()
+        a, b = links[strain > SUPPORT].T
+        sound[a] = sound[b] = False
+        return found & ~(sound if sound.sum() >= max(LEAST_GROUP, len(found) // 2) else np.zeros_like(found))
+    while True:
+        a, b = links.T
+        good, bad = strain <= SUPPORT, strain > SUPPORT
+        vouched, refused = np.zeros_like(found), np.zeros_like(found)
+        for one, other in ((a, b), (b, a)):
+            vouched[one[good & sure[other] & found[one]]] = True
+            refused[one[bad & sure[other] & found[one]]] = True
+        more = vouched & ~refused & ~sure
+        if not more.any():
+            return found & ~sure
+        sure |= more
 
 
 def filled(points: Array, before: Array) -> Array:
