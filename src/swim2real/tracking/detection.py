@@ -22,12 +22,15 @@ RELEARN_TIME = 0.2  # s between two looks at how the light has changed
 ADAPT_TIME = 0.7  # s over which lengths between markers may drift: parallax, a body that bends
 SEARCH_TIME = 0.1  # s without the robot, after which it is searched for in the whole frame
 LEAST_SHARE, MOST_SHARE = 0.75, 1.5  # of what a marker usually covers of its disc
+CROWDED = 2.2  # radii between the places of markers that may be one blob
+MERGED = 0.7  # radii between two markers, below which their places in one blob are a guess
 LOST_TRUST = 0.25  # of a lost marker's predicted place, against that of one that was seen
 BLUR_SHARE = 0.25  # of a marker's step that blurs it to each side: a shutter that is open half of the time
 _DETAIL = 4.0  # px radius at which blobs are searched for: larger markers are looked at in less detail
 _LEAST_RESPONSE = 0.10
 _MOST_BLOBS = 80
 _HISTORY = 3
+_OVERLAP_ROUNDS = 4
 
 
 class DetectionTracker:
@@ -78,25 +81,32 @@ class DetectionTracker:
     def _judged(self, image: Image, chosen: NDArray[np.int64], blobs: Array, places: Array) -> tuple[Array, Array]:
         """Positions and confidence of what was chosen; NaN and 0 for what doesn't fit."""
         count, radius = len(chosen), self._look.radius
-        positions = np.full((count, 2), np.nan)
-        seen = np.flatnonzero(chosen >= 0)
+        seeds = np.where(chosen[:, None] >= 0, blobs[chosen], places) if len(blobs) else places.copy()
+        # of markers that overlap in the picture only one blob may be left: each is looked for at its place
+        apart = np.linalg.norm(places[:, None] - places[None], axis=2) + np.where(np.eye(count), np.inf, 0.0)
+        crowded = (apart < CROWDED * radius) & ((chosen < 0)[:, None] | (chosen < 0))
+        crowded = crowded.any(axis=1) & (places == np.clip(places, 0, np.array(image.shape[1::-1]) - 1)).all(axis=1)
+        seeds[crowded] = places[crowded]
+        seen = np.flatnonzero((chosen >= 0) | crowded)
+        self._share = np.zeros(count)
+        positions, contrast = np.full((count, 2), np.nan), np.zeros(count)
         if len(seen) == 0:
-            return positions, np.zeros(count)
-        others = np.concatenate([blobs[chosen[seen]], places[chosen < 0]])
-        blur = BLUR_SHARE * self._steps()
-        reaches = 1.1 * radius + 1.5 + blur[seen]
-        at, shares = discs(image, self._look.table, blobs[chosen[seen]], reaches, others, radius)
-        at[_outside(at, image, radius)] = np.nan
+            return positions, contrast
+        blur, at = BLUR_SHARE * self._steps(), seeds[seen]
+        for _ in range(_OVERLAP_ROUNDS if crowded.any() else 1):
+            reaches = 1.1 * radius + 1.5 + blur[seen]
+            at, self._share[seen] = discs(image, self._look.table, seeds[seen], reaches, seeds, radius)
+            seeds[seen] = np.where(np.isfinite(at), at, seeds[seen])
+        at[_outside(at, image, radius) | (np.linalg.norm(at - places[seen], axis=1) > 2 * radius)] = np.nan
         positions[seen] = at
-        contrast, share = np.zeros(count), np.zeros(count)
         contrast[seen] = contrasts(image, self._look.table, at, radius + blur[seen])
-        share[seen] = shares
-        self._share = share
         confidence = np.minimum(contrast / self._usual, 1.0)
         # part of a marker has its center elsewhere
-        size = share / self._shares
+        size = self._share / self._shares
         confidence[(size < LEAST_SHARE) | (size > MOST_SHARE)] = 0.0
         positions[confidence < LEAST_CONFIDENCE] = np.nan
+        with np.errstate(invalid="ignore"):
+            positions[gaps_of(positions) < MERGED * radius] = np.nan
         slack = 0.15 * radius + 1.0 + 0.05 * float(np.median(self._steps()))
         positions[strained(positions, self._links, self._lengths, slack)] = np.nan
         strain = link_strain(positions, self._links, self._lengths, slack)

@@ -26,7 +26,7 @@ _FAR = 1e6
 def gaps_of(points: Array) -> Array:
     """Distance of each marker to the nearest other one. Shape (M, 2) to (M,)."""
     distances = np.linalg.norm(points[:, None] - points[None], axis=2)
-    return (distances + np.where(np.eye(len(points)), np.inf, 0.0)).min(axis=1)
+    return np.nan_to_num(distances + np.where(np.eye(len(points)), np.inf, 0.0), nan=np.inf).min(axis=1)
 
 
 def match(
