@@ -78,9 +78,20 @@ class Result:
         return self.reported & ((self.errors > WRONG) | outside)
 
     @property
+    def visible(self) -> NDArray[np.bool_]:
+        """Not hidden, and not cut by the image's edge either. Shape (T, M)."""
+        edges = np.array(self.size) - 1 - self.radius
+        return ~self.hidden & ((self.places >= self.radius) & (self.places <= edges)).all(axis=2)
+
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """Visible and not reported. Shape (T, M)."""
+        return self.visible & ~self.reported
+
+    @property
     def rmse(self) -> float:
         """Of markers that are reported and visible [px]."""
-        return float(np.sqrt(np.nanmean(np.where(self.hidden, np.nan, self.errors) ** 2)))
+        return float(np.sqrt(np.nanmean(np.where(self.visible, self.errors, np.nan) ** 2)))
 
     @property
     def worst(self) -> float:
@@ -90,8 +101,7 @@ class Result:
     @property
     def missed(self) -> float:
         """Share of what is visible that isn't reported."""
-        visible = ~self.hidden
-        return float((visible & ~self.reported).sum() / max(visible.sum(), 1))
+        return float(self.lost.sum() / max(self.visible.sum(), 1))
 
     @property
     def right_though_hidden(self) -> int:
@@ -163,7 +173,7 @@ def row(name: str, result: Result, *more: str) -> None:
     print("| " + " | ".join((*cells, *more)) + " |", flush=True)
 
 
-def suite(clips: Iterable[Clip], folder: Path, csrt: tuple[str, ...]) -> None:
+def suite(clips: list[Clip], folder: Path, csrt: tuple[str, ...]) -> None:
     results: dict[str, Result] = {}
     others: dict[str, Result] = {}
     heading()
@@ -173,7 +183,8 @@ def suite(clips: Iterable[Clip], folder: Path, csrt: tuple[str, ...]) -> None:
         row(clip.name, results[clip.name])
         if clip.name in csrt:
             others[clip.name] = tracked(clip, filmed, decoded(path), CsrtTracker(box=40))
-    _totals(results, clips)
+    _totals(list(results.values()))
+    _speed([results[c.name] for c in clips if c.camera.width == 3840 and c.camera.fps == 60])
     if others:
         heading("times slower")
         for name, result in others.items():
@@ -181,20 +192,24 @@ def suite(clips: Iterable[Clip], folder: Path, csrt: tuple[str, ...]) -> None:
             row(f"CSRT, box 40: {name}", result, f"{slower:.0f}")
 
 
-def _totals(results: dict[str, Result], clips: Iterable[Clip]) -> None:
-    every = list(results.values())
+def _totals(every: list[Result]) -> None:
     reported, silent = (sum(int(getattr(r, name).sum()) for r in every) for name in ("reported", "silent"))
-    visible = sum(int((~r.hidden).sum()) for r in every)
-    missed = sum(int((~r.hidden & ~r.reported).sum()) for r in every)
+    visible, missed = (sum(int(getattr(r, name).sum()) for r in every) for name in ("visible", "lost"))
     print(
         f"\n{len(every)} clips, {sum(len(r.found) for r in every)} frames: {silent} silent errors among {reported} "
         f"reported positions; {missed} of {visible} visible ones missed ({100 * missed / max(visible, 1):.2f} %)"
     )
-    fourk = [results[c.name] for c in clips if c.camera.width == 3840 and c.camera.fps == 60 and c.name in results]
-    if fourk:
-        spent = sum(r.track_time + r.decode_time for r in fourk)
-        share = 60 * spent / sum(len(r.found) - WARM_UP for r in fourk)
-        print(f"4K at 60 fps: {share:.2f} s of decoding and tracking for a second of video, on one thread")
+
+
+def _speed(every: list[Result]) -> None:
+    """What 4K at 60 frames a second costs."""
+    count = sum(len(r.found) - WARM_UP for r in every)
+    if count:
+        tracking, decoding = (
+            60 * sum(getattr(r, name) for r in every) / count for name in ("track_time", "decode_time")
+        )
+        print(f"4K at 60 fps: {tracking + decoding:.2f} s of processing for a second of video on one thread, "
+              f"{decoding:.2f} s of it to decode")  # fmt: skip
 
 
 def random_clips(indices: Iterable[int], seed: int, make: Callable[[], DetectionTracker | CsrtTracker]) -> None:
@@ -215,11 +230,8 @@ def random_clips(indices: Iterable[int], seed: int, make: Callable[[], Detection
         row(clip.name, result)
         if result.silent.any() or result.missed > MOST_MISSED or result.rmse > MOST_RMSE:
             short.append(f"- clip {index}: {clip.settings()}\n  {_reasons(result)}")
-    reported, silent = (sum(int(getattr(r, name).sum()) for r in results) for name in ("reported", "silent"))
-    missed = sum(int((~r.hidden & ~r.reported).sum()) for r in results)
-    visible = sum(int((~r.hidden).sum()) for r in results)
-    print(f"\n{len(results)} clips: {silent} silent errors among {reported} reported positions; {missed} of {visible} "
-          f"visible ones missed\n\n{len(short)} clips with a silent error, more than {100 * MOST_MISSED:g} % missed, "
+    _totals(results)
+    print(f"\n{len(short)} clips with a silent error, more than {100 * MOST_MISSED:g} % missed, "
           f"an RMSE above {MOST_RMSE:g} px, or refused")  # fmt: skip
     print("\n".join(short))
 
@@ -233,13 +245,13 @@ def _reasons(result: Result) -> str:
         parts.append(f"{result.silent.sum()} silent errors, first in frame {frame}, marker {marker}: truth {at}, found "
                      f"{np.round(result.found[frame, marker], 1)}, confidence {result.confidence[frame, marker]:.2f}, "
                      f"hidden {result.hidden[frame, marker]}")  # fmt: skip
-    lost = ~result.hidden & ~result.reported
+    lost = result.lost
     if result.missed > MOST_MISSED:
         markers = ", ".join(f"{m}: {n}" for m, n in enumerate(lost.sum(axis=0)) if n)
         parts.append(f"{100 * result.missed:.0f} % missed of {len(lost)} frames, first in frame "
                      f"{np.argwhere(lost)[0][0]}; by marker {markers}")  # fmt: skip
     if result.rmse > MOST_RMSE:
-        errors = np.where(result.hidden, np.nan, result.errors)
+        errors = np.where(result.visible, result.errors, np.nan)
         frame, marker = np.unravel_index(np.nanargmax(errors), errors.shape)
         each = ", ".join(f"{e:.2f}" for e in np.sqrt(np.nanmean(errors**2, axis=0)))
         parts.append(f"RMSE {result.rmse:.2f} px, by marker {each}; worst {errors[frame, marker]:.1f} px in frame "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, fields, replace
 from functools import cache
 
@@ -85,10 +86,13 @@ class Clip:
         return ", ".join(part for part in parts if not part.startswith(("name=", "camera=")))
 
 
-def _changed(thing: object, usual: object) -> list[str]:
-    pairs = [(f.name, getattr(thing, f.name), getattr(usual, f.name)) for f in fields(thing)]  # pyright: ignore
-    return [f"{name}={value:.4g}" if isinstance(value, float) else f"{name}={value}"
-            for name, value, default in pairs if value != default]  # fmt: skip
+def _changed(thing: Clip | PoolCamera, usual: Clip | PoolCamera) -> list[str]:
+    pairs = [(f.name, getattr(thing, f.name), getattr(usual, f.name)) for f in fields(thing)]
+    return [f"{name}={_short(value)}" for name, value, default in pairs if value != default]
+
+
+def _short(value: object) -> str:
+    return re.sub(r"-?\d+\.\d{4,}", lambda found: f"{float(found[0]):.4g}", repr(value))
 
 
 @cache

@@ -1,0 +1,224 @@
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from swim2real.errors import TrackingError
+from swim2real.rendering.pool import PoolCamera, scene
+from swim2real.robots.fish import FISH
+from swim2real.tracking.detection import DetectionTracker
+from swimmers import Swimmer
+
+# one beat of the tail, from low in the picture to high and back
+SWIMMER = Swimmer(frequency=2.5, speed=0.3, phase=np.pi, heading=0.0, amplitude=0.05, duration=0.42, fps=250.0)
+CAMERA = PoolCamera(width=640, height=360, view=0.85)
+COVERED = (4, 5)
+GLARE = slice(9, 16)  # frames
+
+
+@dataclass(frozen=True)
+class Film:
+    """Pictures (T, H, W, 3), times (T,) [s], and the centers of the markers (T, M, 2) and their radius [px]."""
+
+    pictures: np.ndarray
+    times: np.ndarray
+    places: np.ndarray
+    radius: float
+
+    def tracked(self, picks=None):
+        """Positions (T, M, 2) and confidence (T, M)."""
+        tracker = DetectionTracker()
+        picks = self.places[0] if picks is None else picks
+        found = [tracker.start(self.pictures[0], picks, self.times[0])]
+        found += [tracker.follow(i, t) for i, t in zip(self.pictures[1:], self.times[1:], strict=True)]
+        return np.array([p for p, _ in found]), np.array([c for _, c in found])
+
+    def changed(self, pictures):
+        return replace(self, pictures=pictures)
+
+    def only(self, frames):
+        return replace(self, pictures=self.pictures[frames], times=self.times[frames], places=self.places[frames])
+
+
+def filmed(camera, swimmer=SWIMMER):
+    swim = scene(swimmer.track(noise=0.0, by_hand=False), FISH.marker_heights, camera, seed=1)
+    times, pictures = zip(*swim, strict=True)
+    truth = swim.filmed.truth.positions
+    assert np.isfinite(truth).all()
+    return Film(np.array(pictures), np.array(times), truth, camera.marker_radius / camera.meters_per_pixel)
+
+
+@pytest.fixture(scope="module")
+def film():
+    """A fish that beats its tail once. Don't write into it."""
+    made = filmed(CAMERA)
+    made.pictures.setflags(write=False)
+    return made
+
+
+@pytest.fixture(scope="module")
+def glared(film):
+    """The same with two markers below glare for seven frames, its positions and confidence."""
+    hard = painted(film, GLARE, COVERED)
+    return hard, *hard.tracked()
+
+
+def painted(film, frames, markers, color=(255, 255, 255), reach=2.0, strength=1.0):
+    """The pictures with a disc over each of some markers."""
+    pictures = film.pictures.copy()
+    y, x = np.mgrid[: pictures.shape[1], : pictures.shape[2]]
+    for k in range(len(pictures))[frames]:
+        for cx, cy in film.places[k, list(markers)]:
+            under = np.hypot(x - cx, y - cy) < reach * film.radius
+            mixed = (1 - strength) * pictures[k][under] + strength * np.array(color)
+            pictures[k][under] = mixed.astype(np.uint8)
+    return film.changed(pictures)
+
+
+def off_by(film, pixels, seed):
+    turns = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(film.places[0]))
+    return film.places[0] + pixels * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+
+
+def errors(film, positions):
+    """NaN for lost markers [px]. Shape (T, M)."""
+    return np.linalg.norm(positions - film.places, axis=2)
+
+
+def rmse(film, positions):
+    return float(np.sqrt(np.nanmean(errors(film, positions) ** 2)))
+
+
+def test_markers_are_found_to_a_fraction_of_a_pixel(film):
+    positions, confidence = film.tracked()
+    assert np.isfinite(positions).all()
+    assert rmse(film, positions) < 0.1
+    assert errors(film, positions).max() < 0.5
+    assert np.median(confidence) > 0.9
+
+
+def test_confidence_is_zero_where_a_marker_is_lost_and_at_most_one(glared):
+    _, positions, confidence = glared
+    lost = np.isnan(positions).any(axis=2)
+    assert lost.any()
+    np.testing.assert_array_equal(lost, np.isnan(positions).all(axis=2))
+    np.testing.assert_array_equal(lost, confidence == 0)
+    assert confidence.min() >= 0
+    assert confidence.max() <= 1
+
+
+def test_hidden_markers_are_lost_and_found_again_at_their_places(glared):
+    film, positions, _ = glared
+    seen = np.isfinite(positions[:, :, 0])
+    assert not seen[GLARE, COVERED].any()
+    assert seen[: GLARE.start].all()
+    assert seen[GLARE.stop + 1 :].all()  # one frame later at the latest
+    others = [m for m in range(seen.shape[1]) if m not in COVERED]
+    assert seen[:, others].mean() > 0.99
+    assert np.nanmax(errors(film, positions)) < 1
+
+
+def test_dark_patches_hide_markers_too(film):
+    positions, _ = painted(film, GLARE, (0, 7, 8), color=(20, 20, 20)).tracked()
+    assert np.isnan(positions[GLARE, (0, 7, 8), 0]).all()
+    assert np.isfinite(positions[GLARE.stop + 3 :]).all()
+    assert np.nanmax(errors(film, positions)) < 1
+
+
+def test_a_faded_marker_is_less_sure_than_the_others(film):
+    faded = painted(film.only(slice(9)), slice(6, 9), (1,), color=CAMERA.body_color, reach=1.3, strength=0.3)
+    _, confidence = faded.tracked()
+    before, after = confidence[:6].mean(axis=0), confidence[6:].mean(axis=0)
+    assert after[1] < before[1] - 0.1
+    assert after[0] > before[0] - 0.1
+
+
+def test_a_fish_that_was_hidden_as_a_whole_is_found_again(film):
+    pictures = film.pictures.copy()
+    pictures[5:17] = pictures[0, 0, 0]  # nothing but water for 0.2 s
+    positions, confidence = film.changed(pictures).tracked()
+    assert (confidence[5:17] == 0).all()
+    assert np.isfinite(positions[21:]).all()
+    assert np.nanmax(errors(film, positions)) < 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_points_may_be_off_by_three_pixels(film, seed):
+    early = film.only(slice(4))
+    positions, _ = early.tracked(off_by(film, 3.0, seed))
+    assert np.isfinite(positions).all()
+    assert rmse(early, positions) < 0.25
+
+
+def test_points_without_markers_are_refused(film):
+    beside = film.places[0] + [0.0, 4 * film.radius]
+    listed = r", ".join(rf"\({x:.0f}, {y:.0f}\)" for x, y in beside[:3])
+    with pytest.raises(
+        TrackingError,
+        match=rf"no marker stands out at 9 of 9 points, such as {listed}; pick the points on the markers' centers in "
+        r"the first frame \(`swim2real pick`\)",
+    ):
+        DetectionTracker().start(film.pictures[0], beside, 0.0)
+
+
+def test_a_picture_without_anything_is_refused(film):
+    with pytest.raises(TrackingError, match="no marker stands out at 9 of 9 points"):
+        DetectionTracker().start(np.full_like(film.pictures[0], 120), film.places[0], 0.0)
+
+
+def test_markers_that_leave_the_image_are_lost_until_they_return(film):
+    # cut off above, where the tail beats out of the image and in again
+    top = round(film.places[0, :, 1].min() - 2 * film.radius)
+    cut = replace(film, pictures=film.pictures[:, top:], places=film.places - [0, top])
+    height = cut.places[..., 1]
+    outside, inside = height < -film.radius, height > film.radius + 1
+    assert inside[0].all()
+    assert inside[-1].all()
+    assert outside.any()
+    positions, _ = cut.tracked()
+    assert np.isnan(positions[outside]).all()
+    assert np.isfinite(positions[inside][:, 0]).mean() > 0.9
+    assert np.isfinite(positions[-5:]).all()
+    assert np.nanmax(errors(cut, positions)) < 1
+
+
+def test_frames_may_be_missing(film):
+    kept = np.sort(np.random.default_rng(5).choice(len(film.times) - 1, 2 * len(film.times) // 3, replace=False) + 1)
+    kept = np.concatenate([[0], kept])
+    gaps = film.only(kept)
+    positions, _ = gaps.tracked()
+    assert np.diff(kept).max() > 2
+    assert np.isfinite(positions).mean() > 0.98
+    assert np.nanmax(errors(gaps, positions)) < 1
+
+
+@pytest.mark.parametrize(
+    ("marker", "body"),
+    [((30, 30, 32), (205, 205, 200)), ((250, 250, 250), (34, 38, 44)), ((74, 80, 86), (34, 38, 44))],
+    ids=["black on white", "white on black", "gray on black"],
+)
+def test_markers_of_other_colors(marker, body):
+    short = filmed(replace(CAMERA, marker_color=marker, body_color=body), replace(SWIMMER, duration=0.1))
+    positions, _ = short.tracked()
+    assert np.isfinite(positions).all()
+    assert rmse(short, positions) < 0.25
+
+
+def test_the_same_film_gives_the_same_track_with_a_used_tracker_too(glared):
+    film, positions, confidence = glared
+    tracker = DetectionTracker()
+    tracker.start(film.pictures[3], film.places[3], 3.0)
+    tracker.follow(film.pictures[4], 3.1)
+    again = [tracker.start(film.pictures[0], film.places[0], 0.0)]
+    again += [tracker.follow(i, t) for i, t in zip(film.pictures[1:12], film.times[1:12], strict=True)]
+    np.testing.assert_array_equal([p for p, _ in again], positions[:12])
+    np.testing.assert_array_equal([c for _, c in again], confidence[:12])
+
+
+def test_frames_must_come_in_order(film):
+    tracker = DetectionTracker()
+    tracker.start(film.pictures[0], film.places[0], 0.0)
+    tracker.follow(film.pictures[2], 2 / 60)
+    message = r"frame time 0.0333 s isn't after the last one; call start\(\) first, then in order"
+    with pytest.raises(TrackingError, match=message):
+        tracker.follow(film.pictures[2], 2 / 60)
