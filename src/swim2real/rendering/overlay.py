@@ -1,0 +1,286 @@
+"""The track overlay: the film with its track drawn on it, for a person to judge."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import ArgumentError
+from swim2real.rendering.drawing import DARK, Bytes, Canvas, Color, Place, plain, require_pillow, text_size, to_pillow
+from swim2real.rendering.overlay_inset import Inset, label_places
+from swim2real.video import VideoWriter
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+States = NDArray[np.int64]
+
+SEEN, FILLED, LOST = 0, 1, 2
+# from head to tail hue and lightness change together, so the order shows with any color blindness, and in gray
+STOPS: tuple[Color, ...] = (
+    (134, 106, 255), (200, 90, 224), (246, 102, 144), (255, 146, 88), (255, 198, 74), (250, 246, 124),
+)  # fmt: skip
+TEXT: Color = (231, 235, 240)
+MUTED: Color = (163, 174, 187)
+ALERT: Color = (198, 40, 40)
+TAIL = 2  # of the last markers have trails
+TRAIL_TIME = 0.5  # s
+EDGE = 0.8  # px
+
+
+class TrackOverlay:
+    """Writes a video of a film with its track. A context manager.
+
+    A marker that is seen has a ring in its color; one that was filled in (a position with confidence 0) a dotted ring;
+    one that is lost a broken ring with a cross, where it was last. A line joins neighbors that have a position, and the
+    last two markers draw their last half second. An enlarged view of the fish, with labels, stands in a corner where it
+    hides nothing of the track. The strip below the film says the frame, its time, and how each marker is.
+
+    Attributes:
+        width: Of the film in the overlay [px]: `Frame.scaled(overlay.width)` fits without being scaled again.
+        height: Of the film in the overlay, without the strip [px].
+    """
+
+    def __init__(
+        self, path: str | Path, width: int, height: int, fps: float, names: Sequence[str], longest_side: int = 1280
+    ) -> None:
+        """Opens the file.
+
+        Args:
+            path: Of the overlay, such as `.mp4`.
+            width: Of the upright film [px].
+            height: Of the upright film [px].
+            fps: Frames a second.
+            names: Of the markers, head to tail.
+            longest_side: To which the film is scaled down [px]. A smaller film keeps its size.
+
+        Raises:
+            ArgumentError: A size is too small, or there are no names.
+            VideoError: The file can't be written.
+            MissingExtraError: Pillow or PyAV isn't installed.
+        """
+        if min(width, height) < 16 or longest_side < 64:
+            raise ArgumentError(
+                f"the film is {width} x {height} px and longest_side {longest_side} px; both sides of the film must be "
+                "at least 16 and longest_side at least 64"
+            )
+        if not names:
+            raise ArgumentError("names is empty; an overlay needs the name of every marker")
+        require_pillow()
+        share = min(1.0, longest_side / max(width, height))
+        self.width, self.height = (max(2, 2 * round(share * side / 2)) for side in (width, height))
+        self._film = (width, height)
+        self._names, self._colors = tuple(names), marker_colors(len(names))
+        self._strip = _Strip(self._names, self._colors, self.width)
+        self._writer = VideoWriter(path, self.width, self.height + self._strip.height, fps)
+        self._last = np.full((len(names), 2), np.nan)  # where each marker was last, in the overlay [px]
+        self._trail: deque[tuple[float, Array]] = deque()
+        self._inset: Inset | None = None
+        self._radius = 6.0
+        self._count = 0
+
+    def __enter__(self) -> Self:
+        self._writer.__enter__()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        self._writer.__exit__(kind, *error)
+
+    def add(
+        self, image: Bytes, scale: float, time: float, positions: Array, confidence: Array,
+        *, refused: Mask | None = None, detail: Bytes | None = None,
+    ) -> None:  # fmt: skip
+        """Adds a frame.
+
+        Args:
+            image: The upright film, RGB, in any size; that of the overlay is the cheapest. Shape (H, W, 3).
+            scale: Pixels of `image` to a pixel of the film.
+            time: Of the frame [s].
+            positions: Of the markers in the film, NaN where lost [px]. Shape (M, 2).
+            confidence: From 0 to 1; a position with 0 was filled in. Shape (M,).
+            refused: Markers that a check takes for lost though they have a position, where they are drawn as lost.
+                Shape (M,).
+            detail: The same frame in full resolution; the enlarged view is cut from it, which is sharper.
+
+        Raises:
+            ArgumentError: Shapes don't fit.
+            VideoError: The time doesn't follow the last one, or the file can't be written.
+        """
+        self._check(image, scale, positions, confidence, refused)
+        known = np.isfinite(positions).all(axis=1)
+        states = np.where(known, np.where(confidence > 0, SEEN, FILLED), LOST)
+        if refused is not None:
+            states[refused & (states == SEEN)] = LOST
+        to_overlay = np.array([self.width, self.height]) / self._film
+        self._last = np.where(known.reshape(-1, 1), (positions + 0.5) * to_overlay - 0.5, self._last)
+        self._trail.append((time, np.where((states == LOST)[:, None], np.nan, self._last)[-TAIL:]))
+        while self._trail[0][0] < time - TRAIL_TIME:
+            self._trail.popleft()
+        film = to_pillow(image)
+        if film.size != (self.width, self.height):
+            film = film.resize((self.width, self.height), reducing_gap=2.0)
+        picture = plain(self.width, self.height + self._strip.height, DARK)
+        picture.paste(film)
+        canvas = Canvas(picture)
+        self._draw(canvas, image if detail is None else detail, time, states)
+        canvas.paste(self._strip.drawn(self._count, time, states), (0, self.height))
+        self._writer.write(canvas.pixels(), time)
+        self._count += 1
+
+    def _draw(self, canvas: Canvas, detail: Bytes, time: float, states: States) -> None:
+        """The track, and the enlarged view with the track."""
+        present = self._last[states != LOST]
+        if self._inset is None and 2 * len(present) > len(states):
+            self._inset = Inset(present, (self.width, self.height))
+            gaps = np.hypot(*np.diff(present, axis=0).T)
+            self._radius = float(np.clip(0.45 * np.median(gaps), 5, 8)) if len(gaps) else self._radius
+        trails = np.array([tail for _, tail in self._trail])
+        self._track(canvas, self._last, states, trails, self._radius)
+        if self._inset is not None:
+            self._inset.follow(present, time)
+        if self._inset is None or self._inset.corner is None:
+            self._labels(canvas, self._last, states, self._radius, *self._around(present))
+            return
+        picture = self._inset.cut(detail)
+        close = Canvas(picture)
+        places, radius = self._inset.places(self._last), float(np.clip(0.8 * self._radius * self._inset.zoom, 8, 16))
+        self._track(close, places, states, self._inset.places(trails), radius)
+        self._labels(close, places, states, radius, np.full(2, 10.0), np.array(self._inset.size) - 11.0)
+        (left, top), (width, height) = self._inset.corner, self._inset.size
+        canvas.fill((left - 2, top - 2, left + width + 2, top + height + 2), TEXT)
+        canvas.paste(picture, (left, top))
+
+    def _track(self, canvas: Canvas, places: Array, states: States, trails: Array, radius: float) -> None:
+        for m in range(trails.shape[1]):
+            canvas.polyline(_points(trails[:, m]), self._colors[m - trails.shape[1]], 2.4, opacity=0.9, fade=True)
+        for m in range(len(places) - 1):
+            if states[m] != LOST and states[m + 1] != LOST:
+                canvas.polyline(_between(places[m], places[m + 1], radius, radius), TEXT, 1.4, EDGE, 0.8)
+        for m in np.argsort(-states, kind="stable").tolist():  # lost ones below the others
+            if np.isfinite(places[m]).all():
+                draw_marker(canvas, _points(places[m : m + 1])[0], radius, self._colors[m], int(states[m]))
+
+    def _labels(self, canvas: Canvas, places: Array, states: States, radius: float, low: Array, high: Array) -> None:
+        """Labels at the sides of a box, each with a line to its marker."""
+        size = 15.0 if self.width >= 640 else 11.0
+        sizes = [(w + round(size), h + round(0.4 * size)) for w, h in (text_size(name, size) for name in self._names)]
+        at = label_places(places, sizes, low, high)
+        drawn = np.flatnonzero(np.isfinite(at).all(axis=1)).tolist()
+        for m in drawn:
+            canvas.polyline(_between(places[m], at[m], radius + 2, 0.0), self._colors[m], 1.4, opacity=0.9)
+        for m in drawn:
+            text, plate = (TEXT, ALERT) if states[m] == LOST else (self._colors[m], DARK)
+            canvas.text(_points(at[m : m + 1])[0], self._names[m], text, size, (0.5, 0.5), plate)
+
+    def _around(self, present: Array) -> tuple[Array, Array]:
+        """Two corners of a box as long as the picture, and as wide as the fish takes with labels at its sides."""
+        end = np.array([self.width - 1.0, self.height - 1.0])
+        if not len(present):
+            return np.zeros(2), end
+        low, high, reach = present.min(axis=0), present.max(axis=0), 4 * self._radius + 24
+        across = int(np.argmin(high - low))
+        free = np.arange(2) != across
+        return np.where(free, 0.0, np.maximum(low - reach, 0)), np.where(free, end, np.minimum(high + reach, end))
+
+    def _check(self, image: Bytes, scale: float, positions: Array, confidence: Array, refused: Mask | None) -> None:
+        count = len(self._names)
+        if positions.shape != (count, 2) or confidence.shape != (count,):
+            raise ArgumentError(
+                f"positions have shape {positions.shape} and confidence {confidence.shape}; "
+                f"for {count} markers they must have ({count}, 2) and ({count},)"
+            )
+        if refused is not None and refused.shape != (count,):
+            raise ArgumentError(f"refused has shape {refused.shape}; for {count} markers it must have ({count},)")
+        wide, tall = (scale * side for side in self._film)
+        height, width = image.shape[:2]
+        if not (abs(width - wide) <= 2 and abs(height - tall) <= 2):
+            raise ArgumentError(
+                f"the image is {width} x {height} px and scale is {scale:g}; at this scale the film of {self._film[0]} "
+                f"x {self._film[1]} px is {wide:.0f} x {tall:.0f} px"
+            )
+
+
+def marker_colors(count: int) -> list[Color]:
+    """A color for each marker, from violet at the head to yellow at the tail; they get lighter all the way."""
+    at = np.linspace(0, len(STOPS) - 1, count)
+    channels = [np.interp(at, range(len(STOPS)), channel) for channel in zip(*STOPS, strict=True)]
+    return [(round(r), round(g), round(b)) for r, g, b in zip(*channels, strict=True)]
+
+
+def draw_marker(canvas: Canvas, place: Place, radius: float, color: Color, state: int) -> None:
+    """A ring if the marker is seen, a dotted one if it was filled in, a broken one with a cross if it is lost."""
+    if state == SEEN:
+        canvas.ring(place, radius, color, 2.0, EDGE)
+    elif state == FILLED:
+        canvas.ring(place, radius, color, 2.0, EDGE, min(max(round(1.2 * radius), 6), 12), 0.4)
+    else:
+        canvas.ring(place, 1.35 * radius, color, 1.6, EDGE, 6, 0.55)
+        canvas.cross(place, 0.7 * radius, TEXT, 2.0, EDGE)
+
+
+def _points(places: Array) -> list[Place]:
+    return [(x, y) for x, y in places.tolist()]
+
+
+def _between(start: Array, end: Array, before: float, after: float) -> list[Place]:
+    """The line from one place to another without its first and last pixels; none where nothing is left."""
+    way = end - start
+    length = float(np.hypot(*way))
+    if length <= before + after:
+        return []
+    return _points(np.stack([start + way * before / length, end - way * after / length]))
+
+
+class _Strip:
+    """The strip below the film: frame, time, how many markers are lost, and how each one is."""
+
+    def __init__(self, names: Sequence[str], colors: Sequence[Color], width: int) -> None:
+        self._names, self._colors, self._width = names, colors, width
+        self._size = size = float(np.clip(round(width / 56), 11, 18))
+        row_height = 2 * round(size)
+        fields = ["frame 00000", "000.000 s", f"{len(names)} of {len(names)} lost"]
+        widths = [text_size(field, size)[0] + size for field in fields]
+        widths += [text_size(name, size)[0] + 1.5 * size for name in names]
+        x, row = 0.8 * size, 0
+        self._places: list[Place] = []
+        for wide in widths:
+            if x + wide > width and x > size:
+                x, row = 0.8 * size, row + 1
+            self._places.append((x, (row + 0.5) * row_height - 0.5))
+            x += wide + 0.8 * size
+        self.height = (row + 1) * row_height
+        self._states: list[int] = []
+        self._ground = plain(width, self.height, DARK)
+
+    def drawn(self, frame: int, time: float, states: States) -> Image:
+        if self._states != states.tolist():  # most frames are like the last one
+            self._states = states.tolist()
+            self._ground = self._markers()
+        image = self._ground.copy()
+        canvas = Canvas(image)
+        canvas.text(self._places[0], f"frame {frame}", TEXT, self._size, (0, 0.5))
+        canvas.text(self._places[1], f"{time:.3f} s", TEXT, self._size, (0, 0.5))
+        return image
+
+    def _markers(self) -> Image:
+        image, size, lost = plain(self._width, self.height, DARK), self._size, self._states.count(LOST)
+        canvas, count = Canvas(image), f"{lost} of {len(self._states)} lost"
+        canvas.text(self._places[2], count, TEXT if lost else MUTED, size, (0, 0.5), ALERT if lost else None)
+        for (x, y), name, color, state in zip(self._places[3:], self._names, self._colors, self._states, strict=True):
+            place, radius = (x + 0.4 * size, y), 0.36 * size
+            if state == SEEN:
+                canvas.dot(place, radius, color)
+            elif state == FILLED:
+                draw_marker(canvas, place, radius, color, state)
+            else:
+                canvas.cross(place, 1.2 * radius, color, 2.4)
+            plate = ALERT if state == LOST else None
+            canvas.text((x + 1.3 * size, y), name, MUTED if state == FILLED else TEXT, size, (0, 0.5), plate)
+        return image
