@@ -83,6 +83,70 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
+class Track:
+    """Find the markers in videos and make trials of them.
+
+    Reads videos (any codec, frame rate and rotation) and the markers' places in their first frames; adds a trial per
+    video to a reference folder, and to its folder tracks the track in pixels (.pixels.csv, as DeepLabCut writes it), an
+    overlay video to judge it by (.mp4) and what was found (.json). A marker that isn't seen is lost, not guessed.
+    Costs about 10 ms of one core a frame and the video's decoding. Interrupted, it goes on with the videos that aren't
+    done when run again.
+    """
+
+    videos: Positional[tuple[Path, ...]]
+    """Videos, one per trial; their names become the trials'. f1_50.mp4 is a command of 1.50 Hz."""
+    to: Path
+    """Reference folder to add the trials to."""
+    markers: tuple[str, ...] = ("auto",)
+    """points.json of each video, in order (`swim2real pick` makes them), or auto to find the markers."""
+    frequency: tuple[float, ...] = ()
+    """What was asked of the motor in each video [Hz], where the names don't say it. Only protocol paper needs it."""
+    tracker: Literal["detection", "csrt"] = "detection"
+    """detection: finds all markers anew in every frame. csrt: the paper's, for comparison."""
+    camera: Path | None = None
+    """JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it."""
+    smooth: bool = False
+    """Smooth the track over time; at 60 frames a second 98 % of a beat of 2.25 Hz and its harmonic are left."""
+    overlay: bool = True
+    """Write the overlay video."""
+    workers: int = 0
+    """Videos tracked at a time; 0 for as many as there are cores."""
+    json: bool = False
+    """Print what was found as JSON."""
+    quiet: bool = False
+    """Print no progress."""
+
+
+@dataclass(frozen=True)
+class Pick:
+    """Write a page on which the markers of a video's first frame are clicked.
+
+    One self-contained HTML file: open it in a browser, click the markers in order, download points.json.
+    """
+
+    video: Positional[Path]
+    """Video whose first frame is shown."""
+    out: Path | None = None
+    """Page to write; by default beside the video."""
+
+
+@dataclass(frozen=True)
+class ImportTracks:
+    """Make trials of tracks that other programs wrote: DeepLabCut's CSV tables, which SLEAP and movement write too."""
+
+    tables: Positional[tuple[Path, ...]]
+    """Tables, one per trial, in pixels."""
+    to: Path
+    """Reference folder to add the trials to."""
+    fps: float
+    """Frames a second of the videos."""
+    camera: Path | None = None
+    """JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it."""
+    frequency: tuple[float, ...] = ()
+    """What was asked of the motor in each trial [Hz]."""
+
+
+@dataclass(frozen=True)
 class Quality:
     """Check the tracks of a reference: lost markers, body lengths, and what drove each trial.
 
@@ -91,6 +155,8 @@ class Quality:
 
     reference: Positional[Path]
     """Folder with the real trials."""
+    allow_lost: float = 0.05
+    """Share of frames that a marker may be lost for in a trial that passes."""
     plot: Path | None = None
     """Also write an HTML page that shows which marker is lost when."""
     json: bool = False
@@ -142,8 +208,8 @@ class Fetch:
 class Demo:
     """Run the whole pipeline on an embedded example: no data, no network, no key.
 
-    Simulates a 'real' fish with hidden parameters, a finer time step, camera noise, misplaced markers and a lost track;
-    checks the tracks, calibrates, evaluates on a trial that was left out, and writes the report.
+    Films a 'real' fish with hidden parameters, a finer time step, misplaced markers and glare in a synthetic pool,
+    tracks its markers in the videos, calibrates, evaluates on a trial that was left out, and writes the report.
     """
 
     out: Path = Path("demo-out")
@@ -152,10 +218,12 @@ class Demo:
     """Simulation evaluations."""
     seed: int = 0
     """Decides the first point and every random choice."""
+    full: bool = False
+    """Film all eight frequencies instead of four."""
     resume: bool = False
     """Go on with an interrupted demo."""
     quiet: bool = False
     """Print no progress."""
 
 
-Command = Calibrate | Demo | Evaluate | Fetch | Quality | Report | Simulate
+Command = Calibrate | Demo | Evaluate | Fetch | ImportTracks | Pick | Quality | Report | Simulate | Track

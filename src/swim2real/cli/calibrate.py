@@ -1,17 +1,16 @@
-"""`calibrate` and `demo`."""
+"""`calibrate`."""
 
 from __future__ import annotations
 
 import json
 import sys
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from swim2real.calibration import Progress, RunFolder
 from swim2real.cli import tables
-from swim2real.cli.arguments import Calibrate, Demo
+from swim2real.cli.arguments import Calibrate
 from swim2real.cli.files import write_report
 from swim2real.cli.progress import interruptible, shown
 from swim2real.errors import ArgumentError
@@ -35,28 +34,7 @@ def calibrate(a: Calibrate) -> int:
             on_progress=on_progress,
         )  # fmt: skip
 
-    return _finish(work, a.budget, a.out, a.quiet, a.json)
-
-
-def demo(a: Demo) -> int:
-    """Runs the embedded example."""
-    from swim2real.demo import HELD_OUT
-    from swim2real.demo import demo as example
-
-    if not a.quiet:
-        tables.console.print(
-            "A synthetic fish with hidden parameters swims at five frequencies; its markers are noisy and misplaced, "
-            f"one track is lost, and trial {HELD_OUT} is left out of the fit.",
-        )
-    began = time.monotonic()
-
-    def work(on_progress: Callable[[Progress], None]) -> dict[str, Any]:
-        return example(a.out, a.budget, a.seed, a.resume, on_progress=on_progress)[1]
-
-    code = _finish(work, a.budget, a.out / "run", a.quiet, False)
-    if not a.quiet:
-        tables.console.print(f"The demo took {time.monotonic() - began:.0f} s.")
-    return code
+    return finish(work, a.budget, a.out, a.quiet, a.json)
 
 
 def threads(count: int) -> int | None:
@@ -73,9 +51,10 @@ def horizon(seconds: float) -> float | None:
     return seconds or None
 
 
-def _finish(
+def finish(
     work: Callable[[Callable[[Progress], None]], dict[str, Any]], budget: int, folder: Path, quiet: bool, as_json: bool
 ) -> int:
+    """Does the work of a run with its progress shown, prints the outcome and writes the report."""
     try:
         with shown(budget, quiet) as show, interruptible(show) as on_progress:
             outcome = work(on_progress)

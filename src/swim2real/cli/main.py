@@ -70,7 +70,7 @@ def _run(command: args.Command) -> int:
 
             return calibrate(command)
         case args.Demo():
-            from swim2real.cli.calibrate import demo
+            from swim2real.cli.demo import demo
 
             return demo(command)
         case args.Evaluate():
@@ -85,6 +85,18 @@ def _run(command: args.Command) -> int:
             from swim2real.cli.simulate import simulate
 
             return simulate(command)
+        case args.Track():
+            from swim2real.cli.track import track
+
+            return track(command)
+        case args.Pick():
+            from swim2real.cli.pick import pick
+
+            return pick(command)
+        case args.ImportTracks():
+            from swim2real.cli.import_tracks import import_tracks
+
+            return import_tracks(command)
         case args.Report():
             from swim2real.cli.files import report
 

@@ -10,13 +10,12 @@ from swim2real.cli import tables
 from swim2real.cli.arguments import Quality
 from swim2real.errors import ArgumentError
 from swim2real.robots.fish import FISH
-from swim2real.tracking.quality import USABLE_SHARE
 from swim2real.trials import load_reference
 
 
 def quality(a: Quality) -> int:
     """Checks tracks, says what drove each trial, and refuses trials that shouldn't be used as they are."""
-    allowed = float(getattr(a, "allow_lost", USABLE_SHARE))
+    allowed = float(a.allow_lost)
     if not 0 <= allowed <= 1:
         raise ArgumentError(f"--allow-lost is {allowed:g}; it is a share of frames within 0 and 1, such as 0.05")
     real = examine(load_reference(a.reference), FISH)

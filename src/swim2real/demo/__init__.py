@@ -1,6 +1,26 @@
-"""The embedded example: a synthetic 'real' robot with hidden parameters, made at run time."""
+"""The embedded example: a 'real' robot with hidden parameters in a synthetic pool, made at run time."""
 
-from swim2real.demo.example import DEMO_FREQUENCIES, HELD_OUT, demo
+from swim2real.demo.example import (
+    DEMO_FREQUENCIES,
+    FULL_FREQUENCIES,
+    HELD_OUT,
+    Told,
+    demo_settings,
+    film_and_track,
+    fit,
+)
+from swim2real.demo.films import film_swims
 from swim2real.demo.synthetic import Camera, synthetic_reference
 
-__all__ = ["DEMO_FREQUENCIES", "HELD_OUT", "Camera", "demo", "synthetic_reference"]
+__all__ = [
+    "DEMO_FREQUENCIES",
+    "FULL_FREQUENCIES",
+    "HELD_OUT",
+    "Camera",
+    "Told",
+    "demo_settings",
+    "film_and_track",
+    "film_swims",
+    "fit",
+    "synthetic_reference",
+]

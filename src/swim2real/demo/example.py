@@ -1,63 +1,116 @@
-"""The whole pipeline on the embedded example."""
+"""The whole pipeline on the embedded example: film, track, calibrate."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from swim2real.calibration import Progress
-from swim2real.demo.synthetic import Camera, synthetic_reference
-from swim2real.errors import RunError
-from swim2real.pipeline import Settings, run
+from swim2real.demo.films import film_swims, points_file
+from swim2real.errors import RunError, Swim2RealError
+from swim2real.pipeline import Filmed, FilmSettings, FrameProgress, Settings, run, track_films
+from swim2real.rendering.pool import Glare, PoolCamera
 from swim2real.robots.fish import FISH
-from swim2real.trials import TrialSet, load_reference, save_reference
+from swim2real.tracking.camera_file import CameraFile, write_camera
+from swim2real.trials import TrialSet, load_reference
 
-DEMO_FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5)
+DEMO_FREQUENCIES = (0.5, 1.0, 1.25, 1.5)
+FULL_FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25)
 HELD_OUT = "f1_00"
 _HIDDEN_SEED = 2026
-_SECONDS = 5.0
-_CAMERA = Camera(noise=8e-4, placement=3e-3, timestep=5e-4, lost={"f1_25": (6, 7, 1.0)})
+SECONDS = 5.0
+CAMERA = PoolCamera(view=2.4, glints=3.0)
+_GLARE = Glare(1.0, 1.15, over=(4, 5))  # in the last film
 # a fish that swims: the hidden parameters are drawn around these points of the cube, one a parameter group
 _CENTER, _SPREAD = np.repeat([0.55, 0.6, 0.5, 0.85, 0.5, 0.55, 0.55, 0.3], [1, 1, 1, 1, 1, 1, 5, 5]), 0.12
 
 
+@dataclass(frozen=True)
+class Told:
+    """Called with what a person wants to see: a line, the state of a video, what came of one."""
+
+    line: Callable[[str], None] = lambda text: None
+    frame: Callable[[FrameProgress], None] = lambda progress: None
+    film: Callable[[str, Filmed | Swim2RealError], None] = lambda name, result: None
+
+
 def hidden_values() -> dict[str, float]:
-    """The parameters of the demo's 'real' fish. Calibration never sees them."""
+    """The parameters of the demo's 'real' fish. Tracking and calibration never see them."""
     rng = np.random.default_rng(_HIDDEN_SEED)
     point = np.clip(_CENTER + rng.uniform(-_SPREAD, _SPREAD, len(_CENTER)), 0, 1)
     return replace(FISH.space, scale="log").to_values(point)
 
 
-def demo(
-    out: str | Path, budget: int = 40, seed: int = 0, resume: bool = False, threads: int | None = None,
-    on_progress: Callable[[Progress], None] = lambda progress: None,
-) -> tuple[TrialSet, dict[str, Any]]:  # fmt: skip
-    """Makes a synthetic reference, saves it, and calibrates against it with one trial left out.
+def demo_settings(budget: int = 40, seed: int = 0, workers: int | None = None) -> Settings:
+    """Of the demo's calibration.
+
+    Raises:
+        ArgumentError: A value is outside what is allowed.
+    """
+    return Settings(budget=budget, seed=seed, hold_out=(HELD_OUT,), threads=workers)
+
+
+def film_and_track(
+    out: str | Path, *, frequencies: Sequence[float] = DEMO_FREQUENCIES, seconds: float = SECONDS,
+    camera: PoolCamera = CAMERA, resume: bool = False, workers: int | None = None, told: Told | None = None,
+) -> TrialSet:  # fmt: skip
+    """Films a fish with hidden parameters, and tracks its markers.
 
     Args:
-        out: Folder; gets `reference/` and `run/`.
-        budget: Simulation evaluations.
-        seed: Of the calibration.
+        out: Folder; gets `videos/`, `camera.json` and `reference/`.
+        frequencies: Of the motor, one film each [Hz].
+        seconds: Length of each film [s].
+        camera: That films; the last film gets glare over two markers as well.
         resume: Go on with an interrupted demo.
-        threads: Swims simulated at a time.
+        workers: Videos filmed or tracked at a time.
+        told: Who is told of the progress.
+
+    Raises:
+        RunError: The folder holds a demo already, or can't be written.
+    """
+    folder, told = Path(out), told or Told()
+    if not resume and (folder / "videos").exists():
+        raise RunError(f"'{folder}' holds a demo already; remove it, choose another --out or go on with --resume")
+    cameras = [(f, replace(camera, glares=(_GLARE,)) if f == frequencies[-1] else camera) for f in frequencies]
+    told.line(f"Filming {len(frequencies)} swims of a fish with hidden parameters, {seconds:g} s each")
+    films = film_swims(
+        FISH, hidden_values(), cameras, seconds, _HIDDEN_SEED, folder / "videos", workers=workers,
+        on_done=lambda path: told.line(f"{path}: filmed"),
+    )  # fmt: skip
+    # what a person can measure: how high the camera hangs over the head's markers
+    known = folder / "camera.json"
+    write_camera(known, CameraFile(camera_height=camera.camera_height - float(FISH.marker_heights[0])))
+    told.line("Tracking the markers")
+    results = track_films(
+        films, [points_file(film) for film in films], FISH, FilmSettings(camera=known), folder / "reference",
+        workers=workers, on_progress=told.frame, on_done=told.film,
+    )  # fmt: skip
+    for result in results:
+        if isinstance(result, Swim2RealError):
+            raise result
+    return load_reference(folder / "reference")
+
+
+def fit(
+    out: str | Path, settings: Settings | None = None, on_progress: Callable[[Progress], None] = lambda progress: None
+) -> dict[str, Any]:
+    """Calibrates against the tracked trials, one of them left out; goes on with a run that is there.
+
+    Args:
+        out: Folder with `reference/`; gets `run/`.
+        settings: Of the calibration.
         on_progress: Called after every evaluation.
 
     Returns:
-        The reference and the run's outcome.
+        The run's outcome.
     """
     folder = Path(out)
-    if not resume and (folder / "run" / "settings.json").exists():
-        raise RunError(f"'{folder}' holds a demo already; remove it, choose another --out or go on with --resume")
-    settings = Settings(budget=budget, seed=seed, hold_out=(HELD_OUT,), threads=threads)
-    filmed = synthetic_reference(FISH, hidden_values(), DEMO_FREQUENCIES, _SECONDS, _CAMERA, _HIDDEN_SEED, threads)
-    save_reference(filmed, folder / "reference")
-    reference = load_reference(folder / "reference")  # as the other commands read it
-    outcome = run(
-        reference, FISH, settings, folder / "run", source=str(folder / "reference"), resume=resume, sensitivity=True,
+    return run(
+        load_reference(folder / "reference"), FISH, settings or demo_settings(), folder / "run",
+        source=str(folder / "reference"), resume=(folder / "run" / "settings.json").exists(), sensitivity=True,
         on_progress=on_progress,
     )  # fmt: skip
-    return reference, outcome

@@ -59,14 +59,51 @@ def synthetic_reference(
         Trials named after their frequencies, such as `f1_50`.
     """
     rng = np.random.default_rng([seed, 1])
-    body = replace(robot, build=_with_timestep(robot, camera.timestep))
+    simulated = steady_swims(robot, values, frequencies, seconds, 1 / camera.fps, rng, camera.timestep, threads)
+    return TrialSet(tuple(_seen(trial, camera, rng) for trial in simulated), robot.marker_names)
+
+
+def steady_swims(
+    robot: Robot, values: Values, frequencies: Sequence[float], seconds: float, sample_interval: float,
+    rng: np.random.Generator, timestep: float | None = None, threads: int | None = None,
+) -> TrialSet:  # fmt: skip
+    """Steady swims from random motor angles on, named after their frequencies.
+
+    Args:
+        robot: What swims.
+        values: Its parameters.
+        frequencies: Of the motor [Hz].
+        seconds: Length of each swim [s].
+        sample_interval: Longest time between samples [s].
+        rng: Draws the angles.
+        timestep: Of the physics [s]; None for the robot's own.
+        threads: Swims simulated at a time.
+    """
+    body = replace(robot, build=_with_timestep(robot, timestep))
     angles = rng.uniform(0, 2 * np.pi, len(frequencies))
     swims = [
         Swim(f"f{f:.2f}".replace(".", "_"), Actuation(f, angle, 0.1), seconds)
         for f, angle in zip(frequencies, angles, strict=True)
     ]
-    simulated = Simulator(body, threads, sample_interval=1 / camera.fps).simulate(values, swims)
-    return TrialSet(tuple(_seen(trial, camera, rng) for trial in simulated), robot.marker_names)
+    return Simulator(body, threads, sample_interval).simulate(values, swims)
+
+
+def turned(positions: Array, angle: float) -> Array:
+    """World positions turned about the origin [m]. Shape (T, M, 2)."""
+    return positions @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+
+
+def placed_by_hand(positions: Array, placement: float, rng: np.random.Generator) -> Array:
+    """Markers beside their places: a static offset each on its part of the body [m]. Shape (T, M, 2)."""
+    if not placement:
+        return positions
+    axes = np.gradient(positions, axis=1)
+    axes[:, :2] = (positions[:, 1] - positions[:, 0])[:, None]  # the head is rigid
+    axes /= np.linalg.norm(axes, axis=2, keepdims=True)
+    sideways = np.stack([-axes[..., 1], axes[..., 0]], axis=-1)
+    offsets = rng.normal(0, placement, (positions.shape[1], 2))
+    offsets[:2, 0] = 0.0  # lengthwise the head markers set the scale; sideways they turn the body frame
+    return positions + offsets[:, :1] * axes + offsets[:, 1:] * sideways
 
 
 def _with_timestep(robot: Robot, timestep: float | None):
@@ -83,21 +120,8 @@ def _seen(trial: Trial, camera: Camera, rng: np.random.Generator) -> Trial:
     times = np.arange(int(np.floor(trial.track.duration * camera.fps + 1e-6)) + 1) / camera.fps
     samples = np.round(times / np.diff(trial.track.times)[0]).astype(int)
     positions = trial.track.positions[np.minimum(samples, trial.track.frame_count - 1)]
-    # where in the pool, and which way
-    angle = rng.uniform(-np.pi, np.pi)
-    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    positions = positions @ rotation.T + rng.uniform(-0.5, 0.5, 2)
-    # markers sit beside their places: a static offset each in the body frame
-    axes = positions[:, 1] - positions[:, 0]
-    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
-    offsets = (
-        rng.normal(0, camera.placement, (positions.shape[1], 2))
-        if camera.placement
-        else np.zeros((positions.shape[1], 2))
-    )
-    offsets[:2, 0] = 0.0  # lengthwise the head markers set the scale; sideways they turn the body frame
-    sideways = np.stack([-axes[:, 1], axes[:, 0]], axis=1)
-    positions = positions + offsets[:, 0, None] * axes[:, None] + offsets[:, 1, None] * sideways[:, None]
+    positions = turned(positions, rng.uniform(-np.pi, np.pi)) + rng.uniform(-0.5, 0.5, 2)  # where in the pool
+    positions = placed_by_hand(positions, camera.placement, rng)
     positions = positions + rng.normal(0, camera.noise, positions.shape) if camera.noise else positions
     lost = (camera.lost or {}).get(trial.name)
     if lost is not None:

@@ -39,13 +39,16 @@ class CsrtTracker:
         self._offsets = np.empty((0, 2))
         self._last = np.empty((0, 2))
 
-    def start(self, image: Image, points: Array, time: float) -> None:
+    def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns the markers.
 
         Args:
             image: First frame, RGB. Shape (H, W, 3).
             points: Where the markers are in it [px]. Shape (M, 2).
             time: Of the frame, which CSRT has no use for [s].
+
+        Returns:
+            The points as they are, and confidence 1.
         """
         frame = self._bgr(image)
         corners = np.round(points - (self.box - 1) / 2).astype(int)  # CSRT takes whole pixels
@@ -56,6 +59,7 @@ class CsrtTracker:
             tracker = self._cv2.TrackerCSRT_create()
             tracker.init(self._shown(frame, point), (x, y, self.box, self.box))
             self._trackers.append(tracker)
+        return points.copy(), np.ones(len(points))
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Looks for the markers in the next frame.

@@ -71,11 +71,17 @@ def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
     trial = Trial(
         name=found.group(1) if found else table.stem,
         track=MarkerTrack(times, pixels * scale * [1.0, -1.0]),
-        nominal_frequency=float(f"{found.group(2)}.{found.group(3)}") if found else None,
+        nominal_frequency=nominal_frequency(table.stem),
         meters_per_pixel=scale,
         provenance=f"published marker track {table.name}, {fps:g} fps, markers placed by hand",
     )
     return _check_motion(trial, table)
+
+
+def nominal_frequency(name: str) -> float | None:
+    """The frequency in a trial's name [Hz], such as 1.5 in `f1_50`; None for other names."""
+    found = _PUBLISHED_NAME.match(name)
+    return float(f"{found.group(2)}.{found.group(3)}") if found else None
 
 
 def save_reference(trials: TrialSet, folder: str | Path) -> None:

@@ -1,0 +1,18 @@
+"""Composes the rooms, for the command line and for scripts: videos to trials, and a reference to a calibrated run."""
+
+from swim2real.pipeline.calibration import Method, Settings, make_optimizer, run
+from swim2real.pipeline.tracking import TRACKS, Filmed, FilmSettings, FrameProgress, track_film
+from swim2real.pipeline.tracking_many import track_films
+
+__all__ = [
+    "TRACKS",
+    "FilmSettings",
+    "Filmed",
+    "FrameProgress",
+    "Method",
+    "Settings",
+    "make_optimizer",
+    "run",
+    "track_film",
+    "track_films",
+]

@@ -1,0 +1,247 @@
+"""From one video to a trial in a reference folder: points, tracker, camera, cleaning, quality, overlay.
+
+Beside the trial's table, the folder `tracks` gets the track in pixels (a DeepLabCut table), an overlay video to judge
+it by, and what was done and found. The last file is written last: with it the video is done, and isn't tracked again
+as long as it, the points and the settings are the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real import __version__
+from swim2real.errors import ArgumentError, TrackingError
+from swim2real.objective.evidence import rounded
+from swim2real.robots.robot import Robot
+from swim2real.tracking.camera import camera_for
+from swim2real.tracking.camera_file import read_camera
+from swim2real.tracking.cleaning import fill_gaps, smooth
+from swim2real.tracking.csrt import CsrtTracker
+from swim2real.tracking.detection import DetectionTracker
+from swim2real.tracking.labeling import label_markers
+from swim2real.tracking.points import load_points
+from swim2real.tracking.quality import check_track
+from swim2real.tracking.tracker import Tracker
+from swim2real.trials import MarkerTrack, Trial
+from swim2real.trials.files import add_trial, load_reference, nominal_frequency
+from swim2real.trials.pose_tables import write_dlc
+from swim2real.video import Frame, VideoReader
+
+Array = NDArray[np.float64]
+TrackerName = Literal["detection", "csrt"]
+
+TRACKS = "tracks"
+SMEARED = 0.4  # most confidence in a picture that may be smeared: doubtful to `check_track`
+_SHARE = 1 << 20  # bytes of a video's beginning and end that tell it from others
+
+
+@dataclass(frozen=True)
+class FilmSettings:
+    """How videos are tracked.
+
+    Attributes:
+        tracker: `detection`, or `csrt` as in the paper.
+        camera: Camera file, None for the scale that the head's markers give.
+        smooth: Also smooth the track, which leaves at least 98 % of the beat and its harmonic.
+        overlay: Write an overlay video.
+    """
+
+    tracker: TrackerName = "detection"
+    camera: Path | None = None
+    smooth: bool = False
+    overlay: bool = True
+
+    def __post_init__(self) -> None:
+        if self.tracker not in ("detection", "csrt"):
+            raise ArgumentError(f"tracker is '{self.tracker}'; there are detection and csrt")
+
+
+@dataclass(frozen=True)
+class FrameProgress:
+    """How far a video is.
+
+    Attributes:
+        name: Of the trial.
+        done: Frames so far.
+        total: Frames in all, as far as the file says.
+        lost: Markers that are lost in this frame.
+    """
+
+    name: str
+    done: int
+    total: int | None
+    lost: int
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """What came of a video.
+
+    Attributes:
+        name: Of the trial.
+        report: What was done and found, as in `tracks/NAME.json`.
+        again: Whether it was all there already.
+    """
+
+    name: str
+    report: dict[str, Any]
+    again: bool
+
+
+def track_film(
+    video: str | Path, points: str | Path | None, robot: Robot, settings: FilmSettings, folder: str | Path, *,
+    frequency: float | None = None, threads: int = 0,
+    on_progress: Callable[[FrameProgress], None] = lambda progress: None,
+) -> Filmed:  # fmt: skip
+    """Tracks a video and adds it to a reference folder as a trial of the video's name.
+
+    Args:
+        video: The video.
+        points: File with the markers in its first frame; None finds them.
+        robot: Whose markers they are.
+        settings: How.
+        folder: Reference folder.
+        frequency: That was asked of the motor [Hz]; None takes it from a name such as f1_50, where there is one.
+        threads: That decode the video, 0 for all cores.
+        on_progress: Called after every frame.
+
+    Raises:
+        Swim2RealError: With a sentence that names what is wrong. Nothing is changed then.
+    """
+    source, out = Path(video), Path(folder)
+    name = source.stem
+    place = out / TRACKS / f"{name}.json"
+    with VideoReader(source, threads) as reader:
+        frames = iter(reader)
+        first = next(frames)
+        size = (reader.info.width, reader.info.height)
+        if points is None:
+            clicked = label_markers(first.image, robot.rest_markers, robot.marker_heights).points
+        else:
+            clicked = load_points(points, robot.marker_names, *size)
+        known = None if settings.camera is None else read_camera(settings.camera)
+        mark = _fingerprint(source, clicked, settings, frequency)
+        before = _done(place, mark, out, name)
+        if before is not None:
+            return Filmed(name, before, True)
+        _make_folder(place.parent)
+        tracker: Tracker = DetectionTracker() if settings.tracker == "detection" else CsrtTracker()
+        began = time.monotonic()
+        seen = _follow(reader, first, frames, clicked, tracker, settings, place, robot, on_progress)
+        notes = list(reader.notes)
+        info = reader.info
+    spent = time.monotonic() - began
+    pixels = fill_gaps(smooth(seen) if settings.smooth else seen)
+    camera = camera_for(pixels, robot.rest_markers, robot.marker_heights, robot.marker_names, known, size)
+    track = camera.to_meters(pixels)
+    quality = check_track(track, robot.rest_markers)
+    trial = Trial(
+        name, track, nominal_frequency(name) if frequency is None else frequency, camera.scale.meters_per_pixel,
+        f"video {source.name}, {size[0]}x{size[1]}, {info.codec}, {settings.tracker} tracker, swim2real {__version__}",
+    )  # fmt: skip
+    write_dlc(seen, robot.marker_names, place.with_suffix(".pixels.csv"))
+    add_trial(out, trial, robot.marker_names)
+    report = rounded(
+        {
+            "fingerprint": mark, "trial": name, "video": source.name, "width": size[0], "height": size[1],
+            "fps": info.fps, "codec": info.codec, "rotation": info.rotation, "frames": seen.frame_count,
+            "tracker": settings.tracker, "points": clicked, "points_from": "auto" if points is None else "file",
+            "meters_per_pixel": camera.scale.meters_per_pixel, "scale_spread": camera.scale.spread,
+            "scales": dict(camera.scale.estimates), "confidence": seen.confidence.mean(axis=0),
+            "lost_share": quality.lost_share, "filled_share": _filled_share(seen, pixels), "usable": quality.usable,
+            "findings": [*notes, *camera.findings(), *quality.findings(robot.marker_names)],
+            "seconds": round(spent, 2),
+        }
+    )  # fmt: skip
+    part = place.with_name(place.name + ".part")
+    part.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    part.replace(place)
+    return Filmed(name, report, False)
+
+
+def _follow(
+    reader: VideoReader, first: Frame, frames: Any, clicked: Array, tracker: Tracker, settings: FilmSettings,
+    place: Path, robot: Robot, on_progress: Callable[[FrameProgress], None],
+) -> MarkerTrack:  # fmt: skip
+    """The track in pixels, with the overlay on the way."""
+    times: list[float] = []
+    positions: list[Array] = []
+    confidences: list[Array] = []
+    info = reader.info
+    with ExitStack() as stack:
+        overlay = None
+        if settings.overlay:
+            from swim2real.rendering.overlay import TrackOverlay
+
+            target = place.with_suffix(".mp4")
+            overlay = stack.enter_context(TrackOverlay(target, info.width, info.height, info.fps, robot.marker_names))
+        frame: Frame | None = first
+        while frame is not None:
+            if positions:
+                position, confidence = tracker.follow(frame.image, frame.time)
+            else:
+                position, confidence = tracker.start(frame.image, clicked, frame.time)
+            if not frame.intact:  # predicted from a broken one: what it shows may be of another time
+                confidence = np.minimum(confidence, SMEARED)
+            times.append(frame.time)
+            positions.append(position)
+            confidences.append(confidence)
+            if overlay is not None:
+                small = frame.scaled(overlay.width)
+                overlay.add(small, overlay.width / info.width, frame.time, position, confidence, detail=frame.image)
+            lost = int(np.count_nonzero(confidence <= 0))
+            on_progress(FrameProgress(place.stem, len(times), info.frame_count, lost))
+            frame = next(frames, None)
+        if len(times) < 2:
+            raise TrackingError(f"'{info.path}' has one frame only; a trial needs at least 2")
+    return MarkerTrack(times, np.array(positions), np.array(confidences))
+
+
+def _filled_share(seen: MarkerTrack, pixels: MarkerTrack) -> Array:
+    """Share of frames that were filled, per marker. Shape (M,)."""
+    return (~np.isfinite(seen.positions[:, :, 0]) & np.isfinite(pixels.positions[:, :, 0])).mean(axis=0)
+
+
+def _fingerprint(video: Path, clicked: Array, settings: FilmSettings, frequency: float | None) -> str:
+    mark = hashlib.sha256()
+    with video.open("rb") as file:
+        mark.update(file.read(_SHARE))
+        size = file.seek(0, 2)
+        file.seek(max(size - _SHARE, 0))
+        mark.update(file.read())
+    camera = b"" if settings.camera is None else settings.camera.read_bytes()
+    about = [size, clicked.tolist(), settings.tracker, settings.smooth, settings.overlay, frequency, __version__]
+    mark.update(json.dumps(about).encode() + camera)
+    return mark.hexdigest()
+
+
+def _done(place: Path, mark: str, folder: Path, name: str) -> dict[str, Any] | None:
+    """What a finished track of just this found, None for another or none."""
+    try:
+        report = json.loads(place.read_text(encoding="utf-8"))
+        whole = report["fingerprint"] == mark and name in load_reference(folder).names
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return report if whole else None
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        trial = folder / ".part"
+        trial.touch()
+        trial.unlink()
+    except OSError as error:
+        raise TrackingError(
+            f"can't write folder '{folder}': {error.strerror or error}; choose another with --to"
+        ) from error

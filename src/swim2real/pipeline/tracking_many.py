@@ -1,0 +1,134 @@
+"""Several videos at a time, each in a process of its own."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import queue
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+from swim2real.errors import ArgumentError, Swim2RealError, TrackingError
+from swim2real.pipeline.tracking import Filmed, FilmSettings, FrameProgress, track_film
+from swim2real.robots.robot import Robot
+
+_LOOK = 0.2  # s between two looks at what the processes say
+_every: Any = None  # a process's end of the queue
+
+
+def track_films(
+    videos: Sequence[str | Path], points: Sequence[str | Path | None], robot: Robot, settings: FilmSettings,
+    folder: str | Path, *, frequencies: Sequence[float | None] | None = None, workers: int | None = None,
+    on_progress: Callable[[FrameProgress], None] = lambda progress: None,
+    on_done: Callable[[str, Filmed | Swim2RealError], None] = lambda name, result: None,
+) -> list[Filmed | Swim2RealError]:  # fmt: skip
+    """Tracks videos into one reference folder. One that fails leaves the others alone.
+
+    Args:
+        videos: The videos, whose names become the trials'.
+        points: File with the markers of each first frame, None to find them.
+        robot: Whose markers they are.
+        settings: How.
+        folder: Reference folder.
+        frequencies: That were asked of the motor [Hz], None where it isn't known.
+        workers: Processes at a time; None for as many as there are cores and videos.
+        on_progress: Called now and then with the state of a video.
+        on_done: Called when a video is done or has failed.
+
+    Returns:
+        What came of each video, or why nothing did.
+
+    Raises:
+        ArgumentError: The videos can't make one reference.
+    """
+    count = len(videos)
+    names = [Path(video).stem for video in videos]
+    double = next((name for name in names if names.count(name) > 1), None)
+    if not videos:
+        raise ArgumentError("no video was given")
+    if double is not None:
+        raise ArgumentError(f"two videos would make trial '{double}'; rename one")
+    if workers is not None and workers < 1:
+        raise ArgumentError(f"workers is {workers}; it must be at least 1")
+    asked = list(frequencies or [None] * count)
+    if len(points) != count or len(asked) != count:
+        raise ArgumentError(f"{len(points)} points files and {len(asked)} frequencies for {count} videos")
+    jobs = list(zip(videos, points, asked, strict=True))
+    processes = min(count, workers or os.cpu_count() or 1)
+    if processes == 1:
+        results: list[Filmed | Swim2RealError] = []
+        for name, (video, mine, frequency) in zip(names, jobs, strict=True):
+            try:
+                found: Filmed | Swim2RealError = track_film(
+                    video, mine, robot, settings, folder, frequency=frequency, on_progress=on_progress
+                )
+            except Swim2RealError as error:
+                found = error
+            on_done(name, found)
+            results.append(found)
+        return results
+    return _in_processes(names, jobs, robot, settings, folder, processes, on_progress, on_done)
+
+
+def _in_processes(
+    names: Sequence[str], jobs: Sequence[tuple[Any, Any, Any]], robot: Robot, settings: FilmSettings,
+    folder: str | Path, processes: int, on_progress: Callable[[FrameProgress], None],
+    on_done: Callable[[str, Filmed | Swim2RealError], None],
+) -> list[Filmed | Swim2RealError]:  # fmt: skip
+    context = multiprocessing.get_context("spawn")  # a forked process would inherit threads of decoders
+    told: Any = context.Queue()
+    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_listen, initargs=(told,))
+    results: dict[str, Filmed | Swim2RealError] = {}
+    try:
+        futures: dict[Future[Filmed], str] = {
+            pool.submit(_job, video, points, frequency, robot, settings, folder): name
+            for name, (video, points, frequency) in zip(names, jobs, strict=True)
+        }
+        left = set(futures)
+        while left:
+            done, left = wait(left, timeout=_LOOK)
+            _drain(told, on_progress)
+            for future in done:
+                name = futures[future]
+                results[name] = _result(future)
+                on_done(name, results[name])
+    except BaseException:
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        told.close()
+    return [results[name] for name in names]
+
+
+def _listen(told: Any) -> None:
+    global _every
+    _every = told
+
+
+def _job(
+    video: Path, points: Path | None, frequency: float | None, robot: Robot, settings: FilmSettings,
+    folder: str | Path,
+) -> Filmed:  # fmt: skip
+    return track_film(video, points, robot, settings, folder, frequency=frequency, threads=1, on_progress=_every.put)
+
+
+def _drain(told: Any, on_progress: Callable[[FrameProgress], None]) -> None:
+    try:
+        while True:
+            on_progress(told.get_nowait())
+    except queue.Empty:
+        return
+
+
+def _result(future: Future[Filmed]) -> Filmed | Swim2RealError:
+    try:
+        return future.result()
+    except Swim2RealError as error:
+        return error
+    except BrokenProcessPool:
+        return TrackingError("the process died, perhaps for want of memory; run again with --workers 1")
