@@ -134,6 +134,7 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
                 entries[names.index(trial.name)] = _entry(trial)
             else:
                 entries.append(_entry(trial))
+            entries.sort(key=lambda entry: str(entry["name"]))  # whoever was added first
             _write_table(path / f"{table}.part", trial.track, marker_names)
             (path / f"{table}.part").replace(path / table)
             _write_index(path, list(marker_names), entries)
