@@ -20,9 +20,9 @@ TRUNCATE = 3.0
 LEAST_SIGNAL = 5.0  # noise levels that a blob stands out of its surroundings
 LEAST_NOISE = 0.35  # 8-bit steps
 MOST = 400  # blobs that are looked at closely
-LEAST_CONTRAST = 16.0  # 8-bit steps between a blob and what is around it
+LEAST_CONTRAST = 16.0  # 8-bit steps between a blob and what is around it, and
+LEAST_OF_NOISE = 9.0  # times the noise of a channel: the noise itself has specks of 6
 LONGEST = 6.0  # ratio of the curvatures of a peak
-LEAST_OF_UNREST = 7.0  # times the lower quartile of how much its surroundings vary: noise has about 5
 ROUNDS = 5  # of finding the center and the size of a blob anew
 WIDEST = 1.6  # ratio of the axes of a blob's ellipse
 FULLEST, EMPTIEST = 1.25, 0.70  # of a disc's area within the radius of gyration: a ring or a cross isn't one
@@ -60,13 +60,20 @@ def find_blobs(image: Image) -> Blobs:
     factor = max(1, round(image.shape[1] / WORKING_WIDTH))
     rough = _rough(_reduced(image, factor))
     rough = rough[:, :3] * factor + [(factor - 1) / 2, (factor - 1) / 2, 0.0]
-    found = [blob for x, y, r in rough if (blob := _examined(image, x, y, r)) is not None]
+    least = max(LEAST_CONTRAST, LEAST_OF_NOISE * _noise(image))
+    found = [blob for x, y, r in rough if (blob := _examined(image, x, y, r, least)) is not None]
     kept: list[tuple[float, ...]] = []
     for blob in found:  # the same blob is found in several sizes
         if all((blob[0] - k[0]) ** 2 + (blob[1] - k[1]) ** 2 > (0.8 * max(blob[2], k[2])) ** 2 for k in kept):
             kept.append(blob)
     table = np.array(kept, dtype=float).reshape(-1, 9)
     return Blobs(table[:, :2], table[:, 2], table[:, 3:6], table[:, 6:9])
+
+
+def _noise(image: Image) -> float:
+    """Standard deviation of a channel's noise, from differences of neighbors [8-bit steps]."""
+    changes = np.abs(np.diff(image[::9].astype(np.int16), axis=1))
+    return 1.05 * float(np.sqrt(np.mean(np.minimum(changes, np.median(changes) * 2 + 1) ** 2.0)) / np.sqrt(2))
 
 
 def _reduced(image: Image, factor: int) -> Array32:
@@ -128,11 +135,11 @@ def _halved(channel: Array32) -> Array32:
     return uniform_filter1d(uniform_filter1d(channel[:h, :w], 2, axis=0, origin=-1), 2, axis=1, origin=-1)[::2, ::2]
 
 
-def _examined(image: Image, x: float, y: float, radius: float) -> tuple[float, ...] | None:
+def _examined(image: Image, x: float, y: float, radius: float, least_contrast: float) -> tuple[float, ...] | None:
     """Center, radius, color and contrast of the blob at a place, or None where there is no round one."""
     found = None
     for _ in range(ROUNDS):
-        found = _measured(image, x, y, radius)
+        found = _measured(image, x, y, radius, least_contrast)
         if found is None:
             return None
         x, y, radius = found[:3]
@@ -141,7 +148,7 @@ def _examined(image: Image, x: float, y: float, radius: float) -> tuple[float, .
     return found[:9]
 
 
-def _measured(image: Image, x: float, y: float, radius: float) -> tuple[float, ...] | None:
+def _measured(image: Image, x: float, y: float, radius: float, least_contrast: float) -> tuple[float, ...] | None:
     """Center, radius, color, contrast and second moments of what differs from its surroundings at a place."""
     reach = 2.2 * radius + 1
     x0, y0 = max(int(x - reach), 0), max(int(y - reach), 0)
@@ -156,8 +163,7 @@ def _measured(image: Image, x: float, y: float, radius: float) -> tuple[float, .
     color, around = part[core].mean(axis=0), np.median(part[ring], axis=0)
     contrast = color - around
     strength = float(contrast @ contrast)
-    unrest = float(np.percentile(np.linalg.norm(part[ring] - around, axis=1), 25))
-    if strength < max(LEAST_CONTRAST, LEAST_OF_UNREST * unrest) ** 2:
+    if strength < least_contrast**2:
         return None
     share = np.clip(1.25 * (part - around) @ contrast / strength - 0.125, 0, 1)
     share[distance > 1.2 * radius + 0.8] = 0  # a neighbor isn't part of it

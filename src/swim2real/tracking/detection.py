@@ -14,8 +14,9 @@ from scipy.ndimage import maximum_filter, uniform_filter
 from swim2real.errors import TrackingError
 from swim2real.tracking.appearance import Appearance
 from swim2real.tracking.coverage import contrasts, covered, discs
-from swim2real.tracking.matching import filled, gaps_of, link_strain, links_of, match, placed, strained, unsupported
+from swim2real.tracking.matching import filled, gaps_of, link_strain, links_of, match, strained, unsupported
 from swim2real.tracking.tracker import Array, Image
+from swim2real.tracking.whole_body import LEAST_PARTS, fit_body
 
 LEAST_CONFIDENCE = 0.35  # below it a marker is lost
 RELEARN_TIME = 0.2  # s between two looks at how the light has changed
@@ -23,6 +24,8 @@ ADAPT_TIME = 0.7  # s over which lengths between markers may drift: parallax, a 
 SEARCH_TIME = 0.1  # s without the robot, after which it is searched for in the whole frame
 LEAST_SHARE, MOST_SHARE = 0.75, 1.5  # of what a marker usually covers of its disc
 CROWDED = 2.2  # radii between the places of markers that may be one blob
+GOOD_QUALITY = 0.5  # of a blob that should be a marker
+MANY = 2  # markers that must be missing, and blobs left over, before the whole body is fitted anew
 MERGED = 0.7  # radii between two markers, below which their places in one blob are a guess
 LOST_TRUST = 0.25  # of a lost marker's predicted place, against that of one that was seen
 BLUR_SHARE = 0.25  # of a marker's step that blurs it to each side: a shutter that is open half of the time
@@ -36,8 +39,15 @@ _OVERLAP_ROUNDS = 4
 class DetectionTracker:
     """Follows the markers of one robot. See `tracker.Tracker`."""
 
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._tracks: list[Array] = []
+
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like."""
+        height, width = image.shape[:2]
+        if not len(points) or not ((points >= 0) & (points <= [width - 1, height - 1])).all():
+            raise TrackingError(f"{len(points)} points must be finite and lie in the frame of {width} x {height} px")
         self._look = Appearance(image, points)
         positions = self._look.points
         count = len(positions)
@@ -45,11 +55,12 @@ class DetectionTracker:
         self._links = links_of(count)
         self._lengths = np.linalg.norm(positions[self._links[:, 0]] - positions[self._links[:, 1]], axis=1)
         self._shapes = np.repeat(positions[None], count, axis=0)  # all markers when each was last seen
-        self._times: list[float] = []
-        self._tracks: list[Array] = []
+        self._times, self._tracks = [], []
         self._lost_since = np.full(count, -np.inf)
         self._learned, self._seen_at = time, time
         confidence = np.clip(self._look.contrast / max(float(np.median(self._look.contrast)), 1e-9), 0.0, 1.0)
+        confidence[(confidence < LEAST_CONFIDENCE) | (gaps_of(positions) < MERGED * self._look.radius)] = 0.0
+        positions = np.where(confidence[:, None] > 0, positions, np.nan)
         self._remember(positions, time)
         self._interval = 0.0
         return positions.copy(), confidence
@@ -62,7 +73,8 @@ class DetectionTracker:
         predicted = self._predicted(time)
         found = self._in_region(image, predicted, time)
         if np.isfinite(found[0][:, 0]).sum() < 2 and time - self._seen_at > SEARCH_TIME:
-            found = self._anywhere(image, time)
+            size = np.array(image.shape[1::-1], dtype=float)
+            found = self._whole(image, predicted, *self._blobs(image, np.zeros(2), size))
         positions, confidence = found
         self._remember(positions, time)
         self._adapt(image, positions, confidence, time)
@@ -76,9 +88,20 @@ class DetectionTracker:
         blobs, quality = self._blobs(image, predicted.min(axis=0) - reach, predicted.max(axis=0) + reach)
         trust = np.where(np.isfinite(self._tracks[-1][:, 0]), 1.0, LOST_TRUST)
         chosen, places = match(predicted, doubt, trust, blobs, quality)
-        return self._judged(image, chosen, blobs, places)
+        found = self._judged(image, chosen, blobs, places)
+        seen = found[0][np.isfinite(found[0][:, 0])]
+        good = blobs[quality > GOOD_QUALITY]
+        strange = np.linalg.norm(good[:, None] - seen[None], axis=2).min(axis=1, initial=np.inf) > 1.5 * radius
+        if len(predicted) - len(seen) >= MANY and strange.sum() >= MANY:
+            # markers are missing and blobs are left over: another way to see it may explain more
+            other = self._whole(image, predicted, blobs, quality)
+            if np.isfinite(other[0][:, 0]).sum() >= len(seen) + MANY:
+                return other
+        return found
 
-    def _judged(self, image: Image, chosen: NDArray[np.int64], blobs: Array, places: Array) -> tuple[Array, Array]:
+    def _judged(
+        self, image: Image, chosen: NDArray[np.int64], blobs: Array, places: Array, whole: bool = False
+    ) -> tuple[Array, Array]:
         """Positions and confidence of what was chosen; NaN and 0 for what doesn't fit."""
         count, radius = len(chosen), self._look.radius
         seeds = np.where(chosen[:, None] >= 0, blobs[chosen], places) if len(blobs) else places.copy()
@@ -107,11 +130,13 @@ class DetectionTracker:
         positions[confidence < LEAST_CONFIDENCE] = np.nan
         with np.errstate(invalid="ignore"):
             positions[gaps_of(positions) < MERGED * radius] = np.nan
-        slack = 0.15 * radius + 1.0 + 0.05 * float(np.median(self._steps()))
-        positions[strained(positions, self._links, self._lengths, slack)] = np.nan
-        strain = link_strain(positions, self._links, self._lengths, slack)
-        known = np.isfinite(self._tracks[-1][:, 0])
-        positions[unsupported(np.isfinite(positions[:, 0]), known, self._links, strain)] = np.nan
+        positions[strained(positions, self._links, self._lengths, self._slack)] = np.nan
+        strain = link_strain(positions, self._links, self._lengths, self._slack)
+        if not whole:
+            known = np.isfinite(self._tracks[-1][:, 0])
+            positions[unsupported(np.isfinite(positions[:, 0]), known, self._links, strain)] = np.nan
+        elif np.isfinite(positions[:, 0]).sum() < LEAST_PARTS:
+            positions[:] = np.nan
         confidence[~np.isfinite(positions[:, 0])] = 0.0
         worst = np.zeros(count)
         np.maximum.at(worst, self._links.ravel(), np.repeat(np.where(strain <= 1, strain, 0.0), 2))
@@ -141,29 +166,13 @@ class DetectionTracker:
         keep = quality > LEAST_CONFIDENCE / 2
         return blobs[keep], np.minimum(quality[keep], 1.0)
 
-    def _anywhere(self, image: Image, time: float) -> tuple[Array, Array]:
-        """Searches the whole frame for the body as it was seen last, in any place and direction."""
-        size = np.array(image.shape[1::-1], dtype=float)
-        blobs, quality = self._blobs(image, np.zeros(2), size)
-        shape = self._shapes[0]
-        first, second = self._links[0]
-        length = self._lengths[0]
-        best, found = max(0.4 * len(shape), 2.5), None
-        for a in range(len(blobs)):
-            away = np.linalg.norm(blobs - blobs[a], axis=1)
-            for b in np.flatnonzero(np.abs(away - length) < 0.1 * length):
-                points = np.full_like(shape, np.nan)
-                points[first], points[second] = blobs[a], blobs[b]
-                guess = placed(points, shape, np.ones(len(shape)))
-                off = np.linalg.norm(guess[:, None] - blobs[None], axis=2)
-                score = float((quality * np.exp(-0.5 * (off / (0.4 * gaps_of(guess)[:, None])) ** 2)).max(axis=1).sum())
-                if score > best:
-                    best, found = score, guess
-        if found is None:
-            return np.full_like(shape, np.nan), np.zeros(len(shape))
-        doubt = np.full(len(shape), 4 * self._look.radius)
-        chosen, places = match(found, doubt, np.ones(len(shape)), blobs, quality)
-        return self._judged(image, chosen, blobs, places)
+    def _whole(self, image: Image, predicted: Array, blobs: Array, quality: Array) -> tuple[Array, Array]:
+        """Fits the whole body to the blobs, wherever it was expected."""
+        chosen = fit_body(predicted, self._lengths, blobs, quality, self._slack)
+        if (chosen < 0).all():
+            return np.full_like(predicted, np.nan), np.zeros(len(predicted))
+        places = filled(np.where(chosen[:, None] >= 0, blobs[chosen], np.nan), self._shapes)
+        return self._judged(image, chosen, blobs, places, whole=True)
 
     def _predicted(self, time: float) -> Array:
         """Where each marker should be now [px]. Shape (M, 2)."""
@@ -179,6 +188,11 @@ class DetectionTracker:
                 bend = (last - self._tracks[-2] - before) * span * (span + 1) / 2
                 out = np.where(np.isfinite(bend), out + 0.9 * bend, out)
         return filled(out, self._shapes)
+
+    @property
+    def _slack(self) -> float:
+        """By which a length may be off in any case [px]."""
+        return 0.15 * self._look.radius + 1.0 + 0.05 * float(np.median(self._steps()))
 
     def _steps(self) -> Array:
         """How far markers went from the last frame but one to the last, or about that [px]. Shape (M,)."""
