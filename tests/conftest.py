@@ -6,6 +6,7 @@ import hypothesis
 import mujoco
 import pytest
 
+from films import Shot, shoot
 from pools import film
 from swim2real.trials import TrialSet, load_reference, save_reference
 
@@ -72,3 +73,15 @@ def pool_folder(tmp_path_factory) -> Path:
 def pool(pool_folder) -> TrialSet:
     """The same, read."""
     return load_reference(pool_folder)
+
+
+@pytest.fixture(scope="session")
+def shot(tmp_path_factory) -> Shot:
+    """A film of 37 frames, f1_50.mp4. Don't write into its folder."""
+    return shoot(tmp_path_factory.mktemp("shot"))
+
+
+@pytest.fixture(scope="session")
+def clip(tmp_path_factory) -> Shot:
+    """A film of 7 frames, f1_25.mp4. Don't write into its folder."""
+    return shoot(tmp_path_factory.mktemp("clip"), "f1_25", seconds=0.2)

@@ -253,7 +253,7 @@ def test_the_effect_of_each_parameter_is_measured_outside_the_budget(pool, tmp_p
         asked.append((space.scale, values))
         return []
 
-    monkeypatch.setattr("swim2real.pipeline.sensitivities", sensitivities)
+    monkeypatch.setattr("swim2real.pipeline.calibration.sensitivities", sensitivities)
     outcome = run(pool, FISH, Settings(method="random", budget=2), tmp_path / "run", sensitivity=True)
     best = min(record(tmp_path / "run"), key=lambda entry: entry["loss"])
     assert asked == [("log", best["values"])]

@@ -1,0 +1,574 @@
+"""From videos to a reference folder: what is written, going on after an end, several videos at a time, bad input."""
+
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import swim2real
+from films import CAMERA, Shot, contents, named, parts, shoot, tables
+from swim2real.errors import ArgumentError, TrackingError, TrialError, VideoError
+from swim2real.pipeline import Filmed, FilmSettings, track_film, track_films
+from swim2real.rendering.pool import Glare
+from swim2real.robots.fish import FISH
+from swim2real.tracking import check_track
+from swim2real.tracking.camera_file import CameraFile, Length, write_camera
+from swim2real.tracking.points import save_points
+from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
+from swim2real.trials.pose_tables import read_dlc
+from swim2real.video import VideoReader
+
+NAMES = FISH.marker_names
+FAST = FilmSettings(overlay=False)
+
+
+def tracked(shot: Shot, folder: Path, settings: FilmSettings = FAST, **options) -> tuple[Trial, Filmed]:
+    """The trial that a film becomes, with what is known about the camera."""
+    settings = replace(settings, camera=settings.camera or shot.camera)
+    found = track_film(shot.video, shot.points, FISH, settings, folder, **options)
+    return load_reference(folder)[shot.name], found
+
+
+def pixels(folder: Path, name: str, fps: float = 30.0) -> MarkerTrack:
+    track, names = read_dlc(folder / "tracks" / f"{name}.pixels.csv", fps)
+    assert names == NAMES
+    return track
+
+
+@pytest.fixture(scope="module")
+def done(shot, tmp_path_factory) -> Path:
+    """Reference folder of the tracked film. Copy nothing into it."""
+    folder = tmp_path_factory.mktemp("done") / "reference"
+    tracked(shot, folder, FilmSettings())
+    return folder
+
+
+# what is written
+
+
+def test_a_film_becomes_a_trial_in_meters(shot, done):
+    trial = load_reference(done)["f1_50"]
+    assert trial.track.frame_count == 37
+    np.testing.assert_allclose(trial.track.times, shot.times, atol=1e-6)
+    assert (trial.track.confidence > 0.5).all()
+    errors = shot.errors(trial)
+    assert errors.mean() < 0.5e-3
+    assert errors.max() < 2e-3
+    assert trial.nominal_frequency == 1.5
+    height = float(FISH.marker_heights[0])
+    at_head = CAMERA.meters_per_pixel * (1 - height / CAMERA.camera_height)
+    assert trial.meters_per_pixel == pytest.approx(at_head, rel=2e-3)
+    version = swim2real.__version__
+    assert trial.provenance == f"video f1_50.mp4, 640x360, h264, detection tracker, swim2real {version}"
+
+
+def test_the_track_in_pixels_is_a_pose_table(shot, done):
+    track = pixels(done, "f1_50")
+    assert shot.pixel_errors(track).max() < 1
+    assert shot.pixel_errors(track).mean() < 0.25
+
+
+def test_the_report_says_what_was_done_and_found(shot, done):
+    report = json.loads((done / "tracks" / "f1_50.json").read_text())
+    said = {key: report[key] for key in ("trial", "video", "width", "height", "fps", "codec", "rotation", "frames")}
+    assert said == {
+        "trial": "f1_50", "video": "f1_50.mp4", "width": 640, "height": 360, "fps": 30.0, "codec": "h264",
+        "rotation": 0, "frames": 37,
+    }  # fmt: skip
+    assert (report["tracker"], report["points_from"], report["usable"], report["findings"]) == (
+        "detection", "file", True, [],
+    )  # fmt: skip
+    np.testing.assert_allclose(report["points"], shot.filmed.truth.positions[0], atol=1e-3)
+    assert report["lost_share"] == report["filled_share"] == [0.0] * 9
+    assert all(0.5 < confidence <= 1 for confidence in report["confidence"])
+
+
+def test_the_overlay_shows_every_frame(done):
+    with VideoReader(done / "tracks" / "f1_50.mp4") as overlay:
+        assert overlay.info.width == 640
+        assert overlay.info.height >= 360
+        frames = [(frame.time, frame.image) for frame in overlay]
+    np.testing.assert_allclose([time for time, _ in frames], np.arange(37) / 30, atol=1e-3)
+    assert np.abs(np.diff([image.astype(int) for _, image in frames[::12]], axis=0)).max() > 50
+
+
+def test_nothing_else_is_left(done):
+    files = {"reference.json", "f1_50.csv", "tracks/f1_50.json", "tracks/f1_50.mp4", "tracks/f1_50.pixels.csv"}
+    assert set(contents(done)) - {".lock"} == files
+
+
+def test_an_overlay_can_be_left_out(clip, tmp_path):
+    tracked(clip, tmp_path)
+    assert not (tmp_path / "tracks" / f"{clip.name}.mp4").exists()
+
+
+def test_the_markers_may_be_found_without_points(clip, tmp_path):
+    trial, _ = tracked(replace(clip, points=None), tmp_path)
+    assert clip.errors(trial).max() < 2e-3
+    report = json.loads((tmp_path / "tracks" / "f1_25.json").read_text())
+    assert report["points_from"] == "auto"
+
+
+def test_progress_is_told_after_every_frame(clip, tmp_path):
+    seen = []
+    tracked(clip, tmp_path, on_progress=seen.append)
+    assert [(p.name, p.done, p.total, p.lost) for p in seen] == [("f1_25", k, 7, 0) for k in range(1, 8)]
+
+
+# the camera
+
+
+def test_without_the_cameras_height_raised_markers_are_off_and_a_finding_says_so(clip, tmp_path):
+    found = track_film(clip.video, clip.points, FISH, FAST, tmp_path)
+    errors = clip.errors(load_reference(tmp_path)["f1_25"]).mean(axis=0)
+    raised = FISH.marker_heights > FISH.marker_heights[0]
+    known, _ = tracked(clip, tmp_path)
+    corrected = clip.errors(known).mean(axis=0)
+    assert (errors[raised] > 2 * corrected[raised]).all()
+    assert any("M2 and M8 stand up to 50 mm above" in line for line in found.report["findings"])
+
+
+def test_a_known_length_sets_the_scale(clip, tmp_path):
+    head = clip.filmed.truth.positions[0, :2]
+    write_camera(tmp_path / "camera.json", CameraFile(lengths=(Length("head", head, 2 * FISH.head_length),)))
+    trial, _ = tracked(clip, tmp_path / "reference", replace(FAST, camera=tmp_path / "camera.json"))
+    assert np.median(np.linalg.norm(trial.track.body[:, 1], axis=1)) == pytest.approx(2 * FISH.head_length, rel=0.01)
+
+
+# markers that are hidden
+
+
+@pytest.fixture(scope="module")
+def glared(tmp_path_factory) -> tuple[Shot, Trial, Filmed]:
+    """M4 and M5 are below glare for 0.3 s, M7 for two frames."""
+    folder = tmp_path_factory.mktemp("glared")
+    glares = (Glare(0.45, 0.75, over=(4, 5)), Glare(0.985, 1.05, over=(7,)))
+    made = shoot(folder, camera=replace(CAMERA, glares=glares))
+    return made, *tracked(made, folder / "reference")
+
+
+def test_a_marker_that_is_hidden_is_lost_there_and_nowhere_else(glared):
+    made, trial, _ = glared
+    hidden = made.filmed.hidden
+    assert hidden[:, [4, 5]].sum() >= 16
+    assert (trial.track.confidence[hidden] == 0).all()
+    assert np.isnan(trial.track.positions[hidden[:, 4], 4]).all()
+    assert np.nanmax(made.errors(trial)) < 3e-3
+    assert (trial.track.confidence[~hidden] > 0).mean() > 0.98
+    assert (trial.track.confidence[:, :4] > 0).all()
+
+
+def test_a_short_gap_is_filled_and_counts_as_lost(glared):
+    made, trial, found = glared
+    gap = made.filmed.hidden[:, 7]
+    assert 1 <= gap.sum() <= 3
+    assert made.errors(trial)[gap, 7].max() < 5e-3
+    assert (trial.track.confidence[gap, 7] == 0).all()
+    quality = check_track(trial.track, FISH.rest_markers)
+    assert quality.lost[gap, 7].all()
+    shares = found.report["filled_share"]
+    assert shares[7] >= gap.mean() - 1e-9
+    assert shares[4] < 0.1  # of a long gap nothing is
+
+
+def test_the_report_tells_what_was_lost(glared):
+    _, trial, found = glared
+    quality = check_track(trial.track, FISH.rest_markers)
+    np.testing.assert_allclose(found.report["lost_share"], quality.lost_share, atol=1e-8)
+    assert not found.report["usable"]
+    assert {line[:13] for line in found.report["findings"]} >= {f"M{m} is lost in" for m in (4, 5, 7)}
+
+
+# other ways to track
+
+
+def test_smoothing_takes_noise_out_of_the_trial_and_not_of_the_table(tmp_path):
+    made = shoot(tmp_path, seconds=0.6, camera=replace(CAMERA, fps=60.0, noise=6.0))
+    rough, _ = tracked(made, tmp_path / "rough")
+    smooth, _ = tracked(made, tmp_path / "smooth", replace(FAST, smooth=True))
+    inside = slice(4, -4)
+    errors = [made.errors(trial)[inside].mean() for trial in (rough, smooth)]
+    assert errors[1] < 0.9 * errors[0]
+    one, other = (tables(tmp_path / kind)["tracks/f1_50.pixels.csv"] for kind in ("rough", "smooth"))
+    assert one == other
+
+
+def test_the_papers_tracker_goes_the_same_way(tmp_path):
+    made = shoot(tmp_path, seconds=0.1)
+    tracked(made, tmp_path / "reference")
+    trial, found = tracked(made, tmp_path / "reference", replace(FAST, tracker="csrt"))
+    assert not found.again
+    assert found.report["tracker"] == "csrt"
+    assert "csrt tracker" in trial.provenance
+    assert trial.track.frame_count == 4
+    assert np.nanmax(made.errors(trial)[:, :4]) < 10e-3
+
+
+def test_an_unknown_tracker_is_named():
+    with pytest.raises(ArgumentError) as caught:
+        FilmSettings(tracker="guess")
+    assert str(caught.value) == "tracker is 'guess'; there are detection and csrt"
+
+
+@pytest.mark.parametrize(
+    ("name", "frequency", "nominal"),
+    [("f1_50", 1.4, 1.4), ("swim", None, None), ("f0_00", None, None)],
+)
+def test_the_frequency_is_the_arguments_or_the_names(clip, tmp_path, name, frequency, nominal):
+    trial, _ = tracked(named(clip, tmp_path, name), tmp_path / "reference", frequency=frequency)
+    assert trial.nominal_frequency == nominal
+
+
+@pytest.mark.parametrize("frequency", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_frequency_that_is_none_is_refused(clip, tmp_path, frequency):
+    with pytest.raises(ArgumentError) as caught:
+        tracked(clip, tmp_path / "reference", frequency=frequency)
+    assert str(caught.value) == f"frequency is {frequency:g} Hz; it must be finite and above 0"
+    assert not (tmp_path / "reference").exists()
+
+
+# other videos
+
+
+def test_a_camera_that_was_held_upright_gives_the_same_track(tmp_path):
+    camera = replace(CAMERA, width=360, height=640, view=0.5625)
+    plain = shoot(tmp_path / "plain", seconds=0.4, camera=camera, turn=np.pi / 2)
+    held = shoot(tmp_path / "held", seconds=0.4, camera=camera, turn=np.pi / 2, rotation=90)
+    _, first = tracked(plain, tmp_path / "one", FilmSettings())
+    trial, second = tracked(held, tmp_path / "other", FilmSettings())
+    assert [r["rotation"] for r in (first.report, second.report)] == [0, 90]
+    assert [(r["width"], r["height"]) for r in (first.report, second.report)] == [(360, 640)] * 2
+    one, other = (pixels(tmp_path / folder, "f1_50") for folder in ("one", "other"))
+    assert np.linalg.norm(one.positions - other.positions, axis=2).mean() < 0.2
+    assert np.linalg.norm(one.positions - other.positions, axis=2).max() < 1
+    assert held.errors(trial).max() < 2e-3
+    with VideoReader(tmp_path / "other" / "tracks" / "f1_50.mp4") as overlay:
+        assert (overlay.info.width, overlay.info.rotation) == (360, 0)
+        assert overlay.info.height > 640
+
+
+def test_uneven_frames_keep_their_times(tmp_path):
+    made = shoot(tmp_path, camera=replace(CAMERA, jitter=0.4, dropped=0.2))
+    trial, _ = tracked(made, tmp_path / "reference", FilmSettings())
+    assert np.ptp(np.diff(made.times)) > 0.02
+    np.testing.assert_allclose(trial.track.times, made.times, atol=1e-4)
+    assert made.errors(trial).max() < 3e-3
+    with VideoReader(tmp_path / "reference" / "tracks" / "f1_50.mp4") as overlay:
+        np.testing.assert_allclose([frame.time for frame in overlay], made.times, atol=5e-3)
+
+
+def test_a_video_that_was_cut_off_makes_a_shorter_trial_with_a_finding(shot, tmp_path):
+    cut = named(shot, tmp_path, "cut")
+    data = cut.video.read_bytes()
+    cut.video.write_bytes(data[: int(0.6 * len(data))])
+    trial, found = tracked(cut, tmp_path / "reference")
+    assert 8 < trial.track.frame_count < 32
+    (line,) = [line for line in found.report["findings"] if "ends early" in line]
+    assert line.startswith("the video ends early: the file says 37 frames, ")
+    assert np.nanmax(shot.errors(trial)) < 3e-3
+
+
+# going on
+
+
+def stamps(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+
+
+def test_a_film_that_is_done_isnt_tracked_again(shot, done):
+    before, files = contents(done), stamps(done)
+    seen = []
+    _, found = tracked(shot, done, FilmSettings(), on_progress=seen.append)
+    assert found.again
+    assert found.report == json.loads((done / "tracks" / "f1_50.json").read_text())
+    assert seen == []
+    assert (contents(done), stamps(done)) == (before, files)
+
+
+@pytest.fixture(scope="module")
+def untouched(clip, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("untouched") / "reference"
+    tracked(clip, folder)
+    return folder
+
+
+@pytest.fixture
+def there(clip, untouched, tmp_path) -> Path:
+    """A reference folder with a tracked film, to change."""
+    folder = Path(shutil.copytree(untouched, tmp_path / "reference"))
+    assert tracked(clip, folder)[1].again
+    return folder
+
+
+def test_other_points_track_again(clip, there, tmp_path):
+    moved = tmp_path / "moved.json"
+    save_points(moved, clip.filmed.truth.positions[0] + 0.5, NAMES, clip.video.name, 640, 360)
+    _, found = tracked(replace(clip, points=moved), there)
+    assert not found.again
+    np.testing.assert_allclose(found.report["points"], clip.filmed.truth.positions[0] + 0.5, atol=1e-3)
+
+
+@pytest.mark.parametrize("changes", [{"smooth": True}, {"overlay": True}], ids=["smooth", "overlay"])
+def test_other_settings_track_again(clip, there, changes):
+    _, found = tracked(clip, there, replace(FAST, **changes))
+    assert not found.again
+    assert tracked(clip, there, replace(FAST, **changes))[1].again
+
+
+def test_another_camera_file_or_frequency_tracks_again(clip, there, tmp_path):
+    write_camera(tmp_path / "camera.json", CameraFile(camera_height=3.0))
+    assert not tracked(clip, there, replace(FAST, camera=tmp_path / "camera.json"))[1].again
+    assert not tracked(clip, there, frequency=1.4)[1].again
+
+
+def test_another_film_of_the_same_name_replaces_the_trial(clip, there, tmp_path):
+    other = shoot(tmp_path / "other", "f1_25", seconds=0.1, seed=2)
+    trial, found = tracked(other, there)
+    assert not found.again
+    assert trial.track.frame_count == 4
+    assert len(load_reference(there)) == 1
+
+
+@pytest.mark.parametrize("gone", ["reference.json", "tracks/f1_25.json"])
+def test_what_was_taken_away_is_made_again(clip, there, gone):
+    """A process that is killed just before the last file is written leaves it away, too."""
+    before = tables(there)
+    (there / gone).unlink()
+    assert not tracked(clip, there)[1].again
+    assert tables(there) == before
+
+
+def test_a_damaged_report_is_made_again(clip, there):
+    for content in ("[]", "{"):
+        (there / "tracks" / "f1_25.json").write_text(content)
+        assert not tracked(clip, there)[1].again
+
+
+def test_a_track_that_was_replaced_in_part_isnt_taken_for_done(clip, there, tmp_path):
+    before = tables(there)
+    index = (there / "reference.json").read_bytes()
+    (there / "reference.json").write_text("{}")
+    moved = tmp_path / "moved.json"
+    save_points(moved, clip.filmed.truth.positions[0] + 1.0, NAMES, clip.video.name, 640, 360)
+    with pytest.raises(TrialError, match="format is None; this version reads format 1"):
+        tracked(replace(clip, points=moved), there)
+    (there / "reference.json").write_bytes(index)
+    assert not tracked(clip, there)[1].again
+    assert tables(there) == before
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from swim2real.pipeline import FilmSettings, track_film
+from swim2real.robots.fish import FISH
+
+def kill(progress):
+    if progress.done == 9:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+video, points, camera, folder = map(Path, sys.argv[1:])
+track_film(video, points, FISH, FilmSettings(camera=camera), folder, on_progress=kill)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="nothing kills like SIGKILL there")
+def test_a_process_that_is_killed_leaves_a_whole_reference_and_can_go_on(shot, untouched, done, tmp_path):
+    folder = Path(shutil.copytree(untouched, tmp_path / "reference"))
+    words = [str(path) for path in (shot.video, shot.points, shot.camera, folder)]
+    environment = {**os.environ, "PYTHONPATH": str(Path(swim2real.__file__).parents[1])}
+    killed = subprocess.run([sys.executable, "-c", KILLED, *words], env=environment, timeout=120)
+    assert killed.returncode == -signal.SIGKILL
+    assert load_reference(folder).names == ("f1_25",)
+    assert parts(folder) == ["tracks/f1_50.mp4.part"]
+    trial, found = tracked(shot, folder, FilmSettings())
+    assert not found.again
+    assert shot.errors(trial).max() < 2e-3
+    assert parts(folder) == []
+    assert tables(folder) == {**tables(untouched), **tables(done)}
+
+
+def test_an_interruption_leaves_no_half_files(shot, tmp_path):
+    def interrupt(progress):
+        if progress.done == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        tracked(shot, tmp_path / "reference", FilmSettings(), on_progress=interrupt)
+    assert contents(tmp_path / "reference") == {}
+
+
+# several videos
+
+
+def films(*shots: Shot, **options):
+    settings = options.pop("settings", replace(FAST, camera=shots[0].camera))
+    folder = options.pop("folder")
+    points = options.pop("points", [shot.points for shot in shots])
+    return track_films([shot.video for shot in shots], points, FISH, settings, folder, **options)
+
+
+def test_one_and_two_processes_write_the_same_files_and_answer_in_the_order_of_the_videos(shot, clip, tmp_path):
+    bad = replace(clip, video=tmp_path / "bad.mp4")
+    bad.video.write_text("these are words\n" * 40)
+    told = {}
+    for workers in (1, 2):
+        folder, order, progress = tmp_path / str(workers), [], []
+        found = films(
+            shot, bad, clip, folder=folder, workers=workers, frequencies=[None, None, 1.4], on_progress=progress.append,
+            on_done=lambda name, result, order=order: order.append((name, result)),
+        )  # fmt: skip
+        assert dict(order) == dict(zip(("f1_50", "bad", "f1_25"), found, strict=True))
+        assert {p.name for p in progress} >= {"f1_50"}
+        long, wrong, short = found
+        assert isinstance(wrong, VideoError)
+        assert str(bad.video) in str(wrong)
+        assert [one.report["frames"] for one in (long, short)] == [37, 7]
+        told[workers] = [{**one.report, "seconds": None} for one in (long, short)], str(wrong)
+        reference = load_reference(folder)
+        assert reference.names == ("f1_25", "f1_50")
+        assert [trial.nominal_frequency for trial in reference] == [1.4, 1.5]
+        assert parts(folder) == []
+    assert told[1] == told[2]
+    assert len(tables(tmp_path / "1")) == 4
+    assert tables(tmp_path / "1") == tables(tmp_path / "2")
+    index = "reference.json"
+    assert contents(tmp_path / "1")[index] == contents(tmp_path / "2")[index]
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"workers": 0}, "workers is 0; it must be at least 1"),
+        ({"workers": -1}, "workers is -1; it must be at least 1"),
+        ({"points": []}, "0 points files and 1 frequencies for 1 videos"),
+        ({"frequencies": [1.0, 2.0]}, "1 points files and 2 frequencies for 1 videos"),
+    ],
+    ids=str,
+)
+def test_videos_that_dont_fit_their_arguments_are_refused(clip, tmp_path, options, says):
+    with pytest.raises(ArgumentError) as caught:
+        films(clip, folder=tmp_path / "reference", **options)
+    assert str(caught.value) == says
+    assert not (tmp_path / "reference").exists()
+
+
+def test_no_video_and_two_of_one_name_are_refused(clip, tmp_path):
+    with pytest.raises(ArgumentError, match="no video was given"):
+        track_films([], [], FISH, FAST, tmp_path / "reference")
+    with pytest.raises(ArgumentError, match="two videos would make trial 'f1_25'; rename one"):
+        films(clip, named(clip, tmp_path, "f1_25"), folder=tmp_path / "reference")
+    assert not (tmp_path / "reference").exists()
+
+
+def test_a_process_that_dies_is_told(shot, tmp_path):
+    def kill(progress):
+        for process in multiprocessing.active_children():
+            process.kill()
+
+    for error in films(
+        shot, named(shot, tmp_path, "other"), folder=tmp_path / "reference", workers=2, on_progress=kill
+    ):
+        assert isinstance(error, TrackingError)
+        assert str(error) == "the process died, perhaps for want of memory; run again with --workers 1"
+
+
+# bad input
+
+
+def written(tmp_path: Path, points, **changes) -> Path:
+    path = tmp_path / "points.json"
+    markers = dict(zip(NAMES, np.asarray(points).tolist(), strict=False))
+    content = {"format": 1, "video": "f1_25.mp4", "width": 640, "height": 360, "frame": 0, "markers": markers}
+    path.write_text(json.dumps({**content, **changes}))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda p: p[:8], r"points '.*' lack M8; expected are 9 points"),
+        (lambda p: p + np.array([0, 4000]), r"M0 of points '.*' is at \(.*\), outside of the frame of 640 x 360 px"),
+        (lambda p: np.concatenate([p[:8], p[7:8]]), r"M7 and M8 of points '.*' are 0\.0 px apart; two markers can't"),
+        (lambda p: p + np.array([0, 60]), "no marker stands out at 9 of 9 points"),
+    ],
+    ids=["number", "outside", "same spot", "no marker"],
+)
+def test_bad_points_are_told_and_change_nothing(clip, tmp_path, change, says):
+    points = written(tmp_path, change(clip.filmed.truth.positions[0]))
+    with pytest.raises(TrackingError, match=says):
+        tracked(replace(clip, points=points), tmp_path / "reference", FilmSettings())
+    assert contents(tmp_path / "reference") == {}
+
+
+def test_points_of_another_video_are_refused(clip, tmp_path):
+    points = written(tmp_path, clip.filmed.truth.positions[0], width=1920, height=1080)
+    with pytest.raises(TrackingError, match="were picked on a frame of 1920 x 1080 px; the video's is 640 x 360 px"):
+        tracked(replace(clip, points=points), tmp_path / "reference")
+
+
+def test_a_video_of_one_frame_is_refused(tmp_path):
+    camera = replace(CAMERA, fps=10.0)
+    made = shoot(tmp_path, seconds=0.1, camera=camera)
+    data = made.video.read_bytes()
+    place = data.index(b"mdat") + 4
+    single = None
+    for end in range(place + 500, len(data), 500):  # until the first frame is whole
+        made.video.write_bytes(data[:end])
+        try:
+            with VideoReader(made.video) as reader:
+                single = sum(1 for _ in reader)
+            break
+        except VideoError:
+            continue
+    assert single == 1
+    with pytest.raises(TrackingError, match="has one frame only; a trial needs at least 2"):
+        tracked(made, tmp_path / "reference", FilmSettings())
+    assert contents(tmp_path / "reference") == {}
+
+
+@pytest.mark.parametrize("below", [False, True], ids=["a file", "below a file"])
+def test_a_folder_that_cant_be_made_is_told(clip, tmp_path, below):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    with pytest.raises(TrackingError, match=r"can't write folder '.*tracks': .*; choose another with --to"):
+        tracked(clip, file / "reference" if below else file)
+    assert file.read_text() == "mine"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="the superuser may write everywhere")
+def test_a_folder_that_is_read_only_is_told(clip, tmp_path):
+    (tmp_path / "locked").mkdir(mode=0o500)
+    with pytest.raises(TrackingError, match=r"can't write folder '.*': Permission denied; choose another with --to"):
+        tracked(clip, tmp_path / "locked")
+
+
+def test_a_reference_of_another_robot_is_left_alone(clip, tmp_path):
+    folder = tmp_path / "reference"
+    track = MarkerTrack([0.0, 0.1], np.array([[[0.0, 0.0]], [[0.1, 0.0]]]))
+    save_reference(TrialSet((Trial("one", track),), ("head",)), folder)
+    index = (folder / "reference.json").read_bytes()
+    with pytest.raises(TrialError, match="has the markers head; the new trial has M0, M1"):
+        tracked(clip, folder)
+    assert (folder / "reference.json").read_bytes() == index
+
+
+def test_a_camera_file_that_contradicts_the_robot_is_told(clip, tmp_path):
+    write_camera(tmp_path / "camera.json", CameraFile(camera_height=0.01))
+    with pytest.raises(TrackingError, match=r"camera_height 0\.01 m is not above the highest marker"):
+        tracked(clip, tmp_path / "reference", replace(FAST, camera=tmp_path / "camera.json"))
+    assert not (tmp_path / "reference" / "reference.json").exists()
+
+
+def test_a_camera_file_that_isnt_there_is_named(clip, tmp_path):
+    with pytest.raises(TrackingError, match=r"camera file '.*nothing.json' is not there"):
+        tracked(clip, tmp_path / "reference", replace(FAST, camera=tmp_path / "nothing.json"))
+    assert not (tmp_path / "reference").exists()
