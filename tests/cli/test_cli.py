@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from filelock import FileLock
+from program import process
 
 import swim2real
 from pools import NAMES, film
@@ -25,77 +26,15 @@ from swim2real.robots.fish import FISH
 from swim2real.simulation import Engine
 from swim2real.trials import save_reference
 
-COMMANDS = ("calibrate", "demo", "evaluate", "fetch", "quality", "report", "simulate")
+COMMANDS = (
+    "calibrate", "demo", "evaluate", "fetch", "import-tracks", "pick", "quality", "report", "simulate", "track",
+)  # fmt: skip
 SPEC_FIGURES = {  # of the interface's `evaluate --json`
     "marker_error", "aligned_marker_error", "shape_error", "static_offset", "velocity_error", "left_out_share",
 }  # fmt: skip
 OUR_FIGURES = {"progress_error", "unweighted_error"}
 SPEC_TRIAL = {"frequency", "velocity_real", "velocity_simulated"}
 OUR_TRIAL = {"phase", "divergence", "marker_errors", "aligned_marker_errors", "beat_real", "beat_simulated"}
-
-
-class Program:
-    """Calls the program in this process."""
-
-    def __init__(self, capsys):
-        self._capsys = capsys
-        self.code, self.out, self.err = None, "", ""
-
-    def __call__(self, *words: object) -> "Program":
-        self._capsys.readouterr()
-        with pytest.raises(SystemExit) as leaving:
-            main([str(word) for word in words])
-        self.code = leaving.value.code
-        self.out, self.err = self._capsys.readouterr()
-        return self
-
-    def done(self) -> "Program":
-        assert self.code == 0, self.err
-        return self
-
-    @property
-    def json(self):
-        return json.loads(self.out)
-
-    @property
-    def text(self) -> str:
-        """What was printed, without the boxes and line breaks of a terminal's width."""
-        return plain(self.out)
-
-    def sentence(self, code: int) -> str:
-        """The one line that a refusal must be."""
-        assert self.code == code, self.err
-        assert self.out == ""
-        lines = self.err.splitlines()
-        assert len(lines) == 1, self.err
-        assert lines[0].startswith("swim2real: ")
-        return lines[0].removeprefix("swim2real: ")
-
-
-def plain(text: str) -> str:
-    return re.sub(r"[\s│╭╮╰╯─]+", " ", text)
-
-
-@pytest.fixture(autouse=True)
-def no_terminal(monkeypatch):
-    for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
-        monkeypatch.delenv(name, raising=False)
-
-
-@pytest.fixture
-def program(capsys) -> Program:
-    return Program(capsys)
-
-
-def process(*words: object, **options) -> subprocess.Popen:
-    """Starts the program as its own process; Ctrl-C works there even when it is switched off here."""
-    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); import swim2real.__main__"
-    return subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, words)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8",
-        env={**os.environ, "PYTHONPATH": str(Path(swim2real.__file__).parents[1]), "PYTHONIOENCODING": "utf-8"},
-        **options,
-    )  # fmt: skip
 
 
 @pytest.fixture(scope="session")
@@ -148,14 +87,24 @@ def test_the_version_is_told(program):
     {
         "calibrate": [
             "--resume", "--hold-out", "--budget", "Reads a reference", "writes a run folder", "record.jsonl",
-            "best.json", "report.html", "Costs under a second an evaluation",
+            "best.json", "report.html", "Costs under a second an evaluation", "--early-stop",
         ],
-        "demo": ["--out", "no network", "writes the report", "Folder to write"],
+        "demo": [
+            "--out", "no network", "writes the report", "Folder to write", "tracks its markers in the videos",
+            "all eight frequencies instead of four",
+        ],
         "evaluate": ["--reference", "Reads a run folder or parameters file", "writes nothing", "Costs one evaluation"],
         "fetch": ["--from", "--to", "sha256", "write a reference folder"],
-        "quality": ["--plot", "Folder with the real trials", "Exits with 1 when", "Also write an HTML page"],
+        "import-tracks": ["--fps", "--camera", "--frequency", "DeepLabCut", "SLEAP", "Reference folder to add"],
+        "pick": ["--out", "One self-contained HTML file", "download points.json", "Page to write"],
+        "quality": ["--plot", "--allow-lost", "Folder with the real trials", "Exits with 1 when", "Also write an HTML"],
         "report": ["Run folder", "one self-contained HTML file"],
         "simulate": ["--from-rest", "Run folder or parameters file", "Writes an .npz with times (T,)"],
+        "track": [
+            "--markers", "--frequency", "--tracker", "--camera", "--smooth", "--no-overlay", "--workers", "--json",
+            "Reads videos", "adds a trial per video to a reference folder", ".pixels.csv", "lost, not guessed",
+            "Costs about 10 ms of one core a frame",
+        ],
     }.items(),
 )  # fmt: skip
 def test_every_command_has_a_help_that_says_what_it_reads_and_writes(program, command, phrases):
@@ -185,6 +134,11 @@ def test_the_help_lists_every_command(program):
         ["evaluate", "published"],
         ["simulate", "published", "--frequency", "fast", "--out", "f.npz"],
         ["fetch"],
+        ["track", "f1_50.mp4"],
+        ["track", "f1_50.mp4", "--to", "reference", "--tracker", "guess"],
+        ["track", "f1_50.mp4", "--to", "reference", "--workers", "many"],
+        ["pick"],
+        ["import-tracks", "f1_50.csv", "--to", "reference"],
     ],
     ids=" ".join,
 )
@@ -326,6 +280,19 @@ def test_quality_of_lost_tracks_leaves_with_1_and_names_the_marker(program, loss
     assert program.code == 1
     assert re.search(rf"{NAMES[1]}: M6 is lost in \d+ % of frames \(collapsed", program.text)
     assert program.err == ""
+
+
+@pytest.mark.parametrize(("words", "code"), [(["--allow-lost", 0.95], 0), (["--allow-lost", 0.1], 1)], ids=str)
+def test_quality_takes_what_it_is_told_to(program, lossy_folder, words, code):
+    assert program("quality", lossy_folder, *words).code == code
+    assert ("accept them with --allow-lost 0." in program.text) == bool(code)
+    assert f"{NAMES[1]}: M6 is lost in" in program.text
+    assert program.err == ""
+
+
+def test_quality_refuses_a_share_that_is_none(program, lossy_folder):
+    says = "--allow-lost is 5; it is a share of frames within 0 and 1, such as 0.05"
+    assert program("quality", lossy_folder, "--allow-lost", 5).sentence(2) == says
 
 
 def test_quality_as_json_is_json_alone(program, lossy_folder):

@@ -1,0 +1,309 @@
+"""Videos in, a reference folder out, as the program does it: `track`, and `pick` and `import-tracks` around it."""
+
+import json
+import os
+import re
+import signal
+import sys
+import time
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from program import process
+
+from films import Shot, contents, named, parts, tables
+from swim2real.robots.fish import FISH
+from swim2real.tracking.camera_file import CameraFile, write_camera
+from swim2real.trials import load_reference
+
+NAMES = FISH.marker_names
+
+
+def words(*shots: Shot, to: Path) -> list[object]:
+    """`track` with the points and the camera of some films."""
+    points = [shot.points for shot in shots]
+    return ["track", *(s.video for s in shots), "--to", to, "--markers", *points, "--camera", shots[0].camera]
+
+
+# what is printed and written
+
+
+def test_a_video_becomes_a_reference_with_an_overlay(program, clip, tmp_path):
+    to = tmp_path / "reference"
+    program(*words(clip, to=to)).done()
+    assert "Frames for which each marker is lost [%]" in program.text
+    assert re.search(r"f1_25 7 1\.5\d{3} (– ){9}yes", program.text)
+    assert f"Reference: {to} Overlays: {to / 'tracks'} Next: swim2real calibrate {to} --out RUN" in program.text
+    assert "What to know" not in program.text
+    assert re.fullmatch(
+        r"f1_25: frame 1 of 7, 0 markers lost\nf1_25: 7 frames in \d+\.\d s\n", program.err
+    )  # plain lines, when piped
+    assert {"f1_25.json", "f1_25.mp4", "f1_25.pixels.csv"} == {path.name for path in (to / "tracks").iterdir()}
+    (trial,) = load_reference(to)
+    assert clip.errors(trial).max() < 2e-3
+    assert trial.nominal_frequency == 1.25
+
+
+def test_quietly_it_prints_nothing_and_says_so_when_it_is_done_before(program, clip, tmp_path):
+    to = tmp_path / "reference"
+    command = [*words(clip, to=to), "--no-overlay"]
+    program(*command, "--quiet").done()
+    assert (program.out, program.err) == ("", "")
+    assert not (to / "tracks" / "f1_25.mp4").exists()
+    before = contents(to)
+    program(*command).done()
+    assert program.err == "f1_25: done before\n"
+    assert re.search(r"f1_25 7 1\.5\d{3} (– ){9}yes", program.text)
+    assert contents(to) == before
+
+
+def test_on_a_terminal_there_is_a_bar(program, clip, tmp_path, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "120")
+    program(*words(clip, to=tmp_path), "--no-overlay").done()
+    shown = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", program.err)
+    assert "\x1b[" in program.err
+    assert re.search(r"f1_25: 7 frames in \d+\.\d s", shown)
+    assert "━" in shown
+
+
+def test_json_is_json_alone(program, clip, tmp_path):
+    program(*words(clip, to=tmp_path), "--no-overlay", "--json", "--frequency", 1.2, "--smooth").done()
+    assert program.err == ""
+    content = program.json
+    assert list(content) == ["f1_25"]
+    assert content["f1_25"] == json.loads((tmp_path / "tracks" / "f1_25.json").read_text())
+    assert content["f1_25"]["frames"] == 7
+    assert load_reference(tmp_path)["f1_25"].nominal_frequency == 1.2
+
+
+def test_without_points_and_camera_markers_are_found_and_findings_are_told(program, clip, tmp_path):
+    program("track", clip.video, "--to", tmp_path, "--no-overlay").done()
+    assert "What to know" in program.text
+    assert "M2 and M8 stand up to 50 mm above" in program.text
+    assert load_reference(tmp_path).names == ("f1_25",)
+
+
+# several videos
+
+
+def test_a_bad_video_leaves_the_others_alone_and_leaves_with_1(program, clip, tmp_path):
+    bad = tmp_path / "bad.mp4"
+    bad.write_text("these are words\n" * 40)
+    to = tmp_path / "reference"
+    program("track", bad, clip.video, "--to", to, "--markers", "auto", clip.points, "--workers", 1, "--no-overlay")
+    assert program.code == 1
+    *lines, last = program.err.splitlines()
+    assert lines[0] == "bad: failed"
+    assert last.startswith(f"swim2real: '{bad}' is not a video that FFmpeg can read (")
+    assert "f1_25 7 " in program.text
+    assert load_reference(to).names == ("f1_25",)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--markers", "a", "b"], "--markers has 2 files for 1 videos; give one for each video in order, or auto"),
+        (["--markers"], "--markers has 0 files for 1 videos; give one for each video in order, or auto"),
+        (["--frequency", "1", "2"], "--frequency has 2 values for 1 videos; give one for each, or none"),
+        (["--frequency", "0"], "--frequency is 0 Hz; it must be finite and above 0"),
+        (["--frequency", "nan"], "--frequency is nan Hz; it must be finite and above 0"),
+        (["--workers", "-1"], "--workers is -1; it must be 0 (as many as there are cores) or above"),
+    ],
+    ids=" ".join,
+)
+def test_wrong_arguments_are_named_and_nothing_is_written(program, clip, tmp_path, options, says):
+    assert program("track", clip.video, "--to", tmp_path / "reference", *options).sentence(2) == says
+    assert not (tmp_path / "reference").exists()
+
+
+def test_no_video_and_two_of_one_name_are_refused(program, clip, tmp_path):
+    to = tmp_path / "reference"
+    assert program("track", "--to", to).sentence(2) == "no video was given"
+    other = named(clip, tmp_path / "other", "f1_25").video
+    says = "two videos would make trial 'f1_25'; rename one"
+    assert program("track", clip.video, other, "--to", to).sentence(2) == says
+    assert not to.exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no Ctrl-C to send")
+def test_an_interruption_leaves_no_half_files_and_the_same_command_goes_on(program, shot, clip, tmp_path):
+    one, other = named(shot, tmp_path, "one"), named(shot, tmp_path, "other")
+    to = tmp_path / "reference"
+    program(*words(clip, to=to)).done()
+    command = [*words(one, other, to=to), "--workers", 2]
+    started = process(*command, start_new_session=True)
+    try:
+        deadline = time.monotonic() + 60
+        while len(parts(to)) < 2:
+            assert started.poll() is None, started.communicate()[1]
+            assert time.monotonic() < deadline, "the videos aren't begun"
+            time.sleep(0.01)
+        os.killpg(started.pid, signal.SIGINT)  # as a terminal does
+        out, err = started.communicate(timeout=60)
+    finally:
+        started.kill()
+        started.wait()
+    assert (started.returncode, out) == (1, "")
+    *lines, last = err.splitlines()
+    assert last == "swim2real: interrupted; the same command goes on with the videos that aren't done"
+    assert all(re.match(r"(one|other): (frame \d+ of 37, 0 markers lost|37 frames in )", line) for line in lines)
+    assert parts(to) == []
+    before = load_reference(to).names
+    assert set(before) < {"f1_25", "one", "other"}
+    program(*command[:-1], 1).done()
+    assert set(load_reference(to).names) == {"f1_25", "one", "other"}
+    assert parts(to) == []
+    assert tables(to)["one.csv"] == tables(to)["other.csv"]
+
+
+# bad input
+
+
+def no_frames(shot: Shot, path: Path) -> Path:
+    data = shot.video.read_bytes()
+    path.write_bytes(data[: data.index(b"mdat") + 4])
+    return path
+
+
+def one_sound(path: Path) -> Path:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("aac", rate=8000)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        frame.sample_rate = 8000
+        for packet in [*stream.encode(frame), *stream.encode(None)]:
+            container.mux(packet)
+    return path
+
+
+def unknown_codec(shot: Shot, path: Path) -> Path:
+    path.write_bytes(shot.video.read_bytes().replace(b"avc1", b"zzzz"))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda shot, path: path, "no video '{}'; check the path"),
+        (lambda shot, path: (path.mkdir(), path)[1], "'{}' is a folder; give the path of a video file"),
+        (lambda shot, path: (path.touch(), path)[1], "'{}' is empty (0 bytes); copy it again"),
+        (no_frames, "not one frame of '{}' can be decoded; it is cut off or damaged"),
+        (lambda shot, path: one_sound(path), "'{}' has no video in it, only audio"),
+        (unknown_codec, "no decoder for the video in '{}'; convert it to H.264, for example"),
+    ],
+    ids=["not there", "folder", "empty", "no frames", "sound", "codec"],
+)
+def test_a_video_that_cant_be_read_is_a_sentence(program, clip, tmp_path, make, says):
+    video = make(clip, tmp_path / "swim.mp4")
+    to = tmp_path / "reference"
+    sentence = program("track", video, "--to", to, "--quiet").sentence(1)
+    assert sentence == says.format(video)
+    assert not to.exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda p: p[:7], "points '{}' hold 7 points; expected are 9, one for each of M0, M1,"),
+        (
+            lambda p: [[-40.0, 10.0], *p[1:]],
+            r"M0 of points '{}' is at \(-40, 10\), outside of the frame of 640 x 360 px",
+        ),
+        (
+            lambda p: [*p[:8], p[3]],
+            r"M3 and M8 of points '{}' are 0\.0 px apart; two markers can't be on the same spot",
+        ),
+        (lambda p: [[x, y + 60] for x, y in p], r"no marker stands out at \d of 9 points, such as \("),
+        (lambda p: "points", r"points '{}' hold neither 'markers' nor a plain list of \[x, y\]; pick the points again"),
+    ],
+    ids=["number", "outside", "same spot", "no marker", "text"],
+)
+def test_points_that_cant_be_right_are_a_sentence(program, clip, tmp_path, change, says):
+    points = tmp_path / "points.json"
+    points.write_text(json.dumps(change(clip.filmed.truth.positions[0].tolist())))
+    to = tmp_path / "reference"
+    sentence = program("track", clip.video, "--to", to, "--markers", points, "--quiet").sentence(1)
+    assert sentence.startswith(f"{clip.video}: ")
+    assert re.search(says.format(re.escape(str(points))), sentence)
+    assert contents(to) == {}
+
+
+def test_files_that_arent_there_are_named(program, clip, tmp_path):
+    to, gone = tmp_path / "reference", tmp_path / "gone.json"
+    command = ["track", clip.video, "--to", to, "--quiet"]
+    sentence = program(*command, "--markers", gone).sentence(1)
+    says = f"points '{gone}' are not there; `swim2real pick VIDEO` makes a page to pick them on"
+    assert sentence == f"{clip.video}: {says}"
+    sentence = program(*command, "--markers", clip.points, "--camera", gone).sentence(1)
+    assert sentence == f"{clip.video}: camera file '{gone}' is not there"
+    assert not to.exists()
+
+
+def test_a_folder_that_cant_be_made_is_told(program, clip, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    sentence = program(*words(clip, to=file), "--quiet").sentence(1)
+    says = f"{clip.video}: can't write folder '{file / 'tracks'}': Not a directory; choose another with --to"
+    assert sentence == says
+    assert file.read_text() == "mine"
+
+
+# pick and import-tracks
+
+
+def test_pick_writes_a_page_and_says_what_to_do(program, clip, tmp_path):
+    page = tmp_path / "page.html"
+    program("pick", clip.video, "--out", page).done()
+    assert program.text.startswith(f"{page}: open it in a browser, click M0 to M8 in order, ") or (
+        f"{page}: open it in a browser, click M0 to M8, download points.json" in program.text
+    )
+    assert f"swim2real track {clip.video} --markers points.json" in program.text
+    html = page.read_text(encoding="utf-8")
+    assert '"width": 640, "height": 360' in html
+    assert '"video": "f1_25.mp4"' in html
+    assert not re.search(r"<(script|link|img|iframe)[^>]*\s(src|href)\s*=\s*[\"']?(https?:)?//", html)
+
+
+def test_pick_writes_beside_the_video_unless_told(program, clip, tmp_path):
+    video = named(clip, tmp_path, "swim").video
+    program("pick", video).done()
+    assert (tmp_path / "swim.pick.html").is_file()
+
+
+def test_pick_refuses_what_is_no_video_and_a_page_that_cant_be_written(program, clip, tmp_path):
+    gone = tmp_path / "gone.mp4"
+    assert program("pick", gone).sentence(1) == f"no video '{gone}'; check the path"
+    page = tmp_path / "nowhere" / "page.html"
+    sentence = program("pick", clip.video, "--out", page).sentence(1)
+    assert sentence == (
+        f"can't write '{page}': No such file or directory; give a place that can be written to with --out"
+    )
+
+
+def test_a_track_in_pixels_can_be_imported_again(program, clip, tmp_path):
+    """What `track` writes for other programs is what `import-tracks` reads, and makes the same trial."""
+    height = 2.45
+    write_camera(tmp_path / "camera.json", CameraFile(height, principal_point=np.array([319.5, 179.5])))
+    command = words(clip, to=tmp_path / "one")
+    command[-1] = tmp_path / "camera.json"
+    program(*command, "--no-overlay").done()
+    table = tmp_path / "f1_25.csv"
+    table.write_bytes((tmp_path / "one" / "tracks" / "f1_25.pixels.csv").read_bytes())
+    camera = ["--camera", tmp_path / "camera.json", "--frequency", 1.25]
+    program("import-tracks", table, "--to", tmp_path / "other", "--fps", 30, *camera).done()
+    assert "f1_25: 7 frames, 0.20 s, 1.5" in program.text
+    assert tables(tmp_path / "other")["f1_25.csv"] == tables(tmp_path / "one")["f1_25.csv"]
+    one, other = (load_reference(tmp_path / folder)["f1_25"] for folder in ("one", "other"))
+    assert one.meters_per_pixel == other.meters_per_pixel
+    assert one.nominal_frequency == other.nominal_frequency == 1.25
+
+
+def test_import_tracks_refuses_wrong_arguments_and_tables(program, tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text("frame,x,y\n0,1,2\n")
+    command = ["import-tracks", table, "--to", tmp_path / "reference"]
+    assert program(*command, "--fps", 0).sentence(2) == "--fps is 0; it must be finite and above 0"
+    assert str(table) in program(*command, "--fps", 30).sentence(1)
+    assert not (tmp_path / "reference").exists()
