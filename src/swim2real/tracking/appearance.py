@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.coverage import BITS, contrasts, discs
+from swim2real.tracking.coverage import BITS, Table, contrasts, covered, discs
 from swim2real.tracking.tracker import Array, Image
 
 SURROUNDINGS = 3.0  # radii around a marker that its color is told apart from
@@ -21,10 +21,11 @@ KEEP_FIRST = 0.5  # share of the first frame in what is known, for good
 UNSEEN = 25.0  # squared distance (Mahalanobis) from the colors seen, above which a color is unknown
 SURE_CONTRAST = 0.8  # below it on average, the first guess of the radius is doubted
 LEAST_CONTRAST = 0.35  # coverage of a marker's inside above its surroundings
+SHARPEN = 1.6  # of coverage about one half, so that what compression does to colors counts for less
 _RADII = 1.12 ** np.arange(32) * 1.5
 _SURE_ROUNDS, _ROUNDS = 3, 4
 CLICK_ERROR = 3.0  # px that a picked point may be off
-_RIDGE = 1e-3
+_RIDGE = 1e-5
 
 
 def radius_at(image: Image, points: Array) -> float:
@@ -51,6 +52,32 @@ def radius_at(image: Image, points: Array) -> float:
             if inside.any() and ring.any():
                 totals[m, k] = np.linalg.norm(colors[inside].mean(axis=0) - colors[ring].mean(axis=0))
     return float(radii[int(np.argmax(np.median(totals, axis=0)))])
+
+
+def _edge_radius(image: Image, table: Table, points: Array, radius: float) -> float:
+    """Where coverage falls to half way between inside and outside, around all markers together [px]."""
+    edges = np.arange(0.3, 1.8, 0.1) * radius
+    total, count = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
+    for point in points:
+        window, corner = cut(image, point, int(np.ceil(edges[-1])) + 1)
+        if window.size == 0:
+            continue
+        y, x = np.mgrid[: window.shape[0], : window.shape[1]]
+        grid = np.stack([x + corner[0], y + corner[1]], axis=-1)
+        away = np.linalg.norm(grid - point, axis=2)
+        mine = ~(np.linalg.norm(grid[:, :, None] - points, axis=3) < away[:, :, None]).any(axis=2)
+        coverage = covered(np.ascontiguousarray(window), table, 1)
+        total += np.histogram(away[mine], edges, weights=coverage[mine])[0]
+        count += np.histogram(away[mine], edges)[0]
+    profile = total / np.maximum(count, 1)
+    half = (profile[:3].max() + profile.min()) / 2
+    below = np.flatnonzero(profile < half)
+    if not len(below) or below[0] == 0:
+        return radius
+    k = int(below[0])
+    middles = (edges[1:] + edges[:-1]) / 2
+    share = (profile[k - 1] - half) / (profile[k - 1] - profile[k])
+    return float(middles[k - 1] + share * (middles[k] - middles[k - 1]))
 
 
 def _typical_gap(points: Array) -> float:
@@ -115,7 +142,9 @@ class Appearance:
             if sure:
                 self.radius = radius_at(image, self.points)
             else:
-                self.radius *= float(np.clip(np.sqrt(np.median(shares)), 0.8, 1.25))
+                by_area = self.radius * float(np.clip(np.sqrt(np.median(shares)), 0.8, 1.25))
+                # colors at the body's edge may look like a marker's: then the area is too large
+                self.radius = min(by_area, _edge_radius(image, self.table, self.points, self.radius))
             self.shares = shares
         self.contrast = contrasts(image, self.table, self.points, np.full(len(points), self.radius))
 
@@ -143,13 +172,15 @@ class Appearance:
         off = _COLORS - mean
         unseen = np.einsum("ij,jk,ik->i", off, np.linalg.inv(covariance), off)
         known = np.clip(2 - unseen / UNSEEN, 0.0, 1.0)
-        self.table = (np.clip(coverage, 0.0, 1.0) * known).astype(np.float32)
+        sharp = 0.5 + (coverage - 0.5) * SHARPEN
+        self.table = (np.clip(sharp, 0.0, 1.0) * known).astype(np.float32)
 
 
 def _features(colors: Array) -> Array:
-    """Polynomial of colors from 0 to 1. Shape (N, 3) to (N, 10)."""
-    r, g, b = colors.T
-    return np.stack([np.ones_like(r), r, g, b, r * r, g * g, b * b, r * g, g * b, b * r], axis=1)
+    """Cubic polynomial of colors from 0 to 1. Shape (N, 3) to (N, 20)."""
+    powers = [(i, j, k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j)]
+    r, g, b = ((one**0, one, one * one, one**3) for one in colors.T)
+    return np.stack([r[i] * g[j] * b[k] for i, j, k in powers], axis=1)
 
 
 _LEVELS = (np.arange(2**BITS) + 0.5) / 2**BITS
@@ -163,7 +194,7 @@ def _moments(image: Image, points: Array, radius: float, unsure: float = 0.0) ->
     Where points may be off by `unsure` [px], only pixels count that are on or off a marker all the same.
     """
     reach = int(np.ceil(SURROUNDINGS * radius + 2 * unsure)) + 1
-    matrix, target = np.zeros((10, 10)), np.zeros(10)
+    matrix, target = np.zeros((20, 20)), np.zeros(20)
     mean, square, total = np.zeros(3), np.zeros((3, 3)), 0.0
     for point in points:
         window, corner = cut(image, point, reach)

@@ -117,7 +117,7 @@ class DetectionTracker:
             return positions, contrast
         blur, at = BLUR_SHARE * self._steps(), seeds[seen]
         for _ in range(_OVERLAP_ROUNDS if crowded.any() else 1):
-            reaches = 1.1 * radius + 1.5 + blur[seen]
+            reaches = 1.0 * radius + 0.5 + blur[seen]
             at, self._share[seen] = discs(image, self._look.table, seeds[seen], reaches, seeds, radius)
             seeds[seen] = np.where(np.isfinite(at), at, seeds[seen])
         at[_outside(at, image, radius) | (np.linalg.norm(at - places[seen], axis=1) > 2 * radius)] = np.nan
