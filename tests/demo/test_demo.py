@@ -1,20 +1,39 @@
 """The embedded example: what its camera does to a swim, and the whole pipeline on it."""
 
 import json
-from dataclasses import replace
+import shutil
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from films import contents, tables
 from pools import hidden_values
-from swim2real import pipeline
-from swim2real.demo import DEMO_FREQUENCIES, HELD_OUT, Camera, demo, synthetic_reference
+from swim2real.calibration import reference_fingerprint
+from swim2real.cli import main
+from swim2real.demo import (
+    DEMO_FREQUENCIES,
+    FULL_FREQUENCIES,
+    HELD_OUT,
+    Camera,
+    Told,
+    demo_settings,
+    film_and_track,
+    fit,
+    synthetic_reference,
+)  # fmt: skip
 from swim2real.demo import example as room
 from swim2real.errors import ArgumentError, RunError
+from swim2real.pipeline import Filmed, FrameProgress
+from swim2real.rendering.pool import PoolCamera
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
 from swim2real.tracking import check_track
+from swim2real.tracking.camera_file import read_camera
+from swim2real.tracking.points import load_points
 from swim2real.trials import Actuation, TrialSet, load_reference
+from swim2real.trials.pose_tables import read_dlc
 
 FREQUENCY = 1.6  # Hz
 
@@ -116,76 +135,189 @@ def test_the_hidden_fish_is_within_bounds_and_not_the_published_one():
     assert np.abs(apart).max() > 0.2
 
 
+CAMERA_OF_DEMO = PoolCamera(width=640, height=360, view=1.3, fps=30.0)  # markers have a radius of 4 px
+SHORT = {"frequencies": (1.0, 1.5), "seconds": 1.5, "camera": CAMERA_OF_DEMO, "workers": 1}
+
+
+@dataclass
+class Heard:
+    """What a demo told."""
+
+    lines: list[str] = field(default_factory=list)
+    frames: list[FrameProgress] = field(default_factory=list)
+    films: list[tuple[str, Filmed]] = field(default_factory=list)
+
+    @property
+    def told(self) -> Told:
+        return Told(self.lines.append, self.frames.append, lambda name, result: self.films.append((name, result)))
+
+
+@dataclass(frozen=True)
+class Demo:
+    """A demo with two short films in a small picture and two evaluations."""
+
+    out: Path
+    heard: Heard
+    outcome: dict
+
+
 @pytest.fixture(scope="session")
-def short_demo(tmp_path_factory):
-    """A demo of three evaluations, without the effect of each parameter, which costs ten times as much."""
-    patches = pytest.MonkeyPatch()
-    patches.setattr(pipeline, "sensitivities", lambda problem, space, values: [])
-    out = tmp_path_factory.mktemp("demo") / "out"
-    reference, outcome = demo(out, budget=3, threads=2)
-    patches.undo()
-    return out, reference, outcome
+def short_demo(tmp_path_factory) -> Demo:
+    """Don't write into its folder."""
+    out, heard = tmp_path_factory.mktemp("demo") / "out", Heard()
+    film_and_track(out, told=heard.told, **SHORT)
+    return Demo(out, heard, fit(out, demo_settings(2)))
 
 
-def test_the_demo_leaves_a_reference_and_a_run(short_demo):
-    out, reference, outcome = short_demo
-    assert {path.name for path in out.iterdir()} == {"reference", "run"}
-    assert reference.names == ("f0_50", "f0_75", "f1_00", "f1_25", "f1_50")
-    assert len(reference) == len(DEMO_FREQUENCIES)
+def test_the_demo_leaves_films_a_reference_and_a_run(short_demo):
+    out = short_demo.out
+    assert {path.name for path in out.iterdir()} == {"videos", "camera.json", "reference", "run"}
+    films = {"f1_00.mp4", "f1_00.points.json", "f1_50.mp4", "f1_50.points.json"}
+    assert {path.name for path in (out / "videos").iterdir()} == films
+    tracks = {f"{name}.{ending}" for name in ("f1_00", "f1_50") for ending in ("json", "mp4", "pixels.csv")}
+    assert {path.name for path in (out / "reference" / "tracks").iterdir()} == tracks
     files = {path.name for path in (out / "run").iterdir()}
     assert {"settings.json", "record.jsonl", "best.json", "outcome.json", "swims.npz"} <= files
-    assert json.loads((out / "run" / "outcome.json").read_text()) == outcome
+    assert json.loads((out / "run" / "outcome.json").read_text()) == short_demo.outcome
+
+
+def test_the_demo_tells_what_it_does(short_demo):
+    heard, videos = short_demo.heard, short_demo.out / "videos"
+    assert heard.lines == [
+        "Filming 2 swims of a fish with hidden parameters, 1.5 s each",
+        f"{videos / 'f1_00.mp4'}: filmed",
+        f"{videos / 'f1_50.mp4'}: filmed",
+        "Tracking the markers",
+    ]
+    assert [(name, result.again) for name, result in heard.films] == [("f1_00", False), ("f1_50", False)]
+    assert len(heard.frames) == 2 * 46
+
+
+def test_the_demos_trials_come_from_its_films(short_demo):
+    for trial, frequency in zip(load_reference(short_demo.out / "reference"), (1.0, 1.5), strict=True):
+        assert trial.nominal_frequency == frequency
+        assert trial.provenance.startswith(f"video {trial.name}.mp4, 640x360, h264, detection tracker")
+        assert trial.track.frame_count == 46
+        assert 0.02 < trial.track.speed < 0.5
+
+
+def test_glare_hides_two_markers_in_the_last_film_only(short_demo):
+    clear, glared = (check_track(t.track, FISH.rest_markers) for t in load_reference(short_demo.out / "reference"))
+    assert clear.usable
+    assert set(glared.lost_markers()) >= {4, 5}
+    assert 0.05 < glared.lost_share[4] < 0.25
+
+
+def test_points_are_clicked_as_a_person_would(short_demo):
+    for name in ("f1_00", "f1_50"):
+        clicks = load_points(short_demo.out / "videos" / f"{name}.points.json", FISH.marker_names, 640, 360)
+        track, _ = read_dlc(short_demo.out / "reference" / "tracks" / f"{name}.pixels.csv", 30.0)
+        off = np.linalg.norm(clicks - track.positions[0], axis=1)
+        assert 0.4 < off.mean() < 2.5
+
+
+def test_the_camera_file_has_the_height_above_the_heads_markers(short_demo):
+    height = CAMERA_OF_DEMO.camera_height - FISH.marker_heights[0]
+    assert read_camera(short_demo.out / "camera.json").camera_height == pytest.approx(height)
 
 
 def test_the_demos_run_belongs_to_the_reference_that_it_leaves(short_demo):
-    out, reference, _ = short_demo
-    settings = json.loads((out / "run" / "settings.json").read_text())
-    found = load_reference(out / "reference")
-    assert settings["reference_fingerprint"] == pipeline.reference_fingerprint(found)
-    np.testing.assert_array_equal(found["f1_50"].track.positions, reference["f1_50"].track.positions)
+    settings = json.loads((short_demo.out / "run" / "settings.json").read_text())
+    assert settings["reference_fingerprint"] == reference_fingerprint(load_reference(short_demo.out / "reference"))
 
 
 def test_the_demo_evaluates_on_the_trial_that_it_left_out(short_demo):
-    _, reference, outcome = short_demo
-    assert tuple(outcome["held_out"]["trials"]) == (HELD_OUT,)
-    assert set(outcome["fit"]["trials"]) == set(reference.names) - {HELD_OUT}
-    assert 0 < outcome["held_out"]["aligned_marker_error"] < 1
+    assert HELD_OUT in {f"f{frequency:.2f}".replace(".", "_") for frequency in DEMO_FREQUENCIES}
+    assert set(DEMO_FREQUENCIES) < set(FULL_FREQUENCIES)
+    assert tuple(short_demo.outcome["held_out"]["trials"]) == (HELD_OUT,)
+    assert tuple(short_demo.outcome["fit"]["trials"]) == ("f1_50",)
+    assert 0 < short_demo.outcome["held_out"]["aligned_marker_error"] < 1
+    assert len(short_demo.outcome["sensitivity"]) == len(FISH.space)
 
 
-def test_the_demos_lost_track_is_found(short_demo):
-    _, reference, outcome = short_demo
-    quality = check_track(reference["f1_25"].track, FISH.rest_markers)
-    assert quality.lost_share[6] > 0.6
-    assert not quality.usable
-    assert [name for name, trial in outcome["trials"].items() if not trial["usable"]] == ["f1_25"]
-    assert any(line.startswith("M6 is lost in") for line in outcome["trials"]["f1_25"]["findings"])
+def test_the_hidden_parameters_are_in_no_file(short_demo):
+    for path in short_demo.out.rglob("*"):
+        content = path.read_bytes() if path.is_file() else b""
+        for name, value in room.hidden_values().items():
+            assert repr(value)[:10].encode() not in content, f"{name} in {path}"
 
 
 def test_a_second_demo_into_the_same_folder_is_refused(short_demo):
-    out = short_demo[0]
-    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    with pytest.raises(RunError, match="holds a demo already; remove it, choose another --out or go on with --resume"):
-        demo(out, budget=3)
-    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+    before = contents(short_demo.out)
+    says = f"'{short_demo.out}' holds a demo already; remove it, choose another --out or go on with --resume"
+    with pytest.raises(RunError) as caught:
+        film_and_track(short_demo.out, **SHORT)
+    assert str(caught.value) == says
+    assert contents(short_demo.out) == before
 
 
-def test_a_demo_without_a_budget_is_refused_before_anything_is_written(tmp_path):
-    with pytest.raises(ArgumentError, match="budget is 0"):
-        demo(tmp_path / "out", budget=0)
-    assert not (tmp_path / "out").exists()
+@pytest.mark.parametrize("there", ["videos", "camera.json", "reference", "run"])
+def test_a_folder_that_holds_something_of_the_kind_is_refused(tmp_path, there):
+    (tmp_path / there).mkdir()
+    with pytest.raises(RunError, match="holds a demo already"):
+        film_and_track(tmp_path, **SHORT)
+    assert [path.name for path in tmp_path.rglob("*")] == [there]
+
+
+def test_a_folder_that_cant_be_made_is_told(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    with pytest.raises(RunError, match=r"can't write folder '.*file/videos': Not a directory"):
+        film_and_track(file, **SHORT)
+    assert file.read_text() == "mine"
+
+
+def test_an_interrupted_demo_goes_on_with_what_is_missing(short_demo, tmp_path):
+    out, heard = Path(shutil.copytree(short_demo.out, tmp_path / "out")), Heard()
+    for gone in ("videos/f1_50.mp4", "reference/tracks/f1_50.json"):
+        (out / gone).unlink()
+    (out / "videos" / "part_f1_50.mp4.part").write_text("half")
+    film_and_track(out, resume=True, told=heard.told, **SHORT)
+    assert [line for line in heard.lines if "filmed" in line] == [f"{out / 'videos' / 'f1_50.mp4'}: filmed"]
+    assert [(name, result.again) for name, result in heard.films] == [("f1_00", True), ("f1_50", False)]
+    for folder in ("videos", "reference"):
+        assert tables(out / folder) == tables(short_demo.out / folder)
+    assert contents(out / "videos") == contents(short_demo.out / "videos")
+    outcome = fit(out, demo_settings(3))
+    record = (out / "run" / "record.jsonl").read_text().splitlines()
+    assert record[:2] == (short_demo.out / "run" / "record.jsonl").read_text().splitlines()
+    assert len(record) == 3
+    assert outcome["fit"]["loss"] <= short_demo.outcome["fit"]["loss"]
+
+
+def test_a_demo_that_is_done_is_only_read(short_demo):
+    before, heard = contents(short_demo.out), Heard()
+    film_and_track(short_demo.out, resume=True, told=heard.told, **SHORT)
+    assert [(name, result.again) for name, result in heard.films] == [("f1_00", True), ("f1_50", True)]
+    assert contents(short_demo.out) == before
+
+
+@pytest.mark.parametrize(("budget", "seed", "says"), [(0, 0, "budget is 0"), (-1, 0, "budget is -1"), (1, -1, "seed")])
+def test_wrong_settings_are_refused(budget, seed, says):
+    with pytest.raises(ArgumentError, match=says):
+        demo_settings(budget, seed)
+
+
+def test_the_program_refuses_a_second_demo(short_demo, capsys):
+    with pytest.raises(SystemExit) as leaving:
+        main(["demo", "--out", str(short_demo.out)])
+    assert leaving.value.code == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"swim2real: '{short_demo.out}' holds a demo already; ")
+    assert len(err.splitlines()) == 1
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_whole_demo_finds_the_hidden_fish(tmp_path, capsys):
-    from swim2real.cli import main
-
     out = tmp_path / "out"
     with pytest.raises(SystemExit) as leaving:
         main(["demo", "--out", str(out), "--quiet"])
     assert leaving.value.code == 0
     assert capsys.readouterr() == ("", "")
     assert (out / "run" / "report.html").is_file()
+    assert load_reference(out / "reference").names == ("f0_50", "f1_00", "f1_25", "f1_50")
     outcome = json.loads((out / "run" / "outcome.json").read_text())
     assert outcome["fit"]["aligned_marker_error"] < 25e-3
     assert outcome["held_out"]["aligned_marker_error"] < 50e-3
