@@ -6,7 +6,8 @@ import sys
 
 import pytest
 
-HEAVY = ("mujoco", "scipy", "numpy", "plotly", "jinja2", "pooch", "requests", "torch")
+EXTRAS = ("plotly", "jinja2", "pooch", "requests", "torch", "av", "cv2", "PIL")
+HEAVY = ("mujoco", "scipy", "numpy", "numba", *EXTRAS)
 
 
 def loaded_by(statement: str) -> set[str]:
@@ -26,8 +27,33 @@ def test_trials_need_no_physics_engine():
     assert "mujoco" not in loaded_by("import swim2real.trials, swim2real.objective, swim2real.optimizers")
 
 
-def test_the_pipeline_brings_no_extras():
-    assert not loaded_by("import swim2real.pipeline") & {"plotly", "jinja2", "pooch", "requests", "torch"}
+def test_videos_and_tracking_need_no_physics_engine():
+    assert "mujoco" not in loaded_by("import swim2real.video, swim2real.tracking.detection, swim2real.tracking.csrt")
+
+
+@pytest.mark.parametrize(
+    "modules",
+    [
+        "swim2real.pipeline",
+        "swim2real.demo",
+        "swim2real.video, swim2real.rendering.pool, swim2real.rendering.overlay",
+        "swim2real.cli.track, swim2real.cli.pick, swim2real.cli.import_tracks, swim2real.cli.demo",
+    ],
+)
+def test_without_extras_it_can_be_imported(modules):
+    assert not loaded_by(f"import {modules}") & set(EXTRAS)
+
+
+HELP = """
+import contextlib, io
+import swim2real.cli
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    swim2real.cli.main(["track", "--help"])
+"""
+
+
+def test_the_help_brings_nothing_heavy():
+    assert not loaded_by(HELP)
 
 
 @pytest.mark.parametrize("call", ["connect", "connect_ex"])

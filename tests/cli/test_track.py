@@ -250,6 +250,20 @@ def test_a_folder_that_cant_be_made_is_told(program, clip, tmp_path):
     assert file.read_text() == "mine"
 
 
+@pytest.mark.parametrize(
+    ("library", "extra", "options"),
+    [("av", "track", []), ("PIL", "track", []), ("cv2", "opencv", ["--tracker", "csrt", "--no-overlay"])],
+    ids=["av", "PIL", "cv2"],
+)
+def test_a_library_that_isnt_installed_is_named(program, clip, tmp_path, monkeypatch, library, extra, options):
+    for name in {library, *(name for name in sys.modules if name.startswith(f"{library}."))}:
+        monkeypatch.setitem(sys.modules, name, None)  # what an import finds then is what it finds without the library
+    to = tmp_path / "reference"
+    sentence = program(*words(clip, to=to), "--quiet", *options).sentence(1)
+    assert sentence.endswith(f"install it with: pip install 'swim2real[{extra}]'")
+    assert contents(to) == {}
+
+
 # pick and import-tracks
 
 

@@ -320,6 +320,6 @@ def test_the_whole_demo_finds_the_hidden_fish(tmp_path, capsys):
     assert load_reference(out / "reference").names == ("f0_50", "f1_00", "f1_25", "f1_50")
     outcome = json.loads((out / "run" / "outcome.json").read_text())
     assert outcome["fit"]["aligned_marker_error"] < 25e-3
-    assert outcome["held_out"]["aligned_marker_error"] < 50e-3
+    assert outcome["held_out"]["aligned_marker_error"] < 80e-3
     assert len(outcome["sensitivity"]) == len(FISH.space)
     assert len((out / "run" / "record.jsonl").read_text().splitlines()) == 40
