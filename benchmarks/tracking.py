@@ -208,7 +208,7 @@ def _speed(every: list[Result]) -> None:
         tracking, decoding = (
             60 * sum(getattr(r, name) for r in every) / count for name in ("track_time", "decode_time")
         )
-        print(f"4K at 60 fps: {tracking + decoding:.2f} s of processing for a second of video on one thread, "
+        print(f"4K at 60 fps: {tracking + decoding:.2f} s of processor time for a second of video, on one thread, "
               f"{decoding:.2f} s of it to decode")  # fmt: skip
 
 
