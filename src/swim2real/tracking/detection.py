@@ -14,11 +14,11 @@ from scipy.ndimage import maximum_filter, uniform_filter
 from swim2real.errors import TrackingError
 from swim2real.tracking.appearance import Appearance
 from swim2real.tracking.coverage import contrasts, covered, discs
-from swim2real.tracking.matching import filled, gaps_of, link_strain, links_of, match, strained, unsupported
+from swim2real.tracking.matching import LEAST_SEEN, filled, gaps_of, link_strain, links_of, match, strained, unsupported
 from swim2real.tracking.tracker import Array, Image
 from swim2real.tracking.whole_body import LEAST_PARTS, fit_body
 
-LEAST_CONFIDENCE = 0.35  # below it a marker is lost
+LEAST_CONFIDENCE, LEAST_AGAIN = 0.4, 0.6  # below it a marker is lost, and isn't found again
 RELEARN_TIME = 0.2  # s between two looks at how the light has changed
 ADAPT_TIME = 0.7  # s over which lengths between markers may drift: parallax, a body that bends
 SEARCH_TIME = 0.1  # s without the robot, after which it is searched for in the whole frame
@@ -46,7 +46,9 @@ class DetectionTracker:
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like."""
         height, width = image.shape[:2]
-        if not len(points) or not ((points >= 0) & (points <= [width - 1, height - 1])).all():
+        if len(points) < LEAST_SEEN:
+            raise TrackingError(f"{len(points)} points were given; the tracker needs {LEAST_SEEN} markers or more")
+        if not ((points >= 0) & (points <= [width - 1, height - 1])).all():
             raise TrackingError(f"{len(points)} points must be finite and lie in the frame of {width} x {height} px")
         self._look = Appearance(image, points)
         positions = self._look.points
@@ -127,17 +129,18 @@ class DetectionTracker:
         # part of a marker has its center elsewhere
         size = self._share / self._shares
         confidence[(size < LEAST_SHARE) | (size > MOST_SHARE)] = 0.0
-        positions[confidence < LEAST_CONFIDENCE] = np.nan
+        known = np.isfinite(self._tracks[-1][:, 0])
+        positions[confidence < np.where(known, LEAST_CONFIDENCE, LEAST_AGAIN)] = np.nan
         with np.errstate(invalid="ignore"):
             positions[gaps_of(positions) < MERGED * radius] = np.nan
         positions[strained(positions, self._links, self._lengths, self._slack)] = np.nan
         strain = link_strain(positions, self._links, self._lengths, self._slack)
         if not whole:
-            known = np.isfinite(self._tracks[-1][:, 0])
             positions[unsupported(np.isfinite(positions[:, 0]), known, self._links, strain)] = np.nan
         elif np.isfinite(positions[:, 0]).sum() < LEAST_PARTS:
             positions[:] = np.nan
         confidence[~np.isfinite(positions[:, 0])] = 0.0
+        # a length that is nearly off casts doubt on both ends
         worst = np.zeros(count)
         np.maximum.at(worst, self._links.ravel(), np.repeat(np.where(strain <= 1, strain, 0.0), 2))
         return positions, confidence * (1 - 0.3 * worst**2)
