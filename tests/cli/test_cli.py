@@ -163,6 +163,10 @@ def test_words_that_make_no_command_leave_with_2(program, tmp_path, monkeypatch,
         (["--seed", "-1"], "seed is -1; it must be a whole number from 0 on"),
         (["--advisor", "oracle"], "advisor is 'oracle'; this version has physics"),
         (["--max-steps", "0"], "max_steps is 0; it must be at least 1"),
+        (
+            ["--early-stop", "--method", "random"],
+            "early_stop is for method line-search; method random needs every loss in full",
+        ),
     ],
     ids=" ".join,
 )
@@ -588,6 +592,12 @@ def test_calibrate_leaves_a_whole_run(program, finished, pool_folder):
 def test_calibrate_quietly_prints_nothing(program, pool_folder, tmp_path):
     program("calibrate", pool_folder, "--out", tmp_path / "run", "--budget", 1, "--quiet").done()
     assert (program.out, program.err) == ("", "")
+
+
+def test_calibrate_may_stop_a_hopeless_step_early(program, pool_folder, tmp_path):
+    program("calibrate", pool_folder, "--out", tmp_path / "run", "--budget", 2, "--early-stop", "--quiet").done()
+    assert RunFolder(tmp_path / "run").settings()["early_stop"] is True
+    assert len(record(tmp_path / "run")) == 2
 
 
 def test_calibrate_tells_its_progress_in_plain_lines_when_piped(program, pool_folder, tmp_path):
