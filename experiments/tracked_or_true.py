@@ -2,11 +2,10 @@
 
     python experiments/tracked_or_true.py --seeds 3 --out runs/tracked_or_true
 
-Both references are calibrated with the same seeds; every result is then compared with the true markers.
+Both references are calibrated with the same seeds; every result is then judged by both.
 """
 
 import argparse
-import json
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -77,19 +76,19 @@ def main():
             f"{trial.name}: body frame off by {1e3 * np.nanmean(off):.2f} mm on average, "
             f"speed by {1e3 * speeds:+.2f} mm/s, {100 * np.isnan(off).mean():.1f} % of marker-frames lost"
         )
-    judge = Problem(FISH, examine(true, FISH), Simulator(FISH))
+    judges = {
+        name: Problem(FISH, examine(r, FISH), Simulator(FISH)) for name, r in (("true", true), ("tracked", tracked))
+    }
     for seed in range(a.seeds):
-        figures = {}
         for name, reference in (("true", true), ("tracked", tracked)):
             folder = a.out / f"{name}_{seed}"
             run(reference, FISH, Settings(budget=a.budget, seed=seed), folder, resume=folder.exists())
             best = read_parameters(folder, FISH.name, FISH.space).values
-            own = json.loads((folder / "outcome.json").read_text())["fit"]
-            figures[name] = (own, judge.evaluate(best).figures())
-        for label, index in (("own", 0), ("true", 1)):
-            pairs = [[1e3 * figures[name][index][n] for name in ("true", "tracked")] for n in NAMES]
-            line = ", ".join(f"{n} {a:.2f} / {b:.2f}" for n, (a, b) in zip(NAMES, pairs, strict=True))
-            print(f"seed {seed}, fitted to true / tracked, against its {label} markers [mm, mm/s]: {line}", flush=True)
+            figures = {judge: problem.evaluate(best).figures() for judge, problem in judges.items()}
+            line = ", ".join(f"{n} {1e3 * figures['true'][n]:.2f} / {1e3 * figures['tracked'][n]:.2f}" for n in NAMES)
+            print(
+                f"seed {seed}, fitted to {name} markers, judged by true / tracked ones [mm, mm/s]: {line}", flush=True
+            )
 
 
 if __name__ == "__main__":

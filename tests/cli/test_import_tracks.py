@@ -41,8 +41,8 @@ def test_pose_tables_become_trials_in_meters(tmp_path, capsys):
     film(second, swimmer=Swimmer(2.0, duration=2.0))
     assert import_tracks(arguments(tmp_path, first, second, frequency=(1.0, 2.5))) == 0
     reference = load_reference(tmp_path / "reference")
-    assert reference.names == ("slow", "fast")
-    assert [trial.nominal_frequency for trial in reference] == [1.0, 2.5]
+    assert reference.names == ("fast", "slow")
+    assert [trial.nominal_frequency for trial in reference] == [2.5, 1.0]
     slow = reference["slow"]
     assert slow.meters_per_pixel == pytest.approx(SCALE, rel=0.01)  # the formula's head bends a little
     assert slow.provenance == "pose table slowDLC_net_100.csv, 60 fps"

@@ -32,7 +32,8 @@ def films_shown(
         def line(p: FrameProgress) -> None:
             if time.monotonic() - told.get(p.name, 0.0) > _LINE_EVERY:
                 told[p.name] = time.monotonic()
-                console.print(f"{p.name}: frame {p.done} of {p.total or '?'}, {p.lost} markers lost", markup=False)
+                text = f"{p.name}: frame {p.done} of {p.total or '?'}, {p.lost} markers lost"
+                console.print(text, soft_wrap=True, markup=False)
 
         yield line, lambda name, result: console.print(f"{name}: {_outcome(result)}", soft_wrap=True, markup=False)
         return

@@ -13,7 +13,7 @@ from swim2real.robots.fish import FISH
 from swim2real.tracking.camera import Camera, camera_for
 from swim2real.tracking.camera_file import CameraFile, read_camera
 from swim2real.trials import MarkerTrack, Trial
-from swim2real.trials.files import add_trial
+from swim2real.trials.files import add_trial, nominal_frequency
 from swim2real.trials.pose_tables import read_dlc
 
 if TYPE_CHECKING:
@@ -36,8 +36,9 @@ def import_tracks(a: ImportTracks) -> int:
     if len(read) < len(a.tables):
         raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(read)}); rename one")
     for i, (name, (path, track, camera, said)) in enumerate(read.items()):
+        asked = a.frequency[i] if a.frequency else nominal_frequency(name)
         trial = Trial(
-            name, camera.to_meters(track), a.frequency[i] if a.frequency else None, camera.scale.meters_per_pixel,
+            name, camera.to_meters(track), asked, camera.scale.meters_per_pixel,
             f"pose table {path.name}, {a.fps:g} fps" + ("" if a.camera is None else f", camera {a.camera.name}"),
         )  # fmt: skip
         add_trial(a.to, trial, FISH.marker_names)

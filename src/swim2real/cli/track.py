@@ -39,7 +39,8 @@ def track(a: Track) -> int:
             soft_wrap=True, markup=False,
         )  # fmt: skip
     for video, error in failed:
-        print(f"swim2real: {video}: {error}", file=sys.stderr)
+        where = "" if str(video) in str(error) else f"{video}: "
+        print(f"swim2real: {where}{error}", file=sys.stderr)
     return 1 if failed else 0
 
 

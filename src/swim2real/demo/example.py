@@ -18,12 +18,12 @@ from swim2real.robots.fish import FISH
 from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.trials import TrialSet, load_reference
 
-DEMO_FREQUENCIES = (0.5, 1.0, 1.25, 1.5)
+DEMO_FREQUENCIES = (0.5, 0.75, 1.0, 1.25)
 FULL_FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25)
-HELD_OUT = "f1_00"
+HELD_OUT = "f0_75"
 _HIDDEN_SEED = 2026
 SECONDS = 5.0
-CAMERA = PoolCamera(view=2.4, glints=3.0)
+CAMERA = PoolCamera(view=2.4, camera_height=3.5, glints=3.0)
 _GLARE = Glare(1.0, 1.15, over=(4, 5))  # in the last film
 # a fish that swims: the hidden parameters are drawn around these points of the cube, one a parameter group
 _CENTER, _SPREAD = np.repeat([0.55, 0.6, 0.5, 0.85, 0.5, 0.55, 0.55, 0.3], [1, 1, 1, 1, 1, 1, 5, 5]), 0.12
@@ -73,7 +73,7 @@ def film_and_track(
         RunError: The folder holds a demo already, or can't be written.
     """
     folder, told = Path(out), told or Told()
-    if not resume and (folder / "videos").exists():
+    if not resume and any((folder / part).exists() for part in ("videos", "camera.json", "reference", "run")):
         raise RunError(f"'{folder}' holds a demo already; remove it, choose another --out or go on with --resume")
     cameras = [(f, replace(camera, glares=(_GLARE,)) if f == frequencies[-1] else camera) for f in frequencies]
     told.line(f"Filming {len(frequencies)} swims of a fish with hidden parameters, {seconds:g} s each")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +11,7 @@ import numpy as np
 from swim2real.demo.synthetic import placed_by_hand, steady_swims, turned
 from swim2real.errors import RunError
 from swim2real.parameters import Values
+from swim2real.pipeline.workers import workers as team_of
 from swim2real.rendering.pool import PoolCamera, film
 from swim2real.robots.robot import Robot
 from swim2real.tracking.points import save_points
@@ -60,22 +59,14 @@ def film_swims(
     for number, (swim, (_, camera)) in enumerate(zip(swims, cameras, strict=True)):
         heading = rng.uniform(-WIDEST_HEADING, WIDEST_HEADING) + np.pi * rng.integers(2)
         positions = placed_by_hand(turned(swim.track.positions, heading), PLACEMENT, rng)
-        kept = swim.track.times <= seconds
+        kept = swim.track.times <= seconds + SAMPLE_INTERVAL
         paths.append(place / f"{swim.name}.mp4")
         if not paths[-1].exists():
             track = MarkerTrack(swim.track.times[kept], positions[kept])
             jobs.append((track, robot, camera, paths[-1], seed + number))
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(max(len(jobs), 1), workers or os.cpu_count() or 1), mp_context=context)
-    try:
-        for path in pool.map(_film, jobs):
-            on_done(path)
-    except BaseException:
-        for process in multiprocessing.active_children():
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    with team_of(min(max(len(jobs), 1), workers or os.cpu_count() or 1)) as team:
+        for made in [team.submit(_film, job) for job in jobs]:
+            on_done(made.result())
     return paths
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real import __version__
-from swim2real.errors import ArgumentError, TrackingError
+from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.objective.evidence import rounded
 from swim2real.robots.robot import Robot
 from swim2real.tracking.camera import camera_for
@@ -33,7 +33,7 @@ from swim2real.tracking.points import load_points
 from swim2real.tracking.quality import check_track
 from swim2real.tracking.tracker import Tracker
 from swim2real.trials import MarkerTrack, Trial
-from swim2real.trials.files import add_trial, load_reference, nominal_frequency
+from swim2real.trials.files import add_trial, check_folder, load_reference, nominal_frequency
 from swim2real.trials.pose_tables import write_dlc
 from swim2real.video import Frame, VideoReader
 
@@ -118,8 +118,11 @@ def track_film(
     Raises:
         Swim2RealError: With a sentence that names what is wrong. Nothing is changed then.
     """
+    if frequency is not None and not 0 < frequency < np.inf:
+        raise ArgumentError(f"frequency is {frequency:g} Hz; it must be finite and above 0")
     source, out = Path(video), Path(folder)
     name = source.stem
+    asked = nominal_frequency(name) if frequency is None else frequency
     place = out / TRACKS / f"{name}.json"
     with VideoReader(source, threads) as reader:
         frames = iter(reader)
@@ -134,6 +137,7 @@ def track_film(
         before = _done(place, mark, out, name)
         if before is not None:
             return Filmed(name, before, True)
+        check_folder(out, name, robot.marker_names)
         _make_folder(place.parent)
         tracker: Tracker = DetectionTracker() if settings.tracker == "detection" else CsrtTracker()
         began = time.monotonic()
@@ -146,9 +150,10 @@ def track_film(
     track = camera.to_meters(pixels)
     quality = check_track(track, robot.rest_markers)
     trial = Trial(
-        name, track, nominal_frequency(name) if frequency is None else frequency, camera.scale.meters_per_pixel,
+        name, track, asked, camera.scale.meters_per_pixel,
         f"video {source.name}, {size[0]}x{size[1]}, {info.codec}, {settings.tracker} tracker, swim2real {__version__}",
     )  # fmt: skip
+    place.unlink(missing_ok=True)  # what it says is of the track that is replaced now
     write_dlc(seen, robot.marker_names, place.with_suffix(".pixels.csv"))
     add_trial(out, trial, robot.marker_names)
     report = rounded(
@@ -230,7 +235,7 @@ def _done(place: Path, mark: str, folder: Path, name: str) -> dict[str, Any] | N
     try:
         report = json.loads(place.read_text(encoding="utf-8"))
         whole = report["fingerprint"] == mark and name in load_reference(folder).names
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, TrialError):
         return None
     return report if whole else None
 
@@ -240,7 +245,7 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         trial = folder / ".part"
         trial.touch()
-        trial.unlink()
+        trial.unlink(missing_ok=True)  # videos of the same folder may be tracked at the same time
     except OSError as error:
         raise TrackingError(
             f"can't write folder '{folder}': {error.strerror or error}; choose another with --to"

@@ -6,13 +6,14 @@ import multiprocessing
 import os
 import queue
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
 from swim2real.errors import ArgumentError, Swim2RealError, TrackingError
 from swim2real.pipeline.tracking import Filmed, FilmSettings, FrameProgress, track_film
+from swim2real.pipeline.workers import workers
 from swim2real.robots.robot import Robot
 
 _LOOK = 0.2  # s between two looks at what the processes say
@@ -78,29 +79,23 @@ def _in_processes(
     folder: str | Path, processes: int, on_progress: Callable[[FrameProgress], None],
     on_done: Callable[[str, Filmed | Swim2RealError], None],
 ) -> list[Filmed | Swim2RealError]:  # fmt: skip
-    context = multiprocessing.get_context("spawn")  # a forked process would inherit threads of decoders
-    told: Any = context.Queue()
-    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_listen, initargs=(told,))
+    told: Any = multiprocessing.get_context("spawn").Queue()
     results: dict[str, Filmed | Swim2RealError] = {}
     try:
-        futures: dict[Future[Filmed], str] = {
-            pool.submit(_job, video, points, frequency, robot, settings, folder): name
-            for name, (video, points, frequency) in zip(names, jobs, strict=True)
-        }
-        left = set(futures)
-        while left:
-            done, left = wait(left, timeout=_LOOK)
-            _drain(told, on_progress)
-            for future in done:
-                name = futures[future]
-                results[name] = _result(future)
-                on_done(name, results[name])
-    except BaseException:
-        for process in multiprocessing.active_children():
-            process.terminate()
-        raise
+        with workers(processes, _listen, (told,)) as team:
+            futures: dict[Future[Filmed], str] = {
+                team.submit(_job, video, points, frequency, robot, settings, folder): name
+                for name, (video, points, frequency) in zip(names, jobs, strict=True)
+            }
+            left = set(futures)
+            while left:
+                done, left = wait(left, timeout=_LOOK)
+                _drain(told, on_progress)
+                for future in done:
+                    name = futures[future]
+                    results[name] = _result(future)
+                    on_done(name, results[name])
     finally:
-        pool.shutdown(wait=True, cancel_futures=True)
         told.close()
     return [results[name] for name in names]
 
@@ -108,6 +103,7 @@ def _in_processes(
 def _listen(told: Any) -> None:
     global _every
     _every = told
+    told.cancel_join_thread()  # a process that ends doesn't wait until its last words are heard
 
 
 def _job(

@@ -81,7 +81,7 @@ def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
 def nominal_frequency(name: str) -> float | None:
     """The frequency in a trial's name [Hz], such as 1.5 in `f1_50`; None for other names."""
     found = _PUBLISHED_NAME.match(name)
-    return float(f"{found.group(2)}.{found.group(3)}") if found else None
+    return (float(f"{found.group(2)}.{found.group(3)}") or None) if found else None  # in f0_00 the motor stands still
 
 
 def save_reference(trials: TrialSet, folder: str | Path) -> None:
@@ -100,6 +100,16 @@ def save_reference(trials: TrialSet, folder: str | Path) -> None:
         _write_index(path, list(trials.marker_names), [_entry(trial) for trial in trials])
     except OSError as error:
         raise TrialError(f"can't write reference folder '{path}': {error.strerror or error}") from error
+
+
+def check_folder(folder: str | Path, name: str, marker_names: tuple[str, ...]) -> None:
+    """Whether a trial of this name and with these markers can be added to a folder.
+
+    Raises:
+        TrialError: The folder holds something else, or trials with other markers.
+    """
+    if Path(folder).is_dir():
+        _entries(Path(folder), marker_names, f"{name}.csv")
 
 
 def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -> None:

@@ -68,7 +68,7 @@ class VideoWriter:
         self._pixels = "yuvj420p" if self._mjpeg else "yuv420p"
         self._rate = Fraction(fps).limit_denominator(1001)
         self._steady = self._path.suffix.lower() == ".avi"  # AVI knows no time stamps
-        finer = 1 if self._steady else -(-TICKS // self._rate.numerator)
+        finer = 1 if self._steady else -(-TICKS * self._rate.denominator // self._rate.numerator)
         self._base = 1 / (self._rate * finer)
         self._closed = False
         self._last: int | None = None  # time stamp of the newest frame
