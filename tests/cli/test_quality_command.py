@@ -8,6 +8,7 @@ from swim2real.cli.quality import quality
 from swim2real.errors import ArgumentError
 from swim2real.robots.fish import FISH
 from swim2real.trials import MarkerTrack, Trial, TrialSet, save_reference
+from swim2real.trials.files import add_trial
 from swimmers import Swimmer
 
 
@@ -61,3 +62,15 @@ def test_what_is_allowed_is_a_share(reference, allowed):
     with pytest.raises(ArgumentError) as caught:
         quality(arguments(reference, allow_lost=allowed))
     assert str(caught.value) == (f"--allow-lost is {allowed:g}; it is a share of frames within 0 and 1, such as 0.05")
+
+
+def test_a_trial_without_a_beat_leaves_the_others_alone(reference, capsys):
+    good = Swimmer().track(seed=0)
+    still = MarkerTrack(good.times[:6], good.positions[:6])
+    add_trial(reference, Trial("short", still), FISH.marker_names)
+    assert quality(arguments(reference, allow_lost=1.0)) == 1
+    text = said(capsys)
+    assert "trial 'short'" in text
+    assert "bad: M4 is lost in 10 % of frames" in text
+    assert quality(arguments(reference, allow_lost=1.0, json=True)) == 1
+    assert not json.loads(capsys.readouterr().out)["short"]["usable"]

@@ -51,8 +51,8 @@ def import_tracks(a: ImportTracks) -> int:
 
 
 def _name(path: Path) -> str:
-    """What the trial is called: the video's name, without what DeepLabCut adds to it."""
-    return path.stem.split("DLC_")[0] or path.stem
+    """What the trial is called: the video's name, without what DeepLabCut or `track` adds to it."""
+    return path.stem.removesuffix(".pixels").split("DLC_")[0] or path.stem
 
 
 def _read(path: Path, fps: float, known: CameraFile | None) -> tuple[MarkerTrack, Camera, list[str]]:

@@ -16,7 +16,7 @@ def pick(a: Pick) -> int:
     write_pick_page(first_frame(a.video).image, FISH.marker_names, a.video.name, out, FISH.rest_markers)
     console.print(
         f"{out}: open it in a browser, click {FISH.marker_names[0]} to {FISH.marker_names[-1]}, download points.json, "
-        f"then: swim2real track {a.video} --markers points.json",
+        f"then: swim2real track {a.video} --markers points.json --to REFERENCE",
         soft_wrap=True, markup=False,
     )  # fmt: skip
     return 0

@@ -8,9 +8,9 @@ import math
 from swim2real.calibration import RealTrial, examine, examined
 from swim2real.cli import tables
 from swim2real.cli.arguments import Quality
-from swim2real.errors import ArgumentError
+from swim2real.errors import ArgumentError, TrialError
 from swim2real.robots.fish import FISH
-from swim2real.trials import load_reference
+from swim2real.trials import TrialSet, load_reference
 
 
 def quality(a: Quality) -> int:
@@ -18,13 +18,15 @@ def quality(a: Quality) -> int:
     allowed = float(a.allow_lost)
     if not 0 <= allowed <= 1:
         raise ArgumentError(f"--allow-lost is {allowed:g}; it is a share of frames within 0 and 1, such as 0.05")
-    real = examine(load_reference(a.reference), FISH)
+    real, blank = _examined(load_reference(a.reference))
     refused = [one for one in real if one.quality.lost_markers(allowed)]
     content = {one.trial.name: examined(one, FISH.marker_names) for one in real}
     for one in real:
         content[one.trial.name]["usable"] = not one.quality.lost_markers(allowed)
     if a.json:
-        print(json.dumps(content, indent=2))
+        print(
+            json.dumps({**content, **{name: {"error": why, "usable": False} for name, why in blank.items()}}, indent=2)
+        )
     else:
         tables.table(
             "What drove each trial",
@@ -54,6 +56,8 @@ def quality(a: Quality) -> int:
         for name, t in content.items():
             for line in t["findings"]:
                 tables.console.print(f"{name}: {line}")
+        for why in blank.values():
+            tables.console.print(why, soft_wrap=True, markup=False)
         if refused:
             tables.console.print(_refusal(refused, allowed))
     if a.plot is not None:
@@ -63,7 +67,25 @@ def quality(a: Quality) -> int:
             write_quality_page(real, FISH.marker_names, a.plot)
         except OSError as error:
             raise ArgumentError(f"--plot '{a.plot}' can't be written: {error.strerror or error}") from error
-    return 1 if refused else 0
+    return 1 if refused or blank else 0
+
+
+def _examined(reference: TrialSet) -> tuple[list[RealTrial], dict[str, str]]:
+    """What was found in each trial, and why nothing was found in others.
+
+    Raises:
+        TrialError: Nothing was found in any.
+    """
+    found: list[RealTrial] = []
+    blank: dict[str, str] = {}
+    for trial in reference:
+        try:
+            found += examine(TrialSet((trial,), reference.marker_names), FISH)
+        except TrialError as error:
+            blank[trial.name] = str(error)
+    if not found:
+        raise TrialError(next(iter(blank.values())))
+    return found, blank
 
 
 def _refusal(refused: list[RealTrial], allowed: float) -> str:
