@@ -11,7 +11,7 @@ from swim2real.errors import Swim2RealError
 from swim2real.pipeline import FilmSettings, track_films
 from swim2real.rendering.pool import Glare, PoolCamera
 from swim2real.robots.fish import FISH
-from swim2real.tracking.camera_file import CameraFile, write_camera
+from swim2real.tracking.camera import CameraFile, write_camera
 
 
 def main(out: Path) -> None:

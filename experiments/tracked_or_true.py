@@ -21,8 +21,8 @@ from swim2real.pipeline import FilmSettings, Settings, run, track_films
 from swim2real.rendering.pool import film
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator
-from swim2real.tracking.camera_file import CameraFile, write_camera
-from swim2real.tracking.points import save_points
+from swim2real.tracking.camera import CameraFile, write_camera
+from swim2real.tracking.picking import save_points
 from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
 
 FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75)  # Hz

@@ -30,8 +30,8 @@ from swim2real.rendering.pool import PoolCamera
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
 from swim2real.tracking import check_track
-from swim2real.tracking.camera_file import read_camera
-from swim2real.tracking.points import load_points
+from swim2real.tracking.camera import read_camera
+from swim2real.tracking.picking import load_points
 from swim2real.trials import Actuation, TrialSet, load_reference
 from swim2real.trials.pose_tables import read_dlc
 

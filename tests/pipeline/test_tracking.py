@@ -20,8 +20,8 @@ from swim2real.pipeline import Filmed, FilmSettings, track_film, track_films
 from swim2real.rendering.pool import Glare
 from swim2real.robots.fish import FISH
 from swim2real.tracking import check_track
-from swim2real.tracking.camera_file import CameraFile, Length, write_camera
-from swim2real.tracking.points import save_points
+from swim2real.tracking.camera import CameraFile, Length, write_camera
+from swim2real.tracking.picking import save_points
 from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.pose_tables import read_dlc
 from swim2real.video import VideoReader

@@ -9,12 +9,19 @@ from hypothesis import strategies as st
 
 from swim2real.errors import ArgumentError, MissingExtraError, TrackingError
 from swim2real.robots.fish import FISH
-from swim2real.tracking.camera import Camera, camera_for
-from swim2real.tracking.camera_file import CameraFile, Length, camera_from_board, read_camera, write_camera
-from swim2real.tracking.lens import Lens
-from swim2real.tracking.parallax import camera_height_seen
-from swim2real.tracking.plane import fit_plane, local_scale, project
-from swim2real.tracking.scale import Scale, common_scale
+from swim2real.tracking.camera import (
+    Camera,
+    CameraFile,
+    Length,
+    camera_for,
+    camera_from_board,
+    read_camera,
+    write_camera,
+)
+from swim2real.tracking.camera.lens import Lens
+from swim2real.tracking.camera.parallax import camera_height_seen
+from swim2real.tracking.camera.plane import fit_plane, local_scale, project
+from swim2real.tracking.camera.scale import Scale, common_scale
 from swim2real.trials import MarkerTrack
 from swimmers import Swimmer
 

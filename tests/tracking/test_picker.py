@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from swim2real.errors import ArgumentError, TrackingError
-from swim2real.tracking.picker import write_pick_page
-from swim2real.tracking.points import load_points
+from swim2real.tracking.picking import load_points, write_pick_page
 
 NAMES = ("M0", "M1", "M2", "M3")
 WIDTH, HEIGHT = 640, 360
@@ -319,7 +318,7 @@ import sys
 sys.modules["av"] = None
 import numpy as np
 from swim2real.errors import MissingExtraError
-from swim2real.tracking.picker import write_pick_page
+from swim2real.tracking.picking import write_pick_page
 try:
     write_pick_page(np.zeros((8, 8, 3), np.uint8), ("M0",), "a.mp4", "never.html")
 except MissingExtraError as error:

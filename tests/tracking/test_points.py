@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.points import load_points, save_points
+from swim2real.tracking.picking import load_points, save_points
 
 NAMES = ("M0", "M1", "M2")
 POINTS = np.array([[10.25, 20.0], [110.0, 21.5], [210.0, 30.125]])

@@ -10,8 +10,7 @@ import numpy as np
 from swim2real.cli import tables
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.robots.fish import FISH
-from swim2real.tracking.camera import Camera, camera_for
-from swim2real.tracking.camera_file import CameraFile, read_camera
+from swim2real.tracking.camera import Camera, CameraFile, camera_for, read_camera
 from swim2real.trials import MarkerTrack, Trial
 from swim2real.trials.files import add_trial, nominal_frequency
 from swim2real.trials.pose_tables import read_dlc

@@ -9,7 +9,7 @@ from swim2real.robots.fish import FISH
 
 def pick(a: Pick) -> int:
     """Writes the page on which the markers of a video's first frame are clicked."""
-    from swim2real.tracking.picker import write_pick_page
+    from swim2real.tracking.picking import write_pick_page
     from swim2real.video import first_frame
 
     out = a.out or a.video.with_name(f"{a.video.stem}.pick.html")

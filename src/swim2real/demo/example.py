@@ -15,7 +15,7 @@ from swim2real.errors import RunError, Swim2RealError
 from swim2real.pipeline import Filmed, FilmSettings, FrameProgress, Settings, run, track_films
 from swim2real.rendering.pool import Glare, PoolCamera
 from swim2real.robots.fish import FISH
-from swim2real.tracking.camera_file import CameraFile, write_camera
+from swim2real.tracking.camera import CameraFile, write_camera
 from swim2real.trials import TrialSet, load_reference
 
 DEMO_FREQUENCIES = (0.5, 0.75, 1.0, 1.25)

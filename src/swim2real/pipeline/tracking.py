@@ -23,13 +23,11 @@ from swim2real import __version__
 from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.objective.evidence import rounded
 from swim2real.robots.robot import Robot
-from swim2real.tracking.camera import camera_for
-from swim2real.tracking.camera_file import read_camera
+from swim2real.tracking.camera import camera_for, read_camera
 from swim2real.tracking.cleaning import fill_gaps, smooth
 from swim2real.tracking.csrt import CsrtTracker
-from swim2real.tracking.detection import DetectionTracker
-from swim2real.tracking.labeling import label_markers
-from swim2real.tracking.points import load_points
+from swim2real.tracking.detector import DetectionTracker
+from swim2real.tracking.picking import label_markers, load_points
 from swim2real.tracking.quality import check_track
 from swim2real.tracking.tracker import Tracker
 from swim2real.trials import MarkerTrack, Trial

@@ -75,6 +75,8 @@ def _begin(begin: Callable[..., object] | None, arguments: tuple[Any, ...]) -> N
 
 
 def _stop(number: int, frame: object) -> None:
+    # the pool ends the others once more when one is gone, which must not interrupt their cleaning up
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise SystemExit(1)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.tracking.matching import LINK_SHARES
+from swim2real.tracking.detector.matching import LINK_SHARES
 from swim2real.tracking.tracker import Array
 
 MISSED = 2.0  # cost of a marker without a blob; a length that is off by all that is allowed costs 1

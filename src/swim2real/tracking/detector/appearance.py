@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.coverage import BITS, Table, contrasts, covered, discs
+from swim2real.tracking.detector.coverage import BITS, Table, contrasts, covered, discs
 from swim2real.tracking.tracker import Array, Image
 
 SURROUNDINGS = 3.0  # radii around a marker that its color is told apart from

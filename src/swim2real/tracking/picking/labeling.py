@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.candidates import Blobs, find_blobs
+from swim2real.tracking.picking.candidates import Blobs, find_blobs
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

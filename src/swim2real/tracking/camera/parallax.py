@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.tracking.scale import LEVEL, RIGID
+from swim2real.tracking.camera.scale import LEVEL, RIGID
 from swim2real.trials import frames
 
 Array = NDArray[np.float64]

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.lens import DISTORTIONS, Lens, find_board
+from swim2real.tracking.camera.lens import DISTORTIONS, Lens, find_board
 
 Array = NDArray[np.float64]
 

@@ -12,11 +12,20 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, uniform_filter
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.appearance import Appearance
-from swim2real.tracking.coverage import contrasts, covered, discs
-from swim2real.tracking.matching import LEAST_SEEN, filled, gaps_of, link_strain, links_of, match, strained, unsupported
+from swim2real.tracking.detector.appearance import Appearance
+from swim2real.tracking.detector.coverage import contrasts, covered, discs
+from swim2real.tracking.detector.matching import (
+    LEAST_SEEN,
+    filled,
+    gaps_of,
+    link_strain,
+    links_of,
+    match,
+    strained,
+    unsupported,
+)
+from swim2real.tracking.detector.whole_body import LEAST_PARTS, fit_body
 from swim2real.tracking.tracker import Array, Image
-from swim2real.tracking.whole_body import LEAST_PARTS, fit_body
 
 LEAST_CONFIDENCE, LEAST_AGAIN = 0.4, 0.6  # below it a marker is lost, and isn't found again
 RELEARN_TIME = 0.2  # s between two looks at how the light has changed

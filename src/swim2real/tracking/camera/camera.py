@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.camera_file import CameraFile
-from swim2real.tracking.lens import Lens
-from swim2real.tracking.parallax import height_note, lowered
-from swim2real.tracking.plane import fit_plane, local_scale, project
-from swim2real.tracking.scale import LEVEL, Scale, make_scale, marker_estimates
+from swim2real.tracking.camera.camera_file import CameraFile
+from swim2real.tracking.camera.lens import Lens
+from swim2real.tracking.camera.parallax import height_note, lowered
+from swim2real.tracking.camera.plane import fit_plane, local_scale, project
+from swim2real.tracking.camera.scale import LEVEL, Scale, make_scale, marker_estimates
 from swim2real.trials.trial import MarkerTrack
 
 Array = NDArray[np.float64]
