@@ -87,7 +87,9 @@ def _shaking(values):
     return spec
 
 
-def test_cycles_instead_of_full_lengths_accept_the_same_steps(reference, in_full, tmp_path):
+def test_cycles_instead_of_full_lengths_accept_the_same_steps(reference, in_full, tmp_path, new_fluid_law):
+    if new_fluid_law:
+        pytest.skip("with the fluid law of this engine swims don't repeat exactly")
     simulator = Simulator(small_run.ROBOT, 2, full_length=True)
     problem = Problem(small_run.ROBOT, examine(reference, small_run.ROBOT), simulator)
     entries, best = searched(problem, tmp_path / "run")
