@@ -8,11 +8,14 @@ glare, count as none.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
 from swim2real.tracking.detector.coverage import BITS, Table, contrasts, covered, discs
+from swim2real.tracking.detector.matching import gaps_of
 from swim2real.tracking.tracker import Array, Image
 
 SURROUNDINGS = 3.0  # radii around a marker that its color is told apart from
@@ -40,11 +43,8 @@ def radius_at(image: Image, points: Array) -> float:
     reach = int(np.ceil(1.5 * radii[-1])) + 1
     totals = np.zeros((len(points), len(radii)))
     for m, point in enumerate(points):
-        window, corner = cut(image, point, reach)
-        y, x = np.mgrid[: window.shape[0], : window.shape[1]]
-        grid = np.stack([x + corner[0], y + corner[1]], axis=-1)
-        away = np.linalg.norm(grid - point, axis=2)
-        away[(np.linalg.norm(grid[:, :, None] - points, axis=3) < away[:, :, None]).any(axis=2)] = np.inf
+        window, grid = _cut(image, point, reach)
+        away = _own_distance(grid, point, points)
         colors = window.astype(float)
         for k, radius in enumerate(radii):
             thick = max(1.5, 0.2 * radius)
@@ -59,13 +59,11 @@ def _edge_radius(image: Image, table: Table, points: Array, radius: float) -> fl
     edges = np.arange(0.3, 1.8, 0.1) * radius
     total, count = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
     for point in points:
-        window, corner = cut(image, point, int(np.ceil(edges[-1])) + 1)
+        window, grid = _cut(image, point, int(np.ceil(edges[-1])) + 1)
         if window.size == 0:
             continue
-        y, x = np.mgrid[: window.shape[0], : window.shape[1]]
-        grid = np.stack([x + corner[0], y + corner[1]], axis=-1)
-        away = np.linalg.norm(grid - point, axis=2)
-        mine = ~(np.linalg.norm(grid[:, :, None] - points, axis=3) < away[:, :, None]).any(axis=2)
+        away = _own_distance(grid, point, points)
+        mine = np.isfinite(away)
         coverage = covered(np.ascontiguousarray(window), table, 1)
         total += np.histogram(away[mine], edges, weights=coverage[mine])[0]
         count += np.histogram(away[mine], edges)[0]
@@ -81,15 +79,23 @@ def _edge_radius(image: Image, table: Table, points: Array, radius: float) -> fl
 
 
 def _typical_gap(points: Array) -> float:
-    gaps = np.linalg.norm(points[:, None] - points[None], axis=2) + np.where(np.eye(len(points)), np.inf, 0)
-    return float(np.median(gaps.min(axis=1))) if len(points) > 1 else 50.0
+    return float(np.median(gaps_of(points)))
 
 
-def cut(image: Image, point: Array, reach: int) -> tuple[Image, NDArray[np.int64]]:
-    """The square around a point as far as it lies in the frame, and its corner (x, y)."""
+def _cut(image: Image, point: Array, reach: int) -> tuple[Image, NDArray[np.int64]]:
+    """The square around a point as far as it lies in the frame, and its pixels' places (x, y). Shape (H, W, 2)."""
     x, y = np.round(point).astype(int)
     left, top = max(int(x) - reach, 0), max(int(y) - reach, 0)
-    return image[top : max(int(y) + reach + 1, 0), left : max(int(x) + reach + 1, 0)], np.array([left, top])
+    window = image[top : max(int(y) + reach + 1, 0), left : max(int(x) + reach + 1, 0)]
+    rows, columns = np.mgrid[: window.shape[0], : window.shape[1]]
+    return window, np.stack([columns + left, rows + top], axis=-1)
+
+
+def _own_distance(grid: NDArray[np.int64], point: Array, points: Array) -> Array:
+    """Distance of pixels from a point, infinite where another of the points is nearer. Shape (H, W)."""
+    away = np.linalg.norm(grid - point, axis=2)
+    away[(np.linalg.norm(grid[:, :, None] - points, axis=3) < away[:, :, None]).any(axis=2)] = np.inf
+    return away
 
 
 class Appearance:
@@ -132,7 +138,7 @@ class Appearance:
         """Color, radius and centers, in turns until they agree."""
         self.points, self.radius = points.copy(), radius
         for sure in (*(True,) * _SURE_ROUNDS, *(False,) * _ROUNDS):
-            self._first = _moments(image, self.points, self.radius, CLICK_ERROR if sure else 0.0)
+            self._first: tuple[Array, ...] = _moments(image, self.points, self.radius, CLICK_ERROR if sure else 0.0)
             self._known = self._first
             self._rebuild()
             # as far as the points may be off, but not nearer to another marker
@@ -155,11 +161,8 @@ class Appearance:
             image: RGB. Shape (H, W, 3).
             points: Of the markers that were found with certainty [px]. Shape (K, 2).
         """
-        matrix, target, mean, spread = _moments(image, points, self.radius)
-        known = self._known
-        new = (FORGET * known[0] + (1 - FORGET) * matrix, FORGET * known[1] + (1 - FORGET) * target,
-               FORGET * known[2] + (1 - FORGET) * mean, FORGET * known[3] + (1 - FORGET) * spread)  # fmt: skip
-        self._known = new
+        new = _moments(image, points, self.radius)
+        self._known = tuple(FORGET * a + (1 - FORGET) * b for a, b in zip(self._known, new, strict=True))
         self._rebuild()
 
     def _rebuild(self) -> None:
@@ -167,9 +170,10 @@ class Appearance:
             KEEP_FIRST * a + (1 - KEEP_FIRST) * b for a, b in zip(self._first, self._known, strict=True)
         )
         weights = np.linalg.solve(matrix + _RIDGE * np.diag(np.diag(matrix) + 1e-9), target)
-        coverage = _COLOR_FEATURES @ weights
+        colors, features = _palette()
+        coverage = features @ weights
         covariance = square - np.outer(mean, mean) + np.diag(np.full(3, 1e-4))
-        off = _COLORS - mean
+        off = colors - mean
         unseen = np.einsum("ij,jk,ik->i", off, np.linalg.inv(covariance), off)
         known = np.clip(2 - unseen / UNSEEN, 0.0, 1.0)
         sharp = 0.5 + (coverage - 0.5) * SHARPEN
@@ -183,9 +187,12 @@ def _features(colors: Array) -> Array:
     return np.stack([r[i] * g[j] * b[k] for i, j, k in powers], axis=1)
 
 
-_LEVELS = (np.arange(2**BITS) + 0.5) / 2**BITS
-_COLORS = np.stack(np.meshgrid(_LEVELS, _LEVELS, _LEVELS, indexing="ij"), axis=-1).reshape(-1, 3)
-_COLOR_FEATURES = _features(_COLORS)
+@cache
+def _palette() -> tuple[Array, Array]:
+    """Every color of the table and its features, 48 MB: made by the first tracker, not by whoever imports this."""
+    levels = (np.arange(2**BITS) + 0.5) / 2**BITS
+    colors = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
+    return colors, _features(colors)
 
 
 def _moments(image: Image, points: Array, radius: float, unsure: float = 0.0) -> tuple[Array, Array, Array, Array]:
@@ -197,11 +204,9 @@ def _moments(image: Image, points: Array, radius: float, unsure: float = 0.0) ->
     matrix, target = np.zeros((20, 20)), np.zeros(20)
     mean, square, total = np.zeros(3), np.zeros((3, 3)), 0.0
     for point in points:
-        window, corner = cut(image, point, reach)
+        window, grid = _cut(image, point, reach)
         if window.size == 0:
             continue
-        y, x = np.mgrid[: window.shape[0], : window.shape[1]]
-        grid = np.stack([x + corner[0], y + corner[1]], axis=-1)
         away = np.linalg.norm(grid[:, :, None] - points, axis=3).min(axis=2)  # from the nearest marker
         wanted = np.clip(radius - away + 0.5, 0.0, 1.0).ravel()
         colors = (window.reshape(-1, 3) + 0.5) / 256

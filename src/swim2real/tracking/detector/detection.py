@@ -127,8 +127,8 @@ class DetectionTracker:
         if len(seen) == 0:
             return positions, contrast
         blur, at = BLUR_SHARE * self._steps(), seeds[seen]
+        reaches = radius + 0.5 + blur[seen]
         for _ in range(_OVERLAP_ROUNDS if crowded.any() else 1):
-            reaches = 1.0 * radius + 0.5 + blur[seen]
             at, self._share[seen] = discs(image, self._look.table, seeds[seen], reaches, seeds, radius)
             seeds[seen] = np.where(np.isfinite(at), at, seeds[seen])
         at[_outside(at, image, radius) | (np.linalg.norm(at - places[seen], axis=1) > 2 * radius)] = np.nan
