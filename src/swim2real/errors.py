@@ -47,6 +47,12 @@ class AdvisorError(Swim2RealError):
     """An advisor could not give a usable proposal."""
 
 
+class WaitingForReply(AdvisorError):  # noqa: N818 - nothing went wrong
+    """A person's reply is due; the run can go on as soon as it is there."""
+
+    exit_code = 0
+
+
 class RunError(Swim2RealError):
     """A run folder can't be written, resumed or read."""
 

@@ -45,6 +45,24 @@ def test_the_markers_rest_where_they_are_mounted(model):
     assert FISH.head_length == pytest.approx(0.142)
 
 
+def test_its_description_is_true_of_the_model(model):
+    assert 2 <= FISH.description.count(". ") + 1 <= 5
+    front, end = -model.site("M0").pos[0], sum(model.body(f"tail{i}").pos[0] for i in range(5))
+    length = front + end + g.TAIL_FIN_OUTLINE[:, 2].max()
+    assert f"{length:.2f} m long" in FISH.description
+    assert "front two thirds" in FISH.description
+    assert (front + model.body("tail0").pos[0]) / length == pytest.approx(2 / 3, abs=0.03)
+    places = [model.body(int(model.site(name).bodyid[0])).name for name in FISH.marker_names]
+    assert places == ["fish"] * 3 + [f"tail{i}" for i in range(5)] + ["tail4"]
+    assert "M0 at the front of the head, M1 at its rear" in FISH.description
+    assert "M3 to M7 one on each tail segment, just behind the tail joints 0 to 4" in FISH.description
+    behind = [model.site(f"M{3 + i}").pos[0] for i in range(5)]
+    assert 0.0 < min(behind) < max(behind) < 0.02
+    assert "swap sides between the third and the fourth segment" in FISH.description
+    sides = [model.site(int(i)).name for i in model.wrap_objid[:6]]
+    assert sides == ["motor_left", "tail0_left", "tail1_left", "tail2_left", "tail3_right", "tail4_right"]
+
+
 def test_the_only_sensors_are_the_nine_markers(model):
     assert [model.sensor(i).name for i in range(model.nsensor)] == [f"M{i}" for i in range(9)]
     assert set(map(int, model.sensor_type)) == {int(mujoco.mjtSensor.mjSENS_FRAMEPOS)}

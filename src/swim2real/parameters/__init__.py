@@ -1,6 +1,6 @@
 """The simulator parameters that are calibrated: bounds, units, meaning, the unit cube, and their file."""
 
-from swim2real.parameters.file import ParametersFile, read_parameters, write_parameters
+from swim2real.parameters.file import ParametersFile, read_parameters, robot_of, write_parameters
 from swim2real.parameters.space import Parameter, ParameterSpace, Scale, Values
 
 __all__ = [
@@ -10,5 +10,6 @@ __all__ = [
     "Scale",
     "Values",
     "read_parameters",
+    "robot_of",
     "write_parameters",
 ]

@@ -33,12 +33,41 @@ class ParametersFile:
     path: Path
 
 
+def robot_of(path: str | Path) -> str:
+    """Name of the robot that a parameters file, or a run folder's best parameters, are for.
+
+    Raises:
+        ParameterError: Not there, not JSON, another format, or no name.
+    """
+    place, content = _read(path)
+    name = content.get("robot")
+    if not isinstance(name, str):
+        raise ParameterError(f"parameters file '{place}': 'robot' is {name!r}; it must be a robot's name")
+    return name
+
+
 def read_parameters(path: str | Path, robot: str, space: ParameterSpace) -> ParametersFile:
     """Reads a parameters file, or the best parameters of a run folder.
 
     Raises:
         ParameterError: Not there, not JSON, another format or robot, or a value that is not allowed.
     """
+    place, content = _read(path)
+    if content.get("robot") != robot:
+        raise ParameterError(f"parameters file '{place}' is for robot {content.get('robot')!r}, not '{robot}'")
+    values = content.get("parameters")
+    if not isinstance(values, dict):
+        raise ParameterError(f"parameters file '{place}': 'parameters' must map names to numbers")
+    physics = content.get("physics")
+    return ParametersFile(
+        space.check(values, where=f"'{place}'"),
+        content.get("engine"),
+        physics if isinstance(physics, dict) else None,
+        place,
+    )
+
+
+def _read(path: str | Path) -> tuple[Path, dict[str, Any]]:
     place = Path(path)
     if place.is_dir():
         if not (place / BEST).is_file():
@@ -53,18 +82,7 @@ def read_parameters(path: str | Path, robot: str, space: ParameterSpace) -> Para
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         found = content.get("format") if isinstance(content, dict) else content
         raise ParameterError(f"parameters file '{place}': format is {found!r}; this version reads format {FORMAT}")
-    if content.get("robot") != robot:
-        raise ParameterError(f"parameters file '{place}' is for robot {content.get('robot')!r}, not '{robot}'")
-    values = content.get("parameters")
-    if not isinstance(values, dict):
-        raise ParameterError(f"parameters file '{place}': 'parameters' must map names to numbers")
-    physics = content.get("physics")
-    return ParametersFile(
-        space.check(values, where=f"'{place}'"),
-        content.get("engine"),
-        physics if isinstance(physics, dict) else None,
-        place,
-    )
+    return place, content
 
 
 def write_parameters(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
@@ -38,12 +38,49 @@ class Response(Protocol):
         ...
 
 
+Score = Callable[[Mapping[str, Any]], float]
+
+
+@dataclass(frozen=True)
+class FitStage:
+    """Some parameters that a person would fit on their own.
+
+    Attributes:
+        name: In a word.
+        parameters: Their names.
+        share: Of the evaluations, relative to the other stages.
+        together: Whether all have one place in their ranges and a scan along it, or each its own and a search.
+        score: From the evidence of an evaluation to what is minimized, NaN where it can't be told; None is the loss.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    share: float
+    together: bool = False
+    score: Score | None = None
+
+
+@dataclass(frozen=True)
+class FitPlan:
+    """How a person would fit a robot step by step, for the method of stages.
+
+    Attributes:
+        stages: In order.
+        held: Values of parameters that are set once and never fitted [unit].
+    """
+
+    stages: tuple[FitStage, ...]
+    held: Values
+
+
 @dataclass(frozen=True)
 class Robot:
     """A robot that can be built for any parameter values.
 
     Attributes:
         name: As in parameters files.
+        description: What it is, where its markers are, what drives it and which way it swims, in two to five sentences
+            for a person or a VLM who has never seen it.
         space: The parameters that are calibrated, with their default scale.
         build: Values to an MjSpec. The spec has one `framepos` sensor a marker, in order, and nothing else there.
         marker_names: M names, head first.
@@ -54,9 +91,11 @@ class Robot:
         motor_joint: The joint that an actuation turns.
         tail_markers: Indices of the markers whose sideways motion shows the beat best.
         response: What the built-in physics advisor believes at first.
+        fit_plan: How a person would fit it in stages; None where nobody has thought of any.
     """
 
     name: str
+    description: str
     space: ParameterSpace
     build: Callable[[Values], mujoco.MjSpec]
     marker_names: tuple[str, ...]
@@ -66,6 +105,7 @@ class Robot:
     motor_joint: str
     tail_markers: tuple[int, ...]
     response: Response
+    fit_plan: FitPlan | None = None
 
     @property
     def head_length(self) -> float:

@@ -11,12 +11,26 @@ from swim2real.parameters import Values
 from swim2real.robots.fish import geometry as g
 from swim2real.robots.fish.parameters import FISH_SPACE, TAIL_SEGMENTS
 from swim2real.robots.fish.response import fish_response
+from swim2real.robots.fish.stages import FISH_PLAN
 from swim2real.robots.robot import Robot
 
 MARKER_NAMES = tuple(f"M{i}" for i in range(9))
 REST_MARKERS = np.array([[x, 0.0] for x in (0.0, 0.142, 0.357, 0.3765, 0.4065, 0.4385, 0.4675, 0.4885, 0.551)])
 MARKER_HEIGHTS = np.array([0.05, 0.05, 0.1, 0.05, 0.05, 0.05, 0.05, 0.05, 0.1])  # dorsal and tail fin stand higher
 REST_MARKERS.flags.writeable = MARKER_HEIGHTS.flags.writeable = False
+
+DESCRIPTION = (
+    "A robotic fish, 0.56 m long, that floats at the surface and is filmed from above. "
+    "Its front two thirds, head and body, are stiff; behind them five short stiff segments on elastic hinges make a "
+    "tail that ends in a thin, tall fin. "
+    "A motor in the body turns at a steady speed; its two crank arms, half a turn apart, pull two tendons along the "
+    "sides of the tail in turn, one beat a turn, and because the tendons swap sides between the third and the fourth "
+    "segment the tail bends into an S. "
+    "The nine markers stand on its midline from head to tail: M0 at the front of the head, M1 at its rear, M2 on the "
+    "dorsal fin at the end of the stiff body, M3 to M7 one on each tail segment, just behind the tail joints 0 to 4, "
+    "and M8 near the trailing edge of the tail fin. "
+    "It swims head first, M0 in front, by the thrust of its beating tail."
+)
 
 
 def build_fish(values: Values) -> mujoco.MjSpec:
@@ -206,6 +220,7 @@ def _tendons(spec: mujoco.MjSpec) -> None:
 
 FISH = Robot(
     name="fish",
+    description=DESCRIPTION,
     space=FISH_SPACE,
     build=build_fish,
     marker_names=MARKER_NAMES,
@@ -215,4 +230,5 @@ FISH = Robot(
     motor_joint="motor",
     tail_markers=(6, 7, 8),
     response=fish_response(),
+    fit_plan=FISH_PLAN,
 )
