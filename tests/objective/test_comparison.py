@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -213,3 +214,24 @@ def test_the_published_parameters_have_their_known_figures(tracks, new_fluid_law
     assert figures["marker_error"] == pytest.approx(58.2, abs=1.5)
     assert figures["shape_error"] == pytest.approx(6.1, abs=0.7)
     assert figures["velocity_error"] == pytest.approx(19.4, abs=1.5)
+
+
+@pytest.mark.parametrize("protocol", ["aligned", "paper"])
+def test_the_residual_vector_holds_what_the_loss_measures(pool, protocol):
+    found = Problem(FISH, examine(pool, FISH), Simulator(FISH), protocol).evaluate(FISH.space.published)
+    vector = found.residual_vector()
+    assert np.isfinite(vector).all()
+    squares = []
+    for trial in found.trials:
+        residual = trial.residual if protocol == "aligned" else trial.swim_residual
+        counts = trial.weights > 0 if protocol == "aligned" else np.isfinite(residual).all(axis=2)
+        squares.append(np.mean(np.square(residual[counts]).sum(axis=1)))
+    assert np.sum(vector**2) == pytest.approx(np.mean(squares))
+    assert np.sqrt(np.sum(vector**2)) >= found.loss  # a root mean square is no smaller than the mean
+
+
+def test_the_residual_vector_of_a_failure_is_as_long_and_finite(pool):
+    found = Problem(FISH, examine(pool, FISH), Simulator(FISH)).evaluate(FISH.space.published)
+    failed = replace(found, trials=tuple(replace(trial, divergence="it blew up") for trial in found.trials))
+    assert failed.residual_vector().shape == found.residual_vector().shape
+    assert np.sum(failed.residual_vector() ** 2) == pytest.approx(FAILED_LOSS**2)

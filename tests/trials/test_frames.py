@@ -116,6 +116,18 @@ def test_speed_of_a_rigid_straight_swim_is_exact(heading, speed):
     np.testing.assert_allclose(frames.swimming_axis(times, track.positions), forward, atol=1e-9)
 
 
+@given(angles, metres, metres)
+def test_the_course_goes_from_the_origin_toward_minus_x_wherever_the_world_lies(angle, x, y):
+    track = Swimmer(duration=2.0).track()
+    moved = MarkerTrack(track.times, turned(track.positions, angle, (x, y)))
+    np.testing.assert_allclose(moved.course, track.course, atol=1e-9)
+    heads = frames.heads(track.course)
+    np.testing.assert_allclose(heads[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(-heads[:, 0], track.progress, atol=1e-9)
+    between = np.linalg.norm(track.course[:, 3] - track.course[:, 0], axis=1)  # nothing is bent
+    np.testing.assert_allclose(between, np.linalg.norm(track.positions[:, 3] - track.positions[:, 0], axis=1))
+
+
 def test_progress_lives_with_missing_heads():
     track = Swimmer(heading=1.0).track(noise=0.0)
     positions = track.positions.copy()

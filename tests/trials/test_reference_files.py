@@ -1,5 +1,6 @@
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -223,6 +224,16 @@ def test_what_was_saved_is_loaded_again(folder, trials):
         assert now.provenance == was.provenance
 
 
+def test_a_trial_knows_its_video_also_after_both_were_moved(tmp_path, trials):
+    filmed = replace(trials["slow"], video=tmp_path / "there" / "films" / "slow.mp4")
+    save_reference(TrialSet((filmed, trials["fast"])), tmp_path / "there" / "reference")
+    assert load_reference(tmp_path / "there" / "reference")["slow"].video.resolve() == filmed.video.resolve()
+    (tmp_path / "there").rename(tmp_path / "here")
+    loaded = load_reference(tmp_path / "here" / "reference")
+    assert loaded["slow"].video.resolve() == (tmp_path / "here" / "films" / "slow.mp4").resolve()
+    assert loaded["fast"].video is None
+
+
 def test_saving_what_was_loaded_changes_no_table(folder, tmp_path):
     save_reference(load_reference(folder), tmp_path / "again")
     for file in folder.glob("*.csv"):
@@ -260,6 +271,7 @@ def test_a_folder_that_cant_be_made_is_refused(tmp_path, trials):
         (lambda i: i.update(trials=[]), "'trials' must be a list with at least one trial"),
         (lambda i: i.pop("markers"), "'markers' must be a list of marker names"),
         (lambda i: i["trials"].append("more"), "every trial needs a 'name'"),
+        (lambda i: i["trials"][0].update(video=3), "video of trial 'slow' is 3; it must be a path"),
         (lambda i: i["trials"][0].update(name=3), "every trial needs a 'name'"),
         (lambda i: i["trials"][0].update(fps=-60), "fps of trial 'slow' is -60; it must be a number above 0"),
         (

@@ -29,11 +29,13 @@ class Target:
         trial: Real.
         weights: 0 where tracking lost a marker. Shape (T, M).
         frequency: At which the simulated swim is driven [Hz].
+        beat_frequency: At which the real one beats [Hz]; None for the same.
     """
 
     trial: Trial
     weights: Array
     frequency: float
+    beat_frequency: float | None = None
 
 
 @dataclass(frozen=True)
@@ -51,11 +53,14 @@ class TrialComparison:
         progress_real: Along the swimming axis [m]. Shape (T,).
         progress_simulated: Likewise. Shape (T,).
         swim_residual: Simulated minus real in the swim frame [m]. Shape (T, M, 2).
+        course_real: In the world, turned so that the swim goes toward -x [m]. Shape (T, M, 2).
+        course_simulated: Likewise, from the same time on. Shape (T, M, 2).
         phase: Motor angle at the first frame [rad]; 0 under the paper's protocol.
         velocity_real: Over the whole trial [m/s].
         velocity_simulated: Over the same time, negative when it swims tail first [m/s].
         static_offset: Mean length of the registration vectors, whether used or not [m].
         divergence: Why the simulation failed, or None.
+        beat_frequency: Of the real beat [Hz]; None for that of the simulated motor.
     """
 
     name: str
@@ -68,11 +73,14 @@ class TrialComparison:
     progress_real: Array
     progress_simulated: Array
     swim_residual: Array
+    course_real: Array
+    course_simulated: Array
     phase: float
     velocity_real: float
     velocity_simulated: float
     static_offset: float
     divergence: str | None = None
+    beat_frequency: float | None = None
 
     @cached_property
     def shape_residual(self) -> Array:
@@ -112,6 +120,19 @@ class TrialComparison:
         """The aligned error if lost tracks counted [m]."""
         seen = np.isfinite(self.residual).all(axis=2).astype(float)
         return FAILED_LOSS if self._failed else weighted_distance(self.residual, seen)
+
+    def residual_vector(self, protocol: Protocol) -> Array:
+        """What the loss is the mean length of, weighted such that the squares add up to their mean [m].
+
+        Zero where nothing counts; of length `FAILED_LOSS` when the simulation diverged. Shape (2 T M,).
+        """
+        aligned = protocol == "aligned"
+        residual = self.residual if aligned else self.swim_residual
+        known = np.isfinite(residual).all(axis=2)
+        weights = np.where(known, self.weights, 0.0) if aligned else known.astype(float)
+        share = weights / max(float(weights.sum()), 1e-12)
+        vectors = np.full(residual.shape, FAILED_LOSS / np.sqrt(2)) if self._failed else np.nan_to_num(residual)
+        return (np.sqrt(share)[:, :, None] * vectors).ravel()
 
     def loss(self, protocol: Protocol) -> float:
         """What the trial adds to the loss, before the mean [m]."""
@@ -192,6 +213,11 @@ class Comparison:
         losses = [trial.loss(self.protocol) for trial in self.trials]
         return float(np.mean(losses + [0.0] * self.skipped))
 
+    def residual_vector(self) -> Array:
+        """Residuals of all trials in a row; the squares add up to the mean over trials [m]. Shape (n,)."""
+        parts = [trial.residual_vector(self.protocol) for trial in self.trials]
+        return np.concatenate(parts) / np.sqrt(len(parts))
+
     @property
     def lower_bound(self) -> bool:
         """Whether the loss is only known to be at least what it says, as after an early stop."""
@@ -237,7 +263,8 @@ def compare_trial(target: Target, simulated: Trial, protocol: Protocol, horizon:
         nothing = np.zeros_like(real[:kept])
         return TrialComparison(
             target.trial.name, target.frequency, times[:kept], weights, real[:kept], nothing, nothing[0],
-            track.progress[:kept], np.zeros(kept), nothing, 0.0, track.speed, 0.0, 0.0, simulated.divergence,
+            track.progress[:kept], np.zeros(kept), nothing, track.course[:kept], nothing, 0.0, track.speed, 0.0, 0.0,
+            simulated.divergence, target.beat_frequency,
         )  # fmt: skip
     lead = 1 / target.frequency if protocol == "aligned" else 0.0
     sim_times = simulated.track.times - simulated.track.times[0]
@@ -267,8 +294,11 @@ def compare_trial(target: Target, simulated: Trial, protocol: Protocol, horizon:
         progress_real=track.progress[:kept],
         progress_simulated=sampled.progress[:kept],
         swim_residual=(sampled.swim - track.swim)[:kept],
+        course_real=track.course[:kept],
+        course_simulated=sampled.course[:kept],
         phase=2 * np.pi * target.frequency * shift,
         velocity_real=track.speed,
         velocity_simulated=sampled.speed,
         static_offset=float(np.linalg.norm(offsets, axis=1).mean()),
+        beat_frequency=target.beat_frequency,
     )

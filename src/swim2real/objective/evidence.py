@@ -27,16 +27,17 @@ def evidence(comparison: Comparison) -> dict[str, Any]:
             {
                 "marker_errors": trial.marker_errors("marker"),
                 "aligned_marker_errors": trial.marker_errors("aligned"),
-                "beat_real": beat(trial, trial.real),
-                "beat_simulated": beat(trial, trial.simulated),
+                "shape_marker_errors": trial.marker_errors("shape"),
+                "beat_real": beat(trial, trial.real, trial.beat_frequency or trial.frequency),
+                "beat_simulated": beat(trial, trial.simulated, trial.frequency),
             }
         )
     return rounded(figures)
 
 
-def beat(trial: TrialComparison, positions: Array) -> dict[str, Array]:
-    """Amplitude, phase and mean of each marker's sideways motion. Each of shape (M,)."""
-    angles = 2 * np.pi * trial.frequency * trial.times
+def beat(trial: TrialComparison, positions: Array, frequency: float) -> dict[str, Array]:
+    """Amplitude, phase and mean of each marker's sideways motion at a frequency [Hz]. Each of shape (M,)."""
+    angles = 2 * np.pi * frequency * trial.times
     basis = np.column_stack([np.ones_like(angles), np.cos(angles), np.sin(angles)])
     count = positions.shape[1]
     out = np.full((3, count), np.nan)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -97,7 +98,7 @@ def save_reference(trials: TrialSet, folder: str | Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
         for trial in trials:
             _write_table(path / f"{trial.name}.csv", trial.track, trials.marker_names)
-        _write_index(path, list(trials.marker_names), [_entry(trial) for trial in trials])
+        _write_index(path, list(trials.marker_names), [_entry(trial, path) for trial in trials])
     except OSError as error:
         raise TrialError(f"can't write reference folder '{path}': {error.strerror or error}") from error
 
@@ -141,9 +142,9 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
                 if entry["name"] != trial.name and entry.get("table", f"{entry['name']}.csv") == table:
                     raise TrialError(f"table '{table}' in '{path}' is trial '{entry['name']}'; choose another name")
             if trial.name in names:
-                entries[names.index(trial.name)] = _entry(trial)
+                entries[names.index(trial.name)] = _entry(trial, path)
             else:
-                entries.append(_entry(trial))
+                entries.append(_entry(trial, path))
             entries.sort(key=lambda entry: str(entry["name"]))  # whoever was added first
             _write_table(path / f"{table}.part", trial.track, marker_names)
             (path / f"{table}.part").replace(path / table)
@@ -175,7 +176,8 @@ def _check_name(name: str) -> None:
         raise TrialError(f"trial name {name!r} can't be the name of a file; give it another")
 
 
-def _entry(trial: Trial) -> dict[str, Any]:
+def _entry(trial: Trial, folder: Path) -> dict[str, Any]:
+    video = {} if trial.video is None else {"video": _from(folder, trial.video)}
     return {
         "name": trial.name,
         "table": f"{trial.name}.csv",
@@ -183,7 +185,16 @@ def _entry(trial: Trial) -> dict[str, Any]:
         "fps": round(trial.fps, 6),
         "meters_per_pixel": trial.meters_per_pixel,
         "provenance": trial.provenance,
+        **video,
     }
+
+
+def _from(folder: Path, video: Path) -> str:
+    """The way from the folder, so that both can be moved together; the whole path where there is none."""
+    try:
+        return Path(os.path.relpath(video.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # on another drive
+        return video.resolve().as_posix()
 
 
 def _write_index(path: Path, markers: list[str], entries: list[dict[str, Any]]) -> None:
@@ -237,9 +248,13 @@ def _load_trial(folder: Path, entry: Any, markers: list[str]) -> Trial:
         track = MarkerTrack(rows[:, 0], cells[:, :, :2], np.nan_to_num(cells[:, :, 2]))
     except TrialError as error:
         raise TrialError(f"{table}: {error}") from error
+    video = entry.get("video")
+    if not isinstance(video, str | None):
+        raise TrialError(f"{where}: video of trial '{name}' is {video!r}; it must be a path")
     trial = Trial(
-        name, track, entry.get("nominal_frequency_hz"), entry.get("meters_per_pixel"), str(entry.get("provenance", ""))
-    )
+        name, track, entry.get("nominal_frequency_hz"), entry.get("meters_per_pixel"), str(entry.get("provenance", "")),
+        video=None if video is None else folder / video,
+    )  # fmt: skip
     return _check_motion(trial, table)
 
 

@@ -52,6 +52,17 @@ def to_swim(positions: Array) -> Array:
     return body - heads(body)[:, None] + path[:, None]
 
 
+def to_course(times: Array, positions: Array) -> Array:
+    """The world, turned so that the swim as a whole goes toward -x, from where the head is first seen [m].
+
+    Shape (T, M, 2).
+    """
+    head = heads(positions)
+    seen = np.flatnonzero(np.isfinite(head).all(axis=1))
+    start = head[seen[0]] if seen.size else np.zeros(2)
+    return _rotate(positions - start, -swimming_axis(times, positions))
+
+
 def slope(times: Array, values: Array) -> float:
     """Slope of a straight-line fit to the finite values; NaN with fewer than two."""
     good = np.isfinite(values)

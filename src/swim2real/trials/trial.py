@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +85,11 @@ class MarkerTrack:
         return frames.to_swim(self.positions)
 
     @property
+    def course(self) -> Array:
+        """Positions in the world, turned so that the swim goes toward -x from the origin [m]. Shape (T, M, 2)."""
+        return frames.to_course(self.times, self.positions)
+
+    @property
     def progress(self) -> Array:
         """Displacement of the head along the swimming axis since the first frame [m]. Shape (T,)."""
         return frames.progress(self.times, self.positions)
@@ -130,6 +136,7 @@ class Trial:
         meters_per_pixel: Scale of the video [m]; None for a simulation.
         provenance: Where it comes from, in words.
         divergence: Why and when a simulation failed; None when it didn't.
+        video: That it was tracked in; None where there is none. It may have been moved away since.
     """
 
     name: str
@@ -138,6 +145,7 @@ class Trial:
     meters_per_pixel: float | None = None
     provenance: str = ""
     divergence: str | None = None
+    video: Path | None = None
 
     @property
     def fps(self) -> float:
