@@ -8,8 +8,11 @@ import pytest
 from swim2real.errors import OptimizerError
 from swim2real.optimizers import (
     BacktrackingLineSearch,
+    BayesianOptimization,
     Candidate,
+    CmaEs,
     Evaluation,
+    LeastSquares,
     Optimizer,
     RandomSearch,
     ScriptedAdvisor,
@@ -38,12 +41,30 @@ def warm_start(seed: int) -> Optimizer:
     return WarmStart(scripted(seed), first_point(D, seed), RandomSearch(D, streams(seed)[1]))
 
 
-MAKERS = [random_search, line_search, warm_start]
-every = pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
+def bayesopt(seed: int) -> Optimizer:
+    return BayesianOptimization(D, streams(seed)[1], first_point(D, seed), initial=23)
+
+
+def least_squares(seed: int) -> Optimizer:
+    return LeastSquares(first_point(D, seed), streams(seed)[1])
+
+
+def cma_es(seed: int) -> Optimizer:
+    return CmaEs(D, streams(seed)[1])
+
+
+MAKERS = [random_search, line_search, warm_start, bayesopt, least_squares]
+every = pytest.mark.parametrize("make", [*MAKERS, cma_es], ids=lambda make: make.__name__)
+from_the_first_point = pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
 
 
 def loss_of(candidate: Candidate) -> float:
     return float(np.square(candidate.point - 0.3).sum())
+
+
+def evaluate(candidate: Candidate, failed: bool = False) -> Evaluation:
+    residual = np.ones(D) if failed else candidate.point - 0.3
+    return Evaluation(candidate, 1.0 if failed else loss_of(candidate), failed, residual=residual)
 
 
 def drive(optimizer: Optimizer, count: int, failed: Callable[[int], bool] = lambda i: False) -> np.ndarray:
@@ -51,8 +72,7 @@ def drive(optimizer: Optimizer, count: int, failed: Callable[[int], bool] = lamb
     for i in range(count):
         candidate = optimizer.ask()
         points.append(candidate.point)
-        lost = failed(i)
-        optimizer.tell(Evaluation(candidate, 1.0 if lost else loss_of(candidate), lost))
+        optimizer.tell(evaluate(candidate, failed(i)))
     return np.array(points)
 
 
@@ -72,9 +92,9 @@ def test_telling_without_asking_is_refused(make):
     with pytest.raises(OptimizerError, match=r"^tell\(\) without a candidate; ask\(\) for one first$"):
         optimizer.tell(Evaluation(Candidate(cube_point(np.full(D, 0.5))), 1.0))
     candidate = optimizer.ask()
-    optimizer.tell(Evaluation(candidate, 0.5))
+    optimizer.tell(evaluate(candidate))
     with pytest.raises(OptimizerError, match="without a candidate"):
-        optimizer.tell(Evaluation(candidate, 0.5))
+        optimizer.tell(evaluate(candidate))
 
 
 @every
@@ -84,7 +104,7 @@ def test_telling_of_another_candidate_is_refused_and_the_right_one_still_counts(
     other = Candidate(cube_point(1 - candidate.point))
     with pytest.raises(OptimizerError, match="evaluation of another candidate than the one that was asked last"):
         optimizer.tell(Evaluation(other, 0.1))
-    optimizer.tell(Evaluation(candidate, 0.5))
+    optimizer.tell(evaluate(candidate))
     optimizer.ask()
 
 
@@ -97,7 +117,7 @@ def test_candidates_lie_in_the_unit_cube_and_are_read_only(make):
         assert np.all((candidate.point >= 0) & (candidate.point <= 1))
         with pytest.raises(ValueError, match="read-only"):
             candidate.point[0] = 0.0
-        optimizer.tell(Evaluation(candidate, loss_of(candidate)))
+        optimizer.tell(evaluate(candidate))
 
 
 @every
@@ -111,7 +131,7 @@ def test_different_seeds_differ(make):
     assert not np.array_equal(drive(make(0), 5), drive(make(1), 5))
 
 
-@every
+@from_the_first_point
 def test_the_run_begins_at_the_first_point_and_says_so(make):
     candidate = make(7).ask()
     np.testing.assert_array_equal(candidate.point, first_point(D, 7))

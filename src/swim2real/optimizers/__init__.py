@@ -1,22 +1,31 @@
 """Optimizers behind one ask/tell contract. They see the unit cube and losses, and know no physics."""
 
 from swim2real.optimizers.advisor import Advisor, Proposal, Round, ScriptedAdvisor, Situation, Step
+from swim2real.optimizers.bayesopt import BayesianOptimization
+from swim2real.optimizers.cma_es import CmaEs
 from swim2real.optimizers.contract import Candidate, Evaluation, Optimizer, first_point, streams
+from swim2real.optimizers.least_squares import LeastSquares
 from swim2real.optimizers.line_search import BacktrackingLineSearch
 from swim2real.optimizers.random_search import RandomSearch
+from swim2real.optimizers.staged import Stage, Staged
 from swim2real.optimizers.warm_start import WarmStart
 
 __all__ = [
     "Advisor",
     "BacktrackingLineSearch",
+    "BayesianOptimization",
     "Candidate",
+    "CmaEs",
     "Evaluation",
+    "LeastSquares",
     "Optimizer",
     "Proposal",
     "RandomSearch",
     "Round",
     "ScriptedAdvisor",
     "Situation",
+    "Stage",
+    "Staged",
     "Step",
     "WarmStart",
     "first_point",

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Integral
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,6 +74,8 @@ class Evaluation:
         failed: True when there is no proper result, such as a simulation that diverged.
         detail: What else is known, for those who can read it.
         lower_bound: True when the evaluation stopped early: the loss is at least this, and the detail is incomplete.
+        residual: What a least-squares method drives to zero, for optimizers that ask for it; its squared norm is the
+            mean over trials of the weighted mean squared distance. Shape (n,), the same n for all of a run.
     """
 
     candidate: Candidate
@@ -81,6 +83,7 @@ class Evaluation:
     failed: bool = False
     detail: Any = None
     lower_bound: bool = False
+    residual: Array | None = None
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.loss):
@@ -88,7 +91,13 @@ class Evaluation:
 
 
 class Optimizer(ABC):
-    """Proposes points of the unit cube and learns from their losses."""
+    """Proposes points of the unit cube and learns from their losses.
+
+    Attributes:
+        needs_residual: Whether it must be told residuals. They aren't on record, so a resumed run simulates again.
+    """
+
+    needs_residual: ClassVar[bool] = False
 
     def __init__(self, dimension: int) -> None:
         self.dimension = dimension

@@ -1,0 +1,303 @@
+"""Stage after stage, under one budget."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swim2real.errors import OptimizerError
+from swim2real.optimizers import Evaluation, Optimizer, RandomSearch, first_point, streams
+from swim2real.optimizers.contract import Candidate, cube_point
+from swim2real.optimizers.staged import GridScan, Stage, Staged
+
+D = 8
+BEST = np.array([0.3, 0.3, 0.3, 0.71, 0.2, 0.6, 0.9, 0.4])
+BEAT, ARM, FLUID = (0, 1, 2), (3,), (4, 5)  # 6 is held, and no stage touches 7
+HELD = 0.125
+
+
+def part(name):
+    return lambda detail: detail[name]
+
+
+STAGES = (
+    Stage("beat", BEAT, 1.0, "scan", part("beat")),
+    Stage("arm", ARM, 1.0, "scan", part("arm")),
+    Stage("fluid", FLUID, 5.0),
+)
+
+
+def evaluation(candidate, failed=False):
+    """Separable: each stage's part depends on its own coordinates, and the loss is the fluid's part."""
+    off = np.square(candidate.point - BEST)
+    parts = {"beat": float(off[list(BEAT)].sum()), "arm": float(off[3])}
+    return Evaluation(candidate, 1.0 if failed else float(off[list(FLUID)].sum()), failed, parts)
+
+
+def random_search(dimension, rng, first):
+    return RandomSearch(dimension, rng, first)
+
+
+def staged(seed=0, budget=40, stages=STAGES, search=random_search, held=None):
+    held = {6: HELD} if held is None else held
+    return Staged(first_point(D, seed), stages, budget, search, streams(seed)[1], held)
+
+
+def drive(optimizer, count, answer=evaluation):
+    told = []
+    for _ in range(count):
+        told.append(answer(optimizer.ask()))
+        optimizer.tell(told[-1])
+    return told
+
+
+def by_stage(told):
+    found = {}
+    for one in told:
+        found.setdefault(one.candidate.note.get("stage"), []).append(one)
+    return found
+
+
+def points(told):
+    return np.array([one.candidate.point for one in told])
+
+
+def test_the_budget_is_shared_out_to_the_last_evaluation():
+    optimizer = staged()
+    assert optimizer.counts == (6, 5, 28)
+    counted = {name: len(told) for name, told in by_stage(drive(optimizer, 40)).items()}
+    assert counted == {None: 1, "beat": 6, "arm": 5, "fluid": 28}
+
+
+@given(st.integers(1, 400), st.lists(st.floats(0.01, 10), min_size=1, max_size=3))
+def test_shares_add_up(budget, shares):
+    stages = [replace(stage, share=share) for stage, share in zip(STAGES, shares, strict=False)]
+    counts = staged(budget=budget, stages=stages).counts
+    assert sum(counts) == budget - 1
+    assert min(counts) >= 0
+    np.testing.assert_allclose(counts, (budget - 1) * np.array(shares) / sum(shares), atol=1.001)
+
+
+def test_a_stage_moves_its_coordinates_and_no_others():
+    told = by_stage(drive(staged(), 40))
+    first = first_point(D, 0)
+    np.testing.assert_array_equal(told[None][0].candidate.point, first)
+    base = first.copy()
+    base[6] = HELD
+    for name, moved in (("beat", BEAT), ("arm", ARM), ("fluid", FLUID)):
+        moving = points(told[name])
+        still = [i for i in range(D) if i not in moved]
+        np.testing.assert_array_equal(moving[:, still], np.broadcast_to(base[still], (len(moving), len(still))))
+        assert len(np.unique(moving[:, moved[0]])) == len(moving)
+        if name != "fluid":
+            assert np.all(moving[:, list(moved)] == moving[:, moved[:1]])  # together
+            best = min(told[name], key=lambda one: one.detail[name])
+            base[list(moved)] = best.candidate.point[list(moved)]
+    fluid = points(told["fluid"])
+    assert np.all(fluid[:, 4] != fluid[:, 5])  # each for itself
+
+
+def test_a_stage_ends_at_its_best_score_whatever_the_loss_says():
+    def against(candidate):
+        one = evaluation(candidate)
+        return replace(one, loss=1 - one.detail["beat"])
+
+    fluid = points(by_stage(drive(staged(), 40, against))["fluid"])
+    assert np.all(np.abs(fluid[:, :3] - 0.3) < 0.05)
+    assert np.all(np.abs(fluid[:, 3] - 0.71) < 0.06)
+
+
+def test_what_is_known_of_the_place_where_a_stage_begins_is_told_and_not_paid_for_again():
+    seen = []
+
+    class Listening(RandomSearch):
+        def _learn(self, evaluation):
+            seen.append((evaluation.candidate.point, evaluation.loss))
+
+    optimizer = staged(search=Listening)
+    told = drive(optimizer, 40)
+    stages = by_stage(told)
+    assert len(seen) == 1 + len(stages["fluid"])
+    start = min(stages["arm"], key=lambda one: one.detail["arm"])
+    np.testing.assert_array_equal(seen[0][0], start.candidate.point[list(FLUID)])
+    assert seen[0][1] == start.loss
+    assert len(np.unique(points(told), axis=0)) == 40
+
+
+def test_a_stage_that_can_not_better_its_start_leaves_it():
+    def worse(candidate):
+        one = evaluation(candidate)
+        return replace(one, detail={**one.detail, "arm": float(candidate.point[3] != first_point(D, 0)[3])})
+
+    fluid = points(by_stage(drive(staged(), 40, worse))["fluid"])
+    assert np.all(fluid[:, 3] == first_point(D, 0)[3])
+
+
+def test_the_first_point_counts_where_nothing_is_held():
+    alone = (Stage("arm", ARM, 1.0, "scan", part("arm")),)
+    told = drive(staged(budget=6, stages=alone, held={}), 6)
+    assert len(np.unique(points(told)[:, 3])) == 6  # the scan doesn't evaluate the first point's place again
+    searched = (Stage("fluid", FLUID, 1.0),)
+    assert len(np.unique(points(drive(staged(budget=6, stages=searched, held={}), 6)), axis=0)) == 6
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_one_seed_gives_one_run_and_seeds_differ(seed):
+    np.testing.assert_array_equal(points(drive(staged(seed), 40)), points(drive(staged(seed), 40)))
+    assert not np.array_equal(points(drive(staged(seed), 40)), points(drive(staged(seed + 1), 40)))
+
+
+def test_a_record_replays_bit_for_bit():
+    def from_record(entries):
+        waiting = iter(entries)
+
+        def answer(candidate):
+            entry = json.loads(next(waiting))
+            assert entry["point"] == candidate.point.tolist()
+            return Evaluation(candidate, entry["loss"], entry["failed"], entry["detail"])
+
+        return answer
+
+    def failing(candidate):
+        return evaluation(candidate, failed=bool(candidate.point[4] > 0.8))
+
+    told = drive(staged(), 40, failing)
+    assert any(one.failed for one in told)
+    lines = [
+        json.dumps({"point": e.candidate.point.tolist(), "loss": e.loss, "failed": e.failed, "detail": e.detail})
+        for e in told
+    ]
+    half = staged()
+    drive(half, 23, from_record(lines[:23]))
+    np.testing.assert_array_equal(points(drive(half, 17, failing)), points(told)[23:])
+
+
+def test_failures_are_never_the_start_of_a_stage():
+    def failing(candidate):
+        return evaluation(candidate, failed=bool(abs(candidate.point[0] - 0.3) < 0.15))  # the best place fails
+
+    fluid = points(by_stage(drive(staged(), 40, failing))["fluid"])
+    assert np.all(np.abs(fluid[:, 0] - 0.3) >= 0.15)
+
+
+@pytest.mark.parametrize("answer", ["failed", "nothing to tell"])
+def test_a_stage_without_any_result_leaves_its_coordinates(answer):
+    def nothing(candidate):
+        if answer == "failed":
+            return evaluation(candidate, failed=True)
+        return replace(evaluation(candidate), detail={"beat": np.nan, "arm": np.nan})
+
+    fluid = points(by_stage(drive(staged(), 40, nothing))["fluid"])
+    expected = np.broadcast_to(first_point(D, 0)[:4], (28, 4))
+    np.testing.assert_array_equal(fluid[:, :4], expected)
+
+
+@pytest.mark.parametrize("budget", [1, 2, 3, 5])
+def test_small_budgets_leave_stages_out_and_the_last_goes_on(budget):
+    told = drive(staged(budget=budget), budget + 20)
+    assert sum(one.candidate.note.get("stage") == "fluid" for one in told) >= 20
+    assert len(np.unique(points(told), axis=0)) == budget + 20
+
+
+def test_stages_find_the_optimum_of_a_separable_problem():
+    told = drive(staged(budget=400), 400)
+    best = min(by_stage(told)["fluid"], key=lambda one: one.loss).candidate.point
+    np.testing.assert_allclose(best[:4], BEST[:4], atol=0.01)
+    np.testing.assert_allclose(best[4:6], BEST[4:6], atol=0.1)
+
+
+def test_the_contract_of_ask_and_tell():
+    optimizer = staged()
+    candidate = optimizer.ask()
+    assert candidate.note == {"source": "first point"}
+    with pytest.raises(OptimizerError, match=r"^ask\(\) was called twice"):
+        optimizer.ask()
+    optimizer.tell(evaluation(candidate))
+    with pytest.raises(OptimizerError, match=r"^tell\(\) without a candidate"):
+        optimizer.tell(evaluation(candidate))
+    assert optimizer.ask().note == {"source": "stage beat", "stage": "beat"}
+
+
+def test_numpys_global_random_state_is_left_alone():
+    np.random.seed(42)  # noqa: NPY002
+    expected = np.random.random(3)  # noqa: NPY002
+    np.random.seed(42)  # noqa: NPY002
+    drive(staged(), 20)
+    np.testing.assert_array_equal(np.random.random(3), expected)  # noqa: NPY002
+
+
+def test_a_search_that_begins_elsewhere_is_refused():
+    class Elsewhere(Optimizer):
+        def __init__(self, dimension, rng, first):
+            super().__init__(dimension)
+
+        def _next(self):
+            return Candidate(cube_point(np.full(self.dimension, 0.5)))
+
+        def _learn(self, evaluation):
+            pass
+
+    with pytest.raises(OptimizerError, match=r"^the search of stage 'fluid' must begin at the point that it is given$"):
+        drive(staged(search=Elsewhere), 40)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"budget": 0}, "budget is 0; it must be at least 1"),
+        ({"stages": ()}, "there are no stages; give at least one"),
+        ({"stages": (Stage("a", (), 1.0),)}, "stage 'a' has coordinates (); give some, each once"),
+        ({"stages": (Stage("a", (1, 1), 1.0),)}, "stage 'a' has coordinates (1, 1); give some, each once"),
+        ({"stages": (Stage("a", (1,), 0.0),)}, "stage 'a' has a share of 0.0; it must be above 0"),
+        ({"stages": (Stage("a", (1,), np.nan),)}, "stage 'a' has a share of nan; it must be above 0"),
+        ({"stages": (Stage("a", (8,), 1.0),)}, "coordinate 8 is none of the cube's; there are 0 to 7"),
+        ({"held": {-1: 0.5}}, "coordinate -1 is none of the cube's; there are 0 to 7"),
+        ({"held": {3: 0.5}}, "stage 'arm' moves coordinate 3, which is held"),
+        ({"held": {6: 1.5}}, "a point must lie in the unit cube, got coordinates from "),
+    ],
+)
+def test_settings_out_of_range_are_refused(changes, message):
+    with pytest.raises(OptimizerError) as caught:
+        staged(**changes)
+    assert str(caught.value).startswith(message)
+
+
+def scan(count, best, planned=None, first=None, failed=lambda x: False):
+    optimizer, places = GridScan(planned or count, first), []
+    for _ in range(count):
+        candidate = optimizer.ask()
+        places.append(float(candidate.point[0]))
+        lost = failed(places[-1])
+        optimizer.tell(Evaluation(candidate, abs(places[-1] - best), lost))
+    return places
+
+
+def test_a_scan_looks_everywhere_evenly_and_then_closer():
+    places = scan(7, 0.33)
+    np.testing.assert_allclose(places[:5], [0.1, 0.3, 0.5, 0.7, 0.9])
+    np.testing.assert_allclose(places[5:], [0.2, 0.4])  # halves beside 0.3, the lower first
+
+
+def test_a_scan_asks_for_the_known_place_first():
+    assert scan(3, 0.5, planned=2, first=np.array([0.9])) == [0.9, 0.25, 0.75]
+
+
+@given(st.floats(0, 1), st.integers(1, 60))
+def test_a_scan_stays_within_reach_of_the_best_place_and_never_repeats(best, count):
+    places = scan(count, best)
+    assert len(set(places)) == count
+    coarse = max(int(np.ceil(0.6 * count)), count - 8)
+    assert min(abs(place - best) for place in places) <= 0.5 / coarse + 1e-9
+
+
+def test_a_scan_that_goes_on_for_long_never_repeats():
+    assert len(set(scan(2000, 0.4321, planned=5))) == 2000
+
+
+def test_a_scan_refines_beside_places_that_did_not_fail():
+    places = scan(13, 0.5, failed=lambda x: abs(x - 0.5) < 0.2)
+    assert places[8:10] == [0.125, 0.25]  # beside 0.1875, the best on the grid that didn't fail
+    assert len(set(places)) == 13
