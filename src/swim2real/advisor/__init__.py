@@ -1,22 +1,19 @@
 """Advisors: who says what is physically wrong and where to go. Optimizers ask them through one protocol."""
 
+from swim2real.advisor.briefing.detail import BriefingSettings
+from swim2real.advisor.choice import Surroundings, asks_a_vlm, check_advisor, make_advisor, replayed_run
 from swim2real.advisor.physics import PhysicsAdvisor
-from swim2real.errors import ArgumentError
-from swim2real.optimizers import Advisor
-from swim2real.parameters import ParameterSpace
-from swim2real.robots.robot import Robot
+from swim2real.advisor.vlm.access import Access
+from swim2real.advisor.vlm.events import AdvisorEvent
 
-ADVISORS = ("physics",)
-
-__all__ = ["ADVISORS", "PhysicsAdvisor", "make_advisor"]
-
-
-def make_advisor(name: str, robot: Robot, space: ParameterSpace, seed: int) -> Advisor:
-    """The advisor of a name.
-
-    Raises:
-        ArgumentError: There is none of that name.
-    """
-    if name == "physics":
-        return PhysicsAdvisor(robot, space, seed)
-    raise ArgumentError(f"advisor is '{name}'; this version has {', '.join(ADVISORS)}")
+__all__ = [
+    "Access",
+    "AdvisorEvent",
+    "BriefingSettings",
+    "PhysicsAdvisor",
+    "Surroundings",
+    "asks_a_vlm",
+    "check_advisor",
+    "make_advisor",
+    "replayed_run",
+]

@@ -1,0 +1,122 @@
+"""From an advisor's name to the advisor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from swim2real.advisor.briefing.briefing import Briefing
+from swim2real.advisor.briefing.detail import BriefingSettings
+from swim2real.advisor.physics import PhysicsAdvisor
+from swim2real.advisor.vlm.access import Access
+from swim2real.advisor.vlm.advisor import REPAIRS, Limits, VlmAdvisor
+from swim2real.advisor.vlm.client import make_client
+from swim2real.advisor.vlm.events import AdvisorEvent
+from swim2real.advisor.vlm.exchange import Client
+from swim2real.advisor.vlm.files import FilesClient
+from swim2real.advisor.vlm.providers import PROVIDERS, find_provider
+from swim2real.advisor.vlm.replay import ReplayAdvisor
+from swim2real.advisor.vlm.reply import reply_schema
+from swim2real.advisor.vlm.transcript import Transcript, totals
+from swim2real.errors import ArgumentError
+from swim2real.objective import Comparison
+from swim2real.optimizers import Advisor
+from swim2real.parameters import ParameterSpace, Values
+from swim2real.robots.robot import Robot
+
+PHYSICS, FILES, REPLAY = "physics", "files", "replay:"
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What an advisor that looks at swims needs of its run.
+
+    Attributes:
+        run: Folder of the run, for the transcript.
+        look: Simulates values once more, to be drawn.
+        videos: Real films by trial, where there are any.
+        briefing: What is shown.
+        access: How a VLM is reached.
+        on_event: Called as things happen.
+    """
+
+    run: Path
+    look: Callable[[Values], Comparison]
+    videos: Mapping[str, Path] = field(default_factory=dict[str, Path])
+    briefing: BriefingSettings = field(default_factory=BriefingSettings)
+    access: Access = field(default_factory=Access)
+    on_event: Callable[[AdvisorEvent], None] = lambda event: None
+
+
+def check_advisor(name: str) -> None:
+    """Whether there is an advisor of this name.
+
+    Raises:
+        ArgumentError: There is none.
+    """
+    if name in (PHYSICS, FILES):
+        return
+    if name.startswith(REPLAY):
+        if not name.removeprefix(REPLAY):
+            raise ArgumentError("advisor is 'replay:'; say of which run: replay:RUN")
+        return
+    if ":" not in name:
+        vlms = ", ".join(f"{provider}:MODEL" for provider in PROVIDERS)
+        raise ArgumentError(f"advisor is '{name}'; there are {PHYSICS}, {FILES}, {REPLAY}RUN, {vlms}")
+    find_provider(name)
+
+
+def asks_a_vlm(name: str) -> bool:
+    """Whether the advisor of this name is briefed: a VLM, or a person in its place."""
+    return name != PHYSICS and replayed_run(name) is None
+
+
+def replayed_run(name: str) -> Path | None:
+    """The run whose replies the advisor of this name repeats, None for other advisors."""
+    return Path(name.removeprefix(REPLAY)) if name.startswith(REPLAY) else None
+
+
+def make_advisor(
+    name: str, robot: Robot, space: ParameterSpace, seed: int, surroundings: Surroundings | None = None
+) -> Advisor:
+    """The advisor of a name.
+
+    Args:
+        name: `physics`, `files`, `replay:RUN`, or `PROVIDER:MODEL`.
+        robot: Whose simulator is calibrated.
+        space: Of its parameters, on the run's scale.
+        seed: Of the physics advisor's random choices.
+        surroundings: For the others.
+
+    Raises:
+        ArgumentError: There is none of that name, or it can't be had like this.
+        MissingExtraError: A library that it needs isn't installed.
+    """
+    check_advisor(name)
+    if name == PHYSICS:
+        return PhysicsAdvisor(robot, space, seed)
+    if (source := replayed_run(name)) is not None:
+        return ReplayAdvisor(source, space)
+    if surroundings is None:
+        raise ArgumentError(f"advisor '{name}' needs the surroundings of a run")
+    here, access = surroundings, surroundings.access
+    transcript = Transcript(here.run)
+    repairs: int | None = REPAIRS
+    if name == FILES:
+
+        def on_wait(text: str, number: int) -> None:
+            here.on_event(AdvisorEvent("waits", number, text, totals(transcript.calls)))
+
+        schema, films = reply_schema(space, bounds=True), here.briefing.media == "video"
+        client: Client = FilesClient(here.run, schema, films, access.once, on_wait)
+        repairs = None  # a person may try as often as they like
+    else:
+        client = make_client(
+            name, access.base_url, access.key_variable, access.timeout, access.tries, here.briefing.media
+        )
+    briefing = Briefing(
+        robot, space, here.look, here.videos, here.briefing, client.takes_video, access.reply_tokens
+    )  # fmt: skip
+    limits = Limits(access.max_calls, access.max_cost, repairs)
+    return VlmAdvisor(client, briefing, space, transcript, limits, here.on_event)

@@ -1,0 +1,118 @@
+"""An advisor without a key: a folder a round, in which a person, or any chat window, leaves a reply."""
+
+from __future__ import annotations
+
+import json
+import mimetypes
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from swim2real.advisor.vlm.exchange import Attempt, Reply, Request
+from swim2real.advisor.vlm.transcript import CALLS
+from swim2real.errors import AdvisorError, WaitingForReply
+
+BRIEFING, SCHEMA, REPLY, PROBLEM = "briefing.md", "reply.schema.json", "reply.json", "reply.problem.txt"
+_POLL = 0.5  # s
+
+HOW_TO = f"""\
+*Leave the answer as `{REPLY}` in this folder. In a chat window: give it this page and the pictures, save its answer. \
+By hand: only the parameters that change are needed, as in `{{"parameters": {{"NAME": 1.5}}}}`. `{SCHEMA}` describes \
+the whole.*
+"""
+
+
+class FilesClient:
+    """Writes the question to a folder and waits for the reply there. A `Client`.
+
+    Attributes:
+        name: `files`.
+        takes_video: Whether films are written beside the page, in place of pictures.
+        price_known: Never.
+    """
+
+    name = "files"
+    price_known = False
+
+    def __init__(
+        self, run: str | Path, schema: Mapping[str, Any], takes_video: bool = False, once: bool = False,
+        on_wait: Callable[[str, int], None] = lambda text, number: None,
+    ) -> None:  # fmt: skip
+        """Prepares the client.
+
+        Args:
+            run: Run folder.
+            schema: Of a reply, with bounds.
+            takes_video: Write films.
+            once: Don't wait: write, and leave with `WaitingForReply` until there is a reply.
+            on_wait: Called with a sentence and the round when the wait begins.
+        """
+        self._folder, self._schema, self.takes_video = Path(run) / CALLS, schema, takes_video
+        self._once, self._on_wait = once, on_wait
+        self._unusable = ""
+
+    def call(self, request: Request, on_attempt: Callable[[Attempt], None] = lambda attempt: None) -> Reply:
+        """Writes the page, or what is wrong with the reply that is there, and waits for a reply or a better one.
+
+        Raises:
+            WaitingForReply: There is none, and nobody waits.
+            AdvisorError: The disk failed.
+        """
+        folder = self._folder / f"round_{request.round:03d}"
+        began = time.monotonic()
+        try:
+            if request.is_repair:
+                _write(folder / PROBLEM, f"{request.problem}\n".encode())
+            else:
+                self._unusable = ""
+                self._brief(folder, request)
+            text = self._wait(folder, request)
+            (folder / PROBLEM).unlink(missing_ok=True)
+        except OSError as error:
+            raise AdvisorError(
+                f"can't work in '{folder}': {error.strerror or error}; make room or allow writing, --resume goes on"
+            ) from error
+        self._unusable = text
+        return Reply(text, "stop", None, None, None, None, (Attempt(time.monotonic() - began),))
+
+    def _brief(self, folder: Path, request: Request) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        page = [request.instructions, HOW_TO]
+        count = 0
+        for part in request.parts:
+            if isinstance(part, str):
+                page.append(part)
+                continue
+            count += 1
+            name = f"{count}{mimetypes.guess_extension(part.media_type) or ''}"
+            _write(folder / name, part.data)
+            mark = "!" if part.media_type.startswith("image/") else ""
+            page.append(f"{part.label}\n\n{mark}[{name}]({name})")
+        _write(folder / SCHEMA, (json.dumps(self._schema, indent=2) + "\n").encode())
+        _write(folder / BRIEFING, ("\n\n".join(page) + "\n").encode("utf-8", "replace"))
+
+    def _wait(self, folder: Path, request: Request) -> str:
+        path = folder / REPLY
+        told, before = False, None
+        while True:
+            text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+            # once more the same: whoever saves it is done
+            if text.strip() and text != self._unusable and (text == before or self._once):
+                return text
+            if self._once:
+                what = f"'{folder / PROBLEM}' says what is wrong with" if request.is_repair else "leave the reply as"
+                raise WaitingForReply(
+                    f"round {request.round} waits: read '{folder / BRIEFING}'; {what} '{path}'; then --resume goes on"
+                )
+            if not told:
+                told = True
+                self._on_wait(f"'{folder / BRIEFING}' waits for '{path}'", request.round)
+            before = text
+            time.sleep(_POLL)
+
+
+def _write(path: Path, data: bytes) -> None:
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(data)
+    part.replace(path)

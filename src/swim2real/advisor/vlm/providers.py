@@ -1,0 +1,230 @@
+"""The providers of VLMs: their names, addresses and keys, and a request in the words of each."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Literal
+
+from swim2real.advisor.vlm.exchange import Request
+from swim2real.advisor.vlm.redaction import redact
+from swim2real.errors import ArgumentError, MissingExtraError
+
+if TYPE_CHECKING:
+    import httpx2
+    from pydantic_ai.messages import ModelResponse
+    from pydantic_ai.models import Model
+
+Name = Literal["google", "openai", "anthropic"]
+
+PLACEHOLDER = "no-key"  # what a server without keys is sent, since the libraries insist on one
+
+
+@dataclass(frozen=True)
+class Provider:
+    """Who runs models.
+
+    Attributes:
+        name: As it stands before the colon.
+        address: Where its models are asked.
+        key_variables: Environment variables that may hold its key, the first that is set counts.
+        takes_video: Whether its models are shown films; pictures are taken everywhere.
+        example: A model's name.
+    """
+
+    name: Name
+    address: str
+    key_variables: tuple[str, ...]
+    takes_video: bool
+    example: str
+
+
+# The addresses are given to the libraries, which else would take them from variables such as OPENAI_BASE_URL.
+PROVIDERS: dict[str, Provider] = {
+    provider.name: provider
+    for provider in (
+        Provider(
+            "google",
+            "https://generativelanguage.googleapis.com",
+            ("GOOGLE_API_KEY", "GEMINI_API_KEY"),
+            True,
+            "google:gemini-3.1-pro-preview",
+        ),
+        Provider("openai", "https://api.openai.com/v1", ("OPENAI_API_KEY",), False, "openai:gpt-5.2"),
+        Provider("anthropic", "https://api.anthropic.com", ("ANTHROPIC_API_KEY",), False, "anthropic:claude-sonnet-5"),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A reply as it came.
+
+    Attributes:
+        response: What pydantic-ai makes of it.
+        model: That it says to be from; None where it doesn't say.
+        schema: Whether the provider was to keep it to the schema.
+    """
+
+    response: ModelResponse
+    model: str | None
+    schema: bool
+
+
+def find_provider(name: str) -> tuple[Provider, str]:
+    """The provider and the model's own name of a name such as `google:gemini-3.1-pro-preview`.
+
+    Raises:
+        ArgumentError: It isn't of that form.
+    """
+    before, colon, model = (part.strip() for part in name.partition(":"))
+    if (provider := PROVIDERS.get(before)) is None:
+        meant = {"gemini": "google", "gpt": "openai", "claude": "anthropic"}
+        near = [kind for word, kind in meant.items() if before.lower().startswith(word)]
+        near += difflib.get_close_matches(before.lower(), PROVIDERS, n=1)
+        own = before if near and meant.get(before.split("-")[0].lower()) == near[0] and "-" in before else "MODEL"
+        hint = f"; did you mean {near[0]}:{model or own}?" if near else ""
+        forms = ", ".join(f"{kind}:MODEL" for kind in PROVIDERS)
+        raise ArgumentError(f"there is no advisor '{name}'; a VLM is {forms}{hint}")
+    if not colon or not model or re.search(r"\s", model):
+        raise ArgumentError(f"'{name}' names no model; say which one, such as {provider.example}")
+    return provider, model
+
+
+def check_installed() -> None:
+    """Raises MissingExtraError if a library of the extra `vlm` is missing, without importing any."""
+    for library in ("pydantic_ai", "openai", "anthropic", "genai_prices"):
+        if find_spec(library) is None:
+            raise _missing(library)
+    if find_spec("google") is None or find_spec("google.genai") is None:
+        raise _missing("google-genai")
+
+
+def _missing(library: str) -> MissingExtraError:
+    return MissingExtraError(f"asking a VLM needs {library}, install it with: pip install 'swim2real[vlm]'")
+
+
+def same_model(asked: str, answered: str) -> bool:
+    """Whether the model that answered is the one that was asked.
+
+    A date or a number at the end (`-2025-12-11`, `-20250929`, `-001`) may be on one of them, and an alias such as
+    `gemini-flash-latest` stands for any number of that kind.
+    """
+    asked, answered = (re.sub(r"^models/", "", name.strip().lower()) for name in (asked, answered))
+    if asked == answered or _bare(asked) == answered or asked == _bare(answered):
+        return True
+    if not asked.endswith("-latest"):
+        return False
+    words, others = _bare(asked).split("-"), _bare(answered).split("-")
+    rest = [word for word in others if word not in words]
+    return all(word in others for word in words) and all(re.fullmatch(r"v?[\d.]+|preview|exp", word) for word in rest)
+
+
+def _bare(model: str) -> str:
+    return re.sub(r"-(\d{4}-\d{2}-\d{2}|\d{8}|\d{3,4}|latest)$", "", model)
+
+
+async def send(
+    provider: Provider, model: str, base_url: str | None, key: str, request: Request, schema: bool, timeout: float
+) -> Sent:
+    """Sends one request once, and closes everything behind it.
+
+    Args:
+        provider: Whose protocol is spoken.
+        model: The model's own name.
+        base_url: Of a server that isn't the provider's, or None.
+        key: Goes into a header.
+        request: The question.
+        schema: Whether the provider is to keep the reply to the schema; if not, the instructions ask for it.
+        timeout: From the start to the last byte [s].
+
+    Returns:
+        The reply.
+    """
+    import httpx2
+    from pydantic_ai.direct import model_request
+    from pydantic_ai.messages import BinaryContent, ModelRequest, UserPromptPart
+    from pydantic_ai.models import ModelRequestParameters
+    from pydantic_ai.output import OutputObjectDefinition
+
+    content: list[str | BinaryContent] = []
+    for part in request.parts:
+        if isinstance(part, str):
+            content.append(part)
+        else:
+            details = None if part.fps is None else {"fps": part.fps}
+            content += [part.label, BinaryContent(part.data, media_type=part.media_type, vendor_metadata=details)]
+    named: list[str] = []
+
+    async def keep_name(response: httpx2.Response) -> None:
+        # pydantic-ai gives the name that was asked where a reply has none
+        await response.aread()
+        named.extend(re.findall(r'"(?:modelVersion|model)"\s*:\s*"([^"]+)"', response.text)[:1])
+
+    async def drop_foreign_keys(asked: httpx2.Request) -> None:
+        # such as those in ANTHROPIC_CUSTOM_HEADERS, which the library sends to whoever is at the other end
+        for header, value in list(asked.headers.items()):
+            if key not in value and redact(value) != value:
+                del asked.headers[header]
+
+    # no redirects: a key must not follow them
+    limits = httpx2.Timeout(timeout, connect=min(timeout, 30.0))
+    hooks: dict[str, list[Callable[..., Any]]] = {
+        "request": [drop_foreign_keys] if base_url else [],
+        "response": [keep_name],
+    }
+    async with httpx2.AsyncClient(timeout=limits, follow_redirects=False, event_hooks=hooks) as http:
+        spoken_to = _open(provider, model, base_url, key, http)
+        native = schema and spoken_to.profile.get("supports_json_schema_output", False)
+        response = await model_request(
+            spoken_to,
+            [ModelRequest(parts=[UserPromptPart(content=content)], instructions=request.instructions)],
+            model_settings={
+                "max_tokens": request.max_tokens,
+                "max_retries": 0,
+                "timeout": timeout,
+                "request_timeout": timeout,
+            },
+            model_request_parameters=ModelRequestParameters(
+                output_mode="native" if native else "prompted",
+                output_object=OutputObjectDefinition(json_schema=dict(request.schema), name="proposal"),
+            ),
+        )
+    return Sent(response, named[0] if named else None, native)
+
+
+def _open(provider: Provider, model: str, base_url: str | None, key: str, http: httpx2.AsyncClient) -> Model[Any]:
+    address = base_url or provider.address
+    match provider.name:
+        case "google":
+            from pydantic_ai.models.google import GoogleModel
+            from pydantic_ai.providers.google import GoogleProvider
+
+            return GoogleModel(model, provider=GoogleProvider(api_key=key, base_url=address, http_client=http))
+        case "openai":
+            from pydantic_ai.models.openai import OpenAIChatModel
+            from pydantic_ai.profiles.openai import OpenAIModelProfile
+            from pydantic_ai.providers.openai import OpenAIProvider
+            from pydantic_ai.providers.openai_compatible import OpenAICompatibleProvider
+
+            # without its schema a request has no response_format at all: some servers refuse every kind of it
+            profile = OpenAIModelProfile(supports_json_object_output=False)
+            if base_url is None:
+                return OpenAIChatModel(
+                    model, provider=OpenAIProvider(base_url=address, api_key=key, http_client=http), profile=profile
+                )
+            profile["openai_chat_supports_max_completion_tokens"] = False  # `max_tokens` is what all servers know
+            profile["openai_chat_supports_multiple_system_messages"] = False  # many chat templates take one
+            return OpenAIChatModel(
+                model,
+                provider=OpenAICompatibleProvider("server", base_url=address, api_key=key, http_client=http),
+                profile=profile,
+            )
+        case "anthropic":
+            from pydantic_ai.models.anthropic import AnthropicModel
+            from pydantic_ai.providers.anthropic import AnthropicProvider
+
+            return AnthropicModel(model, provider=AnthropicProvider(api_key=key, base_url=address, http_client=http))

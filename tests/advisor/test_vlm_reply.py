@@ -1,0 +1,167 @@
+import json
+import string
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swim2real.advisor.vlm.reply import ReplyError, reply_schema, understand
+from swim2real.parameters import Parameter, ParameterSpace
+from swim2real.robots.fish import FISH
+
+SPACE = ParameterSpace(
+    (
+        Parameter("drag", "-", 0.0, 10.0, "slows it", 1.0, log_offset=0.1),
+        Parameter("arm", "m", 0.01, 0.06, "bends it", 0.04),
+        Parameter("spring", "N·m/rad", 0.1, 5.0, "straightens it", 0.6),
+    )
+)
+NOW = {"drag": 2.0, "arm": 0.03, "spring": 1.0}
+
+
+def reply(**parameters) -> str:
+    return json.dumps({"diagnosis": "too slow", "reasoning": "drag", "parameters": parameters})
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(ReplyError) as caught:
+        understand(text, SPACE, NOW)
+    return str(caught.value)
+
+
+def test_a_whole_reply_is_taken_as_it_is():
+    found = understand(reply(drag=1.5, arm=0.04, spring=2), SPACE, NOW)
+    assert found.values == {"drag": 1.5, "arm": 0.04, "spring": 2.0}
+    assert (found.diagnosis, found.reasoning, found.notes()) == ("too slow", "drag", {})
+
+
+@pytest.mark.parametrize(
+    "around",
+    [
+        "```json\n@\n```",
+        "Here is what I think {it} sees:\n\n@\n\nGood luck!",
+        'First try: {"parameters": 3} no, better:\n@',
+        "<think>{{{{{{{{</think>@",
+        "\ufeff@",
+    ],
+)
+def test_json_is_found_in_what_stands_around_it(around):
+    assert understand(around.replace("@", reply(drag=1.5)), SPACE, NOW).values["drag"] == 1.5
+
+
+def test_unknown_names_are_ignored_missing_ones_keep_their_value_and_bounds_clip():
+    found = understand(reply(drag=99, gravity=3, arm=None), SPACE, NOW)
+    assert found.values == {"drag": 10.0, "arm": 0.03, "spring": 1.0}
+    assert found.notes() == {"ignored": ["gravity"], "missing": ["arm", "spring"], "clipped": {"drag": 99.0}}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "the reply is empty; answer with one"),
+        ("I can't help with that.", "the reply holds no JSON object"),
+        ('{"diagnosis": "x", "parameters": {"drag": 1.5', "the reply is not valid JSON: Expecting ',' delim"),
+        ('{"diagnosis": "x", "parameters": {"drag": 1.5}', "the reply is not valid JSON"),
+        ('{"diagnosis": "x"}', "'parameters' is missing"),
+        ('{"parameters": [1, 2]}', "'parameters' is a list; it must be an object of names and numbers"),
+        ('{"diagnosis": 3, "parameters": {"drag": 1.5}}', "'diagnosis' is 3; it must be text"),
+        ('{"parameters": {"drag": NaN}}', "'drag' is NaN; it must be a finite number from 0 to 10"),
+        ('{"parameters": {"drag": -Infinity}}', "'drag' is -Infinity; it must be a finite"),
+        ('{"parameters": {"drag": 1e999}}', "'drag' is Infinity; it must be a finite"),
+        ('{"parameters": {"arm": "0.02 m"}}', "'arm' is \"0.02 m\"; it must be a finite number from 0.01 to 0.06"),
+        ('{"parameters": {"drag": true}}', "'drag' is true; it must be a finite number"),
+        ('{"parameters": {"drag": {"value": 1}}}', "'drag' is a dict; it must be"),
+        ('{"parameters": {"drag": 1, "drag": 2}}', "the reply is not valid JSON: 'drag' stands there twice"),
+        ('{"parameters": {}}', "no parameter of the simulator has a value: 'parameters' is empty"),
+        ('{"parameters": {"drga": 1}}', "unknown parameter 'drga'; did you mean 'drag'?"),
+        (reply(**NOW), "no parameter changes; propose values that differ"),
+        (reply(drag=2.0004, arm=0.03), "no parameter changes"),
+        ('{"parameters": {"drag": ' + "9" * 400 + "}}", "it must be a finite number"),
+        ('{"parameters": {"drag": ' + "9" * 5000 + "}}", "the reply is not valid JSON"),
+        ('{"a":' * 100_000, "the reply is not valid JSON: it is nested too deep"),
+    ],
+)  # fmt: skip
+def test_what_can_not_be_used_is_named(text, said):
+    assert said in refusal(text)
+
+
+def test_all_wrong_numbers_are_named_at_once():
+    said = refusal('{"parameters": {"drag": NaN, "arm": "thin", "spring": 1}}')
+    assert "'drag' is NaN" in said
+    assert "'arm' is \"thin\"" in said
+
+
+def test_words_may_come_as_a_list_and_can_always_be_written_to_a_file():
+    text = '{"diagnosis": ["too slow", "too wide"], "reasoning": "\\ud800 \\u0000drag", "parameters": {"drag": 1}}'
+    found = understand(text, SPACE, NOW)
+    assert found.diagnosis == "too slow\ntoo wide"
+    assert found.reasoning == "? drag"
+    long = understand(reply(drag=1).replace("too slow", "x" * 50_000), SPACE, NOW)
+    assert len(long.diagnosis) == 20_000
+
+
+def test_parameters_that_keep_their_value_stay_at_the_incumbents_coordinates_to_the_last_bit():
+    incumbent = np.random.default_rng(0).random(3)
+    current = SPACE.to_values(incumbent)
+    shown = {name: float(f"{value:.4g}") for name, value in current.items()}
+    found = understand(reply(**{**shown, "drag": shown["drag"] * 1.5}), SPACE, current)
+    point = found.point(SPACE, incumbent)
+    assert np.array_equal(point[1:], incumbent[1:])
+    assert SPACE.to_values(point)["drag"] == pytest.approx(1.5 * shown["drag"])
+
+
+def test_the_schema_asks_for_every_parameter_in_order_and_says_bounds_only_when_asked():
+    schema = reply_schema(FISH.space)
+    assert list(schema["properties"]) == schema["required"] == ["diagnosis", "reasoning", "parameters"]
+    assert schema["properties"]["parameters"]["required"] == list(FISH.space.names)
+    assert "minimum" not in json.dumps(schema)
+    bounded = reply_schema(FISH.space, bounds=True)["properties"]["parameters"]["properties"]
+    assert bounded["motor_arm_length"] == {"type": "number", "description": "m", "minimum": 0.01, "maximum": 0.06}
+
+
+names = st.sampled_from(["drag", "arm", "parameters", "x"]) | st.text()
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(names, inner),
+)
+
+
+def usable_or_refused(text: str) -> None:
+    """Either values within bounds that differ from the current ones, or a sentence; never another error."""
+    try:
+        found = understand(text, SPACE, NOW)
+    except ReplyError:
+        return
+    SPACE.check(found.values)
+    assert found.values != NOW
+    json.dumps([found.notes(), found.diagnosis, found.reasoning], allow_nan=False).encode()
+    found.diagnosis.encode()
+    point = found.point(SPACE, SPACE.to_cube(NOW))
+    assert np.all((point >= 0) & (point <= 1))
+
+
+@given(st.text())
+def test_any_text_is_usable_or_refused(text):
+    usable_or_refused(text)
+
+
+@given(json_values)
+def test_any_json_is_usable_or_refused(value):
+    usable_or_refused(json.dumps(value))
+
+
+@given(st.dictionaries(st.sampled_from([*SPACE.names, "other"]), json_values), json_values, json_values)
+def test_any_contents_of_the_right_shape_are_usable_or_refused(parameters, diagnosis, reasoning):
+    usable_or_refused(json.dumps({"diagnosis": diagnosis, "reasoning": reasoning, "parameters": parameters}))
+
+
+@given(st.data())
+def test_a_good_reply_that_was_damaged_is_usable_or_refused(data):
+    text = reply(drag=1.5, arm=0.04, spring=2)
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(text)))
+        cut = data.draw(st.integers(0, 12))
+        put = data.draw(st.text(alphabet=string.printable + "é\u2028", max_size=4))
+        text = text[:at] + put + text[at + cut :]
+    usable_or_refused(text)

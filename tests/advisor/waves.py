@@ -1,0 +1,102 @@
+"""Robots that swim by formula: every amplitude, lag and speed of what a VLM is told is known beforehand."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from worlds import World, search
+
+from swim2real.objective import Comparison, Target, compare_trial, evidence
+from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, ScriptedAdvisor, Situation, Step
+from swim2real.parameters import Parameter, ParameterSpace
+from swim2real.robots.fish import FISH
+from swim2real.trials import MarkerTrack, Trial
+
+EEL_SPACE = ParameterSpace(
+    (
+        Parameter("grip", "-", 0.0, 10.0, "Grip in the water: more of it is faster.", 1.0, log_offset=0.1),
+        Parameter("spring", "N·m/rad", 0.1, 5.0, "Stiffness of the only joint.", 0.5),
+    )
+)
+
+
+def eel(count: int = 5):
+    """A robot with two parameters. What it is built of doesn't matter here."""
+    names = tuple(f"P{i}" for i in range(count))
+    rest = np.column_stack([0.1 * np.arange(count), np.zeros(count)])
+    return replace(
+        FISH, name="eel", description="A swimming chain of links.", space=EEL_SPACE, marker_names=names,
+        rest_markers=rest, marker_heights=np.zeros(count), tail_markers=(count - 1,),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Wave:
+    """A wave that runs along the markers from head to end.
+
+    Attributes:
+        frequency: [Hz].
+        speed: Forward [m/s].
+        amplitudes: Of each marker, sideways [m].
+        behind: By how much of a beat each marker comes later [deg].
+        lost: Markers that are never seen.
+    """
+
+    frequency: float = 1.0
+    speed: float = 0.1
+    amplitudes: tuple[float, ...] = (0.0, 0.0, 0.03, 0.06, 0.1)
+    behind: tuple[float, ...] = (0.0, 0.0, 0.0, 20.0, 50.0)
+    lost: tuple[int, ...] = ()
+
+    def track(self, seconds: float, phase: float = 0.0) -> MarkerTrack:
+        times = np.arange(round(seconds * 50) + 1) / 50
+        angles = 2 * np.pi * self.frequency * times[:, None] + phase - np.radians(self.behind)
+        along = 0.1 * np.arange(len(self.amplitudes)) - self.speed * times[:, None]
+        positions = np.stack([along, self.amplitudes * np.cos(angles)], axis=-1)
+        positions[:, list(self.lost)] = np.nan
+        return MarkerTrack(times, positions)
+
+
+def evaluate(
+    point: Sequence[float], pairs: Sequence[tuple[Wave, Wave | str]], protocol="aligned", skipped: int = 0,
+    loss: float | None = None,
+) -> Evaluation:  # fmt: skip
+    """The evaluation of swims, each real with its simulated one, or with the reason why there is none."""
+    found = []
+    for i, (real, simulated) in enumerate(pairs):
+        track = real.track(3.0, 0.0 if protocol == "paper" else 0.7)
+        driven = real.frequency if isinstance(simulated, str) else simulated.frequency
+        target = Target(Trial(f"swim{i}", track), np.ones(track.positions.shape[:2]), driven, real.frequency)
+        if isinstance(simulated, str):
+            swim = Trial(f"swim{i}", track, divergence=simulated)
+        else:
+            swim = Trial(f"swim{i}", simulated.track(3.0 + 1 / driven + 0.1))
+        found.append(compare_trial(target, swim, protocol, 2.0))
+    whole = Comparison(tuple(found), protocol, 2.0, skipped)
+    failed = whole.divergence is not None
+    known = whole.loss if loss is None else loss
+    return Evaluation(Candidate(np.array(point)), known, failed, evidence(whole), whole.lower_bound)
+
+
+def start(evaluation: Evaluation) -> Situation:
+    """The situation at the first round."""
+    return Situation(evaluation, (), evaluation)
+
+
+def after(first: Evaluation, *rounds: tuple[Proposal, Sequence[Evaluation]]) -> Situation:
+    """The situation after rounds whose steps are given; the last step of a round counts if it is an improvement."""
+    incumbent, done = first, []
+    for proposal, steps in rounds:
+        tried = tuple(Step(0.5**k, one) for k, one in enumerate(steps))
+        better = steps[-1].loss < incumbent.loss and not steps[-1].failed
+        done.append(Round(proposal, incumbent, tried, better))
+        incumbent = steps[-1] if better else incumbent
+    return Situation(incumbent, tuple(done), first)
+
+
+def fish_situation(world: World, rounds: int, seed: int = 0) -> Situation:
+    """The situation of a fish after so many rounds of random proposals with an advisor's words."""
+    rng = np.random.default_rng(seed)
+    points = 0.5 + 0.3 * (rng.random((3 * rounds + 2, 16)) - 0.5)
+    script = ScriptedAdvisor([Proposal(point, "It is 27.31 mm too slow. " * 20) for point in points])
+    return search(world, script, np.full(16, 0.5), 3 * rounds + 2)[1].situations[rounds]
