@@ -17,7 +17,7 @@ import numpy as np
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.errors import RunError
-from swim2real.objective import evidence
+from swim2real.objective import Comparison, evidence
 from swim2real.optimizers import Candidate, Evaluation, Optimizer
 from swim2real.parameters import ParameterSpace, write_parameters
 
@@ -78,11 +78,14 @@ def calibrate(
     for index in range(max(budget, len(recorded))):
         replayed = index < len(recorded)
         candidate = optimizer.ask()
+        comparison = None
         if replayed:
             entry = recorded[index]
             _check_replay(entry, candidate, index, folder)
+            if optimizer.needs_residual:
+                comparison = problem.evaluate(space.to_values(candidate.point))
         else:
-            entry = _evaluate(problem, space, candidate, index)
+            entry, comparison = _evaluate(problem, space, candidate, index)
             folder.append(entry)
             fresh += 1
         improved = not entry["failed"] and (best is None or entry["loss"] < best["loss"])
@@ -92,7 +95,8 @@ def calibrate(
         if (best is not before and not replayed) or index == len(recorded) - 1:  # once for all that is replayed
             write_best(folder, problem, best)
         bound = bool(entry.get("lower_bound"))
-        optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"], bound))
+        residual = comparison.residual_vector() if comparison is not None and optimizer.needs_residual else None
+        optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"], bound, residual))
         left = (time.monotonic() - started) / max(fresh, 1) * (budget - index - 1)
         told = Progress(index + 1, budget, entry["loss"], best["loss"], entry["note"], improved, left, replayed, bound)
         on_progress(told)
@@ -101,11 +105,13 @@ def calibrate(
     return best
 
 
-def _evaluate(problem: Problem, space: ParameterSpace, candidate: Candidate, index: int) -> dict[str, Any]:
+def _evaluate(
+    problem: Problem, space: ParameterSpace, candidate: Candidate, index: int
+) -> tuple[dict[str, Any], Comparison]:
     began = time.monotonic()
     values = space.to_values(candidate.point)
     comparison = problem.evaluate(values, candidate.stop_above)
-    return {
+    entry = {
         "index": index,
         "loss": comparison.loss,
         "failed": comparison.divergence is not None,
@@ -117,6 +123,7 @@ def _evaluate(problem: Problem, space: ParameterSpace, candidate: Candidate, ind
         "evidence": evidence(comparison),
         "seconds": round(time.monotonic() - began, 3),
     }
+    return entry, comparison
 
 
 def _check_replay(entry: Mapping[str, Any], candidate: Candidate, index: int, folder: RunFolder) -> None:

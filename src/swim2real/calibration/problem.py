@@ -75,7 +75,7 @@ class Problem:
         for one in self.real:
             actuation = one.beat.actuation if protocol == "aligned" else Actuation(_nominal(one.trial))
             lead = actuation.period if protocol == "aligned" else 0.0
-            self.targets.append(Target(one.trial, one.quality.weights, actuation.frequency))
+            self.targets.append(Target(one.trial, one.quality.weights, actuation.frequency, one.beat.frequency))
             self.swims.append(Swim(one.trial.name, actuation, one.trial.track.duration + lead))
 
     def evaluate(self, values: Values, stop_above: float | None = None) -> Comparison:

@@ -1,0 +1,259 @@
+"""Many parameter sets that fit nearly as well as the best: what a policy should be trained on instead of one fit.
+
+Sets come from the records of runs, from the re-fitted points of identifiability studies, and from a random walk through
+the region of low loss. The walk starts at all of them and takes long steps along sloppy directions, short ones along
+stiff ones. A spread-out subset is kept.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.calibration.identifiability import IDENTIFIABILITY, read_study
+from swim2real.calibration.provenance import commit, versions
+from swim2real.calibration.refit import Evaluator, jacobian
+from swim2real.calibration.reopened import Reopened, described
+from swim2real.errors import ArgumentError, ParameterError, RunError
+from swim2real.parameters import Values
+from swim2real.robots.robot import Robot
+
+Array = NDArray[np.float64]
+
+FORMAT = 1
+_BATCH = 8
+_ACCEPTED = 0.3  # share of proposals that the length of the walk's steps is steered to
+_SPREAD = 12**-0.5  # standard deviation of a parameter that nothing tells, of its range
+
+
+@dataclass(frozen=True)
+class EnsembleSettings:
+    """What decides an ensemble.
+
+    Attributes:
+        within: Highest loss of a member, in multiples of the lowest.
+        count: Members to keep.
+        evaluations: To spend on the walk.
+        seed: Of the walk.
+    """
+
+    within: float = 1.1
+    count: int = 20
+    evaluations: int = 200
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 1 < self.within <= 10:
+            raise ArgumentError(f"within is {self.within:g}; it is a multiple of the lowest loss, above 1 and up to 10")
+        if self.count < 2:
+            raise ArgumentError(f"count is {self.count}; an ensemble has at least 2 members")
+        for name in ("evaluations", "seed"):
+            if getattr(self, name) < 0:
+                raise ArgumentError(f"{name} is {getattr(self, name)}; it must be 0 or above")
+
+
+@dataclass(frozen=True)
+class Member:
+    """A parameter set. `source` says where it is from: `record`, `profile` or `walk`."""
+
+    point: Array
+    loss: float
+    source: str
+
+
+def make_ensemble(
+    runs: Sequence[Reopened], settings: EnsembleSettings | None = None,
+    on_progress: Callable[[int, int, int], None] = lambda evaluations, most, found: None,
+) -> dict[str, Any]:  # fmt: skip
+    """Gathers, samples and thins out near-best parameter sets.
+
+    Args:
+        runs: With the same robot, protocol, trials, reference and engine.
+        settings: Of the ensemble.
+        on_progress: Called with the evaluations so far, those in all, and the near-best sets found.
+
+    Returns:
+        The file's content: `members` with `parameters`, `loss` and `source`, the best first; `ranges` of each parameter
+        with `unit`, `min`, `p5`, `median`, `p95`, `max`, in the values; and what they were made with.
+
+    Raises:
+        RunError: The runs don't fit together.
+    """
+    wanted = settings or EnsembleSettings()
+    about = _same(runs)
+    first = runs[0]
+    pool = [member for run in runs for member in _gathered(run)]
+    best = min(pool, key=lambda member: member.loss)
+    pool = _near(pool, best.loss * wanted.within)
+    slopes_cost = 2 * len(first.space)
+    most = wanted.evaluations + (1 + slopes_cost if wanted.evaluations else 0)
+    evaluate = Evaluator(first.problem, first.space, lambda count: on_progress(count, most, len(pool)))
+    if wanted.evaluations:
+        best, pool = _walked(evaluate, best, pool, wanted)
+    limit = best.loss * wanted.within
+    kept = spread_out(_near(pool, limit), wanted.count)
+    values = np.array([first.space.to_array(member.point) for member in kept])
+    members = [
+        {"parameters": first.space.to_values(m.point), "loss": m.loss, "source": m.source, "point": m.point.tolist()}
+        for m in kept
+    ]
+    return {
+        "format": FORMAT,
+        "kind": "ensemble",
+        **about,
+        "runs": [str(run.folder.path) for run in runs],
+        "settings": asdict(wanted),
+        "best_loss": best.loss,
+        "limit": limit,
+        "candidates": len(pool),
+        "evaluations": evaluate.count,
+        "ranges": _ranges(runs[0], values),
+        "members": members,
+        "versions": versions(),
+        "commit": commit(),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def spread_out(members: Sequence[Member], count: int) -> list[Member]:
+    """The best, then always the member farthest from those that were taken, sorted by loss."""
+    left = sorted(members, key=lambda member: member.loss)
+    points = np.array([member.point for member in left])
+    taken, distance = [0], np.linalg.norm(points - points[0], axis=1)
+    while len(taken) < min(count, len(left)):
+        farthest = int(np.argmax(distance))
+        if distance[farthest] <= 0:  # what is left are doubles
+            break
+        taken.append(farthest)
+        distance = np.minimum(distance, np.linalg.norm(points - points[farthest], axis=1))
+    return [left[i] for i in sorted(taken)]
+
+
+def write_ensemble(path: str | Path, content: dict[str, Any]) -> None:
+    """Writes an ensemble whole or not at all."""
+    place = Path(path)
+    part = place.with_name(place.name + ".part")
+    try:
+        part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        os.replace(part, place)
+    except OSError as error:
+        raise RunError(f"can't write ensemble '{place}': {error.strerror or error}") from error
+
+
+def read_ensemble(path: str | Path, robot: Robot) -> list[Values]:
+    """The parameter sets of an ensemble file, the best first, checked against the robot's space.
+
+    Raises:
+        ParameterError: Not there, not JSON, no ensemble, of another robot, or with a value that is not allowed.
+    """
+    place = Path(path)
+    try:
+        content = json.loads(place.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ParameterError(f"ensemble '{place}' is not there; swim2real ensemble writes it") from None
+    except (OSError, ValueError) as error:
+        raise ParameterError(f"ensemble '{place}' can't be read as JSON: {error}") from error
+    if not isinstance(content, dict) or content.get("kind") != "ensemble":
+        raise ParameterError(f"'{place}' is no ensemble; swim2real ensemble writes one")
+    if content.get("format") != FORMAT:
+        raise ParameterError(
+            f"ensemble '{place}': format is {content.get('format')!r}; this version reads format {FORMAT}"
+        )
+    if content.get("robot") != robot.name:
+        raise ParameterError(f"ensemble '{place}' is for robot {content.get('robot')!r}, not '{robot.name}'")
+    members = content.get("members")
+    if not isinstance(members, list) or not members:
+        raise ParameterError(f"ensemble '{place}': 'members' must be a list with at least one parameter set")
+    found: list[Values] = []
+    for number, member in enumerate(members, start=1):
+        values = member.get("parameters") if isinstance(member, dict) else None
+        if not isinstance(values, dict):
+            raise ParameterError(f"ensemble '{place}', member {number}: 'parameters' must map names to numbers")
+        found.append(robot.space.check(values, where=f"'{place}', member {number}"))
+    return found
+
+
+def _same(runs: Sequence[Reopened]) -> dict[str, Any]:
+    if not runs:
+        raise ArgumentError("an ensemble needs at least one run")
+    first = described(runs[0])
+    for run in runs[1:]:
+        for key, value in described(run).items():
+            if value != first[key]:
+                raise RunError(
+                    f"runs '{runs[0].folder.path}' and '{run.folder.path}' can't be put together: {key} is "
+                    f"{str(first[key])[:60]} and {str(value)[:60]}"
+                )
+    return first
+
+
+def _gathered(run: Reopened) -> list[Member]:
+    """What the run evaluated, and what a study of it re-fitted."""
+    found = [Member(np.array(entry["point"]), float(entry["loss"]), "record") for entry in run.record]
+    path = run.folder.path / IDENTIFIABILITY
+    if not path.is_file():
+        return found
+    study = read_study(path)
+    if any(study.get(key) != value for key, value in described(run).items()):
+        return found
+    points = [study["fit"]] if "fit" in study else []
+    points += [point for one in study.get("profiles", {}).values() for point in one["points"]]
+    return found + [Member(np.array(point["point"]), float(point["loss"]), "profile") for point in points]
+
+
+def _near(members: Sequence[Member], limit: float) -> list[Member]:
+    seen: set[bytes] = set()
+    kept: list[Member] = []
+    for member in members:
+        if member.loss <= limit and member.point.tobytes() not in seen:
+            seen.add(member.point.tobytes())
+            kept.append(member)
+    return kept
+
+
+def _walked(
+    evaluate: Evaluator, best: Member, pool: list[Member], settings: EnsembleSettings
+) -> tuple[Member, list[Member]]:
+    """A random walk of all members: uniform over the region of low loss if it were long."""
+    at = evaluate([best.point])[0]
+    slopes, _ = jacobian(evaluate, at)
+    allowed = (settings.within**2 - 1) * at.misfit**2  # growth of the mean square, were the model linear
+    values, vectors = np.linalg.eigh(slopes.T @ slopes / max(allowed, 1e-30) + np.eye(slopes.shape[1]) / _SPREAD**2)
+    step = vectors / np.sqrt(values)
+    rng = np.random.default_rng(np.random.SeedSequence(settings.seed))
+    length, spent = 1.0, 0
+    while spent < settings.evaluations:
+        count = min(_BATCH, settings.evaluations - spent)
+        starts = rng.integers(len(pool), size=count)
+        moves = rng.standard_normal((count, len(values))) @ step.T * length / np.sqrt(len(values))
+        points = [_reflected(pool[i].point + move) for i, move in zip(starts, moves, strict=True)]
+        found = [Member(one.point, one.loss, "walk") for one in evaluate(points) if not one.failed]
+        spent += count
+        best = min((best, *found), key=lambda member: member.loss)
+        accepted = sum(member.loss <= best.loss * settings.within for member in found)
+        pool[:] = _near([*pool, *found], best.loss * settings.within)
+        length *= float(np.exp(accepted / count - _ACCEPTED))
+    return best, pool
+
+
+def _reflected(point: Array) -> Array:
+    """Back into the cube, mirrored at its faces."""
+    folded = np.mod(point, 2.0)
+    return np.where(folded > 1.0, 2.0 - folded, folded)
+
+
+def _ranges(run: Reopened, values: Array) -> dict[str, dict[str, Any]]:
+    quantiles = np.percentile(values, (0, 5, 50, 95, 100), axis=0).T
+    names = ("min", "p5", "median", "p95", "max")
+    return {
+        parameter.name: {"unit": parameter.unit, **dict(zip(names, map(float, row), strict=True))}
+        for parameter, row in zip(run.space, quantiles, strict=True)
+    }

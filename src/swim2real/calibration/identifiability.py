@@ -1,0 +1,258 @@
+"""Which parameters the trials tell at a run's best fit, and which make up for one another.
+
+First the fit is improved, since profiles around a point that isn't a minimum say little. Then come its neighborhood and
+the profile of each parameter. When a profile comes upon a clearly better fit, the study begins again there. After each
+of these what is known is on the disk, so an interrupted study goes on there.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.calibration.local import Local, local
+from swim2real.calibration.profile import DISTANCES, ProfilePoint, judge, profile
+from swim2real.calibration.provenance import commit, versions
+from swim2real.calibration.refit import STEP, Evaluator, Fitted, jacobian, refit
+from swim2real.calibration.reopened import Reopened, described
+from swim2real.errors import ArgumentError, RunError
+
+FORMAT = 1
+IDENTIFIABILITY = "identifiability.json"
+_POLISH_ROUNDS = 2
+_RECENTERS = 3  # times that a study begins again at a clearly better fit that a profile came upon
+_BETTER = 0.5  # of the rise that counts, by which a fit is clearly better
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """What decides the result of a study.
+
+    Attributes:
+        rise: Of the loss that counts, as a share of the lowest.
+        steps: Of each re-fit, at most; three evaluations each.
+        polish: Steps from the run's best fit, twice, each time with a new Jacobian.
+    """
+
+    rise: float = 0.05
+    steps: int = 2
+    polish: int = 4
+
+    def __post_init__(self) -> None:
+        if not 0 < self.rise < 1:
+            raise ArgumentError(f"rise is {self.rise:g}; it is a share of the loss and must lie between 0 and 1")
+        for name in ("steps", "polish"):
+            if getattr(self, name) < 0:
+                raise ArgumentError(f"{name} is {getattr(self, name)}; it must be 0 or above")
+
+    def most_evaluations(self, dimension: int) -> int:
+        """An upper limit for a study of this many parameters that needn't begin again."""
+        values = 2 * len(DISTANCES)
+        polish = _POLISH_ROUNDS * (2 * dimension + 3 * self.polish) if self.polish else 0
+        return 2 + polish + 2 * dimension + dimension * values * (4 + 3 * self.steps)
+
+
+@dataclass(frozen=True)
+class StudyProgress:
+    """What a person wants to see while it goes on.
+
+    Attributes:
+        evaluations: So far.
+        most: An upper limit for all; it grows when the study begins again at a better fit.
+        stage: What is being done.
+        finished: A profile that is done, or None.
+    """
+
+    evaluations: int
+    most: int
+    stage: str
+    finished: dict[str, Any] | None = None
+
+
+def identify(
+    run: Reopened, settings: StudySettings | None = None, again: bool = False,
+    on_progress: Callable[[StudyProgress], None] = lambda progress: None,
+) -> dict[str, Any]:  # fmt: skip
+    """Studies a run's best fit, or goes on with the study that is there, into identifiability.json of its folder.
+
+    Args:
+        run: Its folder is locked meanwhile.
+        settings: Of the study.
+        again: Begin anew even if there is one.
+        on_progress: Called after each batch of evaluations; what it raises ends the study, which goes on from there
+            when called again.
+
+    Returns:
+        The content of the file.
+
+    Raises:
+        RunError: The study that is there was made with other settings, or the folder can't be written.
+    """
+    with run.folder.locked():
+        return _Study(run, settings or StudySettings(), on_progress).run(again)
+
+
+class _Study:
+    def __init__(self, run: Reopened, settings: StudySettings, on_progress: Callable[[StudyProgress], None]) -> None:
+        self._run, self._settings, self._tell = run, settings, on_progress
+        self._names = run.space.names
+        self._path = run.folder.path / IDENTIFIABILITY
+        self._most = settings.most_evaluations(len(self._names))
+        self._stage = ""
+        self._before = 0
+        self._evaluate = Evaluator(run.problem, run.space, self._told)
+        self._begun = {
+            "format": FORMAT,
+            **described(run),
+            "settings": asdict(settings),
+            "start": {"point": [float(x) for x in run.best["point"]], "loss": run.best["loss"]},
+        }
+
+    def _told(self, count: int) -> None:
+        self._tell(StudyProgress(self._before + count, self._most, self._stage))
+
+    def run(self, again: bool) -> dict[str, Any]:
+        there = None if again else self._there()
+        state: dict[str, Any] = there or {}
+        if there is None:
+            state = {**self._begun, "complete": False, "evaluations": 0, "recentered": 0}
+        if state["complete"]:
+            return state
+        self._before = state["evaluations"]
+        if "fit" not in state:
+            self._fit(state, np.array(state["start"]["point"]))
+        while not self._profiled(state):
+            state["recentered"] += 1
+            self._most = state["evaluations"] + self._settings.most_evaluations(len(self._names))
+            self._fit(state, np.array(state["lowest"]["point"]))
+        state["complete"] = True
+        state.update(versions=versions(), commit=commit(), created=datetime.now(UTC).isoformat(timespec="seconds"))
+        self._write(state)
+        return state
+
+    def _fit(self, state: dict[str, Any], point: NDArray[np.float64]) -> None:
+        self._stage = "improving the fit"
+        best = self._polished(point)
+        state["fit"] = {"point": best.point.tolist(), "loss": best.loss}
+        state["profiles"] = {}
+        state.pop("local", None)
+        self._write(state)
+
+    def _profiled(self, state: dict[str, Any]) -> bool:
+        """Neighborhood and profiles around the fit; False when one came upon a clearly better fit."""
+        self._stage = "slopes"
+        best = self._evaluate([np.array(state["fit"]["point"])])[0]
+        slopes, jumps = jacobian(self._evaluate, best)
+        if "local" not in state:
+            state["local"] = self._local_content(local(slopes, best.residual, self._shapes()), best)
+            state["local"]["jumps"] = [self._names[i] for i in jumps]
+            self._write(state)
+        rise = self._settings.rise * best.loss
+        for index, name in enumerate(self._names):
+            if name not in state["profiles"]:
+                self._stage = name
+                points = profile(self._evaluate, best, slopes, index, rise, self._settings.steps)
+                state["profiles"][name] = self._judged(points, index, rise)
+                state["lowest"] = self._lowest(state)
+                self._write(state)
+                done = {"name": name, **state["profiles"][name]}
+                self._tell(StudyProgress(state["evaluations"], self._most, name, done))
+            if state["lowest"]["loss"] < best.loss - _BETTER * rise and state["recentered"] < _RECENTERS:
+                return False
+        return True
+
+    def _there(self) -> dict[str, Any] | None:
+        if not self._path.is_file():
+            return None
+        found = read_study(self._path)
+        for key, value in self._begun.items():
+            if found.get(key) != value:
+                raise RunError(
+                    f"'{self._path}' is a study with another {key}: it was {json.dumps(found.get(key))[:80]} and is "
+                    f"now {json.dumps(value)[:80]}; begin anew with --again"
+                )
+        return found
+
+    def _polished(self, point: NDArray[np.float64]) -> Fitted:
+        best = self._evaluate([point])[0]
+        free = np.ones(len(best.point), dtype=bool)
+        for _ in range(_POLISH_ROUNDS if self._settings.polish else 0):
+            found, _ = refit(self._evaluate, best, jacobian(self._evaluate, best)[0], free, self._settings.polish)
+            best = min((best, found), key=lambda one: one.loss)
+        return best
+
+    def _shapes(self) -> list[tuple[int, int]]:
+        """Frames and markers of each trial, as compared."""
+        horizon = self._run.problem.horizon
+        return [
+            (target.trial.cut(horizon).track.frame_count, target.weights.shape[1])
+            for target in self._run.problem.targets
+        ]
+
+    def _local_content(self, found: Local, best: Fitted) -> dict[str, Any]:
+        errors = found.standard_errors
+        values = [_around(self._run, best.point, i, float(e)) for i, e in enumerate(errors)]
+        return {
+            "step": STEP,
+            "misfit": best.misfit,
+            "rise": self._settings.rise * best.loss,
+            "effective_count": found.effective_count,
+            "standard_errors": {
+                name: {"cube": float(e) if np.isfinite(e) else None, "values": v}
+                for name, e, v in zip(self._names, errors, values, strict=True)
+            },
+            "correlations": found.correlations.tolist(),
+            "directions": found.directions(self._names),
+            "normal": found.normal.tolist(),
+        }
+
+    def _judged(self, points: list[ProfilePoint], index: int, rise: float) -> dict[str, Any]:
+        found = judge(points, index, self._names, rise)
+        ends = [_value(self._run, index, at) for at in found["interval"]]
+        return {**found, "values": ends, "points": [point.as_dict() for point in points]}
+
+    def _lowest(self, state: dict[str, Any]) -> dict[str, Any]:
+        points = [point for one in state["profiles"].values() for point in one["points"]]
+        lowest = min(points, key=lambda point: point["loss"])
+        return {"point": lowest["point"], "loss": lowest["loss"]}
+
+    def _write(self, state: dict[str, Any]) -> None:
+        state["evaluations"] = self._before + self._evaluate.count
+        self._run.folder.write_json(self._path, state)
+
+
+def _value(run: Reopened, index: int, at: float) -> float:
+    point = np.full(len(run.space), 0.5)
+    point[index] = at
+    return float(run.space.to_array(point)[index])
+
+
+def _around(run: Reopened, point: NDArray[np.float64], index: int, error: float) -> list[float]:
+    """Values a standard error below and above, cut at the bounds."""
+    return [_value(run, index, float(np.clip(point[index] + sign * error, 0.0, 1.0))) for sign in (-1.0, 1.0)]
+
+
+def read_study(path: str | Path) -> dict[str, Any]:
+    """The content of an identifiability.json, complete or not.
+
+    Raises:
+        RunError: Not there, damaged, or of another format.
+    """
+    place = Path(path)
+    try:
+        content = json.loads(place.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise RunError(f"'{place}' is not there; swim2real identify writes it") from None
+    except (OSError, ValueError) as error:
+        raise RunError(f"'{place}' can't be read: {error}; begin anew with --again") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        found = content.get("format") if isinstance(content, dict) else content
+        raise RunError(f"'{place}': format is {found!r}; this version reads format {FORMAT}")
+    return content

@@ -1,0 +1,129 @@
+"""How well the trials tell the parameters near a fit: standard errors, correlations, stiff and sloppy directions.
+
+The residual of a good fit is mostly what the model can't do, strongly correlated in time and between markers. Counting
+frames as independent would make standard errors many times too small. Here the noise of a trial is taken as stationary,
+with the residual's own covariance between markers and its own autocorrelation in time, and errors come from a sandwich
+estimator, (J'J)^-1 (J'WJ) (J'J)^-1 with W that covariance. Trials are taken as independent of one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import toeplitz
+
+Array = NDArray[np.float64]
+
+_NO_EFFECT = 1e-12  # of the largest eigenvalue of J'J
+_NAMED = 0.8  # of a direction's square that its named parameters hold
+
+
+@dataclass(frozen=True)
+class Local:
+    """The neighborhood of a fit, in the unit cube.
+
+    Attributes:
+        normal: J'J [m²]. Shape (d, d).
+        covariance: Of the parameters, infinite on the diagonal where nothing tells them. Shape (d, d).
+        effective_count: Independent numbers that the residual holds, an estimate.
+    """
+
+    normal: Array
+    covariance: Array
+    effective_count: float
+
+    @property
+    def standard_errors(self) -> Array:
+        """Of each parameter, in the cube; infinite where nothing tells it. Shape (d,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlations(self) -> Array:
+        """Between parameters, 0 where one isn't told at all. Shape (d, d)."""
+        errors = self.standard_errors
+        finite = np.isfinite(errors) & (errors > 0)
+        out = np.eye(len(errors))
+        both = np.ix_(finite, finite)
+        out[both] = self.covariance[both] / np.outer(errors[finite], errors[finite])
+        return np.clip(out, -1.0, 1.0)
+
+    def directions(self, names: Sequence[str]) -> list[dict[str, Any]]:
+        """Eigenvectors of J'J, the sloppiest first.
+
+        Returns:
+            For each the `slope`, by how much the residual's root mean square grows over the whole range [m], and the
+            `parameters` that hold most of it with their shares of the vector, the largest first.
+        """
+        values, vectors = np.linalg.eigh(self.normal)
+        out: list[dict[str, Any]] = []
+        for value, vector in zip(values, vectors.T, strict=True):
+            order = np.argsort(-np.abs(vector))
+            count = int(np.searchsorted(np.cumsum(vector[order] ** 2), _NAMED)) + 1
+            sign = np.sign(vector[order[0]])
+            held = {names[i]: float(sign * vector[i]) for i in order[:count]}
+            out.append({"slope": float(np.sqrt(max(value, 0.0))), "parameters": held})
+        return out
+
+
+def local(slopes: Array, residual: Array, shapes: Sequence[tuple[int, int]]) -> Local:
+    """Standard errors and directions from a Jacobian and the residual at a fit.
+
+    Args:
+        slopes: Jacobian of the residual by the cube's coordinates [m]. Shape (n, d).
+        residual: [m]. Shape (n,).
+        shapes: Frames and markers of each trial; n is twice the sum of their products.
+    """
+    count = slopes.shape[1]
+    normal = slopes.T @ slopes
+    middle, effective, first = np.zeros((count, count)), 0.0, 0
+    for frames, markers in shapes:
+        part = slice(first, first + 2 * frames * markers)
+        first = part.stop
+        noise = residual[part].reshape(frames, 2 * markers)
+        between, along = noise.T @ noise / frames, autocorrelation(noise)
+        effective += _participation(between) * _independent_frames(along)
+        sway = slopes[part].reshape(frames, 2 * markers, count)
+        over_time = np.tensordot(toeplitz(along), sway, axes=1)
+        over_both = np.einsum("tci,ce->tei", over_time, between)
+        middle += np.tensordot(sway, over_both, axes=((0, 1), (0, 1)))
+    values, vectors = np.linalg.eigh(normal)
+    told = values > _NO_EFFECT * max(float(values[-1]), 1e-300)
+    inverse = (vectors[:, told] / values[told]) @ vectors[:, told].T
+    fitted = int(told.sum())
+    spread = effective / max(effective - fitted, 1.0)  # a fit takes away from the residual
+    covariance: Array = np.asarray(inverse @ middle @ inverse * spread, dtype=float)
+    untold = np.square(vectors[:, ~told]).sum(axis=1) > 1e-6
+    covariance[untold, untold] = np.inf
+    return Local(normal, covariance, effective)
+
+
+def autocorrelation(noise: Array) -> Array:
+    """Of all channels together, not centered, biased toward 0 at long lags so that it is a covariance.
+
+    Args:
+        noise: Shape (T, C).
+
+    Returns:
+        1 at lag 0. Shape (T,).
+    """
+    frames = len(noise)
+    spectrum = np.square(np.abs(np.fft.rfft(noise, 2 * frames, axis=0))).sum(axis=1)
+    lags = np.fft.irfft(spectrum)[:frames]
+    return lags / lags[0] if lags[0] > 0 else np.eye(1, frames)[0]
+
+
+def _independent_frames(correlation: Array) -> float:
+    """Independent numbers in a stationary series of this correlation: 2 for a sine, T for white noise."""
+    frames = len(correlation)
+    shares = 1 - np.arange(frames) / frames
+    return float(frames / (1 + 2 * np.sum(shares[1:] * correlation[1:] ** 2)))
+
+
+def _participation(covariance: Array) -> float:
+    """How many eigenvalues share the sum."""
+    square = float(np.sum(covariance**2))
+    return float(np.trace(covariance)) ** 2 / square if square > 0 else 0.0

@@ -1,0 +1,145 @@
+"""The profile of a parameter: fixed at values across its range, all others re-fitted, and what the loss makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.calibration.refit import Evaluator, Fitted, mended, moved, refit
+
+Array = NDArray[np.float64]
+
+DISTANCES = (0.05, 0.15, 0.4, 1.0)  # from the best fit, of the range, cut at the bound
+ENOUGH = 3.0  # times the rise that counts, at which a side ends
+IDENTIFIED = 0.25  # of the range: the widest interval of a parameter that is identified
+_MADE_UP = 0.05  # of the range: the least move of another parameter that is told
+_AT_BOUND = 0.02  # of the range: nearer to a bound there is no side to speak of
+
+
+@dataclass(frozen=True)
+class ProfilePoint:
+    """The parameter fixed, the others re-fitted.
+
+    Attributes:
+        at: The parameter's coordinate in the cube.
+        loss: After the re-fit [m].
+        fixed_loss: With the others where they were at the value before [m].
+        point: The re-fitted point. Shape (d,).
+    """
+
+    at: float
+    loss: float
+    fixed_loss: float
+    point: Array
+
+    def as_dict(self) -> dict[str, Any]:
+        return {"at": self.at, "loss": self.loss, "fixed_loss": self.fixed_loss, "point": self.point.tolist()}
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> ProfilePoint:
+        return cls(content["at"], content["loss"], content["fixed_loss"], np.array(content["point"], dtype=float))
+
+
+def profile(
+    evaluate: Evaluator, best: Fitted, slopes: Array, index: int, rise: float, steps: int
+) -> list[ProfilePoint]:
+    """Walks from the best fit to both ends of a parameter's range, until the loss has clearly risen.
+
+    Args:
+        evaluate: Evaluates points.
+        best: Where the walk begins.
+        slopes: Jacobian there [m]. Shape (n, d).
+        index: Of the parameter.
+        rise: Of the loss that counts [m].
+        steps: Of each re-fit, at most.
+
+    Returns:
+        Points in the order of the parameter's value, the best fit among them.
+    """
+    free = np.arange(len(best.point)) != index
+    found = [ProfilePoint(float(best.point[index]), best.loss, best.loss, best.point)]
+    for sign in (-1.0, 1.0):
+        at, mending = best, slopes
+        for value in _values(float(best.point[index]), sign):
+            at, mending, fixed_loss = _fixed(evaluate, at, mending, index, value, free, rise, steps)
+            found.append(ProfilePoint(value, at.loss, fixed_loss, at.point))
+            if at.loss > best.loss + ENOUGH * rise:
+                break
+    return sorted(found, key=lambda point: point.at)
+
+
+def _values(start: float, sign: float) -> list[float]:
+    """Where to fix a parameter on one side, the bound included."""
+    room = start if sign < 0 else 1.0 - start
+    if room < 1e-9:
+        return []
+    inner = [start + sign * distance for distance in DISTANCES if distance < 0.8 * room]
+    return [*inner, 0.0 if sign < 0 else 1.0]
+
+
+def _fixed(
+    evaluate: Evaluator, before: Fitted, slopes: Array, index: int, value: float, free: NDArray[np.bool_],
+    rise: float, steps: int,
+) -> tuple[Fitted, Array, float]:  # fmt: skip
+    """One value: the others as they were, then as the slopes foresee them, then re-fitted."""
+    shift = value - before.point[index]
+    alone = before.point.copy()
+    alone[index] = value
+    foreseen = -(before.residual + slopes[:, index] * shift)
+    first = evaluate([alone, *(moved(alone, foreseen, slopes, free, abs(shift) * k) for k in (3.0, 1.0, 1 / 3))])
+    best = min(first, key=lambda one: one.misfit)
+    slopes = mended(slopes, before, [one for one in first if abs(shift) < 0.2])
+    best, slopes = refit(evaluate, best, slopes, free, steps, min(abs(shift), 0.1), enough=0.02 * rise)
+    return best, slopes, first[0].loss
+
+
+def judge(points: Sequence[ProfilePoint], index: int, names: Sequence[str], rise: float) -> dict[str, Any]:
+    """What a profile says of its parameter.
+
+    Args:
+        points: In the order of the parameter's value.
+        index: Of the parameter.
+        names: Of all parameters.
+        rise: That counts, above the profile's own lowest loss [m].
+
+    Returns:
+        `verdict`; `interval`, the cube's coordinates within the rise, interpolated; `open`, whether the interval ends
+        at a bound, below and above; `largest_rise` [m]; `made_up_by`, how far others moved at the interval's ends, of
+        their range, the largest first.
+    """
+    middle = min(range(len(points)), key=lambda i: points[i].loss)
+    best = points[middle].loss
+    inside = [i for i, point in enumerate(points) if point.loss <= best + rise]
+    first, last = inside[0], inside[-1]
+    low = points[first].at if first == 0 else _crossing(points[first], points[first - 1], best, rise)
+    high = points[last].at if last == len(points) - 1 else _crossing(points[last], points[last + 1], best, rise)
+    is_open = [low <= _AT_BOUND, high >= 1 - _AT_BOUND]
+    if all(is_open):
+        verdict = "not identified"
+    elif high - low <= IDENTIFIED:
+        verdict = "identified"
+    else:
+        verdict = "weak"
+    moves: dict[str, float] = {}
+    for point in (points[first], points[last]):
+        for i, move in enumerate(point.point - points[middle].point):
+            if i != index and abs(move) > max(_MADE_UP, abs(moves.get(names[i], 0.0))):
+                moves[names[i]] = float(move)
+    return {
+        "verdict": verdict,
+        "interval": [low, high],
+        "open": is_open,
+        "largest_rise": max(point.loss for point in points) - best,
+        "made_up_by": dict(sorted(moves.items(), key=lambda item: -abs(item[1]))),
+    }
+
+
+def _crossing(inside: ProfilePoint, outside: ProfilePoint, best: float, rise: float) -> float:
+    """Where the loss has risen by the rise, between two points; the root of the rise is taken as straight."""
+    near, far = (np.sqrt(max(point.loss - best, 0.0)) for point in (inside, outside))
+    share = float((np.sqrt(rise) - near) / (far - near)) if far > near else 0.0
+    return inside.at + min(max(share, 0.0), 1.0) * (outside.at - inside.at)

@@ -1,0 +1,96 @@
+"""A finished run as a problem again, with what it was run with: for studies of its best fit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from swim2real.calibration.problem import Problem, examine
+from swim2real.calibration.provenance import reference_fingerprint
+from swim2real.calibration.run_folder import RunFolder
+from swim2real.errors import RunError
+from swim2real.parameters import ParameterSpace
+from swim2real.robots.robot import Robot
+from swim2real.simulation import Simulator
+from swim2real.trials import TrialSet
+
+
+@dataclass(frozen=True)
+class Reopened:
+    """A run's problem and what the run has found.
+
+    Attributes:
+        folder: Of the run.
+        settings: As recorded.
+        problem: The fitted trials and a simulator, as in the run.
+        space: With the run's scale.
+        record: Evaluations that didn't fail and weren't stopped early.
+    """
+
+    folder: RunFolder
+    settings: Mapping[str, Any]
+    problem: Problem
+    space: ParameterSpace
+    record: tuple[Mapping[str, Any], ...]
+
+    @property
+    def best(self) -> Mapping[str, Any]:
+        """The record's entry of the lowest loss, the first of several."""
+        return min(self.record, key=lambda entry: entry["loss"])
+
+
+def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | None = None) -> Reopened:
+    """Reads a run and makes its problem again.
+
+    Args:
+        path: Run folder.
+        reference: That the run was made with, held-out trials included.
+        robot: Of the run.
+        threads: Swims simulated at a time, None for all cores.
+
+    Raises:
+        RunError: No run there, nothing usable in it, or it was made with another robot, reference or engine.
+    """
+    folder = RunFolder(path)
+    settings = folder.settings()
+    if settings.get("robot") != robot.name:
+        raise RunError(f"run '{folder.path}' is of robot {settings.get('robot')!r}, not '{robot.name}'")
+    if settings.get("reference_fingerprint") != reference_fingerprint(reference):
+        raise RunError(
+            f"run '{folder.path}' was made with another reference than this one of {len(reference)} trials; give the "
+            f"one that it was made with" + (f", {settings['reference']}" if settings.get("reference") else "")
+        )
+    simulator = Simulator(robot, threads)
+    note = simulator.engine.difference(settings.get("engine") or {})
+    if note:
+        raise RunError(f"run '{folder.path}' was {note}; losses can't be compared, so make a new run")
+    record = tuple(e for e in folder.record() if not e["failed"] and not e.get("lower_bound"))
+    if not record:
+        raise RunError(f"run '{folder.path}' has no evaluation that went well; calibrate first")
+    space = replace(robot.space, scale=settings["scale"])
+    try:
+        for entry in record:
+            space.to_values(entry["point"])
+    except (KeyError, ValueError, TypeError) as error:
+        raise RunError(f"the record of '{folder.path}' is damaged: {error!r}; begin a new run") from error
+    fitted, _ = reference.split(tuple(settings["hold_out"]))
+    problem = Problem(robot, examine(fitted, robot), simulator, settings["protocol"], settings["horizon"])
+    return Reopened(folder, settings, problem, space, record)
+
+
+def described(run: Reopened) -> dict[str, Any]:
+    """What decides a loss, for the file of a study: robot, protocol, trials, reference and engine."""
+    found = {
+        "robot": run.settings["robot"],
+        "parameters": list(run.space.names),
+        "scale": run.space.scale,
+        "protocol": run.problem.protocol,
+        "horizon": run.problem.horizon,
+        "trials": [one.trial.name for one in run.problem.real],
+        "reference_fingerprint": run.settings["reference_fingerprint"],
+        "engine": run.problem.simulator.engine.as_dict(),
+    }
+    return json.loads(json.dumps(found))  # as it will be when it is read back

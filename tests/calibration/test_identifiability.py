@@ -1,0 +1,277 @@
+import json
+import shutil
+
+import numpy as np
+import pytest
+import toy
+
+from swim2real.calibration.identifiability import IDENTIFIABILITY, StudySettings, identify, read_study
+from swim2real.calibration.local import autocorrelation, local
+from swim2real.calibration.profile import ProfilePoint, judge
+from swim2real.calibration.refit import Evaluator, Fitted, jacobian, refit
+from swim2real.calibration.reopened import reopen
+from swim2real.errors import ArgumentError, RunError
+from swim2real.robots.fish import FISH
+
+SETTINGS = StudySettings(rise=0.1, steps=2, polish=3)
+QUICK = StudySettings(rise=0.1, steps=0, polish=1)
+NAMES = toy.SPACE.names
+HIDDEN_ARM = toy.HIDDEN["arm_a"] + toy.HIDDEN["arm_b"]
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return toy.make_reference()
+
+
+@pytest.fixture(scope="module")
+def run_path(tmp_path_factory, reference):
+    return toy.make_run(reference, tmp_path_factory.mktemp("toy") / "run").path
+
+
+@pytest.fixture
+def run(run_path, reference, tmp_path):
+    """The run in a folder of its own."""
+    shutil.copytree(run_path, tmp_path / "run")
+    return reopen(tmp_path / "run", reference, toy.ROBOT, 2)
+
+
+@pytest.fixture(scope="module")
+def studied(run_path, reference, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("studied") / "run"
+    shutil.copytree(run_path, folder)
+    told = []
+    found = identify(reopen(folder, reference, toy.ROBOT, 2), SETTINGS, on_progress=told.append)
+    return found, told, folder
+
+
+def test_the_polish_finds_what_the_run_missed(studied):
+    found, _, _ = studied
+    assert found["fit"]["loss"] < 0.9 * found["start"]["loss"]
+    values = toy.SPACE.to_values(found["lowest"]["point"])
+    assert values["lift"] == pytest.approx(toy.HIDDEN["lift"], rel=0.05)
+    assert values["arm_a"] + values["arm_b"] == pytest.approx(HIDDEN_ARM, rel=0.05)
+
+
+def test_a_parameter_that_counts_is_identified_with_an_interval_around_the_truth(studied):
+    one = studied[0]["profiles"]["lift"]
+    assert one["verdict"] == "identified"
+    low, high = one["values"]
+    assert low < toy.HIDDEN["lift"] < high
+    assert high - low < 0.25 * 6
+    assert one["largest_rise"] > 3 * studied[0]["local"]["rise"]
+
+
+@pytest.mark.parametrize(("one", "other"), [("arm_a", "arm_b"), ("arm_b", "arm_a")])
+def test_two_that_make_up_for_one_another_have_flat_profiles_and_say_who(studied, one, other):
+    found = studied[0]["profiles"][one]
+    assert found["verdict"] == "not identified"
+    assert found["interval"] == [0.0, 1.0]
+    assert next(iter(found["made_up_by"])) == other
+    moved = max(point["fixed_loss"] for point in found["points"])
+    assert moved > 3 * max(point["loss"] for point in found["points"])  # alone it counts
+
+
+def test_a_parameter_without_effect_is_not_identified(studied):
+    one = studied[0]["profiles"]["nothing"]
+    assert one["verdict"] == "not identified"
+    assert one["largest_rise"] < 0.3 * studied[0]["local"]["rise"]
+    assert not one["made_up_by"]
+    assert studied[0]["local"]["standard_errors"]["nothing"]["cube"] is None
+
+
+def test_the_neighborhood_names_the_sloppy_pair_and_its_errors(studied):
+    found = studied[0]["local"]
+    errors = {name: one["cube"] for name, one in found["standard_errors"].items()}
+    assert errors["lift"] < 0.1
+    for name in ("arm_a", "arm_b"):
+        assert errors[name] is None or errors[name] > 5 * errors["lift"]
+    pair = next(one for one in found["directions"] if set(one["parameters"]) == {"arm_a", "arm_b"})
+    assert pair["parameters"]["arm_a"] * pair["parameters"]["arm_b"] < 0
+    assert found["directions"][0]["slope"] < 1e-6
+    assert found["directions"][-1]["slope"] > 1e-2
+
+
+def test_the_cost_is_counted_and_bounded(studied):
+    found, told, folder = studied
+    assert told[-1].evaluations == found["evaluations"] <= SETTINGS.most_evaluations(4) == told[0].most
+    assert [p.finished["name"] for p in told if p.finished] == list(NAMES)
+    assert read_study(folder / IDENTIFIABILITY) == found
+
+
+def test_an_interrupted_study_goes_on_and_ends_the_same(run, run_path, reference, tmp_path):
+    shutil.copytree(run_path, tmp_path / "whole")
+    whole = identify(reopen(tmp_path / "whole", reference, toy.ROBOT, 2), QUICK)
+
+    def stop(progress):
+        if progress.finished and progress.finished["name"] == "arm_a":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        identify(run, QUICK, on_progress=stop)
+    kept = read_study(run.folder.path / IDENTIFIABILITY)
+    assert list(kept["profiles"]) == ["lift", "arm_a"]
+    assert not kept["complete"]
+    stages = []
+    found = identify(run, QUICK, on_progress=lambda p: stages.append(p.stage))
+    assert not {"improving the fit", "lift", "arm_a"} & set(stages)
+    for key in ("fit", "local", "profiles", "lowest"):
+        assert found[key] == whole[key]
+
+
+def test_a_finished_study_is_read_and_not_made_again(studied, reference):
+    told = []
+    again = identify(reopen(studied[2], reference, toy.ROBOT, 2), SETTINGS, on_progress=told.append)
+    assert again == studied[0]
+    assert not told
+
+
+def test_another_setting_is_refused(studied, reference):
+    run = reopen(studied[2], reference, toy.ROBOT, 2)
+    with pytest.raises(RunError, match=r"is a study with another settings: it was .*0\.1.* is now .*0\.2.*--again"):
+        identify(run, StudySettings(rise=0.2))
+
+
+def test_a_damaged_study_is_refused(run):
+    (run.folder.path / IDENTIFIABILITY).write_text("{")
+    with pytest.raises(RunError, match=r"identifiability\.json' can't be read: .*; begin anew with --again"):
+        identify(run, SETTINGS)
+    (run.folder.path / IDENTIFIABILITY).write_text('{"format": 7}')
+    with pytest.raises(RunError, match="format is 7; this version reads format 1"):
+        identify(run, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"rise": 0.0}, "rise is 0; it is a share of the loss and must lie between 0 and 1"),
+        ({"steps": -1}, "steps is -1; it must be 0 or above"),
+        ({"polish": -2}, "polish is -2; it must be 0 or above"),
+    ],
+)
+def test_settings_are_checked(settings, message):
+    with pytest.raises(ArgumentError, match=message):
+        StudySettings(**settings)
+
+
+def test_a_run_is_reopened_only_with_what_it_was_made_with(run, reference):
+    with pytest.raises(RunError, match="is of robot 'toy', not 'fish'"):
+        reopen(run.folder.path, reference, FISH)
+    with pytest.raises(RunError, match=r"another reference than this one of 1 trials; .*, the toy's reference"):
+        reopen(run.folder.path, toy.make_reference(noise=2e-3), toy.ROBOT)
+    settings = json.loads(run.folder.settings_path.read_text())
+    settings["engine"]["timestep"] = 0.5
+    run.folder.settings_path.write_text(json.dumps(settings))
+    with pytest.raises(RunError, match=r"was made with integrator .* at 0\.5 s; .*; losses can't be compared"):
+        reopen(run.folder.path, reference, toy.ROBOT)
+
+
+def test_a_run_without_a_result_is_refused(run, reference):
+    (run.folder.path / "record.jsonl").unlink()
+    with pytest.raises(RunError, match="has no evaluation that went well; calibrate first"):
+        reopen(run.folder.path, reference, toy.ROBOT)
+
+
+def test_the_slopes_are_central_and_one_sided_at_a_bound(run):
+    evaluate = Evaluator(run.problem, run.space)
+    at = evaluate([np.array([0.5, 1.0, 0.0, 0.0])])[0]
+    slopes, jumps = jacobian(evaluate, at)
+    assert not jumps
+    left, right, below, above = evaluate(
+        [at.point + np.array(move) for move in ([-0.02, 0, 0, 0], [0.02, 0, 0, 0], [0, -0.02, 0, 0], [0, 0, 0.02, 0])]
+    )
+    assert slopes[:, 0] == pytest.approx((right.residual - left.residual) / 0.04)
+    assert slopes[:, 1] == pytest.approx((at.residual - below.residual) / 0.02)
+    assert slopes[:, 2] == pytest.approx((above.residual - at.residual) / 0.02)
+    assert np.all(slopes[:, 3] == 0)
+
+
+def test_a_slope_does_not_cross_a_jump():
+    class Stairs(Evaluator):
+        """A residual that is straight but for a step."""
+
+        def __init__(self):
+            pass
+
+        def __call__(self, points):
+            return [self.at(point) for point in points]
+
+        @staticmethod
+        def at(point):
+            jump = 0.5 if point[0] > 0.51 else 0.0
+            return Fitted(point, 0.1, np.array([0.1 + 0.2 * point[0] + jump, 0.3 * point[1]]), False)
+
+    at = Stairs.at(np.array([0.5, 0.5]))
+    slopes, jumps = jacobian(Stairs(), at)
+    assert jumps == [0]
+    assert slopes == pytest.approx(np.diag([0.2, 0.3]))
+
+
+def test_a_refit_moves_only_what_is_free(run):
+    evaluate = Evaluator(run.problem, run.space)
+    at = evaluate([np.array([0.3, 0.5, 0.5, 0.5])])[0]
+    best, _ = refit(evaluate, at, jacobian(evaluate, at)[0], np.array([True, False, False, False]), 3)
+    assert best.misfit < at.misfit
+    assert np.array_equal(best.point[1:], at.point[1:])
+
+
+def test_standard_errors_are_those_of_repeated_noise():
+    """Noise that is correlated in time and between markers: the spread of repeated fits is what is foretold."""
+    rng = np.random.default_rng(0)
+    frames, markers = 200, 3
+    slopes = rng.standard_normal((frames, 1, 2)).cumsum(axis=0) * 0.1 + np.ones((1, 2 * markers, 2)) * [1.0, -1.0]
+    slopes = slopes.reshape(-1, 2)
+    mixing = rng.standard_normal((2 * markers, 2 * markers))
+
+    def noise():
+        white = rng.standard_normal((frames + 50, 2 * markers))
+        smooth = np.array([white[i : i + 50].mean(axis=0) for i in range(frames)])
+        return (smooth @ mixing).ravel()
+
+    fits, foretold, naive = [], [], []
+    for _ in range(200):
+        residual = noise()
+        shift = np.linalg.lstsq(slopes, residual, rcond=None)[0]
+        fits.append(shift)
+        left = residual - slopes @ shift
+        found = local(slopes, left, [(frames, markers)])
+        foretold.append(found.standard_errors)
+        naive.append(np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)) * left.var()))
+        assert 2 < found.effective_count < 0.1 * len(residual)
+    spread = np.std(fits, axis=0)
+    assert np.median(foretold, axis=0) == pytest.approx(spread, rel=0.5)
+    assert np.all(np.median(naive, axis=0) < 0.4 * spread)
+
+
+def test_autocorrelation_of_what_is_known():
+    times = np.arange(400)
+    sine = np.sin(2 * np.pi * times / 40)[:, None]
+    found = autocorrelation(sine)
+    assert found[0] == 1
+    assert found[20] == pytest.approx(-(1 - 20 / 400), abs=0.01)
+    assert np.array_equal(autocorrelation(np.zeros((5, 2))), [1, 0, 0, 0, 0])
+
+
+def _points(losses, places=(0.0, 0.2, 0.5, 0.8, 1.0)):
+    return [ProfilePoint(at, loss, loss, np.array([at, 1 - at])) for at, loss in zip(places, losses, strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("losses", "verdict", "interval"),
+    [
+        ((50.0, 19.0, 10.0, 19.0, 50.0), "identified", (0.4, 0.6)),
+        ((10.5, 10.1, 10.0, 10.1, 10.4), "not identified", (0.0, 1.0)),
+        ((10.5, 10.1, 10.0, 14.0, 50.0), "weak", (0.0, 0.65)),
+        ((10.0, 14.0, 50.0, 60.0, 70.0), "identified", (0.0, 0.1)),
+    ],
+)
+def test_verdicts(losses, verdict, interval):
+    found = judge(_points(losses), 0, ("one", "other"), 1.0)
+    assert found["verdict"] == verdict
+    assert found["interval"] == pytest.approx(interval)
+    assert found["largest_rise"] == max(losses) - 10.0
+
+
+def test_who_makes_up_is_told_with_its_move():
+    found = judge(_points((10.5, 10.1, 10.0, 10.1, 10.4)), 0, ("one", "other"), 1.0)
+    assert found["made_up_by"] == {"other": pytest.approx(0.5)}
