@@ -68,6 +68,8 @@ def test_a_film_becomes_a_trial_in_meters(shot, done):
     assert trial.meters_per_pixel == pytest.approx(at_head, rel=2e-3)
     version = swim2real.__version__
     assert trial.provenance == f"video f1_50.mp4, 640x360, h264, detection tracker, swim2real {version}"
+    assert trial.video is not None
+    assert trial.video.samefile(shot.video)
 
 
 def test_the_track_in_pixels_is_a_pose_table(shot, done):

@@ -1,10 +1,12 @@
 """Composes the rooms, for the command line and for scripts: videos to trials, and a reference to a calibrated run."""
 
-from swim2real.pipeline.calibration import Method, Settings, make_optimizer, run
+from swim2real.pipeline.calibration import Settings, run
+from swim2real.pipeline.methods import METHODS, Method, make_optimizer
 from swim2real.pipeline.tracking import TRACKS, Filmed, FilmSettings, FrameProgress, track_film
 from swim2real.pipeline.tracking_many import track_films
 
 __all__ = [
+    "METHODS",
     "TRACKS",
     "FilmSettings",
     "Filmed",

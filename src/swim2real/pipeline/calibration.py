@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from swim2real.advisor import ADVISORS, make_advisor
+from swim2real.advisor import (
+    Access,
+    AdvisorEvent,
+    BriefingSettings,
+    Surroundings,
+    asks_a_vlm,
+    check_advisor,
+    make_advisor,
+    replayed_run,
+)
 from swim2real.calibration import (
     HORIZON,
     Problem,
@@ -24,23 +34,12 @@ from swim2real.calibration import (
 )
 from swim2real.errors import ArgumentError, OptimizerError, RunError
 from swim2real.objective import Protocol
-from swim2real.optimizers import (
-    Advisor,
-    BacktrackingLineSearch,
-    Optimizer,
-    Proposal,
-    RandomSearch,
-    ScriptedAdvisor,
-    WarmStart,
-    first_point,
-    streams,
-)
-from swim2real.parameters import ParameterSpace, Scale
+from swim2real.optimizers import Proposal, streams
+from swim2real.parameters import Scale
+from swim2real.pipeline.methods import ADVISED, METHODS, Method, make_optimizer
 from swim2real.robots.robot import Robot
 from swim2real.simulation import Simulator
 from swim2real.trials import TrialSet
-
-Method = Literal["line-search", "random", "warm-start"]
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class Settings:
 
     Attributes:
         method: How candidates are found.
-        advisor: Who proposes.
+        advisor: Who proposes: `physics`, `PROVIDER:MODEL`, `files` or `replay:RUN`.
         protocol: What is compared.
         budget: Simulation evaluations.
         seed: Of the first point and every random choice.
@@ -58,6 +57,7 @@ class Settings:
         early_stop: Whether a step's evaluation stops once it is certain to be rejected.
         horizon: Seconds that are compared, None for all.
         hold_out: Names of trials to leave out.
+        briefing: What a VLM is shown.
         threads: Swims simulated at a time, None for all cores.
     """
 
@@ -71,15 +71,15 @@ class Settings:
     early_stop: bool = False
     horizon: float | None = HORIZON
     hold_out: tuple[str, ...] = field(default=())
+    briefing: BriefingSettings = field(default_factory=BriefingSettings)
     threads: int | None = None
 
     def __post_init__(self) -> None:
         if self.budget < 1:
             raise ArgumentError(f"budget is {self.budget}; it must be at least 1")
-        if self.method not in ("line-search", "random", "warm-start"):
-            raise ArgumentError(f"method is '{self.method}'; there are line-search, random and warm-start")
-        if self.advisor not in ADVISORS:
-            raise ArgumentError(f"advisor is '{self.advisor}'; this version has {', '.join(ADVISORS)}")
+        if self.method not in METHODS:
+            raise ArgumentError(f"method is '{self.method}'; there are {', '.join(METHODS)}")
+        check_advisor(self.advisor)
         if self.protocol not in ("aligned", "paper"):
             raise ArgumentError(f"protocol is '{self.protocol}'; there are aligned and paper")
         if self.scale not in (None, "log", "linear"):
@@ -105,7 +105,9 @@ class Settings:
 
 def run(
     reference: TrialSet, robot: Robot, settings: Settings, out: str | Path, *, source: str = "", resume: bool = False,
-    sensitivity: bool = False, on_progress: Callable[[Progress], None] = lambda progress: None,
+    sensitivity: bool = False, access: Access | None = None,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_advisor: Callable[[AdvisorEvent], None] = lambda event: None,
 ) -> dict[str, Any]:  # fmt: skip
     """Calibrates a robot's simulator against a reference, into a run folder.
 
@@ -117,7 +119,9 @@ def run(
         source: Where the reference came from, for the record.
         resume: Go on with the run that is there.
         sensitivity: Also measure each parameter's effect on the loss, outside the budget.
+        access: How a VLM is reached and what it may take.
         on_progress: Called after every evaluation.
+        on_advisor: Called as a VLM is asked and answers.
 
     Returns:
         The outcome, as `conclude` describes it. On KeyboardInterrupt the folder holds a usable, resumable run.
@@ -137,6 +141,7 @@ def run(
         "robot": robot.name,
         **asdict(settings),
         "scale": settings.resolved_scale,
+        "briefing": asdict(settings.briefing) if asks_a_vlm(settings.advisor) else None,
         "hold_out": sorted(out.name for out in unseen or ()),
         "reference_fingerprint": reference_fingerprint(reference),
         "engine": simulator.engine.as_dict(),
@@ -145,38 +150,31 @@ def run(
         "reference": source, "versions": versions(), "commit": commit(),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }  # fmt: skip
+    _check_replay(settings.advisor, resolved)
+    videos = {trial.name: trial.video for trial in fitted if trial.video is not None}
+    surroundings = Surroundings(
+        folder.path, problem.evaluate, videos, settings.briefing, access or Access(), on_advisor
+    )  # fmt: skip
+    advisor = None
+    if settings.method in ADVISED:
+        advisor = make_advisor(settings.advisor, robot, space, settings.seed, surroundings)
     with folder.locked():
         if resume:
+            if settings.method == "staged" and folder.settings().get("budget") != settings.budget:
+                raise ArgumentError(
+                    f"budget was {folder.settings().get('budget')} and is now {settings.budget}; stages are planned by "
+                    f"the budget, so a run with another one must be begun anew"
+                )
             folder.resume(resolved)
         else:
             folder.begin({**resolved, **about})
-        optimizer = make_optimizer(settings, robot, space, _recorded_proposals(folder))
+        optimizer = make_optimizer(
+            settings.method, robot, space, settings.seed, settings.budget, advisor, _recorded_proposals(folder),
+            max_steps=settings.max_steps, early_stop=settings.early_stop,
+        )  # fmt: skip
         best = calibrate(problem, space, optimizer, settings.budget, folder, on_progress)
         effects = sensitivities(problem, space, best["values"]) if sensitivity else None
         return conclude(folder, problem, held_out, best["values"], effects)
-
-
-def make_optimizer(
-    settings: Settings, robot: Robot, space: ParameterSpace, proposals: list[Proposal] | None = None
-) -> Optimizer:
-    """The optimizer that the settings name, fresh.
-
-    Args:
-        settings: Of the run.
-        robot: Whose simulator is calibrated.
-        space: With the scale of the run.
-        proposals: Of the rounds on record, which aren't asked again.
-    """
-    first = first_point(len(space), settings.seed)
-    _, rng, _ = streams(settings.seed)
-    if settings.method == "random":
-        return RandomSearch(len(space), rng, first)
-    advisor: Advisor = make_advisor(settings.advisor, robot, space, settings.seed)
-    if proposals:
-        advisor = ScriptedAdvisor(proposals, then=advisor)
-    if settings.method == "warm-start":
-        return WarmStart(advisor, first, RandomSearch(len(space), rng))
-    return BacktrackingLineSearch(advisor, first, max_steps=settings.max_steps, early_stop=settings.early_stop)
 
 
 def _recorded_proposals(folder: RunFolder) -> list[Proposal]:
@@ -185,3 +183,23 @@ def _recorded_proposals(folder: RunFolder) -> list[Proposal]:
         return [Proposal.from_dict(note["proposal"]) for note in notes if "proposal" in note]
     except (KeyError, TypeError) as error:
         raise RunError(f"the record of '{folder.path}' is damaged: {error!r}; begin a new run") from error
+
+
+_REPLAYED = (
+    "robot", "method", "protocol", "seed", "scale", "max_steps", "early_stop", "horizon", "hold_out",
+    "reference_fingerprint", "engine",
+)  # fmt: skip
+
+
+def _check_replay(advisor: str, resolved: Mapping[str, Any]) -> None:
+    """A replay takes another way where anything else differs; better said at the start."""
+    source = replayed_run(advisor)
+    if source is None:
+        return
+    there = RunFolder(source).settings()
+    here = json.loads(json.dumps(dict(resolved)))
+    for key in _REPLAYED:
+        if there.get(key) != here[key]:
+            raise ArgumentError(
+                f"a replay needs what '{source}' was run with: {key} was {there.get(key)!r} and is now {here[key]!r}"
+            )

@@ -150,6 +150,7 @@ def track_film(
     trial = Trial(
         name, track, asked, camera.scale.meters_per_pixel,
         f"video {source.name}, {size[0]}x{size[1]}, {info.codec}, {settings.tracker} tracker, swim2real {__version__}",
+        video=source,
     )  # fmt: skip
     place.unlink(missing_ok=True)  # what it says is of the track that is replaced now
     write_dlc(seen, robot.marker_names, place.with_suffix(".pixels.csv"))

@@ -1,0 +1,26 @@
+"""Methods against methods: many runs under one budget, and who wins, by how much, and how surely."""
+
+from swim2real.comparison.compare import ComparisonProgress, compare
+from swim2real.comparison.contestants import TABLE_METHODS, Contestant, contestant, contestants
+from swim2real.comparison.plan import Job, Plan, make_plan, read_plan
+from swim2real.comparison.reading import read_results, write_results
+from swim2real.comparison.results import ComparisonResults, RunResult, StepRound, load_results
+
+__all__ = [
+    "TABLE_METHODS",
+    "ComparisonProgress",
+    "ComparisonResults",
+    "Contestant",
+    "Job",
+    "Plan",
+    "RunResult",
+    "StepRound",
+    "compare",
+    "contestant",
+    "contestants",
+    "load_results",
+    "make_plan",
+    "read_plan",
+    "read_results",
+    "write_results",
+]

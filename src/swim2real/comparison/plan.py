@@ -1,0 +1,211 @@
+"""What a comparison consists of: contestants, seeds and protocols under one budget, and the jobs that come of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from swim2real.advisor import BriefingSettings, asks_a_vlm
+from swim2real.calibration import HORIZON, reference_fingerprint, versions
+from swim2real.comparison.contestants import Contestant, folder_name
+from swim2real.comparison.files import write_json
+from swim2real.errors import ArgumentError, RunError
+from swim2real.objective import Protocol
+from swim2real.pipeline import Settings
+from swim2real.robots.robot import Robot
+from swim2real.simulation import Engine
+from swim2real.trials import TrialSet
+
+FORMAT = 1
+PLAN, RUNS = "plan.json", "runs"
+T = TypeVar("T")
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of a comparison.
+
+    Attributes:
+        key: Such as `aligned/line-search/seed-0`.
+        folder: Run folder.
+        method: The contestant's label.
+        settings: Of the run.
+    """
+
+    key: str
+    folder: Path
+    method: str
+    settings: Settings
+
+    @property
+    def held_out(self) -> str | None:
+        return self.settings.hold_out[0] if self.settings.hold_out else None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A comparison as it was asked for, and what it rests on.
+
+    Attributes:
+        contestants: Who takes part.
+        seeds: Each contestant runs with each.
+        protocols: Likewise.
+        budget: Evaluations of a run.
+        robot: Name of what is calibrated.
+        trials: Names of the real trials.
+        markers: Names of the markers.
+        reference: Fingerprint of the real trials.
+        engine: That simulates.
+        leave_one_out: Whether every run is made once more for each trial, without it.
+        horizon: Seconds of each trial that are compared, None for all.
+        briefing: What VLMs are shown.
+        source: Where the reference came from.
+        versions: Of what the numbers depend on.
+    """
+
+    contestants: tuple[Contestant, ...]
+    seeds: tuple[int, ...]
+    protocols: tuple[Protocol, ...]
+    budget: int
+    robot: str
+    trials: tuple[str, ...]
+    markers: tuple[str, ...]
+    reference: str
+    engine: Mapping[str, Any]
+    leave_one_out: bool = False
+    horizon: float | None = HORIZON
+    briefing: BriefingSettings = field(default_factory=BriefingSettings)
+    source: str = ""
+    versions: Mapping[str, str] = field(default_factory=versions)
+
+    def __post_init__(self) -> None:
+        if not self.contestants or not self.seeds or not self.protocols:
+            raise ArgumentError("a comparison needs at least one method, one seed and one protocol")
+        if self.leave_one_out and len(self.trials) < 2:
+            raise ArgumentError(f"leave-one-out needs at least 2 trials; the reference has {', '.join(self.trials)}")
+        self.jobs(".")  # settings that can't be are refused here
+
+    def jobs(self, root: str | Path) -> list[Job]:
+        """Every run, in the order of the table, with its folder in the comparison's."""
+        runs = Path(root) / RUNS
+        found: dict[str, Job] = {}
+        for protocol in self.protocols:
+            for one in self.contestants:
+                label = one.label(Settings(protocol=protocol).resolved_scale)
+                for seed in self.seeds:
+                    for trial in (None, *self.trials) if self.leave_one_out else (None,):
+                        key = f"{protocol}/{folder_name(label)}/seed-{seed}"
+                        if trial is not None:
+                            key += f"/without-{folder_name(trial)}"
+                        settings = Settings(
+                            method=one.method, advisor=one.advisor, protocol=protocol, budget=self.budget, seed=seed,
+                            scale=one.scale, max_steps=one.max_steps, horizon=self.horizon,
+                            hold_out=() if trial is None else (trial,), briefing=self.briefing, threads=1,
+                        )  # fmt: skip
+                        found[key] = Job(key, runs / key, label, settings)
+        return list(found.values())
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Labels, in order."""
+        return tuple(dict.fromkeys(job.method for job in self.jobs(".")))
+
+    @property
+    def basis(self) -> dict[str, Any]:
+        """What every run must rest on, by its name in a run's settings."""
+        return {"robot": self.robot, "reference_fingerprint": self.reference, "engine": dict(self.engine)}
+
+    def extending(self, before: Plan) -> Plan:
+        """The plan that has all of an earlier one and of this one.
+
+        Raises:
+            RunError: The two can't share a table.
+        """
+        fixed: list[tuple[str, Any, Any]] = [
+            ("reference", _named_reference(before), _named_reference(self)),
+            ("robot", before.robot, self.robot),
+            ("engine", _named_engine(before.engine), _named_engine(self.engine)),
+            ("horizon", before.horizon, self.horizon),
+        ]
+        if any(asks_a_vlm(one.advisor) for one in (*before.contestants, *self.contestants)):
+            fixed.append(("briefing", asdict(before.briefing), asdict(self.briefing)))
+        for what, then, now in fixed:
+            if then != now:
+                raise RunError(
+                    f"a comparison that was begun can't go on with another {what}: it was {then} and is now {now}; "
+                    f"use the same, or another folder"
+                )
+        if self.budget < before.budget:
+            raise RunError(
+                f"this comparison has a budget of {before.budget} evaluations and can't go on with {self.budget}; "
+                f"use at least as many, or another folder"
+            )
+        old = before.versions
+        changed = [f"{name} {old.get(name)} → {now}" for name, now in self.versions.items() if old.get(name) != now]
+        if changed:
+            _log.warning("the comparison goes on with other versions: %s", ", ".join(changed))
+        return replace(
+            self,
+            contestants=_union(before.contestants, self.contestants),
+            seeds=tuple(sorted({*before.seeds, *self.seeds})),
+            protocols=_union(before.protocols, self.protocols),
+            leave_one_out=before.leave_one_out or self.leave_one_out,
+        )
+
+    def write(self, root: Path) -> None:
+        """Writes plan.json."""
+        content = {**asdict(self), "contestants": [one.as_dict() for one in self.contestants]}
+        write_json(root / PLAN, {"format": FORMAT, **content})
+
+
+def make_plan(
+    contestants: Sequence[Contestant], seeds: Sequence[int], protocols: Sequence[Protocol], budget: int,
+    reference: TrialSet, robot: Robot, *, leave_one_out: bool = False, horizon: float | None = HORIZON,
+    briefing: BriefingSettings | None = None, source: str = "",
+) -> Plan:  # fmt: skip
+    """The plan of a comparison of contestants on a reference, as `Plan` describes it."""
+    return Plan(
+        tuple(contestants), tuple(dict.fromkeys(seeds)), tuple(dict.fromkeys(protocols)), budget, robot.name,
+        reference.names, robot.marker_names, reference_fingerprint(reference), Engine.of(robot).as_dict(),
+        leave_one_out, horizon, briefing or BriefingSettings(), source,
+    )  # fmt: skip
+
+
+def read_plan(root: str | Path) -> Plan | None:
+    """The plan of a comparison's folder, None where there is none yet.
+
+    Raises:
+        RunError: It is damaged, or of another format.
+    """
+    path = Path(root) / PLAN
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content.pop("format") != FORMAT:
+            raise ValueError("its format is another version's")
+        read: dict[str, Any] = {key: tuple(content[key]) for key in ("seeds", "protocols", "trials", "markers")}
+        read["contestants"] = tuple(Contestant.from_dict(one) for one in content["contestants"])
+        read["briefing"] = BriefingSettings(**content["briefing"])
+        return Plan(**{**content, **read})
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, ArgumentError) as error:
+        raise RunError(f"{path} can't be read: {error}; restore it or use another folder") from error
+
+
+def _union(one: Sequence[T], other: Sequence[T]) -> tuple[T, ...]:
+    return tuple(dict.fromkeys((*one, *other)))
+
+
+def _named_reference(plan: Plan) -> str:
+    return f"{plan.reference[:12]} ({', '.join(plan.trials)})"
+
+
+def _named_engine(engine: Mapping[str, Any]) -> str:
+    forces = hashlib.sha256(json.dumps(engine.get("fluid_fingerprint")).encode()).hexdigest()
+    return f"{engine.get('name')} ({engine.get('integrator')}, {engine.get('timestep')} s, fluid forces {forces[:8]})"

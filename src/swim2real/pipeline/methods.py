@@ -1,0 +1,97 @@
+"""From a method's name to the optimizer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import ArgumentError
+from swim2real.optimizers import (
+    Advisor,
+    BacktrackingLineSearch,
+    BayesianOptimization,
+    CmaEs,
+    LeastSquares,
+    Optimizer,
+    Proposal,
+    RandomSearch,
+    ScriptedAdvisor,
+    Stage,
+    Staged,
+    WarmStart,
+    first_point,
+    streams,
+)
+from swim2real.parameters import ParameterSpace
+from swim2real.robots.robot import Robot
+
+Array = NDArray[np.float64]
+Method = Literal["line-search", "random", "warm-start", "cma-es", "bayesopt", "least-squares", "staged"]
+METHODS: tuple[str, ...] = get_args(Method)
+ADVISED = ("line-search", "warm-start")  # by an advisor
+
+
+def make_optimizer(
+    method: Method, robot: Robot, space: ParameterSpace, seed: int, budget: int, advisor: Advisor | None = None,
+    proposals: Sequence[Proposal] = (), *, max_steps: int = 3, early_stop: bool = False,
+) -> Optimizer:  # fmt: skip
+    """The optimizer of a name, fresh.
+
+    Args:
+        method: Its name.
+        robot: Whose simulator is calibrated.
+        space: Of its parameters, on the run's scale.
+        seed: Of the run.
+        budget: Of the run, which stages are planned by.
+        advisor: Who proposes, where the method is advised.
+        proposals: Of the rounds on record, which aren't asked again.
+        max_steps: Of the line search.
+        early_stop: Whether the line search lets evaluations stop once a step is certain to be rejected.
+
+    Raises:
+        ArgumentError: The method needs an advisor and there is none, or stages that the robot hasn't.
+        MissingExtraError: A library that the method needs isn't installed.
+    """
+    dimension = len(space)
+    first = first_point(dimension, seed)
+    _, rng, _ = streams(seed)
+    match method:
+        case "random":
+            return RandomSearch(dimension, rng, first)
+        case "cma-es":  # begins where its own population does, as in the paper
+            return CmaEs(dimension, rng)
+        case "bayesopt":
+            return BayesianOptimization(dimension, rng, first)
+        case "least-squares":
+            return LeastSquares(first, rng)
+        case "staged":
+            return _staged(robot, space, first, rng, budget)
+        case "line-search" | "warm-start":
+            pass
+    if advisor is None:
+        raise ArgumentError(f"method {method} needs an advisor")
+    if proposals:
+        advisor = ScriptedAdvisor(proposals, then=advisor)
+    if method == "warm-start":
+        return WarmStart(advisor, first, RandomSearch(dimension, rng))
+    return BacktrackingLineSearch(advisor, first, max_steps=max_steps, early_stop=early_stop)
+
+
+def _staged(robot: Robot, space: ParameterSpace, first: Array, rng: np.random.Generator, budget: int) -> Staged:
+    """The robot's plan in the unit cube."""
+    plan = robot.fit_plan
+    if plan is None:
+        raise ArgumentError(f"robot '{robot.name}' has no stages, which method staged needs; choose another method")
+    stages = [
+        Stage(
+            one.name, tuple(space.names.index(name) for name in one.parameters), one.share,
+            "scan" if one.together else "search", one.score,
+        )
+        for one in plan.stages
+    ]  # fmt: skip
+    held_point = space.to_cube({**space.to_values(first), **plan.held})
+    held = {space.names.index(name): float(held_point[space.names.index(name)]) for name in plan.held}
+    return Staged(first, stages, budget, BayesianOptimization, rng, held)

@@ -1,0 +1,208 @@
+"""Statistics over seeds: numbers that can be worked out by hand, and the tables made of them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_results import BUDGET, ROUNDS, TRIALS, evidence_of, made_results, made_run, two_methods
+from swim2real.comparison.results import ComparisonResults
+from swim2real.comparison.statistics import (
+    best_method,
+    bootstrap_interval,
+    differences,
+    method_statistics,
+    reached,
+)
+from swim2real.comparison.statistics_detail import left_out, marker_errors, nan_mean, speeds, step_statistics
+from swim2real.comparison.statistics_tables import tables
+from swim2real.comparison.statistics_text import all_tables, as_markdown, as_text
+from swim2real.errors import ArgumentError, RunError
+
+
+def flat(method: str, finals: list[float], **more):
+    return [made_run(method, seed, [0.2] * (BUDGET - 1) + [loss], **more) for seed, loss in enumerate(finals)]
+
+
+@pytest.fixture(scope="module")
+def results() -> ComparisonResults:
+    return two_methods()
+
+
+def test_best_worst_and_auc_are_what_they_say(results: ComparisonResults) -> None:
+    good, bad = method_statistics(results, "aligned")  # the absent method has no runs
+    assert (good.method, bad.method) == ("good", "bad")
+    assert good.seeds == (0, 1, 2)
+    np.testing.assert_allclose(good.final.values, [0.010, 0.012, 0.014])
+    assert good.final.mean == pytest.approx(0.012)
+    assert good.final.std == pytest.approx(0.002)
+    assert good.final.worst == pytest.approx(0.014)
+    assert good.final.median == pytest.approx(0.012)
+    # 0.2, then 0.08 twice, then 0.04 four times, then the seed's own
+    assert good.auc.values[0] == pytest.approx((0.2 + 2 * 0.08 + 4 * 0.04 + 0.01) / 8)
+    assert bad.auc.values[2] == pytest.approx((6 * 0.2 + 0.1 + 0.064) / 8)
+    assert good.typical_run().seed == 1
+    assert best_method((bad, good)).method == "good"
+
+
+def test_one_seed_has_no_deviation_and_no_interval() -> None:
+    made = made_results(*flat("a", [0.03]), *flat("b", [0.05]))
+    first, second = method_statistics(made, "aligned")
+    assert math.isnan(first.final.std)
+    gap = differences((first, second))["b"]
+    assert gap
+    assert gap.mean == pytest.approx(0.02)
+    assert math.isnan(gap.low)
+    assert not gap.is_sure
+    assert "±" not in as_text(tables(made, "aligned")[0]).split("Best: mean")[0]
+
+
+def test_differences_are_paired_by_seed() -> None:
+    # every seed is worse by 1 mm, though the seeds lie far apart: sure only when paired
+    finals = [0.01, 0.05, 0.09, 0.13, 0.17]
+    methods = method_statistics(
+        made_results(*flat("a", finals), *flat("b", [loss + 0.001 for loss in finals])), "aligned"
+    )
+    found = differences(methods)
+    assert found["a"] is None
+    gap = found["b"]
+    assert gap
+    assert gap.reference == "a"
+    assert gap.seeds == (0, 1, 2, 3, 4)
+    assert (gap.low, gap.mean, gap.high) == pytest.approx((0.001,) * 3)
+    assert gap.is_sure
+
+
+def test_only_common_seeds_are_compared() -> None:
+    made = made_results(*flat("a", [0.01, 0.02, 0.03]), *flat("b", [0.05, 0.06, 0.07])[1:])
+    gap = differences(method_statistics(made, "aligned"))["b"]
+    assert gap
+    assert gap.seeds == (1, 2)
+    assert gap.mean == pytest.approx(0.04)
+    apart = made_results(*flat("a", [0.01]), made_run("b", 7, [0.2] * 7 + [0.1]))
+    assert differences(method_statistics(apart, "aligned")) == {"a": None, "b": None}
+
+
+def test_the_interval_is_seeded_and_covers_as_it_should() -> None:
+    values = np.array([0.3, -0.1, 0.2, 0.5, 0.1])
+    assert bootstrap_interval(values, 3) == bootstrap_interval(values, 3)
+    assert bootstrap_interval(values, 3) != bootstrap_interval(values, 4)
+    low, high = bootstrap_interval(values)
+    assert values.min() <= low < values.mean() < high <= values.max()
+    rng = np.random.default_rng(5)
+    hits = 0
+    for _ in range(200):
+        low, high = bootstrap_interval(rng.normal(1.0, 1.0, size=40))
+        hits += low < 1.0 < high
+    assert 180 <= hits <= 200  # 95 %
+    before = np.random.get_state()[1].copy()  # noqa: NPY002
+    bootstrap_interval(values)
+    assert (np.random.get_state()[1] == before).all()  # noqa: NPY002
+
+
+def test_how_soon_an_error_is_reached_counts_those_who_never_do(results: ComparisonResults) -> None:
+    good, bad = method_statistics(results, "aligned")
+    at_80, at_40, at_12 = reached(good, (0.08, 0.04, 0.012))
+    assert (at_80.median, at_80.count) == (2, 3)  # at or below
+    assert (at_40.median, at_40.count) == (4, 3)
+    assert (at_12.median, at_12.count) == (8, 2)
+    (never,) = reached(bad, (0.03,))
+    assert never.count == 0
+    assert math.isinf(never.median)
+    assert np.isnan(never.evaluations).all()
+    assert reached(good, (0.2,))[0].median == 1
+
+
+def test_failures_are_no_losses() -> None:
+    run = made_run("a", 0, [1.0, 0.0, 0.3, 0.2, 0.2, 0.2, 0.2, 0.2], failed=(0, 1))
+    (one,) = method_statistics(made_results(run), "aligned")
+    np.testing.assert_allclose(one.curves[0, :4], [1.0, 1.0, 0.3, 0.2])
+
+
+def test_runs_below_the_budget_are_refused_and_those_above_are_cut() -> None:
+    with pytest.raises(RunError, match=r"run 'runs/aligned/a/seed-0' has 3 of 8 evaluations; run the comparison again"):
+        method_statistics(made_results(made_run("a", 0, [0.3, 0.2, 0.1])), "aligned")
+    (one,) = method_statistics(made_results(made_run("a", 0, [0.3] * 8 + [0.01])), "aligned")
+    assert one.final.values[0] == 0.3
+
+
+def test_nothing_to_compare() -> None:
+    with pytest.raises(ArgumentError, match="no method with a finished run"):
+        best_method(())
+    assert differences(()) == {}
+    assert tables(two_methods(), "paper") == ()
+
+
+def test_rounds_that_the_budget_cut_short_are_not_counted() -> None:
+    found = step_statistics([made_run("a", seed, [0.2] * 8, rounds=ROUNDS) for seed in (0, 1)])
+    assert found
+    assert (found.rounds, found.accepted, found.cut_short, found.steps) == (6, 4, 2, 12)
+    assert found.accept_rate == pytest.approx(2 / 3)
+    assert found.shares == {1.0: 0.5, 0.5: 0.5, 0.25: 0.0}
+    assert found.steps_per_accepted == 3
+    assert found.calls.tolist() == [4, 4]
+    assert step_statistics([made_run("a", 0, [0.2] * 8)]) is None
+    none = step_statistics([made_run("a", 0, [0.2] * 8, rounds=ROUNDS[2:])])
+    assert none
+    assert (none.accept_rate, none.shares, none.by_size[1.0]) == (0, {}, 0)
+    assert math.isinf(none.steps_per_accepted)
+
+
+def test_speeds_go_by_frequency_and_divergence_is_no_speed() -> None:
+    run = made_run("a", 0, [0.1] * 8, speed_miss=-0.03)
+    broken = evidence_of(0.1, speed_miss=-0.03)
+    broken["trials"]["fast"].update(divergence="grew without limit", velocity_simulated=0.0)
+    found = speeds([run, replace(run, seed=1, fit=broken)])
+    assert found
+    assert found.trials == ("slow", "fast")
+    np.testing.assert_allclose(found.errors, [[0.03, 0.03], [0.03, np.nan]])
+    np.testing.assert_allclose(found.mean_error.values, [0.03, 0.03])
+    assert speeds([]) is None
+
+
+def test_marker_errors_grow_from_head_to_tail_and_skip_lost_ones() -> None:
+    runs = [made_run("a", 0, [0.1] * 8), made_run("a", 1, [0.2] * 8, lost=True)]
+    np.testing.assert_allclose(marker_errors(runs, "aligned"), [[0.05, 0.1, 0.15], [0.1, 0.2, 0.3]])
+    np.testing.assert_allclose(marker_errors(runs, "marker"), 2 * marker_errors(runs, "aligned"))
+    np.testing.assert_allclose(marker_errors(runs, "shape"), [[0, 0.05, 0.1], [0, 0.1, np.nan]])
+    np.testing.assert_allclose(nan_mean(marker_errors(runs, "shape"), axis=0), [0, 0.075, 0.1])
+
+
+def test_left_out_trials_are_judged_beside_the_fit_that_knew_them(results: ComparisonResults) -> None:
+    found = left_out(results, "good", "aligned")
+    assert found
+    assert found.trials == TRIALS
+    np.testing.assert_allclose(found.unseen, [0.03, 0.03])
+    np.testing.assert_allclose(found.seen, [0.02, 0.02])
+    np.testing.assert_allclose(found.in_fit, [0.01, 0.01])
+    assert found.of_trial("slow").mean == pytest.approx(0.03)
+    assert left_out(results, "bad", "aligned") is None
+    # and no statistic mixes them with the others
+    assert all(run.held_out is None for one in method_statistics(results, "aligned") for run in one.runs)
+
+
+def test_the_paper_s_table_as_text_and_markdown(results: ComparisonResults) -> None:
+    made = tables(results, "aligned")
+    assert [table.key for table in made] == [
+        "paper", "sureness", "figures", "seeds", "reached", "steps", "velocity", "markers", "left-out"
+    ]  # fmt: skip
+    shown = as_text(made[0])
+    assert "Calibration performance over 3 seeds, aligned protocol, 8 evaluations" in shown
+    assert next(line for line in shown.splitlines() if line.startswith("good")).split()[:6] == [
+        "good", "12.0", "±", "2.0*", "14.0*", "66.5"
+    ]  # fmt: skip
+    assert all(len(line) <= 120 for line in shown.splitlines())
+    assert "| good | **12.0 ± 2.0** | **14.0** | **66.5 ± " in as_markdown(made[0])
+    assert "| bad | 62.0 | 50.0 [50.0, 50.0] |" in as_markdown(made[1])
+    assert "not reached (0/3)" in as_text(made[4])
+    assert "real speeds are 20, 200 mm/s" in made[6].note
+    assert "30.0" in as_text(made[8])
+    assert all_tables(results).count("aligned protocol") == len(made)
+
+
+def test_a_method_s_name_can_t_break_a_markdown_table() -> None:
+    made = made_results(*flat("line-search@files|<b>", [0.01, 0.02]))
+    row = as_markdown(tables(made, "aligned")[0]).splitlines()[4]
+    assert row.startswith("| line-search@files\\|&lt;b> | ")
+    assert row.replace("\\|", "").count("|") == 5
