@@ -1,0 +1,157 @@
+"""Start phase, current, tendon friction, and the state as a tracker tells it."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import swim2real.rl as rl
+from swim2real.rl.body import Body
+from swim2real.rl.observation import Swimmer
+from swim2real.rl.tail_fit import TailFit
+from swim2real.rl.tracked import Tracked
+from swim2real.robots.fish import FISH
+
+PUBLISHED = FISH.space.published
+
+
+def swum(disturbances, steps, action=1.0, **options):
+    """Info after some steps at one action, from a start."""
+    env = rl.make_env("forward", disturbances=disturbances, seconds=30.0)
+    env.reset(seed=0, options=options)
+    for _ in range(steps):
+        info = env.step(np.array([action]))[4]
+    return info
+
+
+def test_a_start_at_any_phase_is_drawn_and_rests():
+    env = rl.make_env("forward", disturbances=rl.Disturbances((-np.pi, np.pi)), seed=0)
+    angles = []
+    for _ in range(8):
+        env.reset()
+        angles.append(env.swimmer.reading.motor_angle)
+    assert min(angles) < -1
+    assert max(angles) > 1
+    env.reset(options={"phase": 2.0})
+    bent = env.swimmer.reading.tail_angles.copy()
+    assert np.abs(bent).max() > 0.1
+    for _ in range(10):
+        env.step(np.zeros(1))
+    reading = env.swimmer.reading
+    assert reading.motor_angle == pytest.approx(2.0, abs=5e-3)  # the velocity servo yields a little
+    assert np.abs(reading.tail_angles - bent).max() < 0.03
+    assert np.linalg.norm(reading.position) < 0.002  # a tail that snapped into place would push it off
+
+
+def test_half_a_turn_later_the_swim_is_mirrored():
+    one, other = (swum(rl.UNDISTURBED, 60, phase=phase) for phase in (0.0, np.pi))
+    assert one["heading"] == pytest.approx(-other["heading"], abs=0.01)
+    assert one["distance"] == pytest.approx(other["distance"], rel=0.02)
+
+
+def test_a_current_carries_the_robot_along():
+    info = swum(rl.Disturbances(current=(0.05, -0.03)), 500, action=0.0)
+    still = swum(rl.UNDISTURBED, 10, action=0.0)
+    assert np.linalg.norm(still["position"]) < 1e-9
+    x, y = info["position"]
+    assert 0.2 < x < 0.5  # it takes a while to be as fast as the water
+    assert -0.3 < y < -0.2  # sideways there is more drag
+
+
+def test_friction_of_the_left_tendon_turns_the_robot_to_its_left():
+    turns = [swum(rl.Disturbances(tendon_friction=share), 120)["heading"] for share in (0.0, 0.4, 0.8)]
+    # with the head toward -x, left is -y: a positive turn
+    assert turns[0] + 0.01 < turns[1]
+    assert turns[1] + 0.01 < turns[2]
+
+
+def tracked(estimate, steps=60, seed=0):
+    """True and tracked readings of a swim, as columns: heading, place, tail angles, rates."""
+    body = Body(FISH, PUBLISHED)
+    swimmer, eye, rng = Swimmer(body), Tracked(estimate), np.random.default_rng(seed)
+    swimmer.start(0.0)
+    eye.begin(body, swimmer.read(markers=True), rng)
+    rows = []
+    for k in range(steps):
+        true = swimmer.read(markers=True)
+        seen = eye.see(true)
+        rows.append([np.hstack([r.heading, r.position, r.tail_angles, r.velocity, r.turning[2], r.tail_rates,
+                                r.markers.ravel(), r.marker_velocities.ravel(), r.motor_angle, r.motor_speed])
+                     for r in (true, seen)])  # fmt: skip
+        assert swimmer.advance(min(0.3 * k, 7.0))
+    return np.array(rows).transpose(1, 0, 2)
+
+
+def test_a_perfect_tracker_sees_the_true_pose_and_tail():
+    true, seen = tracked(rl.StateEstimate(noise=0.0, delay=0))
+    np.testing.assert_allclose(seen[:, :3], true[:, :3], atol=1e-3)  # roll and pitch move markers a little
+    off = (seen - true)[:, 3:8]
+    assert np.sqrt((off**2).mean(axis=0)).max() < 0.08  # for the same reason
+    assert np.abs(off.sum(axis=1)).max() < 0.03  # the fin's direction is known well
+    assert np.abs(true[:, 3:8]).max() > 0.4
+    np.testing.assert_array_equal(seen[:, 16:38], true[:, 16:38])
+
+
+def test_speeds_are_differences_of_tracked_places():
+    true, seen = tracked(rl.StateEstimate(noise=0.0005, delay=0))
+    for places, speeds in ((slice(0, 1), slice(10, 11)), (slice(1, 3), slice(8, 10)), (slice(3, 8), slice(11, 16)),
+                           (slice(16, 38), slice(38, 60))):  # fmt: skip
+        np.testing.assert_allclose(seen[1:, speeds], np.diff(seen[:, places], axis=0) / 0.02, atol=1e-9)
+        assert (seen[0, speeds] == 0).all()
+    noise = (seen - true)[:, 16:38].std()
+    assert noise == pytest.approx(0.0005, rel=0.1)
+
+
+def test_a_late_tracker_sees_what_was_but_knows_its_motor():
+    true, seen = tracked(rl.StateEstimate(noise=0.0, delay=3))
+    np.testing.assert_array_equal(seen[3:, 16:38], true[:-3, 16:38])
+    np.testing.assert_array_equal(seen[:3, 16:38], true[[0, 0, 0], 16:38])
+    np.testing.assert_array_equal(seen[:, -2:], true[:, -2:])
+
+
+def test_a_heading_goes_on_beyond_half_a_turn():
+    body = Body(FISH, PUBLISHED)
+    swimmer, eye = Swimmer(body), Tracked(rl.StateEstimate(noise=0.0, delay=0))
+    swimmer.start(0.0)
+    eye.begin(body, swimmer.read(markers=True), np.random.default_rng(0))
+    eye.see(swimmer.read(markers=True))
+    for heading in np.linspace(0.0, 9.0, 40):
+        swimmer.data.qpos[5] = heading
+        seen = eye.see(swimmer.read(markers=True))
+        assert seen.heading == pytest.approx(heading, abs=1e-6)
+    np.testing.assert_allclose(seen.position, swimmer.reading.position, atol=1e-6)
+    np.testing.assert_allclose(seen.tail_angles, 0, atol=1e-6)
+
+
+@pytest.mark.parametrize("task", ["forward", "target"])
+def test_the_estimate_changes_what_is_seen_and_nothing_else(task):
+    envs = [rl.make_env(task, disturbances=d) for d in (rl.UNDISTURBED, rl.Disturbances(estimate=rl.StateEstimate()))]
+    for env in envs:
+        env.reset(seed=0, options={"goal": (-1.0, 0.2)})
+    for _ in range(20):
+        true, seen = (env.step(np.ones(1)) for env in envs)
+    assert true[1] == seen[1]
+    assert true[4] == seen[4]
+    assert (true[0] != seen[0]).any()
+    np.testing.assert_allclose(true[0], seen[0], atol=12.0)  # speeds are rough, above all of the tail's joints
+
+
+def test_tail_angles_are_the_most_likely_ones():
+    hinges, markers = np.array([0.0, 0.03, 0.06]), np.array([0.015, 0.045, 0.075, 0.13])
+    true, heading, place = np.array([0.1, -0.2, 0.15]), 0.7, np.array([0.3, -0.2])
+    direction = heading + np.cumsum(true)
+    joints = place + np.vstack([np.zeros(2), np.cumsum(0.03 * np.c_[np.cos(direction), np.sin(direction)], axis=0)])
+    levers, segments = markers - hinges[[0, 1, 2, 2]], [0, 1, 2, 2]
+    clean = joints[segments] + levers[:, None] * np.c_[np.cos(direction), np.sin(direction)][segments]
+    seen = clean + 0.0005 * np.random.default_rng(0).standard_normal((4, 2))
+
+    def surprise(angles):
+        way = heading + np.cumsum(angles)
+        steps = 0.03 * np.c_[np.cos(way), np.sin(way)]
+        at = place + np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])[segments]
+        at = at + levers[:, None] * np.c_[np.cos(way), np.sin(way)][segments]
+        return np.concatenate([(at - seen).ravel() / 0.0005, angles / 0.1])
+
+    likely = least_squares(surprise, np.zeros(3)).x
+    found = TailFit(hinges, markers, 0.0005).angles(seen, place, heading, np.zeros(3))
+    np.testing.assert_allclose(found, likely, atol=1e-3)
+    assert found.sum() == pytest.approx(true.sum(), abs=0.03)  # a zigzag is smoothed, the fin's direction stays

@@ -1,0 +1,146 @@
+"""Training: what it writes, that a resumed run is the run that wasn't interrupted, and what it refuses."""
+
+import json
+import math
+
+import pytest
+
+pytest.importorskip("stable_baselines3")
+pytest.importorskip("torch")
+
+import torch
+from stable_baselines3 import SAC
+
+from swim2real.errors import ArgumentError, RunError
+from swim2real.rl import run_files
+from swim2real.rl.checkpoints import checkpoints
+from swim2real.rl.curriculum import Curriculum
+from swim2real.rl.disturbances import Disturbances
+from swim2real.rl.training import train
+from swim2real.rl.training_settings import TrainingSettings
+from swim2real.robots.fish import FISH
+
+SHORT = TrainingSettings("forward", 1200, exploration=400, checkpoint_every=400, updates=1, batch=32, layers=(16, 16))
+ANY_PHASE = Disturbances(start_phase=(-math.pi, math.pi))
+
+
+def weights(folder):
+    return SAC.load(folder / run_files.POLICY, device="cpu").policy.state_dict()
+
+
+def stop_after(blocks):
+    asked = 0
+
+    def stop():
+        nonlocal asked
+        asked += 1
+        return asked == blocks
+
+    return stop
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A short run that was left alone. Don't write into it."""
+    out = tmp_path_factory.mktemp("training") / "run"
+    told = []
+    outcome = train(SHORT, [FISH.space.published], FISH, out, disturbances=ANY_PHASE, on_progress=told.append)
+    return out, outcome, told
+
+
+def test_a_run_is_on_record(finished):
+    out, outcome, told = finished
+    assert outcome["complete"]
+    assert outcome["step"] == 1200
+    assert outcome["gradient_steps"] == 4  # after each 200 transitions but the first two, which explore
+    assert 0 < outcome["learner_share"] < 1
+    assert outcome == run_files.read_json(out / run_files.OUTCOME)
+    episodes = run_files.read_lines(out / run_files.EPISODES)
+    assert [line["step"] for line in episodes] == [800] * 8
+    assert all(line["length"] == 100 for line in episodes)
+    assert [line["step"] for line in run_files.read_lines(out / run_files.EVALUATIONS)] == [800, 1200]
+    assert [one.step for one in checkpoints(out)] == [400, 800, 1200]
+    assert [one.resumable for one in checkpoints(out)] == [False, False, True]
+    assert list((out / "tensorboard").iterdir())
+    assert told[-1].step == told[-1].total == 1200
+    settings = json.loads((out / run_files.SETTINGS).read_text())
+    assert settings["parameters"] == [dict(FISH.space.published)]
+    assert settings["updates"] == 1
+
+
+@pytest.mark.parametrize("blocks", [3, 5])  # between checkpoints, in the middle of episodes
+def test_a_resumed_run_is_the_run_that_was_left_alone(finished, tmp_path, blocks):
+    out, whole, _ = finished
+    values = [FISH.space.published]
+    begun = train(SHORT, values, FISH, tmp_path / "run", disturbances=ANY_PHASE, stop=stop_after(blocks))
+    assert not begun["complete"]
+    assert begun["step"] == 200 * blocks
+    ended = train(SHORT, values, FISH, tmp_path / "run", disturbances=ANY_PHASE, resume=True)
+    assert ended["complete"]
+    assert ended["gradient_steps"] == whole["gradient_steps"]
+    ours, theirs = weights(tmp_path / "run"), weights(out)
+    assert all(torch.equal(ours[name], theirs[name]) for name in theirs)
+    for name in (run_files.EPISODES, run_files.EVALUATIONS):
+        assert run_files.read_lines(tmp_path / "run" / name) == run_files.read_lines(out / name)
+
+
+def test_a_target_run_resumes_within_its_long_episodes(tmp_path):
+    settings = TrainingSettings("target", 600, exploration=200, updates=1, batch=32, layers=(16, 16), environments=4)
+    values = [FISH.space.published]
+    train(settings, values, FISH, tmp_path / "whole")
+    train(settings, values, FISH, tmp_path / "parts", stop=stop_after(2))
+    train(settings, values, FISH, tmp_path / "parts", resume=True)
+    ours, theirs = weights(tmp_path / "parts"), weights(tmp_path / "whole")
+    assert all(torch.equal(ours[name], theirs[name]) for name in theirs)
+
+
+def test_it_refuses_to_mix_runs(finished):
+    out, _, _ = finished
+    with pytest.raises(RunError, match="already holds a run; go on with --resume, or choose another folder"):
+        train(SHORT, [FISH.space.published], FISH, out)
+    other = TrainingSettings("forward", 1200, seed=1, exploration=400, checkpoint_every=400, updates=1)
+    with pytest.raises(RunError, match="was begun with another seed: 0, now 1; resume with the same"):
+        train(other, [FISH.space.published], FISH, out, resume=True)
+    with pytest.raises(RunError, match=r"is no training run: it has no settings\.json"):
+        train(SHORT, [FISH.space.published], FISH, out.parent / "nowhere", resume=True)
+
+
+def test_a_damaged_checkpoint_is_named(tmp_path):
+    settings = TrainingSettings("forward", 400, exploration=200, updates=1, batch=32, layers=(16,))
+    train(settings, [FISH.space.published], FISH, tmp_path / "run", stop=stop_after(1))
+    replay = tmp_path / "run/checkpoints/step-000000200/replay.npz"
+    replay.write_bytes(replay.read_bytes()[:500])
+    with pytest.raises(RunError, match=r"step-000000200' is damaged: .*; remove it"):
+        train(settings, [FISH.space.published], FISH, tmp_path / "run", resume=True)
+
+
+def test_the_rules_for_short_runs():
+    paper = TrainingSettings("forward")
+    assert (paper.exploration_steps, paper.updates_a_block, paper.replay) == (50_000, 1, 1_000_000)
+    short = TrainingSettings("forward", 300_000)
+    assert (short.exploration_steps, short.updates_a_block) == (30_000, 17)
+    assert short.total_steps // 200 * short.updates_a_block == pytest.approx(25_000, rel=0.03)
+
+
+def test_settings_out_of_range_are_refused():
+    with pytest.raises(ArgumentError, match="environments is 3; it must divide 200"):
+        TrainingSettings("forward", environments=3)
+    with pytest.raises(ArgumentError, match="env_steps is 100; learning needs 200 at least"):
+        TrainingSettings("forward", 100)
+    with pytest.raises(ArgumentError, match="exploration is 300; it must be 0 or more and below env_steps"):
+        TrainingSettings("forward", 300, exploration=300)
+
+
+def test_the_curriculum_goes_on_when_a_stage_is_learned():
+    curriculum = Curriculum((1, 2, 3))
+    for i in range(50):
+        assert not curriculum.advance()
+        curriculum.note(i % 10 < 7, 1)
+    assert curriculum.advance()
+    assert curriculum.stage == 2
+    for _ in range(60):
+        curriculum.note(True, 1)  # begun in the stage before: doesn't count
+    assert not curriculum.advance()
+    again = Curriculum((1, 2, 3))
+    again.restore(curriculum.state())
+    assert again.stage == 2

@@ -1,0 +1,130 @@
+"""Environments in a vector do what each does alone, however they are shared out."""
+
+import time
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import SAC
+from stable_baselines3.common.vec_env import VecMonitor
+
+import swim2real.rl as rl
+from swim2real.errors import ArgumentError
+from swim2real.robots.fish import FISH
+
+PUBLISHED = FISH.space.published
+SLOW = {**PUBLISHED, "fluid_slender_drag": 9.9}
+SEEN = rl.Disturbances(estimate=rl.StateEstimate())
+ROUGH = rl.Disturbances((-3.0, 3.0), (0.02, 0.0), 0.3, rl.StateEstimate())
+
+
+def actions(count, steps):
+    """The same for an environment, however many there are."""
+    return np.stack(
+        [np.random.default_rng(100 + i).uniform(-1, 1, (steps, 1)).astype(np.float32) for i in range(count)], axis=1
+    )
+
+
+@pytest.mark.parametrize(
+    ("task", "count", "threads", "disturbances"),
+    [("target", 1, None, SEEN), ("target", 3, 1, SEEN), ("target", 5, 3, SEEN), ("forward", 2, 2, ROUGH)],
+)
+def test_the_same_as_alone_through_ends_and_new_starts(task, count, threads, disturbances):
+    steps, sets = 25, [PUBLISHED, SLOW]
+    vector = rl.make_vector_env(
+        task, sets, count, threads=threads, seed=7, disturbances=disturbances, seconds=0.2
+    )  # so that each ends twice
+    seen = vector.reset()
+    alone = [rl.make_env(task, sets, seed=7 + i, disturbances=disturbances, seconds=0.2) for i in range(count)]
+    np.testing.assert_array_equal(seen, [env.reset()[0] for env in alone])
+    ends = 0
+    for row in actions(count, steps):
+        seen, rewards, ended, infos = vector.step(row)
+        for i, env in enumerate(alone):
+            one, reward, terminated, truncated, info = env.step(row[i])
+            assert rewards[i] == np.float32(reward)
+            assert ended[i] == (terminated or truncated)
+            if ended[i]:
+                ends += 1
+                np.testing.assert_array_equal(infos[i].pop("terminal_observation"), one)
+                one, _ = env.reset()
+            assert infos[i].pop("TimeLimit.truncated") == (truncated and not terminated)
+            assert infos[i] == info
+            np.testing.assert_array_equal(seen[i], one)
+    assert ends == 2 * count
+    vector.close()
+
+
+def test_reaching_a_goal_is_no_time_limit():
+    vector = rl.make_vector_env("target", PUBLISHED, 2, seed=0)
+    vector.set_options({"goal": (-0.06, 0.0)})
+    vector.reset()
+    for _ in range(200):
+        seen, rewards, ended, infos = vector.step(np.ones((2, 1), np.float32))
+        if ended.any():
+            break
+    assert ended.all()
+    assert (rewards > 290).all()
+    for i, info in enumerate(infos):
+        assert info["success"]
+        assert info["TimeLimit.truncated"] is False
+        assert info["terminal_observation"][16] < 0.05
+        assert seen[i, 16] > 0.1  # a new episode, with a goal of its own
+        assert vector.reset_infos[i]["time"] == 0
+
+
+def test_a_divergence_stays_with_its_environment():
+    vector = rl.make_vector_env("forward", PUBLISHED, 2, threads=2, seed=0)
+    vector.reset()
+    vector.step(np.ones((2, 1), np.float32))
+    vector.envs[0].swimmer.data.qpos[7] = np.nan
+    seen, rewards, ended, infos = vector.step(np.ones((2, 1), np.float32))
+    assert list(ended) == [True, False]
+    assert rewards[0] == rl.DIVERGED
+    assert infos[0]["diverged"].startswith("the simulation diverged 0.04 s after the start")
+    assert infos[0]["TimeLimit.truncated"] is False
+    assert "diverged" not in infos[1]
+    assert np.isfinite(seen).all()
+    vector.close()
+
+
+def test_seeds_and_stages_reach_the_environments():
+    vector = rl.make_vector_env("target", PUBLISHED, 3, seed=1, stage=1)
+    vector.seed(20)
+    seen = vector.reset()
+    np.testing.assert_array_equal(seen[2], rl.make_env("target", PUBLISHED, stage=1).reset(seed=22)[0])
+    vector.env_method("set_stage", 3)
+    assert [task.stage for task in vector.get_attr("task")] == [3, 3, 3]
+    vector.set_attr("render_mode", None, indices=[0])
+    assert vector.env_is_wrapped(VecMonitor) == [False] * 3
+
+
+def test_stable_baselines_learns_in_it():
+    torch.set_num_threads(1)
+    vector = VecMonitor(rl.make_vector_env("forward", PUBLISHED, 2, seed=0, seconds=0.2))
+    learner = SAC("MlpPolicy", vector, learning_starts=10, train_freq=5, batch_size=8, seed=0, device="cpu",
+                  policy_kwargs={"net_arch": [16, 16]})  # fmt: skip
+    learner.learn(60)
+    assert learner.num_timesteps == 60
+    assert len(learner.ep_info_buffer) == 6
+    assert all(np.isfinite(episode["r"]) for episode in learner.ep_info_buffer)
+
+
+def test_what_is_refused():
+    with pytest.raises(ArgumentError, match="a vector of 0 environments is asked for; it needs at least 1"):
+        rl.make_vector_env("forward", PUBLISHED, 0)
+    with pytest.raises(ArgumentError, match="threads is -1; it must be at least 1"):
+        rl.make_vector_env("forward", PUBLISHED, 2, threads=-1)
+
+
+def test_an_episode_costs_little_beyond_its_physics():
+    vector = rl.make_vector_env("forward", PUBLISHED, 1, seed=0, seconds=100.0)
+    vector.reset()
+    swimmer, go = vector.envs[0].swimmer, np.zeros((1, 1), np.float32)
+    spent = {"step": [], "physics": []}
+    for _ in range(40):
+        for name, action in (("step", lambda: vector.step(go)), ("physics", lambda: swimmer.advance(0.0))):
+            began = time.thread_time()
+            action()
+            spent[name].append(time.thread_time() - began)
+    assert np.median(spent["step"]) < 1.6 * np.median(spent["physics"])
