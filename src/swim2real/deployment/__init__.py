@@ -1,0 +1,17 @@
+"""Motor commands and the motor: a table of speeds at 50 Hz, sent to a Dynamixel on time.
+
+Only the standard library is imported, and the motor maker's library where a motor is spoken to: this room runs on the
+computer in the fish, without NumPy and MuJoCo.
+"""
+
+from swim2real.deployment.commands import (
+    RATE,
+    XW540_T140,
+    CommandTable,
+    Limits,
+    read_table,
+    write_table,
+)
+from swim2real.deployment.control_table import MotorError
+
+__all__ = ["RATE", "XW540_T140", "CommandTable", "Limits", "MotorError", "read_table", "write_table"]

@@ -1,0 +1,112 @@
+"""The control table of a Dynamixel XW540-T140-R: addresses, units, error bits.
+
+Source: ROBOTIS e-Manual, XW540-T140 (emanual.robotis.com/docs/en/dxl/x/xw540-t140) and Protocol 2.0
+(emanual.robotis.com/docs/en/dxl/protocol2).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from swim2real.errors import Swim2RealError
+
+MODEL = "XW540-T140-R"
+MODEL_NUMBER = 1180
+
+VELOCITY_UNIT = 0.229 * 2 * math.pi / 60  # rad/s; 0.229 rev/min
+ACCELERATION_UNIT = 214.577 * 2 * math.pi / 3600  # rad/s²; 214.577 rev/min²
+POSITION_UNIT = 2 * math.pi / 4096  # rad
+VOLTAGE_UNIT = 0.1  # V
+WATCHDOG_UNIT = 0.02  # s
+RETURN_DELAY_UNIT = 2e-6  # s
+
+VELOCITY_MODE = 1
+TIME_BASED_PROFILE = 0x04  # bit of the drive mode
+REVERSE = 0x01  # bit of the drive mode
+WATCHDOG_TRIPPED = 255  # -1 in the manual
+
+ALERT = 0x80  # bit of a status packet's error: look at the hardware error status
+RESULT_FAIL, INSTRUCTION_ERROR, CRC_ERROR, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, ACCESS_ERROR = range(1, 8)
+
+HARDWARE_ERRORS = {
+    0x01: "input voltage outside its limits",
+    0x04: "overheating",
+    0x08: "motor encoder failure",
+    0x10: "electrical shock or too little power",
+    0x20: "overload",
+}
+OVERHEATING = 0x04
+
+BAUD_RATES = {0: 9600, 1: 57_600, 2: 115_200, 3: 1_000_000, 4: 2_000_000, 5: 3_000_000, 6: 4_000_000, 7: 4_500_000}
+
+
+class MotorError(Swim2RealError):
+    """The motor can't be reached, refuses a command or reports an error."""
+
+
+@dataclass(frozen=True)
+class Register:
+    """One entry of the control table. Values are unsigned unless their lowest is below 0."""
+
+    name: str
+    address: int
+    size: int
+    low: int | None = None
+    high: int | None = None
+    writable: bool = True
+    default: int = 0
+
+    @property
+    def signed(self) -> bool:
+        return self.low is not None and self.low < 0
+
+    @property
+    def in_eeprom(self) -> bool:
+        """Kept without power, and locked while torque is on."""
+        return self.address < TORQUE_ENABLE.address
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.address})"
+
+
+_ANY = (-(2**31), 2**31 - 1)
+
+MODEL_REGISTER = Register("Model Number", 0, 2, writable=False, default=MODEL_NUMBER)
+FIRMWARE = Register("Firmware Version", 6, 1, writable=False, default=45)
+ID = Register("ID", 7, 1, 0, 252, default=1)
+BAUD_RATE = Register("Baud Rate", 8, 1, 0, 7, default=1)
+RETURN_DELAY = Register("Return Delay Time", 9, 1, 0, 254, default=250)
+DRIVE_MODE = Register("Drive Mode", 10, 1, 0, 13)
+OPERATING_MODE = Register("Operating Mode", 11, 1, 0, 16, default=3)
+TEMPERATURE_LIMIT = Register("Temperature Limit", 31, 1, 0, 100, default=80)
+MAX_VOLTAGE = Register("Max Voltage Limit", 32, 2, 95, 160, default=160)
+MIN_VOLTAGE = Register("Min Voltage Limit", 34, 2, 95, 160, default=95)
+VELOCITY_LIMIT = Register("Velocity Limit", 44, 4, 0, 1023, default=304)
+SHUTDOWN = Register("Shutdown", 63, 1, 0, 63, default=52)
+TORQUE_ENABLE = Register("Torque Enable", 64, 1, 0, 1)
+STATUS_RETURN_LEVEL = Register("Status Return Level", 68, 1, 0, 2, default=2)
+HARDWARE_ERROR = Register("Hardware Error Status", 70, 1, writable=False)
+BUS_WATCHDOG = Register("Bus Watchdog", 98, 1, 0, 127)
+GOAL_VELOCITY = Register("Goal Velocity", 104, 4, *_ANY)
+PROFILE_ACCELERATION = Register("Profile Acceleration", 108, 4, 0, 32_767)
+PRESENT_VELOCITY = Register("Present Velocity", 128, 4, *_ANY, writable=False)
+PRESENT_POSITION = Register("Present Position", 132, 4, *_ANY, writable=False)
+VELOCITY_TRAJECTORY = Register("Velocity Trajectory", 136, 4, *_ANY, writable=False)
+POSITION_TRAJECTORY = Register("Position Trajectory", 140, 4, *_ANY, writable=False)
+PRESENT_VOLTAGE = Register("Present Input Voltage", 144, 2, writable=False, default=120)
+PRESENT_TEMPERATURE = Register("Present Temperature", 146, 1, writable=False, default=30)
+
+REGISTERS = (
+    MODEL_REGISTER, FIRMWARE, ID, BAUD_RATE, RETURN_DELAY, DRIVE_MODE, OPERATING_MODE, TEMPERATURE_LIMIT, MAX_VOLTAGE,
+    MIN_VOLTAGE, VELOCITY_LIMIT, SHUTDOWN, TORQUE_ENABLE, STATUS_RETURN_LEVEL, HARDWARE_ERROR, BUS_WATCHDOG,
+    GOAL_VELOCITY, PROFILE_ACCELERATION, PRESENT_VELOCITY, PRESENT_POSITION, VELOCITY_TRAJECTORY, POSITION_TRAJECTORY,
+    PRESENT_VOLTAGE, PRESENT_TEMPERATURE,
+)  # fmt: skip
+
+
+def hardware_errors(status: int) -> str:
+    """What the bits of the hardware error status say."""
+    known = [text for bit, text in HARDWARE_ERRORS.items() if status & bit]
+    unknown = status & ~sum(HARDWARE_ERRORS)
+    return ", ".join([*known, *([f"unknown bits 0x{unknown:02x}"] if unknown else [])]) or "none"

@@ -1,0 +1,146 @@
+"""A serial port with an emulated motor behind it, on a pseudo-terminal.
+
+`python -m swim2real.deployment.emulator [BAUD [ID]]` serves one until its standard input ends.
+Used in tests and by `deploy --dry-run`. Faults are scripted: which answers are spoiled, and how.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import sys
+import threading
+import time
+import tty
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Literal
+
+from swim2real.deployment.control_table import RETURN_DELAY, RETURN_DELAY_UNIT, TEMPERATURE_LIMIT
+from swim2real.deployment.emulated_motor import EmulatedMotor
+from swim2real.deployment.packets import Packet, Parser
+from swim2real.deployment.priority import undisturbed
+
+_FRAME = 10  # bytes of an instruction besides its parameters
+_BITS = 10  # on the wire for a byte
+
+Kind = Literal["silent", "bad-crc", "garbage", "noise-before", "slow", "overheated", "unplugged"]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that goes wrong from the packet `first` on, for `count` packets; packets to the motor count from 0.
+
+    silent: no answer; bad-crc: a bit of the answer is flipped; garbage: other bytes instead of it; noise-before: bytes
+    in front of it; slow: it comes `delay` seconds late; overheated: the motor gets too hot; unplugged: the port goes.
+    """
+
+    kind: Kind
+    first: int = 0
+    count: float = float("inf")
+    delay: float = 0.05
+
+    def hits(self, packet: int) -> bool:
+        return self.first <= packet < self.first + self.count
+
+
+class Emulator:
+    """A motor on a port of its own, served by a thread. A context manager; `port` is the name to open.
+
+    With a `baud` rate answers take the time that question and answer need on the wire, and the motor's return delay.
+    """
+
+    def __init__(
+        self, motor: EmulatedMotor | None = None, faults: Sequence[Fault] = (), baud: int | None = None
+    ) -> None:
+        self._baud = baud
+        self.motor = motor or EmulatedMotor()
+        self.packets: list[tuple[float, Packet]] = []
+        self._faults = tuple(faults)
+        self._lock = threading.Lock()
+        self._ours, self._theirs = os.openpty()
+        tty.setraw(self._theirs)
+        self.port = os.ttyname(self._theirs)
+        self._wake, self._stop = os.pipe()
+        self._thread = threading.Thread(target=self._serve, name="emulated motor", daemon=True)
+
+    def __enter__(self) -> Emulator:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        os.close(self._stop)
+        self._thread.join()
+        os.close(self._wake)
+
+    def velocity(self) -> float:
+        """How fast the motor turns now [rad/s]."""
+        with self._lock:
+            return self.motor.velocity
+
+    def _serve(self) -> None:
+        parser = Parser()
+        try:
+            while self._wake not in (ready := select.select([self._ours, self._wake], [], [])[0]):
+                if ready:
+                    for packet in parser.feed(os.read(self._ours, 4096)):
+                        if not self._handle(packet):
+                            return
+        except OSError:  # the other end has gone
+            pass
+        finally:
+            for end in (self._ours, self._theirs):
+                with contextlib.suppress(OSError):
+                    os.close(end)
+
+    def _handle(self, packet: Packet) -> bool:
+        """Answers; False when the port has gone."""
+        number = len(self.packets)
+        hit: dict[Kind, Fault] = {fault.kind: fault for fault in self._faults if fault.hits(number)}
+        with self._lock:
+            self.packets.append((time.monotonic(), packet))
+            if "overheated" in hit:
+                self.motor.temperature = self.motor.get(TEMPERATURE_LIMIT) + 1
+            answer = self.motor.answer(packet)
+        if "unplugged" in hit:
+            return False
+        if answer is None or "silent" in hit:
+            return True
+        if self._baud:
+            size = _FRAME + len(packet.parameters) + len(answer)
+            time.sleep(size * _BITS / self._baud + self.motor.get(RETURN_DELAY) * RETURN_DELAY_UNIT)
+        if "slow" in hit:
+            time.sleep(hit["slow"].delay)
+        os.write(self._ours, _spoiled(answer, hit))
+        return True
+
+
+def _spoiled(answer: bytes, hit: dict[Kind, Fault]) -> bytes:
+    if "bad-crc" in hit:
+        answer = answer[:-1] + bytes([answer[-1] ^ 0x10])
+    if "garbage" in hit:
+        answer = bytes(byte ^ 0x5A for byte in answer)
+    if "noise-before" in hit:
+        answer = b"\x00\xff\xff\xfd\x13\xff" + answer
+    return answer
+
+
+def main() -> None:
+    """Serves one motor and writes the name of its port."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C is for the one who uses the motor
+    baud = int(sys.argv[1]) if len(sys.argv) > 1 else None
+    device = int(sys.argv[2]) if len(sys.argv) > 2 else 1
+    # a real motor doesn't wait for a busy machine
+    with undisturbed(), Emulator(EmulatedMotor(device), baud=baud) as emulator:
+        sys.stdout.write(emulator.port + "\n")
+        sys.stdout.flush()
+        sys.stdin.buffer.read()
+
+
+if __name__ == "__main__":
+    main()

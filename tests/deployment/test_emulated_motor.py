@@ -1,0 +1,186 @@
+"""The emulated motor against the manual: rules of writing, errors, watchdog, how it turns. Its clock is ours."""
+
+import pytest
+
+from swim2real.deployment import control_table as ct
+from swim2real.deployment.emulated_motor import NO_LOAD_SPEED, STEEPEST, EmulatedMotor
+from swim2real.deployment.packets import PING, READ, REBOOT, WRITE, Packet, Parser
+
+
+class Bench:
+    """A motor and its clock."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.motor = EmulatedMotor(clock=lambda: self.now)
+
+    def ask(self, instruction, parameters=b"", intact=True):
+        answer = self.motor.answer(Packet(1, instruction, parameters, intact))
+        if answer is None:
+            return None
+        (status,) = Parser().feed(answer)
+        return status.parameters[0], status.parameters[1:]
+
+    def write(self, register, value, size=None):
+        data = value.to_bytes(size or register.size, "little", signed=value < 0)
+        status = self.ask(WRITE, register.address.to_bytes(2, "little") + data)
+        return None if status is None else status[0]
+
+    def read(self, register):
+        error, data = self.ask(READ, register.address.to_bytes(2, "little") + register.size.to_bytes(2, "little"))
+        assert error == 0
+        return int.from_bytes(data, "little", signed=register.signed)
+
+    def turning(self, goal, **settings):
+        self.write(ct.OPERATING_MODE, ct.VELOCITY_MODE)
+        if "acceleration" in settings:
+            self.write(ct.PROFILE_ACCELERATION, settings["acceleration"])
+        if "watchdog" in settings:
+            self.write(ct.BUS_WATCHDOG, settings["watchdog"])
+        assert self.write(ct.TORQUE_ENABLE, 1) == 0
+        return self.write(ct.GOAL_VELOCITY, goal)
+
+
+@pytest.fixture
+def bench():
+    return Bench()
+
+
+def test_it_is_as_it_is_sold(bench):
+    assert bench.ask(PING) == (0, (1180).to_bytes(2, "little") + bytes([45]))
+    assert bench.read(ct.VELOCITY_LIMIT) == 304
+    assert bench.read(ct.OPERATING_MODE) == 3
+    assert bench.read(ct.SHUTDOWN) == 52
+
+
+def test_packets_to_others_and_damaged_ones(bench):
+    assert bench.motor.answer(Packet(2, PING, b"")) is None
+    assert bench.ask(PING, intact=False) == (ct.CRC_ERROR, b"")
+    assert bench.ask(0x83) == (ct.INSTRUCTION_ERROR, b"")
+
+
+@pytest.mark.parametrize(
+    ("register", "value", "size", "error"),
+    [
+        (ct.OPERATING_MODE, 17, None, ct.RANGE_ERROR),
+        (ct.GOAL_VELOCITY, 305, None, ct.LIMIT_ERROR),
+        (ct.GOAL_VELOCITY, -305, None, ct.LIMIT_ERROR),
+        (ct.GOAL_VELOCITY, -304, None, 0),
+        (ct.GOAL_VELOCITY, 1, 2, ct.LENGTH_ERROR),
+        (ct.PRESENT_VELOCITY, 1, None, ct.ACCESS_ERROR),
+        (ct.MODEL_REGISTER, 1, None, ct.ACCESS_ERROR),
+        (ct.Register("between registers", 105, 1), 1, None, ct.ACCESS_ERROR),
+        (ct.BUS_WATCHDOG, 128, None, ct.RANGE_ERROR),
+    ],
+)
+def test_what_it_refuses(bench, register, value, size, error):
+    before = bytes(bench.motor._table)
+    assert bench.write(register, value, size) == error
+    assert (bytes(bench.motor._table) != before) == (error == 0)
+
+
+def test_reading_outside_the_table(bench):
+    assert bench.ask(READ, b"\x94\x02\x04\x00") == (ct.ACCESS_ERROR, b"")
+    assert bench.ask(READ, b"\x00") == (ct.LENGTH_ERROR, b"")
+
+
+def test_eeprom_is_locked_while_torque_is_on(bench):
+    assert bench.write(ct.TORQUE_ENABLE, 1) == 0
+    assert bench.write(ct.OPERATING_MODE, 1) == ct.ACCESS_ERROR
+    assert bench.write(ct.TORQUE_ENABLE, 0) == 0
+    assert bench.write(ct.OPERATING_MODE, 1) == 0
+
+
+def test_a_change_of_mode_resets_the_profile(bench):
+    bench.write(ct.PROFILE_ACCELERATION, 50)
+    bench.write(ct.OPERATING_MODE, ct.VELOCITY_MODE)
+    assert bench.read(ct.PROFILE_ACCELERATION) == 0
+
+
+def test_it_turns_at_the_goal_with_the_acceleration_it_was_given(bench):
+    bench.turning(200, acceleration=40)
+    steepness, goal = 40 * ct.ACCELERATION_UNIT, 200 * ct.VELOCITY_UNIT
+    bench.now += 0.1
+    assert bench.motor.velocity == pytest.approx(steepness * 0.1)
+    assert bench.motor.angle == pytest.approx(steepness * 0.1**2 / 2)
+    bench.now += 10.0
+    assert bench.motor.velocity == pytest.approx(goal)
+    ramp = goal / steepness
+    assert bench.motor.angle == pytest.approx(goal * ramp / 2 + goal * (10.1 - ramp))
+    assert bench.read(ct.PRESENT_VELOCITY) == 200
+    assert bench.read(ct.PRESENT_POSITION) == pytest.approx(bench.motor.angle / ct.POSITION_UNIT, abs=1)
+
+
+def test_backwards_and_no_faster_than_it_can(bench):
+    bench.motor.set(ct.VELOCITY_LIMIT, 1023)
+    bench.turning(-1000)
+    bench.now += NO_LOAD_SPEED / STEEPEST + 0.01
+    assert bench.motor.velocity == pytest.approx(-NO_LOAD_SPEED)
+    assert bench.read(ct.PRESENT_POSITION) < 0
+
+
+def test_the_place_where_it_looks_doesnt_matter(bench):
+    other = Bench()
+    for one in (bench, other):
+        one.turning(150, acceleration=20)
+    for _ in range(37):
+        bench.now += 0.01
+        assert bench.motor.velocity >= 0
+    other.now += 0.37
+    assert bench.motor.angle == pytest.approx(other.motor.angle)
+
+
+def test_without_torque_it_runs_out(bench):
+    bench.turning(200)
+    bench.now += 1
+    bench.write(ct.TORQUE_ENABLE, 0)
+    bench.now += 1
+    assert bench.motor.velocity == 0
+
+
+def test_the_watchdog_stops_it_as_in_the_manuals_example(bench):
+    bench.turning(50, watchdog=100)
+    bench.now += 1.99
+    assert bench.motor.velocity > 0
+    assert not bench.motor.watchdog_tripped
+    bench.now += 0.5
+    assert bench.motor.velocity == 0
+    assert bench.motor.watchdog_tripped
+    assert bench.write(ct.GOAL_VELOCITY, 150) == ct.RANGE_ERROR
+    assert bench.write(ct.BUS_WATCHDOG, 0) == 0
+    assert bench.write(ct.GOAL_VELOCITY, 150) == 0
+    bench.now += 1
+    assert bench.motor.velocity == pytest.approx(150 * ct.VELOCITY_UNIT)
+
+
+def test_any_packet_feeds_the_watchdog_and_it_sleeps_without_torque(bench):
+    bench.turning(50, watchdog=10)
+    for _ in range(20):
+        bench.now += 0.15
+        bench.ask(PING)
+    assert not bench.motor.watchdog_tripped
+    bench.write(ct.TORQUE_ENABLE, 0)
+    bench.now += 10
+    assert not bench.motor.watchdog_tripped
+
+
+def test_too_hot_it_lets_go_says_so_and_needs_a_reboot(bench):
+    bench.turning(100)
+    bench.now += 1
+    bench.motor.temperature = 81
+    error, _ = bench.ask(PING)
+    assert error == ct.ALERT
+    bench.now += 1
+    assert bench.motor.velocity == 0
+    assert bench.write(ct.TORQUE_ENABLE, 1) == ct.ALERT | ct.RESULT_FAIL
+    bench.motor.temperature = 30
+    assert bench.write(ct.TORQUE_ENABLE, 1) == ct.ALERT | ct.RESULT_FAIL
+    bench.ask(REBOOT)
+    assert bench.write(ct.TORQUE_ENABLE, 1) == 0
+
+
+@pytest.mark.parametrize(("level", "answered"), [(0, (True, False, False)), (1, (True, True, False))])
+def test_how_much_it_answers(bench, level, answered):
+    bench.write(ct.STATUS_RETURN_LEVEL, level)
+    ping, read, write = bench.ask(PING), bench.ask(READ, b"\x00\x00\x02\x00"), bench.write(ct.TORQUE_ENABLE, 0)
+    assert (ping is not None, read is not None, write is not None) == answered
