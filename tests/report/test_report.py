@@ -47,7 +47,8 @@ def swim(name: str, frequency: float, miss: float, lost: int | None = None, dive
         real[:, lost] = np.nan
     return TrialComparison(
         name, frequency, TIMES, weights, real, simulated, np.full((4, 2), 0.003), 0.1 * TIMES,
-        0.1 * TIMES - miss * TIMES / TIMES[-1], simulated - real, 0.4, 0.1, 0.1 - miss / TIMES[-1], 0.004, divergence,
+        0.1 * TIMES - miss * TIMES / TIMES[-1], simulated - real, real, simulated, 0.4, 0.1,
+        0.1 - miss / TIMES[-1], 0.004, divergence,
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from swim2real.errors import MissingExtraError, RunError
 from swim2real.parameters import ParameterSpace
+from swim2real.report.call_table import call_section
 from swim2real.report.headline import split, tiles
 from swim2real.report.marker_errors import marker_errors
 from swim2real.report.palette import COLORS, DARK_OF_LIGHT, Figure
@@ -24,6 +25,7 @@ from swim2real.report.units import mm
 
 REPORT = "report.html"
 _TEMPLATE, _STYLE, _SCRIPT = "report.html.j2", "report.css", "report.js"
+_CALLS = ("calls.css", "calls.js")  # only on pages with calls
 
 
 def write_report(run: str | Path, space: ParameterSpace) -> Path:
@@ -79,7 +81,13 @@ def render(run: ReportedRun) -> str:
         return Markup((templates / name).read_text(encoding="utf-8"))  # ours, not from a run
 
     return environment.get_template(_TEMPLATE).render(
-        **content(run), colors=COLORS, style=own(_STYLE), script=own(_SCRIPT), plotly=Markup(get_plotlyjs())
+        **content(run),
+        colors=COLORS,
+        style=own(_STYLE),
+        script=own(_SCRIPT),
+        plotly=Markup(get_plotlyjs()),
+        calls_style=own(_CALLS[0]),
+        calls_script=own(_CALLS[1]),
     )
 
 
@@ -105,6 +113,7 @@ def content(run: ReportedRun) -> dict[str, Any]:
         "mean_best": mm(float(np.mean(best_losses(run.entries)))),
         "parameters": parameter_rows(run),
         "rounds": advisor_rounds(run),
+        "calls": call_section(run.calls),
         "trials": trial_rows(run),
         "settings": settings_rows(run),
         "plots": {"figures": figures, "darkOfLight": DARK_OF_LIGHT},

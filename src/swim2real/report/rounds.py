@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from swim2real.parameters import ParameterSpace
+from swim2real.report.asked import TOLD, Asked, Exhibit, asked_in, exhibits_of
 from swim2real.report.run import Json, ReportedRun, incumbent
 from swim2real.report.units import mm, significant, text
 
@@ -52,6 +52,7 @@ class AdvisorRound:
         steps: As tried, at least one.
         before: Loss before the round [mm].
         after: Loss of the accepted step, else as before [mm].
+        asked: What it took of a VLM; None for a proposal that came of no call.
     """
 
     number: int
@@ -63,18 +64,22 @@ class AdvisorRound:
     steps: tuple[TriedStep, ...]
     before: str
     after: str
+    asked: Asked | None
 
 
 def advisor_rounds(run: ReportedRun) -> tuple[AdvisorRound, ...]:
     """All rounds of a run in order; none for a method without an advisor."""
     grouped = _grouped(run)
     longest = int(run.settings.get("max_steps") or max((len(indices) for _, indices in grouped), default=0))
+    exhibits = _exhibits(run, [number for number, _ in grouped])
     found: list[AdvisorRound] = []
     for number, indices in grouped:
         before = incumbent(run.entries[: indices[0]])
         steps = [run.entries[i] for i in indices]
         proposal: Json = steps[0]["note"].get("proposal") or {}
         accepted = accepted_step(run, indices)
+        notes: Json = proposal.get("notes") or {}
+        asks = run.calls is not None and "calls" in notes
         is_last = indices[-1] == len(run.entries) - 1
         missed = "cut short" if is_last and len(steps) < longest else "rejected"
         found.append(
@@ -83,11 +88,12 @@ def advisor_rounds(run: ReportedRun) -> tuple[AdvisorRound, ...]:
                 status=missed if accepted is None else "accepted",
                 diagnosis=str(proposal.get("diagnosis") or ""),
                 reasoning=str(proposal.get("reasoning") or ""),
-                notes=_notes(proposal.get("notes") or {}),
+                notes=_notes({name: value for name, value in notes.items() if not asks or name not in TOLD}),
                 moves=_moves(run.space, before or run.entries[0], proposal),
                 steps=tuple(_step(i, run.entries[i], before) for i in indices),
                 before=_loss(before),
                 after=_loss(before if accepted is None else run.entries[accepted]),
+                asked=asked_in(notes, run.space, exhibits.get(number, ())) if asks else None,
             )
         )
     return tuple(found)
@@ -107,6 +113,14 @@ def accepted_step(run: ReportedRun, indices: Sequence[int]) -> int | None:
         if not entry["failed"] and (before is None or entry["loss"] < before["loss"]):
             return index
     return None
+
+
+def _exhibits(run: ReportedRun, rounds: Sequence[int]) -> dict[int, list[Exhibit]]:
+    """What each round showed; the pictures of the first and of the last accepted one are put on the page."""
+    if run.calls is None:
+        return {}
+    accepted = [number for _, number in accepted_steps(run)]
+    return exhibits_of(run.calls, rounds, [*accepted[:1], *accepted[-1:]])
 
 
 def _grouped(run: ReportedRun) -> list[tuple[int, list[int]]]:
@@ -150,7 +164,7 @@ def _moves(space: ParameterSpace, start: Json, proposal: Json) -> tuple[str, ...
     )
 
 
-def _notes(notes: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+def _notes(notes: Json) -> tuple[tuple[str, str], ...]:
     short: list[tuple[str, str]] = []
     for name, value in notes.items():
         if isinstance(value, str | int | float | bool):

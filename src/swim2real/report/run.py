@@ -14,6 +14,7 @@ from swim2real.calibration import RunFolder, SwimPair, load_swims
 from swim2real.calibration.outcome import SWIMS
 from swim2real.errors import RunError
 from swim2real.parameters import ParameterSpace
+from swim2real.report.recorded_calls import RecordedCalls, read_calls
 
 Json = Mapping[str, Any]
 
@@ -58,6 +59,7 @@ class ReportedRun:
             simulation diverged. Empty before a run ends.
         marker_names: M names, head first.
         unfinished: What is missing and why, in sentences; None for a run that ended.
+        calls: Of the advisor; None for a run that made none.
     """
 
     name: str
@@ -71,6 +73,7 @@ class ReportedRun:
     swims: tuple[SwimPair, ...]
     marker_names: tuple[str, ...]
     unfinished: str | None
+    calls: RecordedCalls | None
 
     @property
     def first(self) -> Json:
@@ -147,6 +150,7 @@ def read_run(path: str | Path, space: ParameterSpace) -> ReportedRun:
         swims=tuple(sorted(swims, key=lambda swim: (swim.frequency, swim.name))),
         marker_names=_marker_names(outcome, fit),
         unfinished=_unfinished(settings, len(entries), outcome is not None, current, has_swims),
+        calls=read_calls(folder.path, settings, entries),
     )
 
 

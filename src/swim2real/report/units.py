@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 NOTHING = "–"
 _ZERO = 1e-12
@@ -43,6 +44,39 @@ def significant(value: Number) -> str:
     if abs(value) < _ZERO:
         return "0"
     return f"{value:.4g}".replace("-", "−")
+
+
+def count(value: int | None) -> str:
+    """A whole number with its thousands apart; a dash for None."""
+    return NOTHING if value is None else f"{value:,}"
+
+
+def dollars(value: float) -> str:
+    """An amount in USD, to the cent from ten cents on."""
+    return f"{value:,.{2 if value >= 0.1 else 4}f} USD"
+
+
+def duration(seconds: float) -> str:
+    """Seconds as a person says them."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{text(seconds, 1)} s" if seconds < 10 else f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600:,} h {whole % 3600 // 60} min"
+
+
+def listed(names: Sequence[object], most: int = 12) -> str:
+    """`a`, `a and b`, `a, b and c`, or the first few `and 9 more`."""
+    texts = [str(name) for name in names]
+    if len(texts) > most:
+        texts = [*texts[:most], f"{len(texts) - most} more"]
+    return " and ".join((", ".join(texts[:-1]), texts[-1])) if len(texts) > 1 else "".join(texts)
+
+
+def shortened(said: str, longest: int = 300) -> str:
+    """A text that others wrote, cut off where it gets long."""
+    return said if len(said) <= longest else said[: longest - 1] + "…"
 
 
 def spread(value: Number, std: Number) -> str:

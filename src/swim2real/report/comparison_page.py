@@ -1,0 +1,189 @@
+"""The page of a comparison: sortable tables, curves to hover over, and links to the runs' own pages, in one file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from swim2real.comparison.results import ComparisonResults, load_results
+from swim2real.comparison.statistics import MethodStatistics, best_method, differences, method_statistics
+from swim2real.comparison.statistics_cells import Cell, Table, as_number, mm_cell
+from swim2real.comparison.statistics_tables import LOSSES, MARKER_KINDS, tables
+from swim2real.errors import MissingExtraError, RunError
+from swim2real.report.comparison_figures import convergence, head_to_tail, strip, velocities
+from swim2real.report.comparison_palette import METHOD_DARK_OF_LIGHT, method_styles
+from swim2real.report.page import REPORT
+from swim2real.report.palette import COLORS, Figure
+from swim2real.report.paper_figures import FIGURES
+from swim2real.report.units import duration, listed
+
+COMPARISON = "comparison.html"
+_TEMPLATES = Path(__file__).parent / "templates"
+
+
+@dataclass(frozen=True)
+class Board:
+    """What the page shows of one protocol.
+
+    Attributes:
+        protocol: `aligned` or `paper`.
+        loss: Name of what is minimized.
+        verdict: Sentences that say who is best and how surely; empty without runs.
+        tables: By key.
+        markers: Kinds of errors by marker, with their words.
+    """
+
+    protocol: str
+    loss: str
+    verdict: tuple[str, ...]
+    tables: Mapping[str, Table]
+    markers: tuple[tuple[str, str], ...]
+
+
+def write_comparison_report(folder: str | Path, theory: Mapping[str, float] | None = None) -> Path:
+    """Writes the page of a comparison into its folder. The same folder gives the same page, to the last byte.
+
+    Args:
+        folder: Of the comparison, with `results.json`.
+        theory: Speeds that elongated body theory predicts, by trial [m/s].
+
+    Returns:
+        Where the page is.
+
+    Raises:
+        MissingExtraError: plotly or jinja2 isn't installed.
+        RunError: There are no results, they are damaged, or the page can't be written.
+    """
+    place = Path(folder)
+    page = render_comparison(load_results(place), place, theory)
+    path = place / COMPARISON
+    part = path.with_name(COMPARISON + ".part")
+    try:
+        part.write_text(page, encoding="utf-8")
+        os.replace(part, path)
+    except OSError as error:
+        raise RunError(f"can't write '{path}': {error.strerror or error}; make room or allow writing there") from error
+    return path
+
+
+def render_comparison(results: ComparisonResults, folder: Path, theory: Mapping[str, float] | None = None) -> str:
+    """The page as text.
+
+    Raises:
+        MissingExtraError: plotly or jinja2 isn't installed.
+    """
+    try:
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+        from markupsafe import Markup
+        from plotly.offline import get_plotlyjs  # pyright: ignore[reportMissingTypeStubs]
+    except ImportError as error:
+        raise MissingExtraError(
+            "the report needs plotly and jinja2; install them with: pip install 'swim2real[report]'"
+        ) from error
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+
+    def own(*names: str) -> Markup:
+        return Markup("\n".join((_TEMPLATES / name).read_text(encoding="utf-8") for name in names))  # ours
+
+    return environment.get_template("comparison.html.j2").render(
+        **comparison_content(results, folder, theory),
+        colors=COLORS,
+        style=own("report.css", "comparison.css"),
+        script=own("report.js", "comparison.js"),
+        plotly=Markup(get_plotlyjs()),
+    )
+
+
+def comparison_content(
+    results: ComparisonResults, folder: Path, theory: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """Everything that the template shows."""
+    styles = method_styles(results.methods)
+    boards: list[Board] = []
+    figures: dict[str, Figure] = {}
+    for protocol in results.protocols:
+        methods = method_statistics(results, protocol)
+        kinds = MARKER_KINDS[protocol]
+        made = {table.key: table for table in tables(results, protocol, theory)}
+        boards.append(Board(protocol, LOSSES[protocol], verdict(methods), made, kinds))
+        if not methods:
+            continue
+        figures |= {
+            f"convergence-{protocol}": convergence(methods, styles),
+            f"strip-{protocol}": strip(methods, styles),
+            f"speed-{protocol}": velocities(methods, styles, errors=False, theory=theory),
+            f"velocity-{protocol}": velocities(methods, styles, errors=True, theory=theory),
+        }
+        figures |= {f"{kind}-{protocol}": head_to_tail(methods, styles, kind, results.markers) for kind, _ in kinds}
+    seeds = sorted({run.seed for run in results.runs})
+    return {
+        "name": folder.resolve().name,
+        "results": results,
+        "seeds": listed(seeds),
+        "engine": results.engine.get("name", "?"),
+        "boards": boards,
+        "styles": styles,
+        "runs": run_table(results),
+        "pages": run_pages(results, folder),
+        "papers": [quote(f"{FIGURES}/{path.name}") for path in sorted((folder / FIGURES).glob("*.pdf"))],
+        "plots": {"figures": figures, "darkOfLight": METHOD_DARK_OF_LIGHT},
+    }
+
+
+def verdict(methods: tuple[MethodStatistics, ...]) -> tuple[str, ...]:
+    """Who is best and how surely, in sentences."""
+    if not methods:
+        return ()
+    best = best_method(methods)
+    loss, count = LOSSES[best.protocol], len(best.runs)
+    first = f"{best.method} has the lowest mean {loss}: {_mm(best.final.mean)}"
+    first += f", and {_mm(best.final.worst)} with its worst seed." if count > 1 else ", with a single seed."
+    said = [first]
+    gaps = [(name, gap) for name, gap in differences(methods).items() if gap is not None]
+    if gaps:
+        name, gap = min(gaps, key=lambda pair: pair[1].mean)
+        then = f"Next is {name}, {_mm(gap.mean)} above"
+        if len(gap.seeds) < 2:
+            said.append(f"{then}; one seed can't tell how surely.")
+        else:
+            sure = "which leaves out zero" if gap.is_sure else "which holds zero, so it may be chance"
+            said.append(f"{then} (95 % interval {_mm(gap.low)} to {_mm(gap.high)}, {len(gap.seeds)} seeds), {sure}.")
+    area = best_method(methods, "auc")
+    said.append(f"The lowest mean AUC has {area.method}: {_mm(area.auc.mean)}.")
+    return tuple(said)
+
+
+def _mm(value: float) -> str:
+    return f"{as_number(value, 1, 1e3)} mm"
+
+
+def run_table(results: ComparisonResults) -> Table:
+    """Every run, with the trial that it left out."""
+    rows = [
+        (
+            run.method,
+            (
+                Cell(run.protocol), Cell(str(run.seed), run.seed), Cell(run.held_out or "none"), mm_cell(run.best_loss),
+                Cell(str(run.best_evaluation), run.best_evaluation), Cell(str(run.calls), run.calls),
+                Cell(str(sum(run.failed)), sum(run.failed)), Cell(duration(run.seconds), run.seconds),
+            ),
+        )
+        for run in results.runs
+    ]  # fmt: skip
+    heads = (
+        "Method", "Protocol", "Seed", "Left out", "Best (mm)", "Found at evaluation", "Advisor calls", "Diverged",
+        "Time",
+    )  # fmt: skip
+    return Table("runs", "Every run", heads, tuple(rows))
+
+
+def run_pages(results: ComparisonResults, folder: Path) -> list[str]:
+    """The address of each run's own page relative to the comparison's, empty where there is none."""
+    return [quote(f"{run.folder}/{REPORT}") if (folder / run.folder / REPORT).is_file() else "" for run in results.runs]

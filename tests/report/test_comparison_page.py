@@ -1,0 +1,211 @@
+"""The page of a comparison: what it says, that it needs nothing else, and that a click on a column's head sorts it."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from made_results import made_results, made_run, two_methods
+from swim2real.comparison.results import ComparisonResults
+from swim2real.errors import MissingExtraError, RunError
+from swim2real.report.comparison_page import comparison_content, verdict, write_comparison_report
+from swim2real.report.comparison_palette import METHOD_DARK_OF_LIGHT
+
+EVIL = "<script>alert('no')</script>"
+
+
+def put(results: ComparisonResults, folder: Path) -> Path:
+    """A comparison's folder with its results."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "results.json").write_text(json.dumps(results.as_dict()), encoding="utf-8")
+    return folder
+
+
+def page_of(results: ComparisonResults, folder: Path, **more) -> str:
+    return write_comparison_report(put(results, folder), **more).read_text(encoding="utf-8")
+
+
+def visible(page: str) -> str:
+    body = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.DOTALL)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", body))
+
+
+def three_methods() -> ComparisonResults:
+    """In an order that is neither that of the names nor that of the errors; one of them ends at different errors."""
+    finals = {"random": (0.03, 0.05), "line-search": (0.01, 0.012), "cma-es": (0.2, 0.02)}
+    runs = [made_run(m, s, [0.2] * 7 + [loss]) for m, losses in finals.items() for s, loss in enumerate(losses)]
+    return made_results(*runs)
+
+
+def test_the_page_says_who_is_best_and_how_surely(tmp_path: Path) -> None:
+    shown = visible(page_of(two_methods(), tmp_path / "my <b>comparison"))
+    for words in (
+        "my &lt;b&gt;comparison",
+        "good has the lowest mean aligned marker error: 12.0 mm, and 14.0 mm with its worst seed.",
+        "Next is bad, 50.0 mm above (95 % interval 50.0 mm to 50.0 mm, 3 seeds), which leaves out zero.",
+        "The lowest mean AUC has good: 66.5 mm.", "12.0 ± 2.0", "8 evaluations each", "Seeds 0, 1 and 2",
+        "1 planned run is not here", "aligned/absent/seed-0 : the library is not there", "not reached (0/3)",
+        "Trials left out of the fit", "Proposals and line search", "mujoco 3.13.0", "d5756570ca64",
+    ):  # fmt: skip
+        assert words in shown, words
+
+
+def test_chance_is_said() -> None:
+    from swim2real.comparison.statistics import method_statistics
+
+    runs = [made_run("a", s, [0.1] * 8) for s in range(3)]
+    runs += [made_run("b", s, [0.1 + d] * 8) for s, d in enumerate((-0.02, 0.03, 0.01))]
+    said = verdict(method_statistics(made_results(*runs), "aligned"))
+    assert "which holds zero, so it may be chance" in said[1]
+    alone = verdict(method_statistics(made_results(*runs[:1], runs[3]), "aligned"))
+    assert alone[0].endswith("with a single seed.")
+    assert "one seed can't tell" in alone[1]
+
+
+def test_the_same_folder_gives_the_same_page(tmp_path: Path) -> None:
+    assert page_of(two_methods(), tmp_path) == page_of(two_methods(), tmp_path)
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_the_page_needs_no_network(tmp_path: Path) -> None:
+    page = page_of(two_methods(), tmp_path)
+    markup = re.sub(r"(<(script|style)\b[^>]*>).*?</\2>", r"\1", page, flags=re.DOTALL)
+    tags = re.findall(r"<[^>]+>", markup)
+    assert not [tag for tag in tags if re.search(r"^<(link|iframe|img|object|base)\b|\ssrc\s*=", tag)]
+    assert all(target.startswith("#") for target in re.findall(r'href="([^"]*)"', markup))
+    assert "default-src 'none'" in page
+    assert "url(" not in "".join(re.findall(r"<style>(.*?)</style>", page, re.DOTALL))
+    assert len(page) < 7e6
+
+
+def test_runs_link_to_their_own_pages_where_there_are_any(tmp_path: Path) -> None:
+    made = two_methods()
+    there = tmp_path / "runs/aligned/good/seed-1"
+    there.mkdir(parents=True)
+    (there / "report.html").write_text("a page")
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures/strip-aligned.pdf").write_text("a figure")
+    page = page_of(made, tmp_path)
+    assert re.findall(r'href="([^"#]+)"', re.sub(r"<script\b.*?</script>", "", page, flags=re.DOTALL)) == [
+        "runs/aligned/good/seed-1/report.html", "figures/strip-aligned.pdf"
+    ]  # fmt: skip
+
+
+def test_texts_from_results_are_escaped(tmp_path: Path) -> None:
+    run = replace(made_run(EVIL, 0, [0.2] * 8), folder="runs/evil")
+    page = page_of(made_results(run, missing={EVIL: EVIL}), tmp_path)
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert" in page
+    island = re.search(r'<script type="application/json" id="plots">(.*?)</script>', page, re.DOTALL)
+    assert island
+    assert EVIL not in json.dumps(json.loads(island[1]))  # Plotly reads labels as HTML
+
+
+def test_a_protocol_without_runs_and_no_runs_at_all(tmp_path: Path) -> None:
+    made = replace(three_methods(), protocols=("aligned", "paper"))
+    shown = visible(page_of(made, tmp_path / "one"))
+    assert "No run of this protocol has finished. Run the comparison again" in shown
+    empty = replace(made, runs=())
+    assert visible(page_of(empty, tmp_path / "none")).count("No run of this protocol has finished") == 2
+
+
+def test_theory_is_beside_the_simulators(tmp_path: Path) -> None:
+    content = comparison_content(two_methods(), tmp_path, {"slow": 0.03, "fast": 0.17})
+    (board,) = content["boards"]
+    assert [(name, [c.text for c in cells]) for name, cells in board.tables["velocity"].rows][-1] == (
+        "elongated body theory", ["10.0", "30.0", "20.0"]
+    )  # fmt: skip
+    names = [trace.get("name") for trace in content["plots"]["figures"]["speed-aligned"]["data"]]
+    assert names == ["good", "bad", "elongated body theory", "real"]
+
+
+def test_figures_are_plotly_s_and_follow_the_theme(tmp_path: Path) -> None:
+    graph_objects = pytest.importorskip("plotly.graph_objects")
+    figures = comparison_content(two_methods(), tmp_path)["plots"]["figures"]
+    assert len(figures) == 7
+    for name, figure in figures.items():
+        graph_objects.Figure(figure)  # raises for what plotly doesn't know
+        text = json.dumps(figure)
+        assert set(re.findall(r"#[0-9a-f]{6,8}\b", text)) <= METHOD_DARK_OF_LIGHT.keys(), name
+        assert "NaN" not in text
+        assert "Infinity" not in text
+
+
+def test_missing_things_are_sentences(tmp_path: Path, monkeypatch) -> None:
+    with pytest.raises(RunError, match=r"has no results\.json"):
+        write_comparison_report(tmp_path)
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    with pytest.raises(MissingExtraError, match=re.escape("pip install 'swim2real[report]'")):
+        page_of(two_methods(), tmp_path)
+
+
+# clicks on the heads of a table and writes down what comes of it
+CLICKS = """
+<script>addEventListener("load", () => {
+  const table = document.getElementById("table-paper-aligned");
+  const said = [];
+  const look = (what) => said.push({
+    what, order: [...table.tBodies[0].rows].map((row) => row.cells[0].textContent.trim()),
+    sorts: [...table.tHead.rows[0].cells].map((head) => head.getAttribute("aria-sort")),
+  });
+  const buttons = [...table.querySelectorAll("thead button")];
+  look("planned");
+  buttons[1].click(); look("best");
+  buttons[1].click(); look("best again");
+  buttons[0].click(); look("method");
+  buttons[2].focus();
+  said.push({focus: document.activeElement === buttons[2], tab: buttons[2].tabIndex, tag: buttons[2].tagName});
+  const other = document.getElementById("table-sureness-aligned");
+  other.querySelectorAll("thead button")[2].click();
+  const last = () => other.tBodies[0].rows[2].cells[0].textContent.trim();
+  said.push({unknown: last()});
+  other.querySelectorAll("thead button")[2].click();
+  said.push({unknown: last()});
+  const out = document.createElement("pre"); out.id = "said"; out.textContent = JSON.stringify(said);
+  document.body.append(out);
+});</script></body>"""
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_a_browser_draws_the_page_and_sorts_on_a_click(tmp_path: Path, dark: bool) -> None:
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no Chromium on this machine; install chromium to see that the page sorts")
+    results = three_methods()
+    expected = len(comparison_content(results, tmp_path)["plots"]["figures"])
+    page = tmp_path / "clicked.html"
+    page.write_text(page_of(results, tmp_path).replace("</body>", CLICKS), encoding="utf-8")
+    done = subprocess.run(
+        [
+            browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+            "--disable-background-networking", "--disable-component-update", "--disable-sync",
+            f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=20000", "--enable-logging=stderr",
+            f"--blink-settings=preferredColorScheme={0 if dark else 1}", "--dump-dom", page.as_uri(),
+        ],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert "CONSOLE" not in done.stderr, done.stderr[-2000:]
+    drawn = re.sub(r"<script\b.*?</script>", "", done.stdout, flags=re.DOTALL)
+    assert len(re.findall(r'class="plot[^"]*js-plotly-plot', drawn)) == expected
+    assert "This figure could not be drawn" not in drawn
+    found = re.search(r'<pre id="said">(.*?)</pre>', drawn)
+    assert found
+    planned, best, again, method, focus, *unknown = json.loads(found[1])
+    assert planned["order"] == ["random", "line-search", "cma-es"]
+    assert best["order"] == ["line-search", "random", "cma-es"]
+    assert best["sorts"] == [None, "ascending", None, None]
+    assert again["order"] == ["cma-es", "random", "line-search"]
+    assert again["sorts"] == [None, "descending", None, None]
+    assert method["order"] == ["cma-es", "line-search", "random"]
+    assert method["sorts"] == ["ascending", None, None, None]
+    assert focus == {"focus": True, "tab": 0, "tag": "BUTTON"}
+    # the best method has no difference to itself: last, whichever way
+    assert unknown == [{"unknown": "line-search"}] * 2
+    color = METHOD_DARK_OF_LIGHT["#0072b2"] if dark else "#0072b2"
+    red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
+    assert f"rgb({red}, {green}, {blue})" in drawn

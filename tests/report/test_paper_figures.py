@@ -1,0 +1,220 @@
+"""Figures for papers: the files, their fonts and sizes, the same bytes each time; what is drawn is what was found."""
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from made_results import TRIALS, made_results, made_run, two_methods
+from swim2real.calibration import SwimPair
+from swim2real.comparison.results import ComparisonResults
+from swim2real.comparison.statistics import method_statistics
+from swim2real.errors import MissingExtraError, RunError
+from swim2real.report.comparison_palette import METHOD_DARK_OF_LIGHT, method_styles
+from swim2real.report.palette import COLORS
+from swim2real.report.paper_figures import write_figures
+from swim2real.report.paper_figures.chronophotography import moments, outline
+from swim2real.report.paper_figures.convergence import draw_convergence
+from swim2real.report.paper_figures.line_search import draw_line_search
+from swim2real.report.paper_figures.style import legend_columns, paper_style
+from swim2real.report.paper_figures.velocity import draw_velocity
+
+KNOWN = ("line-search", "no-line-search", "warm-start", "bayesopt", "cma-es", "random", "staged", "least-squares")
+TIMES = np.arange(61) / 30
+
+
+def put_swims(folder: Path, results: ComparisonResults) -> None:
+    """Two short swims in each run folder, as a run leaves them: 40 mm long bodies of three markers."""
+    for run in results.runs:
+        place = folder / run.folder
+        place.mkdir(parents=True)
+        arrays: dict[str, np.ndarray] = {
+            "names": np.array(TRIALS), "held_out": np.zeros(2, dtype=bool), "frequencies": np.array([0.5, 1.5])
+        }  # fmt: skip
+        for i in range(2):
+            swing = 0.1 * np.sin(2 * np.pi * TIMES)
+            body = np.zeros((len(TIMES), 3, 2))
+            body[:, 1, 0], body[:, 2, 0], body[:, 2, 1] = 0.15, 0.5, swing
+            arrays |= {
+                f"times_{i}": TIMES, f"weights_{i}": np.ones((len(TIMES), 3)), f"real_{i}": body,
+                f"simulated_{i}": body, f"registration_{i}": np.zeros((3, 2)), f"progress_real_{i}": 0.1 * TIMES,
+                f"progress_simulated_{i}": 0.2 * TIMES,
+            }  # fmt: skip
+        np.savez_compressed(place / "swims.npz", **arrays)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory) -> tuple[Path, list[Path]]:
+    folder = tmp_path_factory.mktemp("comparison")
+    put_swims(folder, two_methods())
+    return folder, write_figures(two_methods(), folder)
+
+
+def test_every_figure_is_there_as_vector_and_as_pixels(written) -> None:
+    folder, paths = written
+    names = ("convergence", "strip", "velocity", "line-search", "markers", "chronophotography")
+    assert {p.relative_to(folder).as_posix() for p in paths} == {
+        f"figures/{name}-aligned.{kind}" for name in names for kind in ("pdf", "png")
+    }
+    assert all(path.stat().st_size > 5000 for path in paths)
+
+
+def test_the_same_results_give_the_same_files(written, tmp_path: Path) -> None:
+    paths = written[1]
+    put_swims(tmp_path, two_methods())
+    for first, second in zip(paths, write_figures(two_methods(), tmp_path), strict=True):
+        assert first.read_bytes() == second.read_bytes(), first.name
+
+
+def test_letters_in_the_pdf_stay_letters_and_are_embedded(written) -> None:
+    for path in written[1]:
+        if path.suffix == ".pdf":
+            content = path.read_bytes()
+            assert b"/CreationDate" not in content
+            assert b"/Type3" not in content
+            assert b"/CIDFontType2" in content
+            assert b"/FontFile2" in content
+
+
+def test_sizes_are_those_of_columns(written) -> None:
+    from PIL import Image
+
+    for path in written[1]:
+        if path.suffix == ".png":
+            with Image.open(path) as image:
+                assert image.width in (1020, 2100), path.name  # 3.4 and 7 inches at 300 dots an inch
+                assert image.info["dpi"] == pytest.approx((300, 300), abs=0.1)
+                assert "Software" not in image.info
+                assert np.ptp(np.asarray(image.convert("L"))) > 150  # not blank
+
+
+def test_the_mean_and_each_seed_s_end_are_drawn() -> None:
+    methods = method_statistics(two_methods(), "aligned")
+    with paper_style():
+        axes = draw_convergence(methods, method_styles(["good", "bad"])).axes[0]
+        good = [line for line in axes.lines if line.get_color() == method_styles(["good", "bad"])["good"].light]
+        mean = next(line for line in good if line.get_linewidth() == 1.5)
+        ends = next(line for line in good if line.get_linestyle() == "None")
+    np.testing.assert_allclose(mean.get_ydata(), 1e3 * methods[0].curves.mean(axis=0))
+    np.testing.assert_allclose(ends.get_ydata(), [10, 12, 14])
+    assert (np.asarray(ends.get_xdata()) > 8).all()
+    assert axes.get_yscale() == "log"
+
+
+def test_theory_is_one_more_line_with_its_error() -> None:
+    methods = method_statistics(two_methods(), "aligned")
+    with paper_style():
+        figure = draw_velocity(methods, method_styles(["good", "bad"]), {"slow": 0.03, "fast": 0.17})
+        labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["real", "good (4.0 mm/s)", "bad (30.0 mm/s)", "elongated body theory (20.0 mm/s)"]
+
+
+def test_line_search_bars_add_up_and_methods_without_rounds_are_left_out() -> None:
+    methods = method_statistics(two_methods(), "aligned")
+    with paper_style():
+        left = draw_line_search(methods, method_styles(["good", "bad"])).axes[0]
+        widths = [patch.get_width() for patch in left.patches]
+        assert draw_line_search(methods[1:], method_styles(["good", "bad"])) is None
+    assert widths == pytest.approx([100 / 3, 100 / 3, 0, 100 / 3])
+    assert [label.get_text() for label in left.get_yticklabels()] == ["good"]
+
+
+def test_bodies_swim_to_the_right_and_lost_markers_are_left_out() -> None:
+    body = np.zeros((3, 4, 2))
+    body[:, :, 0] = [0, 0.15, 0.3, 0.5]
+    weights = np.ones((3, 4))
+    weights[2, 2] = 0
+    progress = np.array([0.0, 0.2, 0.4])
+    pair = SwimPair("t", False, 1.0, np.arange(3.0), weights, body, body, np.zeros((4, 2)), progress, progress)
+    placed = moments(pair, body, progress, [0, 1, 2], seen=True)
+    np.testing.assert_allclose(placed[:, 0, 0], [0, 0.2, 0.4])
+    np.testing.assert_allclose(placed[0, 3], [-0.5, 0])
+    assert np.isnan(placed[2, 2]).all()
+    assert not np.isnan(moments(pair, body, progress, [0, 1, 2], seen=False)).any()
+    around = outline(placed[2])
+    assert around is not None
+    assert around[:, 0].max() == pytest.approx(0.4, abs=1e-3)
+    assert around[:, 0].min() == pytest.approx(-0.1, abs=0.01)
+    assert np.ptp(around[:, 1]) == pytest.approx(0.065, abs=0.015)
+    assert outline(np.full((4, 2), np.nan)) is None
+
+
+def test_without_swims_the_others_are_still_drawn(tmp_path: Path, caplog) -> None:
+    paths = write_figures(two_methods(), tmp_path)
+    assert len(paths) == 10
+    assert "no chronophotography for protocol aligned" in caplog.text
+    assert "swims.npz" in caplog.text
+
+
+def test_a_protocol_without_runs_is_said(tmp_path: Path, caplog) -> None:
+    made = replace(made_results(made_run("a", 0, [0.2] * 8)), protocols=("aligned", "paper"))
+    assert len(write_figures(made, tmp_path)) == 8  # no rounds, no swims
+    assert "no figures for protocol paper" in caplog.text
+
+
+def test_many_methods_with_long_names_fit(tmp_path: Path) -> None:
+    names = [*KNOWN, "line-search@google:a-model-with-a-long-name", "line-search@openai:another"]
+    made = made_results(*(made_run(m, s, [0.2] * 7 + [0.02 + 0.01 * i]) for i, m in enumerate(names) for s in range(2)))
+    assert len(write_figures(made, tmp_path)) == 8
+    assert legend_columns(names, 3.4) == 1
+    assert legend_columns(["a", "b", "c"], 3.4) == 3
+
+
+def test_each_method_has_its_own_look_everywhere() -> None:
+    styles = method_styles(KNOWN)
+    assert len({style.light for style in styles.values()}) == len(KNOWN)
+    assert len({style.mark for style in styles.values()}) == len(KNOWN)
+    # whichever methods stand beside it
+    assert method_styles(["x", "random"])["random"] == styles["random"]
+    many = method_styles([f"line-search@{i}" for i in range(6)])
+    assert len({(s.light, s.mark, s.pattern) for s in many.values()}) == 6
+    assert len({style.light for style in many.values()} | {s.light for s in styles.values()}) == 14
+    assert {s.light for s in (*many.values(), *styles.values())} <= METHOD_DARK_OF_LIGHT.keys()
+    assert not {s.light for s in (*many.values(), *styles.values())} & {light for light, _ in COLORS.values()}
+
+
+def test_known_methods_stay_apart_for_the_color_blind() -> None:
+    # Machado et al. 2009, severity 1; distances in CIELAB
+    kinds = {
+        "normal": np.eye(3),
+        "deuteranopia": [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]],
+        "protanopia": [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],
+    }
+    for theme in ("light", "dark"):
+        for kind, matrix in kinds.items():
+            labs = [lab(np.asarray(matrix) @ linear(getattr(one, theme))) for one in method_styles(KNOWN).values()]
+            apart = [np.linalg.norm(a - b) for i, a in enumerate(labs) for b in labs[:i]]
+            assert min(apart) > 10, (theme, kind)
+
+
+def linear(color: str) -> np.ndarray:
+    parts = np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    return np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+
+
+def lab(rgb: np.ndarray) -> np.ndarray:
+    to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    x, y, z = np.cbrt(to_xyz @ np.clip(rgb, 1e-4, 1) / [0.9505, 1.0, 1.089])
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+def test_a_missing_library_is_a_sentence(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingExtraError, match=re.escape("pip install 'swim2real[compare]'")):
+        write_figures(two_methods(), tmp_path)
+
+
+def test_a_folder_that_can_t_be_written(tmp_path: Path) -> None:
+    (tmp_path / "figures").write_text("in the way")
+    with pytest.raises(RunError, match="can't make"):
+        write_figures(two_methods(), tmp_path)
+
+
+def test_the_room_imports_without_matplotlib() -> None:
+    code = "import sys, swim2real.report.paper_figures; print('matplotlib' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
