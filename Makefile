@@ -22,7 +22,7 @@ test-newest: $(NEWEST)/.installed
 	$(NEWEST)/bin/python -m pytest -m "not slow"
 
 check: $(STAMP)
-	$(BIN)/ruff check .
+	$(BIN)/ruff check --no-cache .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports

@@ -9,6 +9,7 @@ import pytest
 from films import Shot, shoot
 from pools import film
 from swim2real.trials import TrialSet, load_reference, save_reference
+from vlm_server import VlmServer
 
 # the same examples every time, and no time limit for one, since machines are shared
 hypothesis.settings.register_profile("swim2real", deadline=None, derandomize=True, database=None)
@@ -16,25 +17,52 @@ hypothesis.settings.load_profile("swim2real")
 
 PROJECT = Path(__file__).resolve().parents[1]
 HERE = ("127.0.0.1", "::1", "localhost")
+SECRET = ("_API_KEY", "_AUTH_TOKEN", "_BASE_URL", "_PROXY")
 
 
-@pytest.fixture(scope="session", autouse=True)
-def no_network():
-    """No test may talk to another machine."""
-    patches = pytest.MonkeyPatch()
+@pytest.fixture(autouse=True)
+def only_this_machine(monkeypatch):
+    """Fails a test that looks for another machine, even where a client takes that for a network that is down."""
+    tried: list[str] = []
 
-    def guarded(connect):
-        def only_here(self, address):
-            if self.family in (socket.AF_INET, socket.AF_INET6) and address[0] not in HERE:
-                raise AssertionError(f"a test tried to connect to {address}")
-            return connect(self, address)
+    def guard(owner, name, address):
+        original = getattr(owner, name)
 
-        return only_here
+        def guarded(*args, **kwargs):
+            host = address(*args)
+            if host is not None and host not in HERE:
+                tried.append(str(host))
+                raise OSError(f"a test must not reach '{host}'")
+            return original(*args, **kwargs)
+
+        monkeypatch.setattr(owner, name, guarded)
+
+    def of_socket(connection, address, *rest):
+        return address[0] if connection.family in (socket.AF_INET, socket.AF_INET6) else None
+
+    def of_name(host, *rest):
+        return host.decode() if isinstance(host, bytes) else host
 
     for name in ("connect", "connect_ex"):
-        patches.setattr(socket.socket, name, guarded(getattr(socket.socket, name)))
-    yield
-    patches.undo()
+        guard(socket.socket, name, of_socket)
+    guard(socket, "getaddrinfo", of_name)
+    yield tried
+    assert not tried, f"the test tried to reach {', '.join(tried)}; only this machine is allowed"
+
+
+@pytest.fixture(autouse=True)
+def no_keys(monkeypatch):
+    """No key and no address of whoever runs the tests."""
+    for name in list(os.environ):
+        if name.upper().endswith(SECRET):
+            monkeypatch.delenv(name)
+
+
+@pytest.fixture
+def vlm():
+    """A server that answers as a test says."""
+    with VlmServer() as server:
+        yield server
 
 
 @pytest.fixture(scope="session")

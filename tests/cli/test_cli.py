@@ -27,14 +27,23 @@ from swim2real.simulation import Engine
 from swim2real.trials import save_reference
 
 COMMANDS = (
-    "calibrate", "demo", "evaluate", "fetch", "import-tracks", "pick", "quality", "report", "simulate", "track",
+    "calibrate", "compare", "demo", "deploy", "ensemble", "evaluate", "export-commands", "fetch", "identify",
+    "import-tracks", "overlay", "pick", "quality", "report", "rollout", "simulate", "track", "train",
 )  # fmt: skip
 SPEC_FIGURES = {  # of the interface's `evaluate --json`
     "marker_error", "aligned_marker_error", "shape_error", "static_offset", "velocity_error", "left_out_share",
 }  # fmt: skip
 OUR_FIGURES = {"progress_error", "unweighted_error"}
 SPEC_TRIAL = {"frequency", "velocity_real", "velocity_simulated"}
-OUR_TRIAL = {"phase", "divergence", "marker_errors", "aligned_marker_errors", "beat_real", "beat_simulated"}
+OUR_TRIAL = {
+    "phase",
+    "divergence",
+    "marker_errors",
+    "aligned_marker_errors",
+    "shape_marker_errors",
+    "beat_real",
+    "beat_simulated",
+}
 
 
 @pytest.fixture(scope="session")
@@ -98,7 +107,7 @@ def test_the_version_is_told(program):
         "import-tracks": ["--fps", "--camera", "--frequency", "DeepLabCut", "SLEAP", "Reference folder to add"],
         "pick": ["--out", "One self-contained HTML file", "download points.json", "Page to write"],
         "quality": ["--plot", "--allow-lost", "Folder with the real trials", "Exits with 1 when", "Also write an HTML"],
-        "report": ["Run folder", "one self-contained HTML file"],
+        "report": ["Folder of a run or a comparison", "one self-contained HTML file"],
         "simulate": ["--from-rest", "Run folder or parameters file", "Writes an .npz with times (T,)"],
         "track": [
             "--markers", "--frequency", "--tracker", "--camera", "--smooth", "--no-overlay", "--workers", "--json",
@@ -161,7 +170,12 @@ def test_words_that_make_no_command_leave_with_2(program, tmp_path, monkeypatch,
         (["--horizon", "inf"], "--horizon is inf; it must be 0 (all) or above, and finite"),
         (["--threads", "-2"], "--threads is -2; it must be 0 (all cores) or above"),
         (["--seed", "-1"], "seed is -1; it must be a whole number from 0 on"),
-        (["--advisor", "oracle"], "advisor is 'oracle'; this version has physics"),
+        (
+            ["--advisor", "oracle"],
+            "advisor is 'oracle'; there are physics, files, replay:RUN, google:MODEL, openai:MODEL, anthropic:MODEL",
+        ),
+        (["--advisor", "openai:any"], "there is no key for 'openai:any': set the environment variable OPENAI_API_KEY"),
+        (["--advisor", "replay:"], "advisor is 'replay:'; say of which run: replay:RUN"),
         (["--max-steps", "0"], "max_steps is 0; it must be at least 1"),
         (
             ["--early-stop", "--method", "random"],
@@ -430,7 +444,7 @@ def test_wrong_parameters_are_named(program, parameters, pool_folder, changes, s
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [({"format": 2}, "format is 2"), ({"robot": "eel"}, "is for robot 'eel', not 'fish'")],
+    [({"format": 2}, "format is 2"), ({"robot": "eel"}, "is for robot 'eel'; there are fish, fish-extended")],
     ids=["format", "robot"],
 )
 def test_a_parameters_file_for_something_else_is_refused(program, parameters, pool_folder, content, says):

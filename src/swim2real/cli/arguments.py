@@ -5,13 +5,21 @@ Nothing heavy is imported here, so that `swim2real --help` is quick.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
+from swim2real.cli.compare_arguments import Compare
+from swim2real.cli.deployment_arguments import Deploy
+from swim2real.cli.rl_arguments import ExportCommands, Rollout, Train
+from swim2real.cli.study_arguments import Ensemble, Identify
+from swim2real.cli.vlm_arguments import Vlm
+
 Positional = tyro.conf.Positional
+# as in pipeline.methods, which would bring NumPy and more
+Method = Literal["line-search", "random", "warm-start", "cma-es", "bayesopt", "least-squares", "staged"]
 
 
 @dataclass(frozen=True)
@@ -27,10 +35,16 @@ class Calibrate:
     """Folder with the real trials."""
     out: Path
     """Run folder to write."""
-    method: Literal["line-search", "random", "warm-start"] = "line-search"
-    """line-search: an advisor's proposals with backtracking; random; warm-start: one proposal, then random."""
+    method: Method = "line-search"
+    """line-search: an advisor's proposals with backtracking. warm-start: one proposal, then random. cma-es: pycma.
+    bayesopt: scikit-optimize. least-squares: Levenberg-Marquardt with finite differences. staged: the prior work's
+    stages by hand."""
     advisor: str = "physics"
-    """Who proposes: 'physics' is built in and needs no key."""
+    """Who proposes. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a VLM, key from
+    GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window. replay:RUN: an earlier run's
+    replies, without a network."""
+    parameters: Literal["fish", "fish-extended"] = "fish"
+    """What is calibrated. fish: the paper's 16 parameters. fish-extended: dry friction at the water's surface, too."""
     protocol: Literal["aligned", "paper"] = "aligned"
     """aligned: identified frequency, steady swim, phase, registration, lost tracks left out. paper: none of these."""
     budget: int = 40
@@ -49,6 +63,7 @@ class Calibrate:
     """Trials to leave out of the fit and to evaluate on afterwards."""
     sensitivity: bool = False
     """Also measure each parameter's effect on the loss at the end: two evaluations a parameter, outside the budget."""
+    vlm: Vlm = field(default_factory=Vlm)
     resume: bool = False
     """Go on with the run in --out."""
     threads: int = 0
@@ -80,6 +95,32 @@ class Evaluate:
     """Swims simulated at a time; 0 for all cores."""
     json: bool = False
     """Print JSON in SI units."""
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """Draw simulated swims over real ones: films and pictures to see what differs.
+
+    Reads a run folder or parameters file and a reference; writes NAME.mp4 and NAME.png a trial, and all.png. Blue is
+    simulated, red is real. Costs about 2 s a trial.
+    """
+
+    parameters: Positional[Path]
+    """Run folder or parameters file; 'published' for the prior work's values."""
+    reference: Path
+    """Folder with the real trials."""
+    out: Path
+    """Folder to write."""
+    protocol: Literal["aligned", "paper"] = "aligned"
+    """As for calibrate."""
+    horizon: float = 4.0
+    """Seconds of each trial that are drawn; 0 for all of it."""
+    fps: float = 30.0
+    """Frames a second of the films."""
+    width: int = 960
+    """Of the films [px]."""
+    threads: int = 0
+    """Swims simulated at a time; 0 for all cores."""
 
 
 @dataclass(frozen=True)
@@ -188,10 +229,13 @@ class Simulate:
 
 @dataclass(frozen=True)
 class Report:
-    """Write the report page of a run: one self-contained HTML file that opens without a network."""
+    """Write the report page of a run or a comparison: one self-contained HTML file that opens without a network.
+
+    For a comparison also tables.md and the figures for papers (PDF and PNG).
+    """
 
     run: Positional[Path]
-    """Run folder."""
+    """Folder of a run or a comparison."""
 
 
 @dataclass(frozen=True)
@@ -226,4 +270,23 @@ class Demo:
     """Print no progress."""
 
 
-Command = Calibrate | Demo | Evaluate | Fetch | ImportTracks | Pick | Quality | Report | Simulate | Track
+Command = (
+    Calibrate
+    | Compare
+    | Demo
+    | Deploy
+    | Ensemble
+    | Evaluate
+    | ExportCommands
+    | Fetch
+    | Identify
+    | ImportTracks
+    | Overlay
+    | Pick
+    | Quality
+    | Report
+    | Rollout
+    | Simulate
+    | Track
+    | Train
+)

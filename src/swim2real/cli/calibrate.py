@@ -8,14 +8,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from swim2real.calibration import Progress, RunFolder
+from swim2real.advisor import Access, BriefingSettings
+from swim2real.calibration import RunFolder
 from swim2real.cli import tables
 from swim2real.cli.arguments import Calibrate
 from swim2real.cli.files import write_report
-from swim2real.cli.progress import interruptible, shown
+from swim2real.cli.progress import Watch, interruptible, shown
 from swim2real.errors import ArgumentError
 from swim2real.pipeline import Settings, run
-from swim2real.robots.fish import FISH
+from swim2real.robots import robot_named
 from swim2real.trials import load_reference
 
 
@@ -25,13 +26,19 @@ def calibrate(a: Calibrate) -> int:
         method=a.method, advisor=a.advisor, protocol=a.protocol, budget=a.budget, seed=a.seed,
         scale=None if a.scale == "auto" else a.scale, max_steps=a.max_steps, early_stop=a.early_stop,
         horizon=horizon(a.horizon), hold_out=a.hold_out, threads=threads(a.threads),
+        briefing=BriefingSettings(a.vlm.show, a.vlm.media, a.vlm.detail),
     )  # fmt: skip
+    access = Access(
+        a.vlm.base_url, a.vlm.key_variable, a.vlm.timeout, a.vlm.tries, a.vlm.max_calls, a.vlm.max_cost,
+        a.vlm.reply_tokens, a.vlm.once,
+    )  # fmt: skip
+    robot = robot_named(a.parameters)
     reference = load_reference(a.reference)
 
-    def work(on_progress: Callable[[Progress], None]) -> dict[str, Any]:
+    def work(watch: Watch) -> dict[str, Any]:
         return run(
-            reference, FISH, settings, a.out, source=str(a.reference), resume=a.resume, sensitivity=a.sensitivity,
-            on_progress=on_progress,
+            reference, robot, settings, a.out, source=str(a.reference), resume=a.resume, sensitivity=a.sensitivity,
+            access=access, on_progress=watch.progress, on_advisor=watch.advisor,
         )  # fmt: skip
 
     return finish(work, a.budget, a.out, a.quiet, a.json)
@@ -51,13 +58,11 @@ def horizon(seconds: float) -> float | None:
     return seconds or None
 
 
-def finish(
-    work: Callable[[Callable[[Progress], None]], dict[str, Any]], budget: int, folder: Path, quiet: bool, as_json: bool
-) -> int:
+def finish(work: Callable[[Watch], dict[str, Any]], budget: int, folder: Path, quiet: bool, as_json: bool) -> int:
     """Does the work of a run with its progress shown, prints the outcome and writes the report."""
     try:
-        with shown(budget, quiet) as show, interruptible(show) as on_progress:
-            outcome = work(on_progress)
+        with shown(budget, quiet) as show, interruptible(show) as watch:
+            outcome = work(watch)
     except KeyboardInterrupt:
         if not RunFolder(folder).exists:
             raise

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Any
 
-from swim2real.calibration import Progress
 from swim2real.cli import tables
 from swim2real.cli.arguments import Demo
 from swim2real.cli.calibrate import finish
 from swim2real.cli.film_progress import films_shown
+from swim2real.cli.progress import Watch
 from swim2real.demo import DEMO_FREQUENCIES, FULL_FREQUENCIES, Told, demo_settings, film_and_track, fit
 
 
@@ -23,8 +22,8 @@ def demo(a: Demo) -> int:
         told = Told((lambda text: None) if a.quiet else _say, on_frame, on_film)
         film_and_track(a.out, frequencies=frequencies, resume=a.resume, told=told)
 
-    def work(on_progress: Callable[[Progress], None]) -> dict[str, Any]:
-        return fit(a.out, settings, on_progress)
+    def work(watch: Watch) -> dict[str, Any]:
+        return fit(a.out, settings, watch.progress)
 
     code = finish(work, a.budget, a.out / "run", a.quiet, False)
     if not a.quiet:

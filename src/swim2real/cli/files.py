@@ -5,17 +5,25 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from swim2real.calibration import RunFolder
 from swim2real.cli import tables
 from swim2real.cli.arguments import Fetch, Report
 from swim2real.errors import MissingExtraError
-from swim2real.robots.fish import FISH
+from swim2real.parameters import ParameterSpace
+from swim2real.robots import robot_named
 
 
 def report(a: Report) -> int:
-    """Writes a run's report page."""
+    """Writes the page of a run or a comparison."""
     from swim2real import report as room
+    from swim2real.comparison.plan import PLAN
 
-    tables.console.print(str(room.write_report(a.run, FISH.space)), soft_wrap=True)
+    if (a.run / PLAN).is_file():
+        from swim2real.cli.comparison_files import write_files
+
+        tables.console.print(str(write_files(a.run)[-1]), soft_wrap=True)
+        return 0
+    tables.console.print(str(room.write_report(a.run, _space(a.run))), soft_wrap=True)
     return 0
 
 
@@ -24,10 +32,15 @@ def write_report(folder: Path) -> Path | None:
     from swim2real import report as room
 
     try:
-        return room.write_report(folder, FISH.space)
+        return room.write_report(folder, _space(folder))
     except MissingExtraError as error:
         print(f"swim2real: {error}", file=sys.stderr)
         return None
+
+
+def _space(run: Path) -> ParameterSpace:
+    """Of the robot that a run is for."""
+    return robot_named(str(RunFolder(run).settings().get("robot"))).space
 
 
 def fetch(a: Fetch) -> int:

@@ -14,6 +14,8 @@ from swim2real import __version__
 from swim2real.cli import arguments as args
 from swim2real.errors import Swim2RealError
 
+SIM = ("filelock", "mujoco", "numba", "numpy", "pydantic", "scipy")  # of the extra sim
+
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Runs a command and exits: 0 done, 1 the work failed (with a sentence), 2 wrong arguments."""
@@ -28,15 +30,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     # before NumPy is imported: matrices are small, and threads of linear algebra would only wait for one another
     for library in ("OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    command: Any = tyro.cli(
-        args.Command,  # pyright: ignore[reportArgumentType]
-        prog="swim2real",
-        description="From videos of a swimming robot to a calibrated MuJoCo simulator. --debug shows tracebacks.",
-        args=words,
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
-    )
     try:
-        code = _run(command)
+        code = _run(_parsed(words))
         sys.stdout.flush()
     except Swim2RealError as error:
         if debug:
@@ -57,9 +52,23 @@ def main(argv: Sequence[str] | None = None) -> None:
     except Exception as error:  # a fault of ours, which is no reason to frighten anybody
         if debug:
             raise
-        print(f"swim2real: unexpected {type(error).__name__}: {error}; --debug shows where", file=sys.stderr)
+        what = f"unexpected {type(error).__name__}: {error}; --debug shows where"
+        if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in SIM:
+            what = f"{error.name} isn't installed; install it with: pip install 'swim2real[sim]'"
+        print(f"swim2real: {what}", file=sys.stderr)
         code = 1
     sys.exit(code)
+
+
+def _parsed(words: list[str]) -> args.Command:
+    command: Any = tyro.cli(
+        args.Command,  # pyright: ignore[reportArgumentType]
+        prog="swim2real",
+        description="From videos of a swimming robot to a calibrated MuJoCo simulator. --debug shows tracebacks.",
+        args=words,
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+    )
+    return command
 
 
 def _run(command: args.Command) -> int:
@@ -69,14 +78,46 @@ def _run(command: args.Command) -> int:
             from swim2real.cli.calibrate import calibrate
 
             return calibrate(command)
+        case args.Compare():
+            from swim2real.cli.compare import compare
+
+            return compare(command)
         case args.Demo():
             from swim2real.cli.demo import demo
 
             return demo(command)
+        case args.Deploy():
+            from swim2real.cli.deploy import deploy
+
+            return deploy(command)
+        case args.Ensemble():
+            from swim2real.cli.ensemble import ensemble
+
+            return ensemble(command)
+        case args.Identify():
+            from swim2real.cli.identify import identify
+
+            return identify(command)
         case args.Evaluate():
             from swim2real.cli.evaluate import evaluate
 
             return evaluate(command)
+        case args.ExportCommands():
+            from swim2real.cli.export_commands import export_commands
+
+            return export_commands(command)
+        case args.Rollout():
+            from swim2real.cli.rollout import rollout
+
+            return rollout(command)
+        case args.Train():
+            from swim2real.cli.train import train
+
+            return train(command)
+        case args.Overlay():
+            from swim2real.cli.overlay import overlay
+
+            return overlay(command)
         case args.Quality():
             from swim2real.cli.quality import quality
 

@@ -6,13 +6,28 @@ import signal
 import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import FrameType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as Bar
 
+from swim2real.advisor import AdvisorEvent
 from swim2real.calibration import Progress
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What is called as a run goes on.
+
+    Attributes:
+        progress: After every evaluation.
+        advisor: As a VLM is asked and answers.
+    """
+
+    progress: Callable[[Progress], None]
+    advisor: Callable[[AdvisorEvent], None]
 
 
 def _clock(seconds: float) -> str:
@@ -21,14 +36,16 @@ def _clock(seconds: float) -> str:
 
 
 @contextmanager
-def shown(budget: int, quiet: bool) -> Generator[Callable[[Progress], None]]:
-    """Gives the callback that shows progress, on standard error."""
-    console = Console(stderr=True, highlight=False)
-    if quiet:
-        yield lambda progress: None
-        return
-    if not console.is_terminal:
-        yield lambda p: console.print(_line(p), soft_wrap=True)
+def shown(budget: int, quiet: bool) -> Generator[Watch]:
+    """Gives the callbacks that show progress, on standard error. Warnings are shown even when quiet."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    if quiet or not console.is_terminal:
+
+        def tell(event: AdvisorEvent) -> None:
+            if event.kind != "received" and (event.kind == "warning" or not quiet):
+                console.print(_told(event))
+
+        yield Watch(lambda p: None if quiet else console.print(_line(p)), tell)
         return
     columns = (TextColumn("calibrating"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[text]}"))
     with Bar(*columns, console=console) as bar:
@@ -40,34 +57,49 @@ def shown(budget: int, quiet: bool) -> Generator[Callable[[Progress], None]]:
             if p.improved and not p.replayed:
                 bar.console.print(_line(p))
 
-        yield update
+        def asked(event: AdvisorEvent) -> None:
+            if event.kind == "asks":
+                bar.update(task, text=f"round {event.round}: {event.text}{_spent(event)}")
+            elif event.kind != "received":
+                bar.console.print(_told(event))
+
+        yield Watch(update, asked)
 
 
 @contextmanager
-def interruptible(on_progress: Callable[[Progress], None]) -> Generator[Callable[[Progress], None]]:
+def interruptible(watch: Watch) -> Generator[Watch]:
     """Lets Ctrl-C end a run between two evaluations, when all is on the disk; a second Ctrl-C ends it at once.
 
-    An interrupt in the middle of a call of the engine would come out as some error of its bindings.
+    An interrupt in the middle of a call of the engine would come out as some error of its bindings. While a VLM or a
+    person is waited for, the first Ctrl-C ends the run at once.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield on_progress
+        yield watch
         return
-    asked = False
+    asked = waiting = False
 
     def note(number: int, frame: FrameType | None) -> None:
         nonlocal asked
-        if asked:
+        if asked or waiting:
             raise KeyboardInterrupt
         asked = True
 
     def update(progress: Progress) -> None:
-        on_progress(progress)
+        watch.progress(progress)
         if asked:
             raise KeyboardInterrupt
 
+    def advisor(event: AdvisorEvent) -> None:
+        nonlocal waiting
+        waiting = False
+        watch.advisor(event)
+        if asked:
+            raise KeyboardInterrupt
+        waiting = event.kind in ("asks", "waits")
+
     before = signal.signal(signal.SIGINT, note)
     try:
-        yield update
+        yield Watch(update, advisor)
     finally:
         signal.signal(signal.SIGINT, before)
 
@@ -82,3 +114,17 @@ def _line(p: Progress) -> str:
         f"{p.done:4d}/{p.budget} {kind} {loss:>7} mm  (best {1e3 * p.best:.1f} mm, {how}, "
         f"{_clock(p.seconds_left)} left)"
     )
+
+
+def _told(event: AdvisorEvent) -> str:
+    return f"     round {event.round}: {event.kind}: {event.text}{_spent(event)}"
+
+
+def _spent(event: AdvisorEvent) -> str:
+    """What the calls took so far."""
+    all_ = event.totals
+    if not all_.calls:
+        return ""
+    tokens = f", {(all_.input_tokens + all_.output_tokens) / 1e3:.1f}k tokens" if all_.input_tokens else ""
+    cost = f", {all_.cost:.3f} USD" if all_.cost is not None else ""
+    return f"  (so far {all_.calls} calls{tokens}{cost})"

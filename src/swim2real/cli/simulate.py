@@ -7,9 +7,8 @@ import numpy as np
 from swim2real.cli import tables
 from swim2real.cli.arguments import Simulate
 from swim2real.cli.calibrate import threads
-from swim2real.cli.evaluate import values_of
+from swim2real.cli.subject import robot_for, values_of
 from swim2real.errors import ArgumentError, EngineError
-from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation
 
@@ -26,7 +25,8 @@ def simulate(a: Simulate) -> int:
     for frequency in a.frequency:
         if not (np.isfinite(frequency) and frequency > 0):
             raise ArgumentError(f"--frequency is {frequency:g}; it must be finite and above 0")
-    simulator = Simulator(FISH, threads(a.threads), sample_interval=1 / a.rate)
+    robot = robot_for(a.parameters)
+    simulator = Simulator(robot, threads(a.threads), sample_interval=1 / a.rate)
     values = values_of(a.parameters, simulator)
     start = None if a.from_rest else _START_SPEED
     # a whole number of intervals, so that samples are exactly 1 / rate apart
@@ -43,7 +43,7 @@ def simulate(a: Simulate) -> int:
                 times=trials.trials[0].track.times,
                 frequencies=np.array(a.frequency),
                 markers=np.stack([trial.track.positions for trial in trials]),
-                marker_names=np.array(FISH.marker_names),
+                marker_names=np.array(robot.marker_names),
             )
     except OSError as error:
         raise ArgumentError(f"--out '{a.out}' can't be written: {error.strerror or error}") from error

@@ -1,0 +1,59 @@
+"""What is written of a comparison for people: tables, figures and the page."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from swim2real.calibration import RunFolder, examine
+from swim2real.comparison import ComparisonResults, load_results
+from swim2real.comparison.statistics_text import all_tables, as_markdown
+from swim2real.errors import MissingExtraError, RunError, TrialError
+from swim2real.objective import Target
+from swim2real.objective.elongated_body import predict_speeds
+from swim2real.report.comparison_page import write_comparison_report
+from swim2real.report.paper_figures import write_figures
+from swim2real.robots.robot import Robot
+from swim2real.trials import TrialSet
+
+TABLES, THEORY = "tables.md", "theory.json"
+
+
+def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
+    """Keeps what elongated body theory says of the reference's speeds with the comparison; nothing where it can't."""
+    targets = [Target(one.trial, one.quality.weights, one.beat.frequency) for one in examine(reference, robot)]
+    end = (robot.tail_markers[-2], robot.tail_markers[-1])
+    try:
+        found = zip(targets, predict_speeds(targets, end), strict=True)
+        speeds = {target.trial.name: round(one.speed, 6) for target, one in found}
+    except TrialError as error:
+        print(f"swim2real: no speeds of elongated body theory: {error}", file=sys.stderr)
+        return
+    RunFolder(folder).write_json(folder / THEORY, speeds)
+
+
+def write_files(folder: Path, results: ComparisonResults | None = None) -> list[Path]:
+    """Tables, figures and page of a comparison; what a missing library can't write is said and left out."""
+    found = load_results(folder) if results is None else results
+    theory = _theory(folder)
+    tables = folder / TABLES
+    try:
+        tables.write_text(all_tables(found, as_markdown), encoding="utf-8")
+    except OSError as error:
+        raise RunError(f"can't write '{tables}': {error.strerror or error}") from error
+    written = [tables]
+    try:
+        written += write_figures(found, folder, theory)
+        written.append(write_comparison_report(folder, theory))
+    except MissingExtraError as error:
+        print(f"swim2real: {error}", file=sys.stderr)
+    return written
+
+
+def _theory(folder: Path) -> Mapping[str, float] | None:
+    try:
+        return json.loads((folder / THEORY).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None

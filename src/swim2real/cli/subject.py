@@ -1,0 +1,38 @@
+"""What a command is about: the robot and the values that a parameters file or run folder names."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from swim2real.errors import ParameterError
+from swim2real.parameters import read_parameters, robot_of
+from swim2real.robots import ROBOTS, robot_named
+from swim2real.robots.robot import Robot
+from swim2real.simulation import Simulator
+
+PUBLISHED = "published"
+
+
+def robot_for(path: Path) -> Robot:
+    """The robot that parameters are for; the fish for the published ones."""
+    name = "fish" if str(path) == PUBLISHED else robot_of(path)
+    if name not in ROBOTS:
+        raise ParameterError(f"'{path}' is for robot '{name}'; there are {', '.join(ROBOTS)}")
+    return robot_named(name)
+
+
+def values_of(path: Path, simulator: Simulator) -> dict[str, float]:
+    """Parameters of a run folder or file, or the published ones; says so when they were found with other physics."""
+    robot = simulator.robot
+    if str(path) == PUBLISHED:
+        return robot.space.published
+    file = read_parameters(path, robot.name, robot.space)
+    note = None
+    if file.physics is not None:
+        note = simulator.engine.difference(file.physics)
+    elif file.engine is not None and file.engine != simulator.engine.name:
+        note = f"made with {file.engine}; this is {simulator.engine.name}, whose fluid forces may differ"
+    if note:
+        print(f"swim2real: warning: {file.path} was {note}", file=sys.stderr)
+    return file.values

@@ -1,0 +1,101 @@
+"""`train`, `rollout` and `export-commands` as they are used."""
+
+import json
+import os
+import signal
+import time
+
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+from program import process
+
+SHORT = (
+    "--parameters", "published", "--env-steps", 600, "--exploration", 200, "--updates", 1, "--checkpoint-every", 200,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A short forward run."""
+    out = tmp_path_factory.mktemp("train") / "run"
+    started = process("train", "forward", *SHORT, "--out", out)
+    printed, err = started.communicate(timeout=240)
+    assert started.returncode == 0, err
+    return out, printed, err
+
+
+def test_train_says_how_it_goes_and_what_came_of_it(run):
+    out, printed, err = run
+    assert "evaluated: return" in err
+    assert "600/600" in err
+    assert printed.startswith(f"{out}: 600 steps, 2 updates, ")
+    assert "% of the time learning" in printed
+    settings = json.loads((out / "settings.json").read_text())
+    assert {"mujoco", "stable-baselines3", "torch", "swim2real"} <= set(settings["versions"])
+    assert settings["reference"] == "published"
+
+
+def test_rollout_writes_figures_a_film_and_a_page(run, program, tmp_path):
+    pytest.importorskip("plotly")
+    pytest.importorskip("av")
+    out, _, _ = run
+    found = program("rollout", out, "--episodes", 2, "--out", tmp_path, "--closed-loop", "--json").done().json
+    assert found["policy"]["episodes"] == 2
+    assert found["constant"]["best_distance"] > 0.1
+    assert set(found["loops"]) == {"nominal", "open", "closed", "tracked"}
+    assert (tmp_path / "rollout.mp4").stat().st_size > 1000
+    page = (tmp_path / "training.html").read_text()
+    assert "data:video/mp4;base64," in page
+    assert "Open and closed loop" in page
+    assert 'src="http' not in page
+
+
+def test_export_commands_writes_a_table_that_deploy_takes(run, program, tmp_path):
+    out, _, _ = run
+    table = tmp_path / "commands.csv"
+    about = program("export-commands", out, "--seconds", 1, "--out", table, "--json").done().json
+    lines = table.read_text().splitlines()
+    assert lines[0] == "time_s,velocity_rad_s"
+    assert len(lines) - 1 == about["commands"] >= 50
+    assert about["speed"] <= 7.3
+    said = program("export-commands", out, "--seconds", 1, "--out", table, "--max-speed", 1e-6).sentence(2)
+    assert "the limit is 1e-06 rad/s either way: make the table slower, or ask for clipping" in said
+
+
+def test_what_is_wrong_is_said(run, program, tmp_path):
+    out, _, _ = run
+    assert "it already holds" not in program("rollout", tmp_path).sentence(1)
+    assert "already holds a run" in program("train", "forward", *SHORT, "--out", out, "--quiet").sentence(1)
+    assert "--goals is for target policies" in program("rollout", out, "--goals", 3).sentence(2)
+    assert "must divide 200" in program(
+        "train", "forward", "--parameters", "published", "--out", tmp_path / "x", "--environments", 3
+    ).sentence(2)
+
+
+@pytest.mark.slow
+def test_ctrl_c_leaves_a_checkpoint_to_go_on_from(tmp_path):
+    long = ("--parameters", "published", "--env-steps", 40000, "--exploration", 200, "--updates", 1)
+    started = process("train", "forward", *long, "--out", tmp_path / "run")
+    for _ in range(600):
+        if (tmp_path / "run/settings.json").exists():
+            break
+        time.sleep(0.1)
+    time.sleep(3)
+    os.kill(started.pid, signal.SIGINT)
+    _, err = started.communicate(timeout=60)
+    assert started.returncode == 1
+    assert "--resume goes on" in err
+    step = json.loads((tmp_path / "run/outcome.json").read_text())["step"]
+    assert list((tmp_path / "run/checkpoints").glob(f"step-{step:09d}/replay.npz"))
+
+
+@pytest.mark.slow
+def test_several_seeds_are_trained_in_folders_of_their_own(tmp_path):
+    started = process("train", "forward", *SHORT, "--seeds", "0:2", "--workers", 2, "--out", tmp_path / "runs")
+    _, err = started.communicate(timeout=240)
+    assert started.returncode == 0, err
+    seeds = [json.loads((tmp_path / f"runs/seed-{k}/settings.json").read_text())["seed"] for k in (0, 1)]
+    assert seeds == [0, 1]
+    assert all(json.loads((tmp_path / f"runs/seed-{k}/outcome.json").read_text())["complete"] for k in (0, 1))

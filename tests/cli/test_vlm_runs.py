@@ -1,0 +1,256 @@
+"""Whole runs with a VLM, from the command line to the report: a server on this machine answers in its place."""
+
+import json
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from program import process
+
+from swim2real.calibration import RunFolder
+from swim2real.cli import main
+from swim2real.robots.fish import FISH
+from vlm_server import hangs, refuses, replies
+
+KEY = "sk-this-must-never-be-seen-0123456789"
+
+
+def thoughtful(asked) -> object:
+    """Answers each question with other values: the n-th reply moves the n-th parameter."""
+    thoughtful.count += 1
+    name = FISH.space.names[thoughtful.count % 16]
+    middle = (FISH.space[name].lower + FISH.space[name].upper) / 2
+    content = {"diagnosis": f"seen {thoughtful.count}", "reasoning": name, "parameters": {name: middle}}
+    return replies(json.dumps(content), tokens=(1000, 50))(asked)
+
+
+@pytest.fixture(autouse=True)
+def from_the_start():
+    thoughtful.count = 0
+
+
+@pytest.fixture
+def words(vlm, pool_folder, tmp_path):
+    """The words of a calibration with the server as its VLM."""
+
+    def make(out: str = "run", *more: object, provider: str = "openai") -> list[object]:
+        return [
+            "calibrate", pool_folder, "--out", tmp_path / out, "--advisor", f"{provider}:some-model",
+            "--base-url", vlm.url(provider), "--budget", 5, "--tries", 1, "--detail", "low", *more,
+        ]  # fmt: skip
+
+    return make
+
+
+def record(path: Path) -> list[dict]:
+    return [{k: v for k, v in entry.items() if k != "seconds"} for entry in RunFolder(path).record()]
+
+
+def kept(path: Path) -> list[dict]:
+    return [json.loads(one.read_text()) for one in sorted((path / "advisor").glob("call_*.json"))]
+
+
+@pytest.mark.parametrize(("provider", "kind"), [("google", "video/mp4"), ("openai", "image/png"), ("anthropic", "png")])
+def test_a_run_with_each_provider_shows_films_or_pictures(program, words, vlm, tmp_path, provider, kind):
+    vlm.script(then=thoughtful)
+    program(*words(provider=provider)).done()
+    entries = record(tmp_path / "run")
+    assert len(entries) == 5
+    assert entries[1]["note"]["proposal"]["diagnosis"] == "seen 1"
+    assert entries[1]["note"]["proposal"]["notes"]["model"] == "some-model"
+    wire = json.dumps(vlm.requests[0].body)
+    assert kind in wire
+    assert ("video/mp4" in wire) == (provider == "google")
+    assert "The loss is" in vlm.requests[0].text
+    assert "M8" in vlm.requests[0].text
+    assert (vlm.requests[0].schema is not None) == (provider != "anthropic")  # of an unknown one it is told in words
+    assert "additionalProperties" in wire
+    settings = RunFolder(tmp_path / "run").settings()
+    assert settings["advisor"] == f"{provider}:some-model"
+    assert settings["briefing"] == {"show": "both", "media": "auto", "detail": "low"}
+    assert "so far 1 calls, 1.1k tokens" in program.err
+
+
+def test_a_replay_is_the_same_to_the_last_bit_without_a_network(program, words, vlm, pool_folder, tmp_path):
+    vlm.script(then=thoughtful)
+    program(*words()).done()
+    asked = len(vlm.requests)
+    again = [
+        "calibrate", pool_folder, "--out", tmp_path / "again", "--budget", 5, "--advisor", f"replay:{tmp_path / 'run'}",
+    ]  # fmt: skip
+    program(*again).done()
+    assert record(tmp_path / "again") == record(tmp_path / "run")
+    assert len(vlm.requests) == asked
+    said = program(*again[:3], tmp_path / "other", *again[4:], "--seed", 1).sentence(2)
+    assert said == f"a replay needs what '{tmp_path / 'run'}' was run with: seed was 0 and is now 1"
+    said = program(*again[:3], tmp_path / "longer", *again[4:], "--budget", 9, "--quiet").sentence(1)
+    assert "a budget up to that run's replays without it" in said
+
+
+def test_a_run_that_was_stopped_goes_on_and_ends_like_one_that_was_not(program, words, vlm, tmp_path):
+    vlm.script(then=thoughtful)
+    program(*words("whole")).done()
+    thoughtful.count = 0
+    said = program(*words("parts", "--max-calls", 1, "--quiet")).sentence(1)
+    assert said == "1 calls were made and --max-calls is 1; --resume with a higher one goes on"
+    before = record(tmp_path / "parts")
+    assert 2 <= len(before) < 5
+    program(*words("parts", "--max-calls", 9, "--resume")).done()
+    assert record(tmp_path / "parts")[: len(before)] == before
+    assert [e["point"] for e in record(tmp_path / "parts")] == [e["point"] for e in record(tmp_path / "whole")]
+    assert [e["loss"] for e in record(tmp_path / "parts")] == [e["loss"] for e in record(tmp_path / "whole")]
+
+
+def test_a_reply_that_came_before_a_crash_is_not_paid_for_again(program, words, vlm, tmp_path):
+    vlm.script(then=thoughtful)
+    program(*words()).done()
+    whole = record(tmp_path / "run")
+    path = tmp_path / "run" / "record.jsonl"
+    path.write_bytes(path.read_bytes().splitlines(keepends=True)[0])  # killed before the reply's first evaluation
+    asked = len(vlm.requests)
+    program(*words("run", "--resume")).done()
+    assert len(vlm.requests) == asked
+    assert record(tmp_path / "run") == whole
+
+
+def test_three_failures_in_a_row_stop_the_run_and_it_can_go_on(program, words, vlm, tmp_path):
+    vlm.script(then=refuses(503, "the model is overloaded", "UNAVAILABLE"))
+    said = program(*words()).err
+    assert program.code == 1
+    assert "3 times in a row there was no usable reply" in said
+    assert "Traceback" not in said
+    assert len(record(tmp_path / "run")) == 1
+    assert [call["outcome"] for call in kept(tmp_path / "run")] == ["failed"] * 3
+    vlm.script(then=thoughtful)
+    program(*words("run", "--resume")).done()
+    assert len(record(tmp_path / "run")) == 5
+
+
+def test_numbers_alone_and_pictures_alone_are_ablations(program, words, vlm):
+    vlm.script(then=thoughtful)
+    program(*words("numbers", "--show", "numbers", "--budget", 2)).done()
+    (asked,) = vlm.requests
+    assert all("text" in part for part in asked.parts)
+    assert "The loss is" in asked.text
+    vlm.requests.clear()
+    program(*words("pictures", "--show", "pictures", "--budget", 2)).done()
+    (asked,) = vlm.requests
+    assert any("text" not in part for part in asked.parts)
+    assert "The loss is" not in asked.text
+    assert " mm" not in asked.text.replace("0.1 mm", "")
+
+
+@pytest.mark.parametrize("method", ["line-search", "warm-start"])
+def test_no_line_search_and_warm_start_are_compositions(program, words, vlm, tmp_path, method):
+    vlm.script(then=thoughtful)
+    program(*words("run", "--method", method, "--max-steps", 1)).done()
+    sizes = [entry["note"].get("step_size") for entry in record(tmp_path / "run")]
+    assert sizes == ([None, 1.0, 1.0, 1.0, 1.0] if method == "line-search" else [None, 1.0, None, None, None])
+    assert len(vlm.requests) == (4 if method == "line-search" else 1)
+
+
+def test_the_key_is_never_seen(program, words, vlm, tmp_path, monkeypatch, caplog):
+    monkeypatch.setenv("MY_KEY", KEY)
+    monkeypatch.setenv("OPENAI_API_KEY", KEY + "-own")
+    echo = refuses(401, f"Incorrect API key provided: {KEY}", "invalid_api_key")
+    vlm.script(replies("no"), echo)
+    with caplog.at_level("DEBUG"), pytest.raises(SystemExit):
+        main([str(word) for word in words("run", "--key-variable", "MY_KEY")])
+    vlm.script(then=thoughtful)
+    program(*words("run", "--key-variable", "MY_KEY", "--resume")).done()
+    assert all(asked.headers["authorization"] == f"Bearer {KEY}" for asked in vlm.requests)
+    everything = program.out + program.err + caplog.text
+    everything += "".join(path.read_text("latin-1") for path in (tmp_path / "run").rglob("*") if path.is_file())
+    assert "Incorrect API key" in everything
+    assert KEY not in everything
+
+
+def test_a_server_of_ones_own_is_not_sent_the_providers_key(program, words, vlm, monkeypatch):
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    vlm.script(then=thoughtful)
+    program(*words("run", "--budget", 2)).done()
+    assert KEY not in json.dumps([dict(asked.headers) for asked in vlm.requests])
+
+
+def test_another_model_is_a_warning_also_when_quiet(program, words, vlm):
+    vlm.script(then=replies('{"parameters": {"motor_arm_length": 0.05}}', model="another"))
+    program(*words("run", "--quiet", "--budget", 2)).done()
+    assert program.err.strip().startswith("round 1: warning: some-model was asked and another answered")
+
+
+def test_ctrl_c_while_a_vlm_thinks_leaves_a_run_that_goes_on(words, vlm, tmp_path, program):
+    vlm.script(hangs, then=thoughtful)
+    running = process(*words("run", "--timeout", 60))
+    deadline = time.monotonic() + 60
+    while not vlm.requests and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert vlm.requests
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=20)
+    assert running.returncode == 1
+    assert "is usable as it is, --resume goes on with it" in err
+    assert "Traceback" not in err
+    assert [call["problem"] for call in kept(tmp_path / "run")] == ["interrupted"]
+    program(*words("run", "--timeout", 60, "--resume")).done()
+    assert len(record(tmp_path / "run")) == 5
+
+
+# a person in the VLM's place
+
+
+def test_files_step_by_step_on_different_days(program, pool_folder, tmp_path):
+    run = tmp_path / "run"
+    words = ["calibrate", pool_folder, "--out", run, "--advisor", "files", "--once", "--budget", 6, "--detail", "low"]
+    program(*words)
+    assert program.code == 0
+    assert program.err.splitlines()[-1] == (
+        f"swim2real: round 1 waits: read '{run / 'advisor/round_001/briefing.md'}'; leave the reply as "
+        f"'{run / 'advisor/round_001/reply.json'}'; then --resume goes on"
+    )
+    first = run / "advisor" / "round_001"
+    assert (first / "1.png").read_bytes().startswith(b"\x89PNG")
+    page = (first / "briefing.md").read_text()
+    assert "motor_arm_length" in page
+    (first / "reply.json").write_text("I think it needs a longer arm")
+    program(*words, "--resume")
+    assert program.code == 0
+    assert "the reply holds no JSON object" in (first / "reply.problem.txt").read_text()
+    for number in range(1, 6):
+        name = FISH.space.names[number]
+        content = {"diagnosis": "seen", "parameters": {name: FISH.space[name].published + 0.01}}
+        folder = run / "advisor" / f"round_{number:03d}"
+        if not folder.is_dir():
+            break
+        (folder / "reply.json").write_text(json.dumps(content))
+        program(*words, "--resume")
+        assert program.code == 0
+        if (run / "outcome.json").is_file():
+            break
+    assert len(record(run)) == 6
+    again = [*words[:3], tmp_path / "again", "--budget", 6, "--advisor", f"replay:{run}"]
+    program(*again).done()
+    assert record(tmp_path / "again") == record(run)
+
+
+def test_files_waits_explains_and_goes_on(pool_folder, tmp_path):
+    run = tmp_path / "run"
+    running = process("calibrate", pool_folder, "--out", run, "--advisor", "files", "--budget", 2, "--show", "numbers")
+    reply = run / "advisor" / "round_001" / "reply.json"
+
+    def until(path: Path) -> None:
+        deadline = time.monotonic() + 60
+        while not path.is_file() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert path.is_file()
+
+    until(reply.with_name("briefing.md"))
+    reply.write_text('{"parameters": {"motor_arm_length": NaN}}')
+    problem = reply.with_name("reply.problem.txt")
+    until(problem)
+    assert "'motor_arm_length' is NaN; it must be a finite number from 0.01 to 0.06" in problem.read_text()
+    reply.write_text('{"parameters": {"motor_arm_length": 0.05}}')
+    _, err = running.communicate(timeout=60)
+    assert running.returncode == 0, err
+    assert not problem.exists()
+    assert record(run)[1]["values"]["motor_arm_length"] == 0.05
