@@ -84,7 +84,7 @@ def full_length() -> None:
     for frequency in FREQUENCIES:
         mujoco.mj_resetData(model, data)
         speed = 2 * np.pi * frequency
-        data.joint(FISH.motor_joint).qvel[0] = speed
+        data.joint(FISH.swims.motor_joint).qvel[0] = speed
         state = np.empty(mujoco.mj_stateSize(model, physics))
         mujoco.mj_getState(model, data, state, physics)
         steps = round((SETTLE + HORIZON) / model.opt.timestep)

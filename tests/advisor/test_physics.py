@@ -234,7 +234,7 @@ def test_a_fish_that_is_too_fast_is_slowed_and_one_that_is_too_slow_is_sped_up()
             trial["velocity_real"] = factor * trial["velocity_simulated"]
         proposal = advisor().propose(Situation(evaluation, (), evaluation))
         points = np.array([FORWARD, proposal.point])
-        before, after = FISH.response.speeds(points, SPACE.to_array(points), np.array([1.0]))[:, 0]
+        before, after = FISH.swims.response.speeds(points, SPACE.to_array(points), np.array([1.0]))[:, 0]
         assert (after < before) == sooner
 
 

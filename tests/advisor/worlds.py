@@ -77,8 +77,8 @@ class World:
 def swim(values: np.ndarray, frequencies: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """Speeds (F,) [m/s] and complex beats (F, 9) [m] of the response law."""
     point, driven = SPACE.to_cube(dict(zip(SPACE.names, map(float, values), strict=True))), np.array(frequencies)
-    speeds = FISH.response.speeds(point[None], values[None], driven)[0]
-    parts = FISH.response.beats(point[None], driven)[0]
+    speeds = FISH.swims.response.speeds(point[None], values[None], driven)[0]
+    parts = FISH.swims.response.beats(point[None], driven)[0]
     return speeds, parts[:, :9] + 1j * parts[:, 9:]
 
 

@@ -97,7 +97,7 @@ RATES = np.array([0.5, 1.0, 1.5])  # Hz
 
 def test_without_friction_its_response_is_the_fishs():
     points, values = points_and_values(0.0)
-    ours, plain = FISH_EXTENDED.response, FISH.response
+    ours, plain = FISH_EXTENDED.swims.response, FISH.swims.response
     speeds = ours.speeds(points, values, RATES)
     np.testing.assert_allclose(speeds, plain.speeds(points[:, :16], values[:, :16], RATES))
     np.testing.assert_allclose(ours.reserve(values), plain.reserve(values[:, :16]))
@@ -110,7 +110,7 @@ def test_without_friction_its_response_is_the_fishs():
 def test_its_response_expects_friction_to_slow_the_slow():
     points, smooth = points_and_values(0.0)
     rough = points_and_values(0.03)[1]
-    response = FISH_EXTENDED.response
+    response = FISH_EXTENDED.swims.response
     before, after = (np.abs(response.speeds(points, values, RATES)) for values in (smooth, rough))
     np.testing.assert_allclose(np.maximum(before**2 - after**2, 0), np.minimum(before**2, 0.03 / DRAG))
     kept = after / before

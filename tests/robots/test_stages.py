@@ -36,7 +36,7 @@ def test_each_parameter_is_fitted_in_one_stage_or_held():
     assert FISH_PLAN.stages[2].score is None
     assert set(FISH_PLAN.held.values()) == {0.0}
     FISH.space.check({**FISH.space.published, **FISH_PLAN.held})
-    assert FISH.fit_plan is FISH_PLAN
+    assert FISH.swims.fit_plan is FISH_PLAN
 
 
 def test_a_beat_is_at_no_distance_from_itself_whatever_the_phase():

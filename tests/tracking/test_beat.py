@@ -11,7 +11,7 @@ SEEDS = range(12)
 
 
 def beat_of(track, name=""):
-    return identify_beat(track, FISH.tail_markers, check_track(track, REST), name)
+    return identify_beat(track, FISH.swims.tail_markers, check_track(track, REST), name)
 
 
 def refusal(track, name="swim") -> str:

@@ -202,7 +202,7 @@ def test_published_beats_survive_smoothing(tracks):
     for trial in tracks:
         quality = check_track(trial.track, REST)
         before, after = (
-            identify_beat(track, FISH.tail_markers, quality) for track in (trial.track, smooth(trial.track))
+            identify_beat(track, FISH.swims.tail_markers, quality) for track in (trial.track, smooth(trial.track))
         )
         assert after.amplitude == pytest.approx(before.amplitude, rel=3e-3), trial.name
         assert after.frequency == pytest.approx(before.frequency, abs=1e-3), trial.name

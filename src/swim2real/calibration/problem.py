@@ -41,7 +41,8 @@ def examine(reference: TrialSet, robot: Robot) -> tuple[RealTrial, ...]:
     found: list[RealTrial] = []
     for trial in reference:
         quality = check_track(trial.track, robot.rest_markers)
-        found.append(RealTrial(trial, quality, identify_beat(trial.track, robot.tail_markers, quality, trial.name)))
+        beat = identify_beat(trial.track, robot.swims.tail_markers, quality, trial.name)
+        found.append(RealTrial(trial, quality, beat))
     return tuple(found)
 
 

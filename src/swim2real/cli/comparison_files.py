@@ -24,7 +24,7 @@ TABLES, THEORY = "tables.md", "theory.json"
 def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
     """Keeps what elongated body theory says of the reference's speeds with the comparison; nothing where it can't."""
     targets = [Target(one.trial, one.quality.weights, one.beat.frequency) for one in examine(reference, robot)]
-    end = (robot.tail_markers[-2], robot.tail_markers[-1])
+    end = (robot.swims.tail_markers[-2], robot.swims.tail_markers[-1])
     try:
         found = zip(targets, predict_speeds(targets, end), strict=True)
         speeds = {target.trial.name: round(one.speed, 6) for target, one in found}

@@ -82,7 +82,7 @@ def make_optimizer(
 
 def _staged(robot: Robot, space: ParameterSpace, first: Array, rng: np.random.Generator, budget: int) -> Staged:
     """The robot's plan in the unit cube."""
-    plan = robot.fit_plan
+    plan = robot.swims.fit_plan
     if plan is None:
         raise ArgumentError(f"robot '{robot.name}' has no stages, which method staged needs; choose another method")
     stages = [

@@ -69,10 +69,10 @@ class Body:
         self.rest_hinges = rest.xanchor[7:, 0] - self.anchor[0]
         self.steps = round(CONTROL_INTERVAL / self.model.opt.timestep)
         joints = [self.model.joint(i).name for i in range(self.model.njnt)]
-        if joints != [*ROOT, robot.motor_joint, *TAIL]:
+        if joints != [*ROOT, robot.swims.motor_joint, *TAIL]:
             raise ArgumentError(
                 f"robot '{robot.name}' has the joints {', '.join(joints)}; the environments know "
-                f"{', '.join([*ROOT, robot.motor_joint, *TAIL])}, in this order"
+                f"{', '.join([*ROOT, robot.swims.motor_joint, *TAIL])}, in this order"
             )
         self._fast = _planned(self.model, robot.name)
         self._postures: tuple[Array, Array] | None = None

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Literal, Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.errors import ArgumentError
 from swim2real.parameters import ParameterSpace, Values
 
 
@@ -74,24 +76,101 @@ class FitPlan:
 
 
 @dataclass(frozen=True)
+class SteadySwims:
+    """Trials in which a motor turns at a constant speed, compared once the swim has become steady.
+
+    Attributes:
+        surge_joints: The two joints that carry the robot along world x and y.
+        motor_joint: The joint that an actuation turns.
+        tail_markers: Indices of the markers whose sideways motion shows the beat best.
+        response: What the built-in physics advisor believes at first; None where nothing was measured.
+        fit_plan: How a person would fit it in stages; None where nobody has thought of any.
+    """
+
+    surge_joints: tuple[str, str]
+    motor_joint: str
+    tail_markers: tuple[int, ...]
+    response: Response | None = None
+    fit_plan: FitPlan | None = None
+
+
+@dataclass(frozen=True)
+class Sine:
+    """A control that swings at a trial's frequency: offset + amplitude sin(2 pi f t + phase).
+
+    Attributes:
+        amplitude: In the actuator's unit.
+        phase: At the first time stamp [rad].
+        offset: In the actuator's unit.
+    """
+
+    amplitude: float
+    phase: float = 0.0
+    offset: float = 0.0
+
+
+Control = Literal["table", "frequency"] | float | Sine
+"""What an actuator gets: its column of a trial's control table; 2 pi times the trial's frequency, a constant speed
+[rad/s]; the same number in every trial; or a sine."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor of the model that trials record, too.
+
+    Attributes:
+        name: Of the model's sensor; one value of a vector is `NAME[I]`.
+        unit: Of its readings.
+        worth: Meters of marker error that an error of one unit counts as [m/unit].
+    """
+
+    name: str
+    unit: str
+    worth: float
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """Trials that are played back: simulated from their start under their controls, compared at the same times.
+
+    Attributes:
+        controls: By actuator; an actuator that isn't named gets 0.
+        sensors: That are compared beside the markers.
+        start: `rest`: the model's own pose, at rest. `markers`: the pose that fits the markers best at the trial's
+            first frames, and their speed. Anything else is the name of a keyframe. A trial's own start goes first.
+        frame: Indices of the two markers that make the frame of comparison, origin at the first, x toward the second;
+            None compares in the world.
+        travels: Whether it goes somewhere, so that a speed means something: along the line from the second to the
+            first marker of the frame.
+    """
+
+    controls: Mapping[str, Control]
+    sensors: tuple[Sensor, ...] = ()
+    start: str = "rest"
+    frame: tuple[int, int] | None = None
+    travels: bool = False
+
+
+@dataclass(frozen=True)
 class Robot:
     """A robot that can be built for any parameter values.
 
     Attributes:
         name: As in parameters files.
-        description: What it is, where its markers are, what drives it and which way it swims, in two to five sentences
+        description: What it is, where its markers are, what drives it and which way it moves, in two to five sentences
             for a person or a VLM who has never seen it.
         space: The parameters that are calibrated, with their default scale.
-        build: Values to an MjSpec. The spec has one `framepos` sensor a marker, in order, and nothing else there.
-        marker_names: M names, head first.
-        rest_markers: Marker positions of the straight robot relative to the first, x toward the tail [m]. Shape (M, 2).
+        build: Values to an MjSpec. Its last sensors are one `framepos` a marker, in order, named `marker:NAME`, except
+            for steady swims, whose spec has these sensors only, under the markers' names.
+        marker_names: M names; of a swimmer head first.
+        rest_markers: Marker positions in the pose of the model, relative to the first, in the plane of the camera [m].
+            Of a swimmer straight, x toward the tail. Shape (M, 2).
         marker_heights: Of the markers above the robot's origin; a camera above sees higher ones farther out [m].
             Shape (M,).
-        surge_joints: The two joints that carry the robot along world x and y.
-        motor_joint: The joint that an actuation turns.
-        tail_markers: Indices of the markers whose sideways motion shows the beat best.
-        response: What the built-in physics advisor believes at first.
-        fit_plan: How a person would fit it in stages; None where nobody has thought of any.
+        trials: What a trial of this robot is.
+        plane: Axes of the world that the camera sees, to its right and up: (0, 1) from above, (0, 2) from the side.
+        links: Pairs of markers that a picture joins by a line.
+        source: File that describes the robot; None for one of Python's.
     """
 
     name: str
@@ -101,13 +180,37 @@ class Robot:
     marker_names: tuple[str, ...]
     rest_markers: NDArray[np.float64]
     marker_heights: NDArray[np.float64]
-    surge_joints: tuple[str, str]
-    motor_joint: str
-    tail_markers: tuple[int, ...]
-    response: Response
-    fit_plan: FitPlan | None = None
+    trials: SteadySwims | Recordings
+    plane: tuple[int, int] = (0, 1)
+    links: tuple[tuple[int, int], ...] = ()
+    source: Path | None = None
 
     @property
     def head_length(self) -> float:
         """Distance of the first two markers, which sets the scale of a video [m]."""
         return float(np.linalg.norm(self.rest_markers[1] - self.rest_markers[0]))
+
+    @property
+    def swims(self) -> SteadySwims:
+        """What a trial is, of a robot whose trials are steady swims.
+
+        Raises:
+            ArgumentError: They are recordings.
+        """
+        if isinstance(self.trials, Recordings):
+            raise ArgumentError(
+                f"the trials of robot '{self.name}' are recordings; this needs steady swims, so a robot file with "
+                f"[swims] instead of [recordings]"
+            )
+        return self.trials
+
+    @property
+    def recordings(self) -> Recordings:
+        """What a trial is, of a robot whose trials are recordings.
+
+        Raises:
+            ArgumentError: They are steady swims.
+        """
+        if isinstance(self.trials, SteadySwims):
+            raise ArgumentError(f"the trials of robot '{self.name}' are steady swims; this needs recordings")
+        return self.trials

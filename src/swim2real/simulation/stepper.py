@@ -66,8 +66,8 @@ class Stepper:
         self._model, self._fast = model, fast
         self._data = mujoco.MjData(model)
         self._markers = len(robot.marker_names)
-        self._surge = [int(model.joint(name).dofadr[0]) for name in robot.surge_joints]
-        motor = model.joint(robot.motor_joint)
+        self._surge = [int(model.joint(name).dofadr[0]) for name in robot.swims.surge_joints]
+        motor = model.joint(robot.swims.motor_joint)
         self._motor = int(motor.qposadr[0])
         self._motor_speed = motor_speed
         self._data.qpos[self._motor] = motor_angle

@@ -17,6 +17,7 @@ from swim2real.advisor.physics.features import Swims, frequencies, from_scale, s
 from swim2real.advisor.physics.model import Expectation, shape_floor
 from swim2real.advisor.physics.surrogate import Kernel, Surrogate
 from swim2real.advisor.physics.words import diagnose, reason
+from swim2real.errors import ArgumentError
 from swim2real.optimizers import Evaluation, Proposal, Round, Situation
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Response, Robot
@@ -44,8 +45,16 @@ class PhysicsAdvisor:
             robot: Whose simulator is calibrated.
             space: As the optimizer uses it, on any scale; the advisor itself thinks on the logarithmic one.
             seed: Of the run.
+
+        Raises:
+            ArgumentError: Nobody has measured the robot's response.
         """
-        self._robot, self._space, self._seed = robot, space, seed
+        if robot.swims.response is None:
+            raise ArgumentError(
+                f"nobody has measured how robot '{robot.name}' responds to its parameters, which advisor physics "
+                f"needs; choose another one"
+            )
+        self._response, self._space, self._seed = robot.swims.response, space, seed
         self._own = replace(space, scale="log")
 
     def propose(self, situation: Situation) -> Proposal:
@@ -89,7 +98,7 @@ class PhysicsAdvisor:
         features = np.array([one.features.ravel() for one in seen])
         per_trial = real.features.shape[1]
         spread = np.tile([SPEED_SPREAD, *[BEAT_SPREAD] * (per_trial - 1)], len(driven))
-        response = self._robot.response.adapted(
+        response = self._response.adapted(
             points, self._own.to_array(points), np.array([one.speed for one in seen]), driven
         )
         surrogate = Surrogate(KERNEL, lambda p: self._prior(response, p, driven), spread, points, features)

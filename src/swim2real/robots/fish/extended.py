@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from swim2real.parameters import Parameter, ParameterSpace, Values
 from swim2real.robots.fish.fish import FISH
 from swim2real.robots.fish.parameters import FISH_SPACE
+from swim2real.robots.fish.response import fish_response
 from swim2real.robots.robot import Response, Robot
 
 Array = NDArray[np.float64]
@@ -91,7 +92,8 @@ def extended(name: str, extras: Sequence[Extra]) -> Robot:
         return spec
 
     friction = space.names.index(FRICTION) if FRICTION in space.names else None
-    return replace(FISH, name=name, space=space, build=build, response=ExtendedResponse(FISH.response, friction))
+    swims = replace(FISH.swims, response=ExtendedResponse(fish_response(), friction))
+    return replace(FISH, name=name, space=space, build=build, trials=swims)
 
 
 def _sixteen(table: Array) -> Array:
@@ -99,7 +101,7 @@ def _sixteen(table: Array) -> Array:
 
 
 def _write_surface_friction(spec: mujoco.MjSpec, force: float) -> None:
-    for name in FISH.surge_joints:
+    for name in FISH.swims.surge_joints:
         spec.joint(name).frictionloss = force
 
 

@@ -12,7 +12,7 @@ from swim2real.robots.fish import geometry as g
 from swim2real.robots.fish.parameters import FISH_SPACE, TAIL_SEGMENTS
 from swim2real.robots.fish.response import fish_response
 from swim2real.robots.fish.stages import FISH_PLAN
-from swim2real.robots.robot import Robot
+from swim2real.robots.robot import Robot, SteadySwims
 
 MARKER_NAMES = tuple(f"M{i}" for i in range(9))
 REST_MARKERS = np.array([[x, 0.0] for x in (0.0, 0.142, 0.357, 0.3765, 0.4065, 0.4385, 0.4675, 0.4885, 0.551)])
@@ -226,9 +226,11 @@ FISH = Robot(
     marker_names=MARKER_NAMES,
     rest_markers=REST_MARKERS,
     marker_heights=MARKER_HEIGHTS,
-    surge_joints=("slide_x", "slide_y"),
-    motor_joint="motor",
-    tail_markers=(6, 7, 8),
-    response=fish_response(),
-    fit_plan=FISH_PLAN,
+    trials=SteadySwims(
+        surge_joints=("slide_x", "slide_y"),
+        motor_joint="motor",
+        tail_markers=(6, 7, 8),
+        response=fish_response(),
+        fit_plan=FISH_PLAN,
+    ),
 )
