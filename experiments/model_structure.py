@@ -15,8 +15,9 @@ own; a fit that is there isn't done again. The same command gives the same numbe
 
 import argparse
 import json
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -24,9 +25,10 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from swim2real.calibration import Problem, examine
-from swim2real.parameters import Parameter, read_parameters
-from swim2real.robots.fish import FISH
-from swim2real.robots.fish.extended import FISH_EXTENDED, SURFACE_FRICTION, Extra, extended
+from swim2real.parameters import Parameter, ParameterSpace, read_parameters
+from swim2real.robots.fish import FISH, FISH_EXTENDED
+from swim2real.robots.fish.extended import ExtendedResponse
+from swim2real.robots.fish.response import fish_response
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, load_reference
 
@@ -38,6 +40,7 @@ DAMPINGS = (0.1, 1.0, 10.0)  # that a round tries, times the last best one
 LEAST_GAIN = 0.01  # of the loss, by a round; after less the slopes are measured again
 AWAY = (0.15, 0.5), (-0.2, 0.2), (-0.15, -0.5)  # from a neutral value that is low, between or high, in the cube
 FINALISTS, REPEATS, HAIR = 4, 4, 1e-6  # judged again, so often, so far apart in the cube
+FRICTION_NAME = "surface_friction"
 FRICTION = 0.02  # N, by which drag is measured
 FIGURES = ("aligned_marker_error", "shape_error", "velocity_error")
 
@@ -100,6 +103,32 @@ class AddedMass:
         return model
 
 
+@dataclass(frozen=True)
+class Extra:
+    """A parameter beyond the 16: at its published value it writes nothing and the fish is the plain one."""
+
+    parameter: Parameter
+    write: Callable
+
+
+def extended(name, extras):
+    """The fish with extra parameters behind its 16, in order."""
+    space = ParameterSpace((*FISH.space, *(extra.parameter for extra in extras)))
+
+    def build(values):
+        checked = space.check(values)
+        spec = FISH.build({parameter: checked[parameter] for parameter in FISH.space.names})
+        for extra in extras:
+            value = checked[extra.parameter.name]
+            if value != extra.parameter.published:
+                extra.write(spec, value)
+        return spec
+
+    friction = space.names.index(FRICTION_NAME) if FRICTION_NAME in space.names else None
+    swims = replace(FISH.swims, response=ExtendedResponse(fish_response(), friction))
+    return replace(FISH, name=name, space=space, build=build, trials=swims)
+
+
 def extra(name, unit, lower, upper, neutral, write, log_offset=None):
     return Extra(Parameter(name, unit, lower, upper, "", neutral, log_offset), write)
 
@@ -107,7 +136,7 @@ def extra(name, unit, lower, upper, neutral, write, log_offset=None):
 SLIDES, TAIL = ("slide_x", "slide_y"), tuple(f"tail{i}" for i in range(5))
 # pull_only is a structure whatever its slack: it has no neutral value
 EXTRAS = {
-    "friction": SURFACE_FRICTION,
+    "friction": extra(FRICTION_NAME, "N", 0.0, 0.05, 0.0, set_joints("frictionloss", *SLIDES), 0.002),
     "viscosity": extra("viscosity", "Pa·s", 0.00013, 0.13, 0.0013, viscosity, 0.0),
     "slide-damping": extra("slide_damping", "N·s/m", 0.0, 1.0, 0.0, set_joints("damping", *SLIDES), 0.02),
     "tail-friction": extra("tail_friction", "N·m", 0.0, 0.1, 0.0, set_joints("frictionloss", *TAIL), 0.002),

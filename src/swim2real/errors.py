@@ -23,6 +23,12 @@ class ParameterError(Swim2RealError):
     exit_code = 2
 
 
+class RobotError(Swim2RealError):
+    """A robot file can't be read, or doesn't fit its model."""
+
+    exit_code = 2
+
+
 class VideoError(Swim2RealError):
     """A video can't be read or written."""
 

@@ -29,7 +29,7 @@ def test_robots_have_names():
     assert [robot_named(name).name for name in ROBOTS] == list(ROBOTS)
     with pytest.raises(ArgumentError) as caught:
         robot_named("shark")
-    assert str(caught.value) == "there is no robot 'shark'; there are fish, fish-extended"
+    assert str(caught.value) == "there is no robot 'shark'; there are fish, fish-extended, or give a robot file (.toml)"
 
 
 def test_the_sixteen_come_first_and_stay_as_they_are():

@@ -1,7 +1,8 @@
-"""Robots: how one is built with MjSpec and what its parameters write; and robots by name."""
+"""Robots: what a robot tells the rest, robot files, and robots by name or file."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swim2real.errors import ArgumentError
@@ -14,14 +15,19 @@ __all__ = ["ROBOTS", "robot_named"]
 ROBOTS = ("fish", "fish-extended")
 
 
-def robot_named(name: str) -> Robot:
-    """The robot of a name, as on the command line and in parameters files.
+def robot_named(name: str | Path) -> Robot:
+    """A robot by its name, or by its robot file, as on the command line.
 
     Raises:
-        ArgumentError: There is none.
+        ArgumentError: No robot has this name, and it is no .toml file.
+        RobotError: The robot file can't be read, or doesn't fit its model.
     """
-    if name not in ROBOTS:
-        raise ArgumentError(f"there is no robot '{name}'; there are {', '.join(ROBOTS)}")
-    from swim2real.robots.fish import FISH, FISH_EXTENDED  # MuJoCo takes a while to import
+    if str(name) in ROBOTS:
+        from swim2real.robots.fish import FISH, FISH_EXTENDED  # MuJoCo takes a while to import
 
-    return next(robot for robot in (FISH, FISH_EXTENDED) if robot.name == name)
+        return next(robot for robot in (FISH, FISH_EXTENDED) if robot.name == str(name))
+    if Path(name).suffix != ".toml":
+        raise ArgumentError(f"there is no robot '{name}'; there are {', '.join(ROBOTS)}, or give a robot file (.toml)")
+    from swim2real.robots.file import load_robot
+
+    return load_robot(name)

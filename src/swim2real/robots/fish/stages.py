@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.robots.fish.parameters import FISH_SPACE
 from swim2real.robots.robot import FitPlan, FitStage
 
 
@@ -39,15 +38,17 @@ def _complex(beat: Mapping[str, Any]) -> NDArray[np.complex128]:
     return amplitude * np.exp(1j * phase)
 
 
-def _named(start: str) -> tuple[str, ...]:
-    return tuple(name for name in FISH_SPACE.names if name.startswith(start))
-
-
-FISH_PLAN = FitPlan(
-    (
-        FitStage("stiffness", _named("hinge_stiffness"), 1.0, together=True, score=beat_distance),
-        FitStage("motor arm", ("motor_arm_length",), 1.0, together=True, score=beat_distance),
-        FitStage("fluid", _named("fluid"), 5.0),
-    ),
-    dict.fromkeys(_named("hinge_damping"), 0.0),
-)
+def fish_plan() -> FitPlan:
+    """Stiffness, motor arm, fluid."""
+    joints = range(5)
+    fluid = ("blunt_drag", "slender_drag", "angular_drag", "kutta_lift", "magnus_lift")
+    return FitPlan(
+        (
+            FitStage(
+                "stiffness", tuple(f"hinge_stiffness_{i}" for i in joints), 1.0, together=True, score=beat_distance
+            ),
+            FitStage("motor arm", ("motor_arm_length",), 1.0, together=True, score=beat_distance),
+            FitStage("fluid", tuple(f"fluid_{name}" for name in fluid), 5.0),
+        ),
+        {f"hinge_damping_{i}": 0.0 for i in joints},
+    )

@@ -1,0 +1,183 @@
+"""The fish's bodies: a floating head, a motor that turns a crank, two tendons and a tail of five hinged segments.
+
+What is calibrated isn't here: `fish.toml` writes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from swim2real.robots.fish import geometry as g
+
+TAIL_SEGMENTS = 5
+WET = "wet"  # default class of the parts that feel the water
+
+
+def fish_model() -> mujoco.MjSpec:
+    """The fish with an arm of no length and without any parameter's value.
+
+    Returns:
+        A spec with bodies fish, motor and tail0 to tail4, a velocity actuator on the motor [rad/s], and sites M0 to M8.
+    """
+    spec = _world()
+    spec.add_default(WET, spec.default)
+    fish = _front(spec)
+    _motor(spec, fish)
+    _tail(spec, fish)
+    _tendons(spec)
+    spec.add_actuator(
+        name="motor",
+        target="motor",
+        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        gainprm=[g.MOTOR_GAIN, *[0.0] * 9],
+        biasprm=[0.0, 0.0, -g.MOTOR_GAIN, *[0.0] * 7],
+        ctrllimited=True,
+        ctrlrange=[-g.MOTOR_SPEED_LIMIT, g.MOTOR_SPEED_LIMIT],
+    )
+    return spec
+
+
+def _world() -> mujoco.MjSpec:
+    spec = mujoco.MjSpec()
+    spec.modelname = "fish"
+    spec.compiler.degree = False
+    spec.option.timestep = 0.001
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICIT
+    spec.option.gravity = [0, 0, 0]
+    spec.option.density = g.WATER_DENSITY
+    spec.option.viscosity = g.WATER_VISCOSITY
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    return spec
+
+
+def _box(
+    body: mujoco.MjsBody, half_size: Sequence[float], pos: Sequence[float], wet: mujoco.MjsDefault | None = None,
+    mass: float | None = None, density: float = g.PLA, name: str = "",
+) -> None:  # fmt: skip
+    """A box of a mass or a density, with ellipsoid wet forces where it is wet."""
+    geom = body.add_geom(
+        wet, name=name, type=mujoco.mjtGeom.mjGEOM_BOX, size=half_size, pos=pos, contype=0, conaffinity=0
+    )
+    _finish(geom, wet is not None, mass, density)
+
+
+def _fin(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, outline: np.ndarray, thickness: float,
+    wet: mujoco.MjsDefault | None = None, mass: float | None = None, density: float = g.PLA,
+) -> None:  # fmt: skip
+    vertices, faces = g.extrude(outline, thickness)
+    spec.add_mesh(
+        name=name, uservert=vertices.ravel(), userface=faces.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
+    )
+    geom = body.add_geom(wet, name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, contype=0, conaffinity=0)
+    _finish(geom, wet is not None, mass, density)
+
+
+def _finish(geom: mujoco.MjsGeom, wet: bool, mass: float | None, density: float) -> None:
+    if mass is None:
+        geom.density = density
+    else:
+        geom.mass = mass
+    geom.fluid_ellipsoid = int(wet)
+
+
+def _hinge(
+    body: mujoco.MjsBody, name: str, axis: Sequence[float], *, stiffness: float = 0.0, damping: float = 0.0,
+    slide: bool = False, pos: Sequence[float] = (0.0, 0.0, 0.0), limit: float | None = None,
+) -> None:  # fmt: skip
+    kind = mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE
+    joint = body.add_joint(name=name, type=kind, axis=axis, pos=pos)
+    if np.ndim(joint.stiffness):  # a polynomial's coefficients since MuJoCo 3.7
+        joint.stiffness[0], joint.damping[0] = stiffness, damping
+    else:
+        joint.stiffness, joint.damping = stiffness, damping
+    if limit is not None:
+        joint.limited = True
+        joint.range = [-limit, limit]
+
+
+def _front(spec: mujoco.MjSpec) -> mujoco.MjsBody:
+    """Head, electronics and rigid body, floating on the water."""
+    wet = spec.find_default(WET)
+    fish = spec.worldbody.add_body(name="fish")
+    for kind, axes in (("slide", "xyz"), ("hinge", "xyz")):
+        for i, axis in enumerate(axes):
+            held = {("slide", "z"): (500.0, 10.0), ("hinge", "x"): (10.0, 1.0), ("hinge", "y"): (10.0, 1.0)}
+            stiffness, damping = held.get((kind, axis), (0.0, 0.0))
+            _hinge(
+                fish, f"{kind}_{axis}", np.eye(3)[i], stiffness=stiffness, damping=damping,
+                slide=kind == "slide", pos=g.ROOT_ANCHOR,
+            )  # fmt: skip
+    _box(fish, [0.077, 0.0025, 0.05], [0, 0, 0], wet, density=g.ACRYLIC)  # head plate
+    _box(fish, [0.08, 0.02, 0.0015], [0.01, 0, 0.0515], density=g.ACRYLIC)  # head top plate
+    _box(fish, [0.06, 0.04, 0.03], [0.005, 0, 0.083], mass=0.53)  # electronics, above the water
+    _box(fish, [0.023, 0.015, 0.05], [0.1, 0, 0], wet, mass=0.08)  # head attachment
+    _box(fish, [0.0775, 0.01, 0.0525], [0.2005, 0, 0], wet, mass=0.6)  # body
+    _box(fish, [0.0035, 0.0005, 0.0375], [0.2815, 0, 0], wet, mass=0.001)  # connector to the tail
+    _fin(spec, fish, "dorsal_fin", g.DORSAL_FIN_OUTLINE, g.DORSAL_FIN_THICKNESS, density=g.ACRYLIC)
+    for name, pos in (
+        ("M0", [-0.077, 0, 0.05]),
+        ("M1", [0.065, 0, 0.05]),
+        ("left_fin_tip", [g.MOTOR_X, -0.0775, 0.05]),
+        ("right_fin_tip", [g.MOTOR_X, 0.0775, 0.05]),
+        ("M2", [0.28, 0, 0.1]),
+    ):
+        fish.add_site(name=name, pos=pos)
+    return fish
+
+
+def _motor(spec: mujoco.MjSpec, fish: mujoco.MjsBody) -> None:
+    """The shaft across the body with an arm at each end, half a turn apart; `fish.toml` says how long the arms are."""
+    wet = spec.find_default(WET)
+    motor = fish.add_body(name="motor", pos=[g.MOTOR_X, 0, 0])
+    _hinge(motor, "motor", [0, 1, 0])
+    _box(motor, [0.0075, 0.06, 0.0075], [0, 0, 0], wet, mass=0.05)
+    for side, sign in (("left", -1), ("right", 1)):
+        _box(motor, [0.0075, 0.005, 0.0], [0, sign * 0.055, 0], wet, name=f"arm_{side}")
+        motor.add_site(name=f"motor_{side}", pos=[0, sign * 0.055, 0])
+
+
+def _tail(spec: mujoco.MjSpec, fish: mujoco.MjsBody) -> None:
+    wet = spec.find_default(WET)
+    parent, parent_x = fish, 0.0
+    for i, segment in enumerate(g.SEGMENTS):
+        parent = parent.add_body(name=f"tail{i}", pos=[g.HINGE_X[i] - parent_x, 0, 0])
+        parent_x = g.HINGE_X[i]
+        _hinge(parent, f"tail{i}", [0, 0, 1], limit=g.JOINT_LIMIT)
+        _segment(parent, i, segment, g.GAPS[i + 1], wet)
+    last = parent
+    _box(last, [0.005, 0.0005, 0.0225], [0.023, 0, 0], wet, mass=0.001)  # fin connector
+    outline = g.mirrored(g.TAIL_FIN_OUTLINE)
+    _fin(spec, last, "tail_fin", outline, g.TAIL_FIN_THICKNESS, wet, mass=0.010)
+    last.add_site(name="M8", pos=[0.073, 0, 0.1])
+
+
+def _segment(body: mujoco.MjsBody, i: int, s: g.Segment, gap_behind: float, wet: mujoco.MjsDefault) -> None:
+    start = s.gap / 2
+    _box(body, [s.gap / 4, 0.0005, s.front_height], [s.gap / 4, 0, 0], wet, mass=0.001)
+    _box(body, [g.PLATE_HALF_LENGTH, 0.0015, s.plate_height], [start + g.PLATE_HALF_LENGTH, 0, 0], wet)
+    tendon_x = start + 0.012
+    for side, sign in (("left", -1), ("right", 1)):
+        _box(body, [0.003, s.arm_width, 0.007], [tendon_x, sign * s.arm_y, 0], wet)
+        body.add_site(name=f"tail{i}_{side}", pos=[tendon_x, sign * s.tendon_y, 0])
+    if s.rear_height:
+        rear_x = start + g.SEGMENT_LENGTH + gap_behind / 4
+        _box(body, [gap_behind / 4, 0.0005, s.rear_height], [rear_x, 0, 0], wet, mass=0.001)
+    body.add_site(name=f"M{3 + i}", pos=[s.marker_x, 0, 0.05])
+
+
+def _tendons(spec: mujoco.MjSpec) -> None:
+    """Two tendons that cross between segments 2 and 3, which bends the tail into an S."""
+    for side, other in (("left", "right"), ("right", "left")):
+        tendon = spec.add_tendon(name=side)
+        if np.ndim(tendon.stiffness):
+            tendon.stiffness[0], tendon.damping[0] = g.TENDON_STIFFNESS, g.TENDON_DAMPING
+        else:
+            tendon.stiffness, tendon.damping = g.TENDON_STIFFNESS, g.TENDON_DAMPING
+        for site in (f"motor_{side}", *(f"tail{i}_{side if i < 3 else other}" for i in range(TAIL_SEGMENTS))):
+            tendon.wrap_site(site)

@@ -1,0 +1,173 @@
+"""What a parameter writes: numbers of MJCF elements, said in a line such as `geom "fin" fluidcoef[2]`.
+
+    option density                  of the model as a whole
+    joint "hip" damping             of one element
+    joint "tail*" stiffness         of all whose names match
+    joint "hip", "knee" damping     of those named
+    geom class "wet" fluidcoef[0]   of all elements of a default class, whatever they set themselves
+    body "fin" pos[2]               one of several numbers
+
+Names, units and order are those of the MJCF file.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from swim2real.errors import RobotError
+from swim2real.robots.attributes import NOT_NEGATIVE, Attribute, attribute, attribute_names
+
+KINDS = {
+    "body": "bodies", "joint": "joints", "geom": "geoms", "site": "sites", "tendon": "tendons",
+    "actuator": "actuators", "equality": "equalities", "mesh": "meshes",
+}  # fmt: skip
+_LINE = re.compile(
+    r'\s*(?P<kind>\w+)\s*(?:(?P<by>class\s+)?(?P<names>"[^"]*"(?:\s*,\s*"[^"]*")*))?'
+    r"\s+(?P<attribute>\w+)\s*(?:\[\s*(?P<index>\d+)\s*\])?\s*"
+)
+
+
+@dataclass(frozen=True)
+class Write:
+    """One place that a parameter writes to.
+
+    Attributes:
+        line: As in the robot file.
+        factor: By which the value is multiplied.
+        offset: That is added then.
+        relative: Whether the result multiplies the number that the model has, instead of replacing it.
+    """
+
+    line: str
+    factor: float = 1.0
+    offset: float = 0.0
+    relative: bool = False
+
+    def apply(self, spec: mujoco.MjSpec, value: float) -> None:
+        """Writes a value.
+
+        Raises:
+            RobotError: The model has no such place.
+        """
+        number = self.factor * value + self.offset
+        for found, index in places(spec, self.line):
+            found.write(index, number * found.read(index) if self.relative else number)
+
+    def current(self, spec: mujoco.MjSpec) -> float:
+        """The value at which the model stays as it is; NaN where it sets no number or its places differ."""
+        if self.relative:
+            return (1.0 - self.offset) / self.factor
+        numbers = {found.read(index) for found, index in places(spec, self.line)}
+        return (numbers.pop() - self.offset) / self.factor if len(numbers) == 1 else float("nan")
+
+    def check_sense(self, spec: mujoco.MjSpec, value: float) -> None:
+        """Refuses a number below 0 where the attribute has no sense there.
+
+        Raises:
+            RobotError: It has none.
+        """
+        matched = _parsed(self.line)
+        number = self.factor * value + self.offset
+        if number < 0 and (self.relative or matched["attribute"] in NOT_NEGATIVE):
+            places(spec, self.line)
+            what = f"{number:g} times its own" if self.relative else f"{number:g}"
+            raise RobotError(
+                f"{value:g} would write {what} to {self.line}, which can't be negative; change the bound, or the "
+                f"factor and offset"
+            )
+
+
+def places(spec: mujoco.MjSpec, line: str) -> list[tuple[Attribute, int]]:
+    """The numbers of a model that a line stands for, each with its index.
+
+    Raises:
+        RobotError: The line can't be read, or the model has no such element or number; names those that exist.
+    """
+    matched = _parsed(line)
+    kind, name, index = matched["kind"], str(matched["attribute"]), matched["index"]
+    elements = [spec.option] if kind == "option" else _elements(spec, matched)
+    found: list[tuple[Attribute, int]] = []
+    for element in elements:
+        who = "option" if kind == "option" else f"{kind} '{element.name}'"
+        numbers = attribute(element, name)
+        if numbers is None:
+            raise RobotError(f"{who} has no number '{name}'{_known(name, attribute_names(element))}")
+        if numbers.size is None and index is not None and int(index) > 0:
+            raise RobotError(f"{who} has one {name}; leave out [{index}]")
+        if numbers.size is not None and index is None:
+            raise RobotError(
+                f"{name} of {who} has {numbers.size} values; say which one: {name}[0] to {name}[{numbers.size - 1}]"
+            )
+        if numbers.size is not None and int(index or 0) >= numbers.size:
+            raise RobotError(f"{name} of {who} has {numbers.size} values, from [0]; there is no [{index}]")
+        found.append((numbers, int(index or 0)))
+    return found
+
+
+def _parsed(line: str) -> re.Match[str]:
+    matched = _LINE.fullmatch(line)
+    if matched is None:
+        raise RobotError(
+            f"'{line}' can't be read as a place in the model; write it as in: joint \"hip\" damping, "
+            f'geom "fin" fluidcoef[2], geom class "wet" fluidcoef[0], option density'
+        )
+    kind, names = matched["kind"], matched["names"]
+    if kind != "option" and kind not in KINDS:
+        raise RobotError(f"there is no kind of element '{kind}'{_known(kind, ('option', *KINDS))}")
+    if (kind == "option") != (names is None):
+        need = "takes no name" if kind == "option" else 'needs a name, such as "hip"'
+        raise RobotError(f"'{line}': {kind} {need}")
+    return matched
+
+
+def _elements(spec: mujoco.MjSpec, matched: re.Match[str]) -> list[Any]:
+    kind = matched["kind"]
+    there: Sequence[Any] = list(getattr(spec, KINDS[kind]))
+    found: list[Any] = []
+    for name in re.findall(r'"([^"]*)"', matched["names"]):
+        if matched["by"]:
+            wanted = [element for element in there if element.classname.name == name]
+            known = tuple(sorted({element.classname.name for element in there}))
+        else:
+            wanted = [element for element in there if element.name and fnmatchcase(element.name, name)]
+            known = tuple(element.name for element in there if element.name)
+        if not wanted:
+            what = f"{kind} of class '{name}'" if matched["by"] else f"{kind} '{name}'"
+            unnamed = "" if matched["by"] else _unnamed(kind, sum(not element.name for element in there))
+            raise RobotError(f"the model has no {what}{_known(name, known)}{unnamed}")
+        found += [element for element in wanted if not any(element is one for one in found)]
+    return found
+
+
+def _unnamed(kind: str, count: int) -> str:
+    return f" ({count} of kind {kind} have no name; give them one in the MJCF file)" if count else ""
+
+
+def _known(name: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ";"
+    listed = ", ".join(known) if known else "none"
+    return f"{hint} there {'is' if len(known) < 2 else 'are'} {listed}"
+
+
+def same(first: mujoco.MjModel, second: mujoco.MjModel) -> bool:
+    """Whether two models of one spec have the same numbers."""
+    for name in dir(first):
+        if name.startswith("_"):
+            continue
+        value = getattr(first, name)
+        if isinstance(value, np.ndarray) and not np.array_equal(value, getattr(second, name), equal_nan=True):
+            return False
+    options = (first.opt, second.opt)
+    return all(
+        np.array_equal(getattr(options[0], name), getattr(options[1], name))
+        for name in dir(first.opt) if isinstance(getattr(first.opt, name), np.ndarray | float | int)
+    )  # fmt: skip
