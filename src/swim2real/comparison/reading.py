@@ -17,7 +17,7 @@ from swim2real.comparison.jobs import is_finished, read_problem
 from swim2real.comparison.plan import RUNS, Job, Plan, read_plan
 from swim2real.comparison.results import RESULTS, ComparisonResults, RunResult, step_rounds
 from swim2real.errors import RunError, Swim2RealError
-from swim2real.objective.comparison import MEANS
+from swim2real.objective.swims import MEANS
 
 TABLE = "results.csv"
 

@@ -5,48 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swim2real.objective.comparison import Comparison, TrialComparison
-
-Array = NDArray[np.float64]
+from swim2real.objective.comparison import Comparison
 
 _DIGITS = 9
 
 
 def evidence(comparison: Comparison) -> dict[str, Any]:
-    """All figures of a candidate and, per trial, the beat of every marker.
+    """All figures of a candidate and, per trial, its markers' errors and motions, as the trial's own evidence says.
 
-    The beat is the fundamental of the sideways motion in the body frame: amplitudes [m], phases [rad] relative to the
-    motor, and the mean sideways position before registration [m]; for real and simulated swims alike. Numbers are
-    rounded to nine digits, so that a record read back gives exactly the same.
+    Numbers are rounded to nine digits, so that a record read back gives exactly the same.
     """
     figures = comparison.figures()
     for trial in comparison.trials:
-        figures["trials"][trial.name].update(
-            {
-                "marker_errors": trial.marker_errors("marker"),
-                "aligned_marker_errors": trial.marker_errors("aligned"),
-                "shape_marker_errors": trial.marker_errors("shape"),
-                "beat_real": beat(trial, trial.real, trial.beat_frequency or trial.frequency),
-                "beat_simulated": beat(trial, trial.simulated, trial.frequency),
-            }
-        )
+        figures["trials"][trial.name].update(trial.evidence())
     return rounded(figures)
-
-
-def beat(trial: TrialComparison, positions: Array, frequency: float) -> dict[str, Array]:
-    """Amplitude, phase and mean of each marker's sideways motion at a frequency [Hz]. Each of shape (M,)."""
-    angles = 2 * np.pi * frequency * trial.times
-    basis = np.column_stack([np.ones_like(angles), np.cos(angles), np.sin(angles)])
-    count = positions.shape[1]
-    out = np.full((3, count), np.nan)
-    for m in range(count):
-        good = trial.weights[:, m] > 0
-        if np.count_nonzero(good) > 8:
-            out[:, m] = np.linalg.lstsq(basis[good], positions[good, m, 1], rcond=None)[0]
-    mean, cosine, sine = out
-    return {"amplitude": np.hypot(cosine, sine), "phase": np.arctan2(-sine, cosine), "mean": mean}
 
 
 def rounded(value: Any) -> Any:

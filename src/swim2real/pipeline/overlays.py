@@ -7,7 +7,7 @@ from pathlib import Path
 
 from swim2real.advisor.briefing.media import swim_view
 from swim2real.errors import ArgumentError
-from swim2real.objective import Comparison
+from swim2real.objective import Comparison, swims_of
 from swim2real.rendering.swim_clip import write_clip
 from swim2real.rendering.swim_encoding import to_png
 from swim2real.rendering.swim_sheet import beat_sheet, clip_sheet
@@ -38,7 +38,7 @@ def write_overlays(
         ArgumentError: The folder can't be written, or a number is not allowed.
         MissingExtraError: Pillow or PyAV isn't installed.
     """
-    views = [swim_view(trial, marker_names) for trial in sorted(comparison.trials, key=lambda t: t.frequency)]
+    views = [swim_view(trial, marker_names) for trial in sorted(swims_of(comparison), key=lambda t: t.frequency)]
     limits, out = common_limits(views), Path(folder)
     files: list[Path] = []
 

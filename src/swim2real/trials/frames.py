@@ -1,7 +1,7 @@
-"""Frames of reference that remove where a swimmer is and where it heads. Arrays only.
+"""Frames of reference that remove where a robot is and where it heads. Arrays only.
 
-Marker 0 is the front of the head, marker 1 its rear: x of the body frame points from head to tail, so a swimmer
-moves toward its -x.
+A frame stands on a pair of markers; a swimmer's are 0, the front of the head, and 1, its rear. So x of the body frame
+points from head to tail, and a swimmer moves toward its -x.
 """
 
 from __future__ import annotations
@@ -10,16 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Pair = tuple[int, int]
+
+HEAD: Pair = (0, 1)
 
 
-def heads(positions: Array) -> Array:
-    """Mean of markers 0 and 1 [m]. Shape (T, M, 2) to (T, 2)."""
-    return (positions[:, 0] + positions[:, 1]) / 2
+def heads(positions: Array, pair: Pair = HEAD) -> Array:
+    """Mean of the pair's markers [m]. Shape (T, M, 2) to (T, 2)."""
+    return (positions[:, pair[0]] + positions[:, pair[1]]) / 2
 
 
-def body_axes(positions: Array) -> Array:
-    """Unit vectors from marker 0 to marker 1. Shape (T, M, 2) to (T, 2)."""
-    axes = positions[:, 1] - positions[:, 0]
+def body_axes(positions: Array, pair: Pair = HEAD) -> Array:
+    """Unit vectors from the first marker of the pair to the second. Shape (T, M, 2) to (T, 2)."""
+    axes = positions[:, pair[1]] - positions[:, pair[0]]
     with np.errstate(invalid="ignore", divide="ignore"):
         return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
@@ -31,9 +34,9 @@ def _rotate(vectors: Array, axes: Array) -> Array:
     return np.stack([along, left], axis=-1)
 
 
-def to_body(positions: Array) -> Array:
-    """Body frame: origin at marker 0, x axis toward marker 1 [m]. Shape (T, M, 2)."""
-    return _rotate(positions - positions[:, :1], body_axes(positions)[:, None])
+def to_body(positions: Array, pair: Pair = HEAD) -> Array:
+    """Body frame: origin at the first marker of the pair, x axis toward the second [m]. Shape (T, M, 2)."""
+    return _rotate(positions - positions[:, pair[0], None], body_axes(positions, pair)[:, None])
 
 
 def to_swim(positions: Array) -> Array:
@@ -72,13 +75,13 @@ def slope(times: Array, values: Array) -> float:
     return float(t @ (v - v.mean()) / (t @ t))
 
 
-def swimming_axis(times: Array, positions: Array) -> Array:
+def swimming_axis(times: Array, positions: Array, pair: Pair = HEAD) -> Array:
     """Direction of a straight-line fit to the head's path over time, a unit vector. Shape (2,).
 
     Of the line's two directions it is the one that the head points to, so tail-first swimming is negative progress.
     """
-    head = heads(positions)
-    forward = -np.nanmean(body_axes(positions), axis=0)
+    head = heads(positions, pair)
+    forward = -np.nanmean(body_axes(positions, pair), axis=0)
     direction = np.array([slope(times, head[:, 0]), slope(times, head[:, 1])])
     length = np.linalg.norm(direction)
     if not length > 0:  # no motion
@@ -86,8 +89,8 @@ def swimming_axis(times: Array, positions: Array) -> Array:
     return direction / (length if direction @ forward >= 0 else -length)
 
 
-def progress(times: Array, positions: Array) -> Array:
+def progress(times: Array, positions: Array, pair: Pair = HEAD) -> Array:
     """Displacement of the head along the swimming axis since the first frame that has one [m]. Shape (T,)."""
-    along = heads(positions) @ swimming_axis(times, positions)
+    along = heads(positions, pair) @ swimming_axis(times, positions, pair)
     seen = np.flatnonzero(np.isfinite(along))
     return along - (along[seen[0]] if seen.size else 0.0)

@@ -1,9 +1,9 @@
-"""The classes that carry marker tracks: one for real and simulated swims alike."""
+"""The classes that carry marker tracks: one for real and simulated trials alike."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
 from swim2real.trials import frames
+from swim2real.trials.signals import Signals
 
 Array = NDArray[np.float64]
 
@@ -127,7 +128,7 @@ class Actuation:
 
 @dataclass(frozen=True)
 class Trial:
-    """One swim at one frequency.
+    """One swim at one frequency, or one recording.
 
     Attributes:
         name: Unique within its set.
@@ -137,6 +138,10 @@ class Trial:
         provenance: Where it comes from, in words.
         divergence: Why and when a simulation failed; None when it didn't.
         video: That it was tracked in; None where there is none. It may have been moved away since.
+        controls: What drove it, a column an actuator; each row is a command that holds until the next.
+        sensors: What was measured beside the markers.
+        start: Positions of joints at the first time stamp [m or rad]; empty where nobody wrote them down.
+        start_velocities: Likewise; a joint that isn't named is at rest [m/s or rad/s].
     """
 
     name: str
@@ -146,6 +151,10 @@ class Trial:
     provenance: str = ""
     divergence: str | None = None
     video: Path | None = None
+    controls: Signals | None = None
+    sensors: Signals | None = None
+    start: Mapping[str, float] = field(default_factory=dict[str, float])
+    start_velocities: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
     def fps(self) -> float:
@@ -153,7 +162,7 @@ class Trial:
         return float(1.0 / np.median(np.diff(self.track.times)))
 
     def cut(self, horizon: float | None) -> Trial:
-        """The first `horizon` seconds; all of it for None."""
+        """The first `horizon` seconds of the track; all of it for None."""
         if horizon is None:
             return self
         track = self.track

@@ -13,7 +13,7 @@ import numpy as np
 from swim2real.advisor.briefing.detail import MOST_BYTES, PIXELS_A_TOKEN, VIDEO_FRAME_TOKENS, Detail
 from swim2real.advisor.vlm.exchange import Media
 from swim2real.errors import VideoError
-from swim2real.objective import Comparison, TrialComparison
+from swim2real.objective import Comparison, TrialComparison, swims_of
 from swim2real.rendering.drawing import Bytes
 from swim2real.rendering.swim_clip import clip_times, film_clip, write_clip
 from swim2real.rendering.swim_encoding import to_png
@@ -72,9 +72,10 @@ def gather_media(
     Raises:
         MissingExtraError: Pillow or PyAV isn't installed.
     """
-    worst_first = sorted(comparison.trials, key=lambda trial: -trial.loss(comparison.protocol))
-    limits = common_limits([swim_view(trial, marker_names) for trial in comparison.trials])
-    fps = min(MOST_FPS, max(detail.fps, FRAMES_A_BEAT * max(trial.frequency for trial in comparison.trials)))
+    swims = swims_of(comparison)
+    worst_first = sorted(swims, key=lambda trial: -trial.loss(comparison.protocol))
+    limits = common_limits([swim_view(trial, marker_names) for trial in swims])
+    fps = min(MOST_FPS, max(detail.fps, FRAMES_A_BEAT * max(trial.frequency for trial in swims)))
     remarks: list[str] = []
     film, bytes_left, tokens_left = None, MOST_BYTES, detail.tokens
     try:
@@ -90,9 +91,9 @@ def gather_media(
         if chosen and min(bytes_left, tokens_left) < 0:
             break
         chosen.append((trial.frequency, shown.media))
-    left_out = len(comparison.trials) - len(chosen)
+    left_out = len(swims) - len(chosen)
     if left_out:
-        remarks.append(f"{left_out} of {len(comparison.trials)} trials, those that fit best, aren't shown.")
+        remarks.append(f"{left_out} of {len(swims)} trials, those that fit best, aren't shown.")
     media = [one for _, one in sorted(chosen, key=lambda pair: pair[0])]
     return (*media, *([film.media] if film is not None else [])), tuple(remarks)
 
