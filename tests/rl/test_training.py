@@ -120,6 +120,9 @@ def test_the_rules_for_short_runs():
     short = TrainingSettings("forward", 300_000)
     assert (short.exploration_steps, short.updates_a_block) == (30_000, 17)
     assert short.total_steps // 200 * short.updates_a_block == pytest.approx(25_000, rel=0.03)
+    assert TrainingSettings("forward", 2_000).updates_a_block == 200  # one a transition
+    assert TrainingSettings("forward", 26_000).updates_a_block == 193
+    assert TrainingSettings("forward", 2_000, updates=500).updates_a_block == 500  # who asks for more gets more
 
 
 def test_settings_out_of_range_are_refused():

@@ -44,7 +44,7 @@ class Train:
     """Random steps before learning; by default 50,000, and a tenth of a shorter run."""
     updates: int | None = None
     """Gradient steps after every 200 environment steps; by default 1 for 5 million steps, as in the prior work, and
-    more for fewer steps, so that a run makes about 25,000."""
+    more for fewer steps, so that a run makes about 25,000, but at most 200, one for each step."""
     checkpoint_every: int | None = None
     """Environment steps between checkpoints; by default a twentieth of the run."""
     any_phase: bool = False

@@ -22,8 +22,9 @@ class TrainingSettings:
     """Settings of a run; the defaults are the paper's.
 
     The prior work learns once after every 200 transitions: 25,000 updates in 5 million steps. A shorter run makes about
-    as many: it still learns after every 200 transitions, but `ceil(5 M / env_steps)` times. Stable-Baselines3 counts
-    `train_freq` in steps of all environments together, so it gets 200 divided by their number.
+    as many: it still learns after every 200 transitions, but `ceil(5 M / env_steps)` times, and at most 200 times: one
+    update a transition is soft actor-critic's own ratio. Stable-Baselines3 counts `train_freq` in steps of all
+    environments together, so it gets 200 divided by their number.
 
     Attributes:
         task: `forward` or `target`.
@@ -80,7 +81,8 @@ class TrainingSettings:
     @property
     def updates_a_block(self) -> int:
         """Gradient steps after every 200 transitions."""
-        return max(1, math.ceil(PAPER_STEPS / self.env_steps)) if self.updates is None else self.updates
+        wanted = min(BLOCK, math.ceil(PAPER_STEPS / self.env_steps))
+        return wanted if self.updates is None else self.updates
 
     @property
     def checkpoint_steps(self) -> int:
