@@ -11,6 +11,8 @@ pytest.importorskip("stable_baselines3")
 
 from program import process
 
+from swim2real.robots.fish import FISH
+
 SHORT = (
     "--parameters", "published", "--env-steps", 600, "--exploration", 200, "--updates", 1, "--checkpoint-every", 200,
 )  # fmt: skip
@@ -72,6 +74,18 @@ def test_what_is_wrong_is_said(run, program, tmp_path):
     assert "must divide 200" in program(
         "train", "forward", "--parameters", "published", "--out", tmp_path / "x", "--environments", 3
     ).sentence(2)
+
+
+def test_parameters_that_swim_backward_from_rest_are_told_before_training(run, program, tmp_path):
+    out, _, _ = run
+    path = tmp_path / "short-arm.json"
+    values = {**FISH.space.published, "motor_arm_length": 0.01}
+    path.write_text(json.dumps({"format": 1, "robot": "fish", "parameters": values}))
+    program("train", "forward", "--parameters", path, "--out", out, "--quiet")
+    warning, refusal = program.err.splitlines()
+    assert warning.startswith(f"swim2real: warning: '{path}': from rest, where a policy and the robot begin, this fit ")
+    assert "swims tail first at 1.16 Hz; train no policy in it" in warning
+    assert "already holds a run" in refusal
 
 
 @pytest.mark.slow

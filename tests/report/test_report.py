@@ -21,6 +21,9 @@ from swim2real.report.page import content
 from swim2real.report.palette import COLORS
 from swim2real.report.run import read_run
 from swim2real.report.units import mm, percent, significant, spread, text
+from swim2real.simulation import Swim
+from swim2real.trials import Actuation, Trial
+from swimmers import Swimmer
 
 SPACE = ParameterSpace(
     (
@@ -49,6 +52,21 @@ def swim(name: str, frequency: float, miss: float, lost: int | None = None, dive
         name, frequency, TIMES, weights, real, simulated, np.full((4, 2), 0.003), 0.1 * TIMES,
         0.1 * TIMES - miss * TIMES / TIMES[-1], simulated - real, real, simulated, 0.4, 0.1,
         0.1 - miss / TIMES[-1], 0.004, divergence,
+    )  # fmt: skip
+
+
+def problem(result: Comparison, from_rest: float = 0.1) -> SimpleNamespace:
+    """A problem whose every evaluation has one result, and whose fish swims from rest at a speed [m/s]."""
+
+    def simulate(values: object, swims: list[Swim]) -> list[Trial]:
+        return [
+            Trial(s.name, Swimmer(s.actuation.frequency, from_rest, duration=s.duration).track(noise=0)) for s in swims
+        ]
+
+    return SimpleNamespace(
+        evaluate=lambda values: result, real=(), robot=SimpleNamespace(marker_names=MARKERS),
+        swims=[Swim(trial.name, Actuation(trial.frequency), 2.0) for trial in result.trials],
+        simulator=SimpleNamespace(engine=SimpleNamespace(as_dict=lambda: {"name": "mujoco 3.13.0"}), simulate=simulate),
     )  # fmt: skip
 
 
@@ -92,17 +110,11 @@ class Run:
             "seconds": 1.0,
         })  # fmt: skip
 
-    def conclude(self, miss: float, held_out: float | None = 0.09, sensitivity: bool = True) -> None:
-        engine = SimpleNamespace(as_dict=lambda: {"name": "mujoco 3.13.0"})
-        robot = SimpleNamespace(marker_names=MARKERS)
-
-        def problem(result: Comparison) -> SimpleNamespace:
-            return SimpleNamespace(
-                evaluate=lambda values: result, real=(), robot=robot, simulator=SimpleNamespace(engine=engine)
-            )
-
+    def conclude(
+        self, miss: float, held_out: float | None = 0.09, sensitivity: bool = True, from_rest: float = 0.1
+    ) -> None:
         unseen = None if held_out is None else problem(compared(swim("f1_75", 1.3, held_out)))
-        outcome = conclude(self.folder, problem(self.comparison(miss)), unseen, {})  # type: ignore[arg-type]
+        outcome = conclude(self.folder, problem(self.comparison(miss), from_rest), unseen, {})  # type: ignore[arg-type]
         outcome["trials"] = {
             "f0_50": {
                 "nominal_frequency": 0.5, "frequency": 0.3774, "frequency_std": 0.0002, "usable": False,
@@ -248,6 +260,23 @@ def test_an_outcome_of_earlier_parameters_is_not_shown(run: Run) -> None:
     assert "Envelope and tail motion" not in shown
 
 
+def test_a_fit_that_swims_backward_from_rest_is_said(run: Run) -> None:
+    assert "Warning" not in visible(page_of(run))
+    run.conclude(0.1, from_rest=-0.02)
+    says = "Warning: from rest, where a policy and the robot begin, this fit swims tail first at 0.50, 1.00 Hz; train "
+    assert says in visible(page_of(run))
+
+
+def test_an_outcome_of_an_earlier_version_is_shown(run: Run) -> None:
+    outcome = run.folder.outcome()
+    assert outcome is not None
+    assert outcome.pop("from_rest")
+    run.folder.write_json(run.path / "outcome.json", outcome)
+    shown = visible(page_of(run))
+    assert "Envelope and tail motion" in shown
+    assert "Warning" not in shown
+
+
 def test_missing_swims_are_said(run: Run) -> None:
     (run.path / "swims.npz").unlink()
     assert "has no swims.npz" in visible(page_of(run))
@@ -290,10 +319,7 @@ def test_a_run_of_failures_alone(tmp_path: Path) -> None:
 
 def test_a_held_out_trial_that_diverged(run: Run) -> None:
     unseen = compared(swim("f1_75", 1.3, 0.1, divergence="the simulation grew without limit"))
-    engine = SimpleNamespace(as_dict=dict)
-    parts = {"real": (), "robot": SimpleNamespace(marker_names=MARKERS), "simulator": SimpleNamespace(engine=engine)}
-    fit = SimpleNamespace(evaluate=lambda values: run.comparison(0.1), **parts)
-    conclude(run.folder, fit, SimpleNamespace(evaluate=lambda values: unseen, **parts), {})  # type: ignore[arg-type]
+    conclude(run.folder, problem(run.comparison(0.1)), problem(unseen), {})  # type: ignore[arg-type]
     shown = visible(page_of(run))
     assert "simulation diverged" in shown
     assert "held-out trials diverged" in shown

@@ -11,6 +11,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.calibration.from_rest import from_rest
 from swim2real.calibration.problem import Problem, RealTrial
 from swim2real.calibration.run_folder import OUTCOME, RunFolder
 from swim2real.calibration.sensitivity import Sensitivity
@@ -56,17 +57,19 @@ def conclude(
     folder: RunFolder, problem: Problem, held_out: Problem | None, values: Values,
     sensitivity: Sequence[Sensitivity] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Simulates the best parameters once more, on held-out trials too, and writes figures and swims.
+    """Simulates the best parameters once more, on held-out trials and from rest too, and writes figures and swims.
 
     Returns:
-        The outcome as written: `fit` and `held_out` (figures with per-marker evidence), `trials` (quality and beat of
-        each), `sensitivity`, `engine`.
+        The outcome as written: `fit` and `held_out` (figures with per-marker evidence), `from_rest` (how each fitted
+        trial's beat swims from rest), `trials` (quality and beat of each), `sensitivity`, `engine`.
     """
     fit = problem.evaluate(values)
     unseen = None if held_out is None else held_out.evaluate(values)
+    begun = from_rest(problem.simulator, values, {swim.name: swim.actuation.frequency for swim in problem.swims})
     outcome: dict[str, Any] = {
         "fit": evidence(fit),
         "held_out": None if unseen is None else evidence(unseen),
+        "from_rest": rounded({name: swim.as_dict() for name, swim in begun.items()}),
         "trials": {one.trial.name: examined(one, problem.robot.marker_names) for one in problem.real},
         "sensitivity": None if sensitivity is None else rounded([s.as_dict() for s in sensitivity]),
         "engine": problem.simulator.engine.as_dict(),

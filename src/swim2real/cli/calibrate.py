@@ -10,6 +10,7 @@ from typing import Any
 
 from swim2real.advisor import Access, BriefingSettings
 from swim2real.calibration import RunFolder
+from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.cli import tables
 from swim2real.cli.arguments import Calibrate
 from swim2real.cli.files import write_report
@@ -59,7 +60,7 @@ def horizon(seconds: float) -> float | None:
 
 
 def finish(work: Callable[[Watch], dict[str, Any]], budget: int, folder: Path, quiet: bool, as_json: bool) -> int:
-    """Does the work of a run with its progress shown, prints the outcome and writes the report."""
+    """Does the work of a run with its progress shown, prints the outcome, warns of it, and writes the report."""
     try:
         with shown(budget, quiet) as show, interruptible(show) as watch:
             outcome = work(watch)
@@ -72,6 +73,9 @@ def finish(work: Callable[[Watch], dict[str, Any]], budget: int, folder: Path, q
         print(json.dumps(outcome, indent=2))
     elif not quiet:
         _print(outcome)
+    warning = backward_from_rest(outcome["from_rest"])
+    if warning:
+        print(f"swim2real: warning: {warning}", file=sys.stderr)
     page = write_report(folder)
     if not as_json and not quiet:
         tables.console.print(f"Parameters: {folder / 'best.json'}   Report: {page or 'not written'}", soft_wrap=True)

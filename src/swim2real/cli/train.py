@@ -24,12 +24,15 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
 from swim2real.calibration.ensemble import read_ensemble
+from swim2real.calibration.from_rest import backward_from_rest, from_rest
 from swim2real.calibration.provenance import commit, versions
 from swim2real.cli.compare import chosen_seeds
 from swim2real.cli.rl_arguments import Train
 from swim2real.cli.subject import robot_for, values_of
 from swim2real.errors import ArgumentError
+from swim2real.parameters import Values
 from swim2real.rl.disturbances import Disturbances
+from swim2real.rl.motor import REAL_MOTOR
 from swim2real.rl.run_files import SETTINGS
 from swim2real.rl.training import Progress
 from swim2real.rl.training import train as run
@@ -50,7 +53,11 @@ def train(a: Train) -> int:
     )
     robot = robot_for(a.parameters)
     simulator = Simulator(robot, 1)
-    sets = read_ensemble(a.ensemble, robot) if a.ensemble else [values_of(a.parameters, simulator)]
+    if a.ensemble:
+        sets = read_ensemble(a.ensemble, robot)
+    else:
+        sets = [values_of(a.parameters, simulator)]
+        _warn_if_backward(a.parameters, sets[0], simulator)
     phases = (-math.pi, math.pi) if a.any_phase else (0.0, 0.0)
     about = {
         "reference": str(a.ensemble or a.parameters), "engine": simulator.engine.as_dict(),
@@ -69,6 +76,14 @@ def train(a: Train) -> int:
     if not outcome["complete"]:
         print(f"swim2real: interrupted at step {outcome['step']}; --resume goes on", file=sys.stderr)
     return 0 if outcome["complete"] else 1
+
+
+def _warn_if_backward(path: Path, values: Values, simulator: Simulator) -> None:
+    """Tries the motor's greatest speed from rest."""
+    found = from_rest(simulator, values, {"fastest": REAL_MOTOR.speed / (2 * math.pi)})
+    warning = backward_from_rest({name: swim.as_dict() for name, swim in found.items()})
+    if warning:
+        print(f"swim2real: warning: '{path}': {warning}", file=sys.stderr)
 
 
 _LEARNING = ("gymnasium", "stable-baselines3", "torch")

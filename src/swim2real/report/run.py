@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from swim2real.calibration import RunFolder, SwimPair, load_swims
+from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.calibration.outcome import SWIMS
 from swim2real.errors import RunError
 from swim2real.parameters import ParameterSpace
@@ -59,6 +60,8 @@ class ReportedRun:
             simulation diverged. Empty before a run ends.
         marker_names: M names, head first.
         unfinished: What is missing and why, in sentences; None for a run that ended.
+        backward: That the best parameters don't swim forward from rest, and what to do; None where they do and where
+            nobody tried.
         calls: Of the advisor; None for a run that made none.
     """
 
@@ -73,6 +76,7 @@ class ReportedRun:
     swims: tuple[SwimPair, ...]
     marker_names: tuple[str, ...]
     unfinished: str | None
+    backward: str | None
     calls: RecordedCalls | None
 
     @property
@@ -150,6 +154,7 @@ def read_run(path: str | Path, space: ParameterSpace) -> ReportedRun:
         swims=tuple(sorted(swims, key=lambda swim: (swim.frequency, swim.name))),
         marker_names=_marker_names(outcome, fit),
         unfinished=_unfinished(settings, len(entries), outcome is not None, current, has_swims),
+        backward=backward_from_rest(of_best.get("from_rest") or {}),
         calls=read_calls(folder.path, settings, entries),
     )
 

@@ -1,0 +1,77 @@
+"""Which way parameters swim from rest, where a policy and the robot begin.
+
+The aligned protocol compares steady swims that begin at the real speed. Many parameters have two steady swims at the
+same frequency, one head first and one tail first: a fit may meet the real swims and still set off backward.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from swim2real.parameters import Values
+from swim2real.simulation import Simulator, Swim
+from swim2real.trials import Actuation, MarkerTrack, Trial
+
+_SETTLING = 3.0  # s at least until the direction is settled, and as long again to measure the speed
+
+
+@dataclass(frozen=True)
+class FromRest:
+    """A swim from rest, once it has settled.
+
+    Attributes:
+        frequency: Of the motor [Hz].
+        speed: Forward [m/s], negative is tail first; None when it diverged.
+        divergence: Why and when the simulation failed; None when it didn't.
+    """
+
+    frequency: float
+    speed: float | None
+    divergence: str | None
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def from_rest(simulator: Simulator, values: Values, frequencies: Mapping[str, float]) -> dict[str, FromRest]:
+    """Swims from rest, the motor turning from angle 0, in one batch.
+
+    Each lasts an even number of periods, 6 s at least; the second half tells the speed.
+
+    Args:
+        simulator: Of the robot.
+        values: Of its parameters.
+        frequencies: Of the motor, by name of the swim [Hz].
+    """
+    swims = [Swim(name, Actuation(f), 2 * math.ceil(_SETTLING * f) / f) for name, f in frequencies.items()]
+    return {trial.name: _settled(trial, frequencies[trial.name]) for trial in simulator.simulate(values, swims)}
+
+
+def backward_from_rest(found: Mapping[str, Mapping[str, Any]]) -> str | None:
+    """A warning that names the frequencies at which a fit swims tail first or diverges from rest; None without any.
+
+    Args:
+        found: By trial, each a `FromRest` as a dictionary.
+    """
+    faults = {
+        "swims tail first": [one["frequency"] for one in found.values() if (one["speed"] or 0.0) < 0],
+        "diverges": [one["frequency"] for one in found.values() if one["divergence"]],
+    }
+    said = [f"{fault} at {', '.join(f'{f:.2f}' for f in sorted(at))} Hz" for fault, at in faults.items() if at]
+    if not said:
+        return None
+    return (
+        f"from rest, where a policy and the robot begin, this fit {' and '.join(said)}; "
+        f"train no policy in it, calibrate with another seed"
+    )
+
+
+def _settled(trial: Trial, frequency: float) -> FromRest:
+    if trial.divergence:
+        return FromRest(frequency, None, trial.divergence)
+    track = trial.track
+    late = track.times >= track.times[-1] / 2
+    return FromRest(frequency, MarkerTrack(track.times[late], track.positions[late]).speed, None)

@@ -1,0 +1,71 @@
+"""Which way a fit swims from rest, and that one that swims backward isn't passed over."""
+
+from dataclasses import replace
+
+import pytest
+import small_run
+
+from swim2real.calibration import Problem, RunFolder, conclude, examine
+from swim2real.calibration.from_rest import backward_from_rest, from_rest
+from swim2real.robots.fish import FISH
+from swim2real.simulation import Simulator, Swim
+from swim2real.trials import Actuation, TrialSet
+
+FREQUENCIES = {"f1_30": 1.3, "f1_70": 1.7}  # Hz
+# swims head first when it is given a start speed, and tail first when it isn't
+BOTH_WAYS = {**FISH.space.published, "fluid_kutta_lift": 5.8, "hinge_damping_3": 0.58, "hinge_damping_4": 0.97}
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return Simulator(FISH, threads=2)
+
+
+def test_a_perfect_fit_that_swims_backward_from_rest_is_told(simulator, new_fluid_law, tmp_path):
+    if new_fluid_law:
+        pytest.skip("with the newer lift force these parameters swim another way")
+    swims = [Swim(name, Actuation(f, 0.0, 0.15), 2.0) for name, f in FREQUENCIES.items()]
+    filmed = TrialSet(tuple(simulator.simulate(BOTH_WAYS, swims)), FISH.marker_names)
+    outcome = conclude(RunFolder(tmp_path), Problem(FISH, examine(filmed, FISH), simulator), None, BOTH_WAYS)
+    assert outcome["fit"]["aligned_marker_error"] < 1e-3
+    for name, trial in outcome["fit"]["trials"].items():
+        begun = outcome["from_rest"][name]
+        assert begun["frequency"] == trial["frequency"] == pytest.approx(FREQUENCIES[name], abs=0.01)
+        assert trial["velocity_simulated"] > 0.1
+        assert begun["speed"] < -0.1
+        assert begun["divergence"] is None
+    assert backward_from_rest(outcome["from_rest"]) == (
+        "from rest, where a policy and the robot begin, this fit swims tail first at 1.30, 1.70 Hz; "
+        "train no policy in it, calibrate with another seed"
+    )
+
+
+def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, reference, tmp_path):
+    outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN)
+    for name, trial in outcome["fit"]["trials"].items():
+        assert outcome["from_rest"][name]["speed"] == pytest.approx(trial["velocity_simulated"], rel=0.05)
+    assert backward_from_rest(outcome["from_rest"]) is None
+    again = conclude(RunFolder(tmp_path), small_run.make_problem(reference, threads=1), None, small_run.HIDDEN)
+    assert again["from_rest"] == outcome["from_rest"]
+
+
+def test_the_papers_protocol_is_tried_at_its_nominal_frequencies(reference, tmp_path):
+    nominal = TrialSet(tuple(replace(t, nominal_frequency=2.0 + i) for i, t in enumerate(reference)))
+    problem = Problem(small_run.ROBOT, examine(nominal, small_run.ROBOT), Simulator(small_run.ROBOT, 2), "paper")
+    outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN)
+    assert [one["frequency"] for one in outcome["from_rest"].values()] == [2.0, 3.0]
+
+
+def test_a_swim_that_diverges_from_rest_is_told(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # the engine writes a log
+
+    def build(values):
+        spec = FISH.build(values)
+        spec.option.timestep = 0.02
+        return spec
+
+    found = from_rest(Simulator(replace(FISH, build=build), threads=2), FISH.space.published, {"a": 3.0})
+    assert found["a"].speed is None
+    assert (found["a"].divergence or "").startswith("the simulation diverged ")
+    told = {"slow": {"frequency": 0.375, "speed": -1e-3, "divergence": None}, "a": found["a"].as_dict()}
+    assert "this fit swims tail first at 0.38 Hz and diverges at 3.00 Hz; " in (backward_from_rest(told) or "")
