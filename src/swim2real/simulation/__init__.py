@@ -1,6 +1,7 @@
-"""Simulation: parameters and actuations in, simulated trials out."""
+"""Simulation: from parameter values and swims, or recordings, to simulated trials, with MuJoCo."""
 
 from swim2real.simulation.engine import Engine
+from swim2real.simulation.playback import Play, Player
 from swim2real.simulation.simulator import Simulator, Swim
 
-__all__ = ["Engine", "Simulator", "Swim"]
+__all__ = ["Engine", "Play", "Player", "Simulator", "Swim"]

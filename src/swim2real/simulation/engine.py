@@ -26,7 +26,7 @@ class Engine:
         name: Engine and version, such as `mujoco 3.13.0`.
         integrator: Integrator of the model.
         timestep: Of the physics [s].
-        fluid_fingerprint: Generalized fluid forces of the robot at a fixed state [N and N·m].
+        fluid_fingerprint: Generalized fluid forces of the robot at a fixed state [N and N·m]; all 0 out of a fluid.
     """
 
     name: str
@@ -41,6 +41,7 @@ class Engine:
         data = mujoco.MjData(model)
         # a fixed, unremarkable state: every joint off zero and moving
         data.qpos[:] = 0.1 * np.sin(1.0 + np.arange(model.nq))
+        mujoco.mj_normalizeQuat(model, data.qpos)
         data.qvel[:] = 0.3 * np.cos(2.0 + np.arange(model.nv))
         mujoco.mj_forward(model, data)
         integrator = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower()
@@ -59,8 +60,8 @@ class Engine:
             recorded = np.empty(0)
         if recorded.shape != mine.shape:
             return "made without a fluid fingerprint that can be compared with this robot's; its physics is unknown"
-        scale = float(np.abs(mine).max())
-        gap = float(np.abs(recorded - mine).max()) / scale
+        scale = float(np.abs(mine).max(initial=0.0)) or 1.0
+        gap = float(np.abs(recorded - mine).max(initial=0.0)) / scale
         if gap > FINGERPRINT_TOLERANCE:
             return (
                 f"made with {other.get('name', 'an unknown engine')}, whose fluid forces differ from those of the "

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Generator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
 
 import mujoco
@@ -19,6 +18,7 @@ from swim2real.robots.robot import Robot
 from swim2real.simulation.engine import Engine
 from swim2real.simulation.steady import DivergedError, run_to, steady_cycle
 from swim2real.simulation.stepper import Stepper
+from swim2real.simulation.threads import all_of, each_of, thread_count
 from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet
 
 if TYPE_CHECKING:
@@ -77,13 +77,11 @@ class Simulator:
         Raises:
             EngineError: An argument is outside what is allowed, or the fast step is asked for and doesn't apply.
         """
-        if threads is not None and threads < 1:
-            raise EngineError(f"threads is {threads}; it must be at least 1")
+        self._threads = thread_count(threads)
         if step not in get_args(Step):
             raise EngineError(f"step is '{step}'; there are {', '.join(get_args(Step))}")
         self.robot = robot
         self.engine = Engine.of(robot)
-        self._threads = threads or os.cpu_count() or 1
         self._sample_interval = sample_interval
         self._required, self._full_length = step == "fast", full_length
         self.step: Literal["fast", "engine"] = "fast"
@@ -104,15 +102,13 @@ class Simulator:
         """
         models = [self.robot.build(values).compile() for values in candidates]
         steps = [self._planned(model) if self.step == "fast" else None for model in models]
-        jobs = [(model, fast, swim) for model, fast in zip(models, steps, strict=True) for swim in swims]
-        # the longest first, so that no thread is left with it at the end
-        order = sorted(range(len(jobs)), key=lambda i: -jobs[i][2].actuation.period)
-        with ThreadPoolExecutor(self._threads) as pool:
-            done = dict(zip(order, pool.map(lambda i: self._swim(*jobs[i]), order), strict=True))
-        count = len(swims)
+        jobs = [
+            partial(self._swim, model, fast, swim) for model, fast in zip(models, steps, strict=True) for swim in swims
+        ]
+        periods = [swim.actuation.period for swim in swims] * len(models)  # a swim settles after so many of them
+        found, count = all_of(jobs, periods, self._threads), len(swims)
         return [
-            TrialSet(tuple(done[c * count + s] for s in range(count)), self.robot.marker_names)
-            for c in range(len(candidates))
+            TrialSet(tuple(found[c * count : (c + 1) * count]), self.robot.marker_names) for c in range(len(candidates))
         ]
 
     def simulate_each(self, values: Values, swims: Sequence[Swim]) -> Generator[Trial]:
@@ -122,11 +118,7 @@ class Simulator:
         """
         model = self.robot.build(values).compile()
         fast = self._planned(model) if self.step == "fast" else None
-        pool = ThreadPoolExecutor(self._threads)
-        try:
-            yield from pool.map(lambda swim: self._swim(model, fast, swim), swims)
-        finally:
-            pool.shutdown(cancel_futures=True)
+        yield from each_of([partial(self._swim, model, fast, swim) for swim in swims], self._threads)
 
     def _planned(self, model: mujoco.MjModel, check: bool = False) -> FastStep | None:
         """The fast step of a model; without one a warning says why."""

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from mujoco import rollout
 from numpy.typing import NDArray
 
 from swim2real.robots.robot import Robot
+from swim2real.simulation.rolling import roll
 
 if TYPE_CHECKING:
     from swim2real.simulation.fast_step import FastStep
@@ -87,20 +87,8 @@ class Stepper:
         return self._chunk(made.sensors, made.qvel, made.qpos, float(self._data.time) if made.failed else None)
 
     def _run_engine(self, steps: int) -> Chunk:
-        model, physics = self._model, mujoco.mjtState.mjSTATE_FULLPHYSICS
-        state = np.empty(mujoco.mj_stateSize(model, physics))
-        mujoco.mj_getState(model, self._data, state, physics)
-        control = np.full((1, steps, 1), self._motor_speed)
-        states, sensors = rollout.rollout(model, self._data, state[None], control, nstep=steps)
-        states, sensors = states[0], sensors[0]
-        mujoco.mj_setState(model, self._data, states[-1], physics)
-        before = np.concatenate([state[None], states[:-1]])
-        stalled = np.flatnonzero(states[:, 0] <= before[:, 0])  # after a warning the engine repeats its last state
-        broken = np.flatnonzero(~np.isfinite(sensors).all(axis=1))
-        first_bad = min([*stalled[:1], *broken[:1]], default=None)
-        failed_at = None if first_bad is None else float(before[first_bad, 0])
-        positions, velocities = before[:, 1 : 1 + model.nq], before[:, 1 + model.nq : 1 + model.nq + model.nv]
-        return self._chunk(sensors, velocities, positions, failed_at)
+        made = roll(self._model, self._data, np.full((steps, 1), self._motor_speed))
+        return self._chunk(made.sensors, made.qvel, made.qpos, made.failed_at)
 
     def _chunk(self, sensors: Array, velocities: Array, positions: Array, failed_at: float | None) -> Chunk:
         markers = sensors.reshape(len(sensors), self._markers, 3)[:, :, :2]

@@ -1,0 +1,216 @@
+"""The forward model of recordings: parameter values and recordings in, what the robot does under their controls out."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import EngineError
+from swim2real.parameters import Values
+from swim2real.robots.robot import Robot
+from swim2real.simulation.drive import driven
+from swim2real.simulation.engine import Engine
+from swim2real.simulation.pose import PoseFit
+from swim2real.simulation.rolling import roll
+from swim2real.simulation.start import (
+    MARKERS,
+    REST,
+    FirstFrames,
+    start_at_joints,
+    start_at_keyframe,
+    start_at_markers,
+)
+from swim2real.simulation.threads import all_of, each_of, thread_count
+from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Play:
+    """What is asked of the player: one recording. `Player.prepared` makes it.
+
+    Attributes:
+        trial: Whose time stamps, controls and start are played back.
+        first: What its first frames show, where the playback starts by its markers; else None.
+        guess: A pose near that start. Shape (nq,).
+    """
+
+    trial: Trial
+    first: FirstFrames | None = None
+    guess: Array | None = None
+
+
+class Player:
+    """Plays recordings back with a robot, for one or many candidates at once.
+
+    Every playback is simulated by itself, so results don't depend on the number of threads or on what else is in the
+    batch. The threads run without Python's lock.
+
+    Attributes:
+        robot: What is simulated.
+        engine: Which physics that is.
+    """
+
+    def __init__(self, robot: Robot, threads: int | None = None) -> None:
+        """Makes a player.
+
+        Args:
+            robot: Whose trials are recordings.
+            threads: Recordings played at a time; by default the number of cores.
+
+        Raises:
+            ArgumentError: The robot's trials are steady swims.
+            EngineError: Too few threads, or the model hasn't the actuators, sensors or keyframe that the robot names.
+        """
+        self._threads = thread_count(threads)
+        self.robot, self._about = robot, robot.recordings
+        self.engine = Engine.of(robot)
+        self._published = robot.build(robot.space.published).compile()
+        self._markers = len(robot.marker_names)
+        self._sensors = {sensor.name: _address(self._published, sensor.name) for sensor in self._about.sensors}
+        if self._about.start not in (REST, MARKERS):
+            start_at_keyframe(self._published, mujoco.MjData(self._published), self._about.start)
+
+    def prepared(self, trial: Trial, weights: Array | None = None) -> Play:
+        """Checks that a recording can be played back, and looks for its start.
+
+        Args:
+            trial: Real.
+            weights: 0 where a marker isn't believed, for the start; None believes all that are seen. Shape (T, M).
+
+        Raises:
+            TrialError: It lacks a control, its start is another model's, or no marker shows where it starts.
+            EngineError: The model has no such actuator.
+        """
+        driven(self._published, self._about.controls, trial, trial.track.times)
+        start_at_joints(self._published, mujoco.MjData(self._published), trial)
+        if self._about.start != MARKERS or trial.start or trial.start_velocities:
+            return Play(trial)
+        first = FirstFrames(trial, np.ones(trial.track.confidence.shape) if weights is None else weights)
+        fit = PoseFit(self._published, self._markers, self.robot.plane)
+        return Play(trial, first, fit.first(first.places, first.known).qpos)
+
+    def play(self, values: Values, plays: Sequence[Play]) -> TrialSet:
+        """Simulated trials for one candidate, in the order of the recordings."""
+        return self.play_many([values], plays)[0]
+
+    def play_many(self, candidates: Sequence[Values], plays: Sequence[Play]) -> list[TrialSet]:
+        """Simulated trials for several candidates, in one batch.
+
+        A simulation that diverges, and a model that can't be made of a candidate's values, is a trial with a
+        `divergence` that says why; it never raises.
+
+        Returns:
+            One set a candidate: markers in the plane of the camera [m] at the recordings' time stamps, sensors at those
+            of the recordings' sensors that lie within the track, or at the track's.
+        """
+        models = [self._model(values) for values in candidates]
+        jobs = [partial(self._play, model, play) for model in models for play in plays]
+        seconds = [play.trial.track.duration for play in plays] * len(models)
+        found, count = all_of(jobs, seconds, self._threads), len(plays)
+        return [
+            TrialSet(tuple(found[c * count : (c + 1) * count]), self.robot.marker_names) for c in range(len(candidates))
+        ]
+
+    def play_each(self, values: Values, plays: Sequence[Play]) -> Generator[Trial]:
+        """Simulated trials for one candidate, each as soon as it and those before it are done.
+
+        Closing the generator gives up the rest.
+        """
+        model = self._model(values)
+        yield from each_of([partial(self._play, model, play) for play in plays], self._threads)
+
+    def _model(self, values: Values) -> mujoco.MjModel | str:
+        """The compiled robot, or why there is none."""
+        try:
+            return self.robot.build(values).compile()
+        except (ValueError, mujoco.FatalError) as error:
+            return f"the model can't be made: {' '.join(str(error).split())}"
+
+    def _play(self, model: mujoco.MjModel | str, play: Play) -> Trial:
+        trial, track = play.trial, play.trial.track
+        if isinstance(model, str):
+            return self._diverged(trial, model)
+        step, names = float(model.opt.timestep), tuple(self._sensors)
+        samples = track.times
+        if trial.sensors is not None and names:
+            samples = trial.sensors.between(track.times[0], track.times[-1]).times
+        steps = int(np.ceil(track.duration / step - 1e-9)) + 1
+        times = track.times[0] + step * np.arange(steps)
+        controls = driven(model, self._about.controls, trial, times)
+        data = self._begun(model, play, controls)
+        made = roll(model, data, controls)
+        if made.failed_at is not None:
+            return self._diverged(trial, f"the simulation diverged {made.failed_at:.3f} s after its start")
+        markers = self._in_plane(sampled(made.sensors[:, -3 * self._markers :], step, track.times - track.times[0]))
+        readings = sampled(made.sensors[:, list(self._sensors.values())], step, samples - track.times[0])
+        return Trial(
+            trial.name, MarkerTrack(track.times, markers), trial.nominal_frequency, provenance=self.engine.name,
+            sensors=Signals(samples, names, readings) if names else None,
+        )  # fmt: skip
+
+    def _begun(self, model: mujoco.MjModel, play: Play, controls: Array) -> mujoco.MjData:
+        data = mujoco.MjData(model)
+        if self._about.start not in (REST, MARKERS):
+            start_at_keyframe(model, data, self._about.start)
+        start_at_joints(model, data, play.trial)
+        if play.first is not None and play.guess is not None:
+            fit = PoseFit(model, self._markers, self.robot.plane)
+            simulated = partial(self._first_frames, model, controls, play.first.times)
+            data.qpos[:], data.qvel[:] = start_at_markers(fit, play.first, play.guess, simulated)
+        return data
+
+    def _first_frames(
+        self, model: mujoco.MjModel, controls: Array, times: Array, qpos: Array, qvel: Array
+    ) -> Array | None:
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        step = float(model.opt.timestep)
+        made = roll(model, data, controls[: int(np.ceil(times[-1] / step - 1e-9)) + 1])
+        if made.failed_at is not None:
+            return None
+        return self._in_plane(sampled(made.sensors[:, -3 * self._markers :], step, times))
+
+    def _in_plane(self, positions: Array) -> Array:
+        """Shape (T, 3 M) to (T, M, 2)."""
+        return positions.reshape(len(positions), self._markers, 3)[:, :, list(self.robot.plane)]
+
+    def _diverged(self, trial: Trial, why: str) -> Trial:
+        nowhere = np.full(trial.track.positions.shape, np.nan)
+        return Trial(trial.name, MarkerTrack(trial.track.times, nowhere), provenance="diverged", divergence=why)
+
+
+def sampled(values: Array, interval: float, times: Array) -> Array:
+    """Values between steps of a simulation, on straight lines.
+
+    Args:
+        values: At times 0, interval, 2 interval, … Shape (N, C).
+        interval: [s].
+        times: Within them [s]. Shape (T,).
+
+    Returns:
+        Shape (T, C).
+    """
+    place = np.clip(times / interval, 0.0, len(values) - 1)
+    before = np.minimum(place.astype(int), max(len(values) - 2, 0))
+    share = (place - before)[:, None]
+    return (1 - share) * values[before] + share * values[np.minimum(before + 1, len(values) - 1)]
+
+
+def _address(model: mujoco.MjModel, name: str) -> int:
+    """Where a sensor's number is among all; `NAME[I]` is one number of a vector."""
+    base, _, rest = name.partition("[")
+    sensors = {model.sensor(i).name: model.sensor(i) for i in range(model.nsensor)}
+    if base not in sensors:
+        raise EngineError(f"sensor '{base}' is to be compared; the model has {', '.join(filter(None, sensors))}")
+    size = int(sensors[base].dim[0])
+    index = rest.removesuffix("]") or ("0" if size == 1 else "")
+    if not index.isdecimal() or int(index) >= size:
+        raise EngineError(f"sensor '{name}' isn't one number; name one of {base}[0] to {base}[{size - 1}]")
+    return int(sensors[base].adr[0]) + int(index)

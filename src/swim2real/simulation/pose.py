@@ -1,0 +1,130 @@
+"""The pose and the velocities of a model whose markers are where they were seen: damped least squares on the joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.simulation.marker_view import MarkerView, View
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_PULL = 1e-6  # toward the model's own pose, relative to the markers' pull: for what they don't show
+_GAP_WEIGHT = 10.0  # of equality constraints, relative to markers
+_ITERATIONS = 60
+_STILL = 1e-10  # rad or m: a step that is no step
+_STARTS = 8
+_BETTER = 0.5  # of the error, for another start to be taken
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose and how far its markers are from those that were wanted, root mean square [m]."""
+
+    qpos: Array
+    error: float
+
+
+class PoseFit:
+    """Fits poses of one model to its markers; for one thread."""
+
+    def __init__(self, model: mujoco.MjModel, count: int, plane: tuple[int, int]) -> None:
+        """As `MarkerView`."""
+        self._model, self._view = model, MarkerView(model, count, plane)
+        self._lower, self._upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
+        self._address = np.full(model.nv, -1)  # of the only coordinate of a scalar joint's degree of freedom
+        for j in range(model.njnt):
+            if model.jnt_type[j] in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE):
+                address = model.jnt_qposadr[j]
+                self._address[model.jnt_dofadr[j]] = address
+                if model.jnt_limited[j]:
+                    self._lower[address], self._upper[address] = model.jnt_range[j]
+
+    def pose(self, wanted: Array, known: Mask, guess: Array) -> Pose:
+        """The pose from a guess on; what the markers don't show stays as in the model, within the joints' limits.
+
+        Args:
+            wanted: Where the markers are [m]. Shape (M, 2).
+            known: Which were seen. Shape (M,).
+            guess: Pose to begin with. Shape (nq,).
+        """
+        qpos, view = guess, self._view.at(guess)
+        pull = _PULL * max(float(np.square(view.slopes[known]).sum()) / max(self._model.nv, 1), 1e-12)
+        residual, slopes = self._problem(qpos, view, wanted, known, pull)
+        damping = 1e-3
+        for _ in range(_ITERATIONS):
+            step = self._step(qpos, residual, slopes, damping)
+            tried = self._moved(qpos, step)
+            seen = self._view.at(tried)
+            found = self._problem(tried, seen, wanted, known, pull)
+            if found[0] @ found[0] < residual @ residual:
+                qpos, view, (residual, slopes) = tried, seen, found
+                damping = max(damping / 10, 1e-9)
+            else:
+                damping *= 10
+            if np.abs(step).max(initial=0.0) < _STILL:
+                break
+        missed = (wanted - view.markers)[known]
+        return Pose(qpos, float(np.sqrt(np.square(missed).sum(axis=1).mean())))
+
+    def velocities(self, qpos: Array, wanted: Array, known: Mask) -> Array:
+        """Joint velocities that move the markers as wanted [m/s]; 0 what they don't show. Shapes as for `pose`."""
+        view = self._view.at(qpos)
+        rows = np.concatenate([view.slopes[known].reshape(-1, self._model.nv), _GAP_WEIGHT * view.gap_slopes])
+        target = np.concatenate([wanted[known].ravel(), np.zeros(len(view.gaps))])
+        return np.asarray(np.linalg.lstsq(rows, target, rcond=np.sqrt(_PULL))[0], dtype=float)
+
+    def motion(self, qpos: Array, qvel: Array) -> tuple[Array, Array]:
+        """Markers and their velocities [m, m/s]. Each of shape (M, 2)."""
+        view = self._view.at(qpos)
+        return view.markers, view.slopes @ qvel
+
+    def first(self, wanted: Array, known: Mask) -> Pose:
+        """The pose from the model's own on, or from one at random where that fits much better."""
+        found = self.pose(wanted, known, self._model.qpos0.copy())
+        rng = np.random.default_rng(0)
+        spread = float(np.linalg.norm(np.ptp(wanted[known], axis=0)))
+        for _ in range(_STARTS):
+            if found.error < 0.01 * spread:
+                break
+            step = rng.uniform(-np.pi, np.pi, self._model.nv)
+            other = self.pose(wanted, known, self._moved(self._model.qpos0, step))
+            if other.error < _BETTER * found.error:
+                found = other
+        return found
+
+    def _problem(self, qpos: Array, view: View, wanted: Array, known: Mask, pull: float) -> tuple[Array, Array]:
+        """What is to vanish, and its slopes: misses of markers, gaps of constraints, the way from the model's pose."""
+        away = np.zeros(self._model.nv)
+        mujoco.mj_differentiatePos(self._model, away, 1.0, self._model.qpos0, qpos)
+        missed = (view.markers - wanted)[known].ravel()
+        residual = np.concatenate([missed, _GAP_WEIGHT * view.gaps, np.sqrt(pull) * away])
+        slopes = (
+            view.slopes[known].reshape(-1, self._model.nv), _GAP_WEIGHT * view.gap_slopes,
+            np.sqrt(pull) * np.eye(self._model.nv),
+        )  # fmt: skip
+        return residual, np.concatenate(slopes)
+
+    def _step(self, qpos: Array, residual: Array, slopes: Array, damping: float) -> Array:
+        """Levenberg's and Marquardt's, without joints that are at a limit and would go beyond it."""
+        normal, gradient = slopes.T @ slopes, slopes.T @ residual
+        normal += damping * np.diag(np.diag(normal))
+        scalar = np.flatnonzero(self._address >= 0)
+        at = self._address[scalar]
+        free = np.ones(len(gradient), dtype=bool)
+        free[scalar] = ~(
+            ((qpos[at] <= self._lower[at]) & (gradient[scalar] > 0))
+            | ((qpos[at] >= self._upper[at]) & (gradient[scalar] < 0))
+        )
+        step = np.zeros(len(gradient))
+        step[free] = -np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
+        return step
+
+    def _moved(self, qpos: Array, step: Array) -> Array:
+        moved = qpos.copy()
+        mujoco.mj_integratePos(self._model, moved, step, 1.0)
+        return np.clip(moved, self._lower, self._upper)
