@@ -8,14 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
+import mujoco
 import numpy as np
 
-_OTHER_NAMES = {"fluidcoef": "fluid_coefs", "diaginertia": "inertia", "fullinertia": "fullinertia", "user": "userdata"}
+_OTHER_NAMES = {
+    "diaginertia": "inertia", "fluidcoef": "fluid_coefs", "polycoef": "data", "user": "userdata",
+}  # fmt: skip
+_POLYNOMIALS = ("damping", "stiffness")  # since MuJoCo 3.7; the first coefficient is the number of the MJCF file
 NOT_NEGATIVE = frozenset({
-    "armature", "damping", "density", "diaginertia", "friction", "frictionloss", "kp", "kv", "mass", "size",
-    "stiffness", "timestep", "viscosity",
+    "armature", "damping", "density", "diaginertia", "fluidcoef", "friction", "frictionloss", "kp", "kv", "mass",
+    "size", "stiffness", "timestep", "viscosity",
 })  # fmt: skip
 """Attributes in which a number below 0 has no physical sense."""
 
@@ -26,7 +31,7 @@ class Attribute:
 
     Attributes:
         size: How many; None for a single one, which needs no index.
-        read: The number at an index.
+        read: The number at an index; NaN where the model sets none.
         write: Puts a number at an index.
     """
 
@@ -39,17 +44,17 @@ def attribute(element: Any, name: str) -> Attribute | None:
     """The numbers of an element under an MJCF name; None where it has none of this name."""
     if name in ("kp", "kv") and hasattr(element, "gainprm"):
         return _gain(element, name)
-    attr = _spec_name(element, name)
-    if attr is None:
+    attr = _spec_name(type(element), name)
+    if attr is None or not _numeric(element, attr):
         return None
     value = getattr(element, attr)
     if isinstance(value, float):
         return Attribute(None, lambda _: float(getattr(element, attr)), lambda _, x: setattr(element, attr, x))
-    size = None if name in ("damping", "stiffness") else len(value)  # a polynomial's coefficients since MuJoCo 3.7
 
     def write(index: int, number: float) -> None:
         getattr(element, attr)[index] = number
 
+    size = None if name in _POLYNOMIALS else len(value)
     return Attribute(size, lambda index: float(getattr(element, attr)[index]), write)
 
 
@@ -61,10 +66,17 @@ def attribute_names(element: Any) -> tuple[str, ...]:
     return tuple(sorted({*names, *gains}))
 
 
-def _spec_name(element: Any, name: str) -> str | None:
-    for attr in dir(element):
+def class_name(element: Any) -> str:
+    """The default class of an element."""
+    found = element.classname if hasattr(element, "classname") else element.default()  # a tendon's
+    return str(found.name)
+
+
+@cache
+def _spec_name(kind: type, name: str) -> str | None:
+    for attr in dir(kind):
         if attr == _OTHER_NAMES.get(name, name) or attr.replace("_", "") == name:
-            return attr if _numeric(element, attr) else None
+            return attr
     return None
 
 
@@ -79,15 +91,21 @@ def _numeric(element: Any, attr: str) -> bool:
 
 def _gain(actuator: Any, name: str) -> Attribute | None:
     """`kp` and `kv` of a position or velocity servo; None for an actuator that is neither."""
+    if actuator.gaintype != mujoco.mjtGain.mjGAIN_FIXED or actuator.biastype != mujoco.mjtBias.mjBIAS_AFFINE:
+        return None
     position, velocity = actuator.biasprm[1] != 0, actuator.biasprm[2] != 0
-    place = 1 if name == "kp" else 2
     if not (position if name == "kp" else position or velocity):
         return None
+    place = 1 if name == "kp" else 2
     leads = name == "kp" or not position  # the gain by which the control counts
+
+    def read(_: int) -> float:
+        number = float(actuator.biasprm[place])
+        return float("nan") if place == 2 and number > 0 else abs(number)  # above 0 it is a damping ratio
 
     def write(_: int, number: float) -> None:
         if leads:
             actuator.gainprm[0] = number
         actuator.biasprm[place] = -number
 
-    return Attribute(None, lambda _: -float(actuator.biasprm[place]), write)
+    return Attribute(None, read, write)

@@ -57,9 +57,7 @@ def _calibrated(table: Table, index: int, entry: Any, spec: mujoco.MjSpec) -> Ca
         for write in writes:
             for bound in (lower, upper):
                 write.check_sense(spec, bound)
-        value = part.number("value") if "value" in entry else writes[0].current(spec)
-        if not np.isfinite(value):
-            raise RobotError("the model sets no number there, so the parameter needs value = …")
+        value = part.number("value") if "value" in entry else _current(writes, spec)
         log = part.one_of("scale", ("log", "linear"), "linear") == "log"
         parameter = Parameter(
             name, part.text("unit", "-"), lower, upper, " ".join(part.text("meaning").split()), value,
@@ -70,6 +68,21 @@ def _calibrated(table: Table, index: int, entry: Any, spec: mujoco.MjSpec) -> Ca
         text = str(error)
         raise RobotError(text if text.startswith(part.where) else f"{part.where}: {text}") from error
     return Calibrated(parameter, writes)
+
+
+def _current(writes: tuple[Write, ...], spec: mujoco.MjSpec) -> float:
+    """The value at which the model stays as it is.
+
+    Raises:
+        RobotError: There is none.
+    """
+    found = [number for write in writes for number in write.current(spec)]
+    if not np.isfinite(found).all():
+        raise RobotError("the model sets no number there, so the parameter needs value = …")
+    if not np.allclose(found, found[0], rtol=1e-9, atol=0.0):
+        listed = ", ".join(f"{one:g}" for one in sorted(set(found)))
+        raise RobotError(f"the model has several numbers there ({listed}), so the parameter needs value = …")
+    return found[0]
 
 
 def _lines(part: Table) -> list[Any]:

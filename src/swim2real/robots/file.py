@@ -34,8 +34,8 @@ A file that says `extends = "OTHER.toml"` takes over what it doesn't say itself,
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +46,11 @@ from numpy.typing import NDArray
 from swim2real.errors import RobotError
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.calibrated import Calibrated, read_calibrated
-from swim2real.robots.hooks import hook
-from swim2real.robots.robot import Control, Recordings, Robot, Sensor, Sine, SteadySwims
+from swim2real.robots.compiled import compiled, said
+from swim2real.robots.hooks import called, hook_file
+from swim2real.robots.robot import Robot, SteadySwims
 from swim2real.robots.table import Table, read_toml
+from swim2real.robots.trial_table import marker_index, read_trials
 
 FORMAT = 1
 PLANES = {"above": (0, 1), "side": (0, 2), "front": (1, 2)}
@@ -59,23 +61,38 @@ _KEYS = (
 )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class RobotFile:
+    """A robot file and the model that it is about.
+
+    Attributes:
+        place: Of the file.
+        table: All that it says, with what it takes over from others.
+        spec: The model before any parameter is written to it.
+        calibrated: The parameters and what they write.
+    """
+
+    place: Path
+    table: Table
+    spec: mujoco.MjSpec
+    calibrated: tuple[Calibrated, ...]
+
+
 def load_robot(path: str | Path) -> Robot:
     """The robot that a file describes.
 
     Raises:
         RobotError: The file can't be read, or doesn't fit its model; names the place and what exists.
     """
-    place = Path(path)
-    table = _whole(place)
-    spec = _base(table, place.parent)
-    calibrated = read_calibrated(table, spec)
+    file = open_robot_file(path)
+    table, spec = file.table, file.spec
     marker_names, sites, given_rest = _markers(table, spec)
     links = _links(table, marker_names)
     plane = PLANES[table.one_of("camera", tuple(PLANES), "above")]
-    trials = _trials(table, spec, marker_names, place.parent)
+    trials = read_trials(table, spec, marker_names, file.place.parent)
     prefix = "" if isinstance(trials, SteadySwims) else MARKER
-    space = ParameterSpace(tuple(one.parameter for one in calibrated))
-    builder = _Builder(spec, space, calibrated, tuple(zip(marker_names, sites, strict=True)), prefix)
+    space = ParameterSpace(tuple(one.parameter for one in file.calibrated))
+    builder = _Builder(file, space, tuple(zip(marker_names, sites, strict=True)), prefix)
     positions = _rest(builder.build(space.published), sites, table)
     rest = positions[:, plane] - positions[0, plane]
     rest = np.where(np.isfinite(given_rest), given_rest, rest)
@@ -92,30 +109,42 @@ def load_robot(path: str | Path) -> Robot:
         trials=trials,
         plane=plane,
         links=links,
-        source=place,
+        source=file.place,
     )
 
 
-def fingerprint(path: str | Path) -> str:
-    """Of a robot file and its model, so that a change of either is seen."""
+def open_robot_file(path: str | Path) -> RobotFile:
+    """Reads a robot file, its model and its parameters.
+
+    Raises:
+        RobotError: One can't be read, or a parameter doesn't fit the model.
+    """
     place = Path(path)
-    table = _whole(place)
-    xml = _base(table, place.parent).to_xml()
-    return hashlib.sha256(repr((dict(table.content), xml)).encode()).hexdigest()[:16]
+    table = read_whole(place)
+    spec = _base(table, place.parent)
+    return RobotFile(place, table, spec, read_calibrated(table, spec))
 
 
-def _whole(place: Path) -> Table:
-    """The file, with what it takes over."""
+def read_whole(place: Path, by: tuple[Path, ...] = ()) -> Table:
+    """A robot file with what it takes over from others, whose places are given from this file.
+
+    Raises:
+        RobotError: It or one of them can't be read, or they go round in circles.
+    """
     table = read_toml(place)
     table.allow(*_KEYS)
     if "extends" in table.content:
-        other = _whole(place.parent / table.text("extends"))
-        ours = dict(table.content)
-        content: dict[str, Any] = {**other.content, **ours}
+        folder = Path(table.text("extends")).parent
+        path = place.parent / table.text("extends")
+        if path.resolve() in (place.resolve(), *by):
+            raise table.wrong("extends", table.text("extends"), "must not lead back to the file itself")
+        taken = read_whole(path, (place.resolve(), *by))
+        other, ours = _moved(taken.content, folder), dict(table.content)
+        content: dict[str, Any] = {**other, **ours}
         for key in ("swims", "recordings"):
-            if isinstance(ours.get(key), dict):
-                content[key] = {**other.content.get(key, {}), **ours[key]}
-        content["parameters"] = [*other.list("parameters"), *table.list("parameters")]
+            if isinstance(ours.get(key), dict) and isinstance(other.get(key), dict):
+                content[key] = {**other[key], **ours[key]}
+        content["parameters"] = [*taken.list("parameters"), *table.list("parameters")]
         content.pop("extends")
         table = Table(content, table.where)
     if table.content.get("format") != FORMAT:
@@ -123,28 +152,47 @@ def _whole(place: Path) -> Table:
     return table
 
 
+def _moved(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """What a file says, with the places that it names seen from another folder."""
+
+    def moved(value: Any) -> Any:
+        file = hook_file(value) if isinstance(value, str) else None
+        return value if file is None else f"python:{(folder / file).as_posix()}:{value.rpartition(':')[2]}"
+
+    found = dict(content)
+    model = found.get("model")
+    if isinstance(model, str):
+        found["model"] = moved(model) if model.startswith("python:") else (folder / model).as_posix()
+    if isinstance(found.get("swims"), dict):
+        found["swims"] = {key: moved(value) for key, value in found["swims"].items()}
+    return found
+
+
 def _base(table: Table, folder: Path) -> mujoco.MjSpec:
     """The model before anything is written to it."""
     model = table.text("model")
     if model.startswith("python:"):
-        return hook(table, "model", folder)()
+        spec = called(table, "model", folder)
+        if not isinstance(spec, mujoco.MjSpec):
+            raise table.wrong("model", model, f"must return an MjSpec, not {type(spec).__name__}")
+        return spec.copy()  # it may be used again
     path = folder / model
     if not path.is_file():
         raise RobotError(f"{table.where}: model '{path}' is not there; give the MJCF file's way from the robot file")
     try:
-        return mujoco.MjSpec.from_file(str(path))
+        return mujoco.MjSpec.from_file(str(path.resolve()))  # its meshes are found from any working directory
     except ValueError as error:
-        raise RobotError(f"{table.where}: MuJoCo can't read model '{path}': {error}") from error
+        raise RobotError(f"{table.where}: MuJoCo can't read model '{path}': {said(error)}") from error
 
 
 class _Builder:
     """Makes specs for parameter values."""
 
     def __init__(
-        self, base: mujoco.MjSpec, space: ParameterSpace, calibrated: tuple[Calibrated, ...],
-        markers: tuple[tuple[str, str], ...], prefix: str,
-    ) -> None:  # fmt: skip
-        self._base, self._space, self._calibrated = base, space, calibrated
+        self, file: RobotFile, space: ParameterSpace, markers: tuple[tuple[str, str], ...], prefix: str
+    ) -> None:
+        base = file.spec
+        self._base, self._space, self._calibrated, self._place = base, space, file.calibrated, file.place.resolve()
         if not prefix:  # only the markers' own
             for sensor in list(base.sensors):
                 base.delete(sensor)
@@ -154,6 +202,10 @@ class _Builder:
                 objname=site,
             )  # fmt: skip
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A spec can't go to another process; the file is read again there."""
+        return _builder_of, (self._place,)
+
     def build(self, values: Values) -> mujoco.MjSpec:
         """A spec ready to compile.
 
@@ -162,10 +214,15 @@ class _Builder:
         """
         checked = self._space.check(values)
         spec = self._base.copy()
-        for one in self._calibrated:
-            for write in one.writes:
-                write.apply(spec, checked[one.parameter.name])
+        # all places are found before any is written, since a number may tell what kind of servo it is part of
+        found = [(write.into(spec), checked[one.parameter.name]) for one in self._calibrated for write in one.writes]
+        for write, value in found:
+            write(value)
         return spec
+
+
+def _builder_of(place: Path) -> _Builder:
+    return load_robot(place).build.__self__  # type: ignore[attr-defined]
 
 
 def _markers(table: Table, spec: mujoco.MjSpec) -> tuple[tuple[str, ...], tuple[str, ...], NDArray[np.float64]]:
@@ -180,12 +237,9 @@ def _markers(table: Table, spec: mujoco.MjSpec) -> tuple[tuple[str, ...], tuple[
         site = one.text("site")
         if site not in there:
             raise RobotError(f"{one.where}: the model has no site '{site}'; there are {', '.join(there) or 'none'}")
-        given = one.content.get("rest", [np.nan, np.nan])
-        if not isinstance(given, list) or len(given) != 2:
-            raise one.wrong("rest", given, "must be two numbers, in m from the first marker")
         sites.append(site)
         names.append(one.text("name", site))
-        rest.append([float(x) for x in given])
+        rest.append(one.numbers("rest", 2, "in m from the first marker") if "rest" in one.content else [np.nan] * 2)
     if not names or len(set(names)) < len(names):
         raise table.wrong("markers", names, f"must name one site at least, each once; there are {', '.join(there)}")
     return tuple(names), tuple(sites), np.array(rest)
@@ -198,104 +252,13 @@ def _links(table: Table, names: tuple[str, ...]) -> tuple[tuple[int, int], ...]:
     for pair in table.list("links"):
         if not isinstance(pair, list) or len(pair) != 2:
             raise table.wrong("links", pair, "must be pairs of markers")
-        found.append((_marker(table, "links", pair[0], names), _marker(table, "links", pair[1], names)))
+        found.append((marker_index(table, "links", pair[0], names), marker_index(table, "links", pair[1], names)))
     return tuple(found)
-
-
-def _marker(table: Table, key: str, name: Any, names: tuple[str, ...]) -> int:
-    if name not in names:
-        raise table.wrong(key, name, f"must be a marker: {', '.join(names)}")
-    return names.index(name)
 
 
 def _rest(spec: mujoco.MjSpec, sites: tuple[str, ...], table: Table) -> NDArray[np.float64]:
     """Positions of the sites in the pose of the model [m]. Shape (M, 3)."""
-    try:
-        model = spec.compile()
-    except ValueError as error:
-        raise RobotError(f"{table.where}: the model doesn't compile: {error}") from error
+    model = compiled(spec, table.where)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     return np.array([data.site(site).xpos for site in sites])
-
-
-def _trials(table: Table, spec: mujoco.MjSpec, markers: tuple[str, ...], folder: Path) -> SteadySwims | Recordings:
-    kinds = [key for key in ("recordings", "swims") if key in table.content]
-    if len(kinds) != 1:
-        raise RobotError(
-            f"{table.where}: there must be [recordings], for trials that are played back, or [swims], for a motor "
-            f"that turns at a constant speed; found {' and '.join(kinds) or 'neither'}"
-        )
-    part = table.table(kinds[0])
-    return _swims(part, markers, spec, folder) if kinds == ["swims"] else _recordings(part, markers, spec)
-
-
-def _swims(part: Table, markers: tuple[str, ...], spec: mujoco.MjSpec, folder: Path) -> SteadySwims:
-    part.allow("surge_joints", "motor_joint", "tail_markers", "response", "fit_plan")
-    surge, motor = part.texts("surge_joints", 2), part.text("motor_joint")
-    joints = [joint.name for joint in spec.joints]
-    for key, name in (*(("surge_joints", one) for one in surge), ("motor_joint", motor)):
-        if name not in joints:
-            raise part.wrong(key, name, f"must be a joint of the model: {', '.join(joints)}")
-    return SteadySwims(
-        surge_joints=(surge[0], surge[1]),
-        motor_joint=motor,
-        tail_markers=tuple(_marker(part, "tail_markers", name, markers) for name in part.texts("tail_markers")),
-        response=hook(part, "response", folder)() if "response" in part.content else None,
-        fit_plan=hook(part, "fit_plan", folder)() if "fit_plan" in part.content else None,
-    )
-
-
-def _recordings(part: Table, markers: tuple[str, ...], spec: mujoco.MjSpec) -> Recordings:
-    part.allow("controls", "sensors", "start", "frame", "travels")
-    actuators = [actuator.name for actuator in spec.actuators]
-    controls: dict[str, Control] = {}
-    table = part.table("controls")
-    for name in table.content:
-        if name not in actuators:
-            raise RobotError(
-                f"{table.where}: the model has no actuator '{name}'; there are {', '.join(actuators) or 'none'}"
-            )
-        controls[name] = _control(table, name)
-    start = part.text("start", "rest")
-    keys = [key.name for key in spec.keys]
-    if start not in ("rest", "markers", *keys):
-        raise part.wrong("start", start, f"must be one of rest, markers{''.join(f', {key}' for key in keys)}")
-    frame = part.texts("frame", 2) if "frame" in part.content else None
-    pair = (
-        None
-        if frame is None
-        else (_marker(part, "frame", frame[0], markers), _marker(part, "frame", frame[1], markers))
-    )
-    travels = part.truth("travels")
-    if travels and pair is None:
-        raise part.wrong("travels", travels, "needs frame, the two markers that say where it points")
-    return Recordings(controls, _sensors(part.table("sensors"), spec), start, pair, travels)
-
-
-def _control(table: Table, name: str) -> Control:
-    value: Any = table.content[name]
-    if isinstance(value, Mapping):
-        sine = Table(value, f"{table.where}, {name}")
-        sine.allow("amplitude", "phase", "offset")
-        return Sine(sine.number("amplitude"), sine.number("phase", 0.0), sine.number("offset", 0.0))
-    if value in ("table", "frequency"):
-        return value
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise table.wrong(name, value, 'must be "table", "frequency", a number, or {amplitude = …}')
-    return float(value)
-
-
-def _sensors(table: Table, spec: mujoco.MjSpec) -> tuple[Sensor, ...]:
-    there = [sensor.name for sensor in spec.sensors if sensor.name]
-    found: list[Sensor] = []
-    for name in table.content:
-        if name.partition("[")[0] not in there:
-            raise RobotError(f"{table.where}: the model has no sensor '{name}'; there are {', '.join(there) or 'none'}")
-        one = table.table(name)
-        one.allow("unit", "worth")
-        worth = one.number("worth")
-        if worth <= 0:
-            raise one.wrong("worth", worth, "must be above 0: meters of marker error that one unit counts as")
-        found.append(Sensor(name, one.text("unit", "-"), worth))
-    return tuple(found)

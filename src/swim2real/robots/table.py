@@ -46,7 +46,7 @@ class Table:
 
     def number(self, key: str, default: float | None = None) -> float:
         value = self._get(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        if not _finite(value):
             raise self.wrong(key, value, "must be a finite number")
         return float(value)
 
@@ -68,6 +68,12 @@ class Table:
         if not _texts(value) or (count is not None and len(value) != count):
             raise self.wrong(key, value, f"must be a list of {number}names")
         return tuple(value)
+
+    def numbers(self, key: str, count: int, what: str) -> list[float]:
+        value = self._get(key, None)
+        if not isinstance(value, list) or len(value) != count or not all(map(_finite, value)):
+            raise self.wrong(key, value, f"must be {count} finite numbers, {what}")
+        return [float(one) for one in value]
 
     def table(self, key: str) -> Table:
         """A table within; empty where there is none."""
@@ -92,6 +98,10 @@ class Table:
         if value is None:
             raise RobotError(f"{self.where}: {key} is missing")
         return value
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 def _texts(value: Any) -> bool:

@@ -7,23 +7,23 @@
     geom class "wet" fluidcoef[0]   of all elements of a default class, whatever they set themselves
     body "fin" pos[2]               one of several numbers
 
-Names, units and order are those of the MJCF file.
+Names, units and order are those of the MJCF file; an angle is in degrees where its compiler says so. `mass`,
+`diaginertia` and `ipos` of a body are those of its <inertial>; `kp` and `kv` are those of position and velocity servos.
 """
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
 import mujoco
-import numpy as np
 
 from swim2real.errors import RobotError
-from swim2real.robots.attributes import NOT_NEGATIVE, Attribute, attribute, attribute_names
+from swim2real.robots.attributes import NOT_NEGATIVE, Attribute, attribute, attribute_names, class_name
 
 KINDS = {
     "body": "bodies", "joint": "joints", "geom": "geoms", "site": "sites", "tendon": "tendons",
@@ -51,22 +51,26 @@ class Write:
     offset: float = 0.0
     relative: bool = False
 
-    def apply(self, spec: mujoco.MjSpec, value: float) -> None:
-        """Writes a value.
+    def into(self, spec: mujoco.MjSpec) -> Callable[[float], None]:
+        """What writes a value into a model.
 
         Raises:
             RobotError: The model has no such place.
         """
-        number = self.factor * value + self.offset
-        for found, index in places(spec, self.line):
-            found.write(index, number * found.read(index) if self.relative else number)
+        found = places(spec, self.line)
 
-    def current(self, spec: mujoco.MjSpec) -> float:
-        """The value at which the model stays as it is; NaN where it sets no number or its places differ."""
-        if self.relative:
-            return (1.0 - self.offset) / self.factor
-        numbers = {found.read(index) for found, index in places(spec, self.line)}
-        return (numbers.pop() - self.offset) / self.factor if len(numbers) == 1 else float("nan")
+        def write(value: float) -> None:
+            number = self.factor * value + self.offset
+            for numbers, index in found:
+                numbers.write(index, number * numbers.read(index) if self.relative else number)
+
+        return write
+
+    def current(self, spec: mujoco.MjSpec) -> list[float]:
+        """The values at which each place of the model stays as it is; NaN where it sets no number. Not empty."""
+        found = places(spec, self.line)
+        there = [1.0] if self.relative else [numbers.read(index) for numbers, index in found]
+        return [(number - self.offset) / self.factor for number in there]
 
     def check_sense(self, spec: mujoco.MjSpec, value: float) -> None:
         """Refuses a number below 0 where the attribute has no sense there.
@@ -134,10 +138,10 @@ def _elements(spec: mujoco.MjSpec, matched: re.Match[str]) -> list[Any]:
     found: list[Any] = []
     for name in re.findall(r'"([^"]*)"', matched["names"]):
         if matched["by"]:
-            wanted = [element for element in there if element.classname.name == name]
-            known = tuple(sorted({element.classname.name for element in there}))
+            wanted = [element for element in there if class_name(element) == name]
+            known = tuple(sorted({class_name(element) for element in there}))
         else:
-            wanted = [element for element in there if element.name and fnmatchcase(element.name, name)]
+            wanted = [element for element in there if element.name and _matches(element.name, name)]
             known = tuple(element.name for element in there if element.name)
         if not wanted:
             what = f"{kind} of class '{name}'" if matched["by"] else f"{kind} '{name}'"
@@ -145,6 +149,10 @@ def _elements(spec: mujoco.MjSpec, matched: re.Match[str]) -> list[Any]:
             raise RobotError(f"the model has no {what}{_known(name, known)}{unnamed}")
         found += [element for element in wanted if not any(element is one for one in found)]
     return found
+
+
+def _matches(name: str, pattern: str) -> bool:
+    return name == pattern or fnmatchcase(name, pattern)
 
 
 def _unnamed(kind: str, count: int) -> str:
@@ -156,18 +164,3 @@ def _known(name: str, known: Sequence[str]) -> str:
     hint = f"; did you mean '{near[0]}'?" if near else ";"
     listed = ", ".join(known) if known else "none"
     return f"{hint} there {'is' if len(known) < 2 else 'are'} {listed}"
-
-
-def same(first: mujoco.MjModel, second: mujoco.MjModel) -> bool:
-    """Whether two models of one spec have the same numbers."""
-    for name in dir(first):
-        if name.startswith("_"):
-            continue
-        value = getattr(first, name)
-        if isinstance(value, np.ndarray) and not np.array_equal(value, getattr(second, name), equal_nan=True):
-            return False
-    options = (first.opt, second.opt)
-    return all(
-        np.array_equal(getattr(options[0], name), getattr(options[1], name))
-        for name in dir(first.opt) if isinstance(getattr(first.opt, name), np.ndarray | float | int)
-    )  # fmt: skip

@@ -1,0 +1,81 @@
+"""A mark of a robot file and of all that its model is made of, so that a change of either is seen."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from swim2real.robots.compiled import numbers
+from swim2real.robots.file import open_robot_file, read_whole
+from swim2real.robots.hooks import hook_file
+from swim2real.robots.table import Table
+
+_FOLDERS = ("meshdir", "texturedir", "assetdir")  # of an MJCF compiler
+
+
+def fingerprint(path: str | Path) -> str:
+    """Of a robot file, those that it extends, its model with included files, meshes and the like, and hooks in files.
+
+    Comments and spaces don't count. A model made by a Python function counts by its numbers, which another version of
+    MuJoCo may compile otherwise.
+
+    Raises:
+        RobotError: One can't be read.
+    """
+    place = Path(path)
+    table = read_whole(place)
+    mark = hashlib.sha256(json.dumps(table.content, sort_keys=True, default=str).encode())
+    for name, content in _parts(place, table):
+        mark.update(f"\0{name}\0".encode() + content)
+    return mark.hexdigest()[:16]
+
+
+def _parts(place: Path, table: Table) -> Iterator[tuple[str, bytes]]:
+    """What the robot is made of beside its own file: a name and what it holds."""
+    folder, model = place.parent, table.text("model")
+    hooks = [table.content.get("swims", {}).get(key) for key in ("response", "fit_plan")]
+    for text in (model, *hooks):
+        file = hook_file(text) if isinstance(text, str) else None
+        if file is not None:
+            yield file, (folder / file).read_bytes()
+    if model.startswith("python:"):
+        for name, array in numbers(open_robot_file(place).spec.compile()):
+            yield name, np.asarray(array).tobytes()
+    else:
+        yield from _mjcf(folder / model)
+
+
+def _mjcf(path: Path) -> Iterator[tuple[str, bytes]]:
+    """An MJCF file and all that it names, each once."""
+    waiting, done, folders = [path], set[Path](), [path.parent]
+    named: list[str] = []
+    while waiting:
+        file = waiting.pop()
+        if file in done:
+            continue
+        done.add(file)
+        yield file.name, ElementTree.canonicalize(from_file=file, strip_text=True).encode()
+        folders.append(file.parent)
+        for element in ElementTree.parse(file).iter():
+            name = element.get("file") or element.get("filename")
+            if element.tag == "compiler":
+                folders += [path.parent / element.attrib[key] for key in _FOLDERS if key in element.attrib]
+            elif element.tag in ("include", "model") and name:
+                waiting += _found(name, [path.parent, file.parent])
+            elif name:
+                named.append(name)
+    for name in dict.fromkeys(named):
+        for file in _found(name, folders):
+            yield name, file.read_bytes()
+
+
+def _found(name: str, folders: list[Path]) -> list[Path]:
+    """The first file of a name that is there, in no list or a list of one."""
+    places: list[Any] = [folder / name for folder in folders] + [folder / Path(name).name for folder in folders]
+    return next(([place] for place in places if place.is_file()), [])
