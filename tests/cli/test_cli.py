@@ -449,7 +449,7 @@ def test_wrong_parameters_are_named(program, parameters, pool_folder, changes, s
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [({"format": 2}, "format is 2"), ({"robot": "eel"}, "is for robot 'eel'; there are fish, fish-extended")],
+    [({"format": 2}, "format is 2"), ({"robot": "eel"}, "no robot 'eel'; there are fish, fish-extended")],
     ids=["format", "robot"],
 )
 def test_a_parameters_file_for_something_else_is_refused(program, parameters, pool_folder, content, says):

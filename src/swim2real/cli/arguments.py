@@ -43,8 +43,9 @@ class Calibrate:
     """Who proposes. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a VLM, key from
     GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window. replay:RUN: an earlier run's
     replies, without a network."""
-    parameters: Literal["fish", "fish-extended"] = "fish"
-    """What is calibrated. fish: the paper's 16 parameters. fish-extended: dry friction at the water's surface, too."""
+    robot: Annotated[str, tyro.conf.arg(aliases=["--parameters"])] = "fish"
+    """What is calibrated. fish: the paper's 16 parameters. fish-extended: dry friction at the water's surface, too.
+    FILE.toml: your robot; `swim2real init` writes such a file."""
     protocol: Literal["aligned", "paper"] = "aligned"
     """aligned: identified frequency, steady swim, phase, registration, lost tracks left out. paper: none of these."""
     budget: int = 40
@@ -138,6 +139,8 @@ class Track:
     """Videos, one per trial; their names become the trials'. f1_50.mp4 is a command of 1.50 Hz."""
     to: Path
     """Reference folder to add the trials to."""
+    robot: str = "fish"
+    """Whose markers they are: fish, or a robot file (.toml)."""
     markers: tuple[str, ...] = ("auto",)
     """points.json of each video, in order (`swim2real pick` makes them), or auto to find the markers."""
     frequency: tuple[float, ...] = ()
@@ -169,6 +172,8 @@ class Pick:
     """Video whose first frame is shown."""
     out: Path | None = None
     """Page to write; by default beside the video."""
+    robot: str = "fish"
+    """Whose markers they are: fish, or a robot file (.toml)."""
 
 
 @dataclass(frozen=True)
@@ -181,6 +186,8 @@ class ImportTracks:
     """Reference folder to add the trials to."""
     fps: float
     """Frames a second of the videos."""
+    robot: str = "fish"
+    """Whose markers they are: fish, or a robot file (.toml)."""
     camera: Path | None = None
     """JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it."""
     frequency: tuple[float, ...] = ()
@@ -196,6 +203,8 @@ class Quality:
 
     reference: Positional[Path]
     """Folder with the real trials."""
+    robot: str = "fish"
+    """Whose markers they are: fish, or a robot file (.toml)."""
     allow_lost: float = 0.05
     """Share of frames that a marker may be lost for in a trial that passes."""
     plot: Path | None = None

@@ -33,7 +33,7 @@ def calibrate(a: Calibrate) -> int:
         a.vlm.base_url, a.vlm.key_variable, a.vlm.timeout, a.vlm.tries, a.vlm.max_calls, a.vlm.max_cost,
         a.vlm.reply_tokens, a.vlm.once,
     )  # fmt: skip
-    robot = robot_named(a.parameters)
+    robot = robot_named(a.robot)
     reference = load_reference(a.reference)
 
     def work(watch: Watch) -> dict[str, Any]:

@@ -34,7 +34,7 @@ def compare(a: Compare) -> int:
         a.vlm.base_url, a.vlm.key_variable, a.vlm.timeout, a.vlm.tries, a.vlm.max_calls, a.vlm.max_cost,
         a.vlm.reply_tokens,
     )  # fmt: skip
-    reference, robot = load_reference(a.reference), robot_named(a.parameters)
+    reference, robot = load_reference(a.reference), robot_named(a.robot)
     plan = make_plan(
         methods, seeds, a.protocols, a.budget, reference, robot, leave_one_out=a.leave_one_out,
         horizon=horizon(a.horizon), briefing=BriefingSettings(a.vlm.show, a.vlm.media, a.vlm.detail),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -25,8 +25,8 @@ class Compare:
     """Folder with the real trials."""
     out: Path
     """Folder to write."""
-    parameters: Literal["fish", "fish-extended"] = "fish"
-    """As for calibrate."""
+    robot: Annotated[str, tyro.conf.arg(aliases=["--parameters"])] = "fish"
+    """As for calibrate: fish, fish-extended, or a robot file."""
     methods: tuple[str, ...] = ()
     """random, cma-es, bayesopt, least-squares, staged, line-search (with the physics advisor), no-line-search (its
     ablation), warm-start; line-search@ADVISOR, no-line-search@ADVISOR and warm-start@ADVISOR for other advisors, as

@@ -10,7 +10,7 @@ from swim2real.cli import tables
 from swim2real.cli.arguments import Fetch, Report
 from swim2real.errors import MissingExtraError
 from swim2real.parameters import ParameterSpace
-from swim2real.robots import robot_named
+from swim2real.cli.subject import recorded_robot
 
 
 def report(a: Report) -> int:
@@ -40,7 +40,7 @@ def write_report(folder: Path) -> Path | None:
 
 def _space(run: Path) -> ParameterSpace:
     """Of the robot that a run is for."""
-    return robot_named(str(RunFolder(run).settings().get("robot"))).space
+    return recorded_robot(run, RunFolder(run).settings()).space
 
 
 def fetch(a: Fetch) -> int:

@@ -17,6 +17,7 @@ from swim2real.comparison.files import write_json
 from swim2real.errors import ArgumentError, RunError
 from swim2real.objective import Protocol
 from swim2real.pipeline import Settings
+from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
 from swim2real.simulation import Engine
 from swim2real.trials import TrialSet
@@ -67,6 +68,7 @@ class Plan:
         briefing: What VLMs are shown.
         source: Where the reference came from.
         versions: Of what the numbers depend on.
+        robot_fingerprint: Of the robot file; None for a robot known by its name.
     """
 
     contestants: tuple[Contestant, ...]
@@ -83,6 +85,7 @@ class Plan:
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
     source: str = ""
     versions: Mapping[str, str] = field(default_factory=versions)
+    robot_fingerprint: str | None = None
 
     def __post_init__(self) -> None:
         if not self.contestants or not self.seeds or not self.protocols:
@@ -119,7 +122,10 @@ class Plan:
     @property
     def basis(self) -> dict[str, Any]:
         """What every run must rest on, by its name in a run's settings."""
-        return {"robot": self.robot, "reference_fingerprint": self.reference, "engine": dict(self.engine)}
+        described = {} if self.robot_fingerprint is None else {"robot_fingerprint": self.robot_fingerprint}
+        return {
+            "robot": self.robot, **described, "reference_fingerprint": self.reference, "engine": dict(self.engine),
+        }  # fmt: skip
 
     def extending(self, before: Plan) -> Plan:
         """The plan that has all of an earlier one and of this one.
@@ -130,6 +136,7 @@ class Plan:
         fixed: list[tuple[str, Any, Any]] = [
             ("reference", _named_reference(before), _named_reference(self)),
             ("robot", before.robot, self.robot),
+            ("robot file", before.robot_fingerprint, self.robot_fingerprint),
             ("engine", _named_engine(before.engine), _named_engine(self.engine)),
             ("horizon", before.horizon, self.horizon),
         ]
@@ -174,6 +181,7 @@ def make_plan(
         tuple(contestants), tuple(dict.fromkeys(seeds)), tuple(dict.fromkeys(protocols)), budget, robot.name,
         reference.names, robot.marker_names, reference_fingerprint(reference), Engine.of(robot).as_dict(),
         leave_one_out, horizon, briefing or BriefingSettings(), source,
+        robot_fingerprint=None if robot.source is None else fingerprint(robot.source),
     )  # fmt: skip
 
 

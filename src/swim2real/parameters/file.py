@@ -34,7 +34,7 @@ class ParametersFile:
 
 
 def robot_of(path: str | Path) -> str:
-    """Name of the robot that a parameters file, or a run folder's best parameters, are for.
+    """The robot that a parameters file, or a run folder's best parameters, are for: its robot file, or its name.
 
     Raises:
         ParameterError: Not there, not JSON, another format, or no name.
@@ -43,7 +43,8 @@ def robot_of(path: str | Path) -> str:
     name = content.get("robot")
     if not isinstance(name, str):
         raise ParameterError(f"parameters file '{place}': 'robot' is {name!r}; it must be a robot's name")
-    return name
+    file = content.get("robot_file")
+    return name if file is None else str(place.parent / str(file))
 
 
 def read_parameters(path: str | Path, robot: str, space: ParameterSpace) -> ParametersFile:
@@ -86,8 +87,9 @@ def _read(path: str | Path) -> tuple[Path, dict[str, Any]]:
 
 
 def write_parameters(
-    path: str | Path, robot: str, values: Values, engine: str, physics: Mapping[str, Any], **notes: Any
-) -> None:
+    path: str | Path, robot: str, values: Values, engine: str, physics: Mapping[str, Any],
+    robot_file: Path | None = None, **notes: Any,
+) -> None:  # fmt: skip
     """Writes a parameters file at once, so that a reader never sees half of it.
 
     Args:
@@ -96,13 +98,23 @@ def write_parameters(
         values: Checked values.
         engine: Name and version of the engine.
         physics: Integrator, time step and fluid fingerprint.
+        robot_file: That describes the robot, for one that isn't known by its name.
         notes: What else the file should tell, such as the loss.
     """
-    content = {
-        "format": FORMAT, "robot": robot, "parameters": dict(values), "engine": engine, "physics": dict(physics),
-        **notes,
-    }  # fmt: skip
     place = Path(path)
+    file = {} if robot_file is None else {"robot_file": from_folder(place.parent, robot_file)}
+    content = {
+        "format": FORMAT, "robot": robot, **file, "parameters": dict(values), "engine": engine,
+        "physics": dict(physics), **notes,
+    }  # fmt: skip
     part = place.with_name(place.name + ".part")
     part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     os.replace(part, place)
+
+
+def from_folder(folder: Path, file: Path) -> str:
+    """The way from a folder to a file, so that both can be moved together; the whole path where there is none."""
+    try:
+        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # on another drive
+        return file.resolve().as_posix()
