@@ -10,7 +10,7 @@ from swim2real.errors import ArgumentError
 if TYPE_CHECKING:
     from swim2real.robots.robot import Robot
 
-__all__ = ["ROBOTS", "robot_named"]
+__all__ = ["ROBOTS", "robot_file", "robot_named"]
 
 ROBOTS = ("fish", "fish-extended")
 
@@ -31,3 +31,8 @@ def robot_named(name: str | Path) -> Robot:
     from swim2real.robots.file import load_robot
 
     return load_robot(name)
+
+
+def robot_file(name: str | Path) -> Path:
+    """The robot file behind a name, or the file itself."""
+    return Path(__file__).parent / "fish" / f"{name}.toml" if str(name) in ROBOTS else Path(name)

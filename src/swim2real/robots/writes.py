@@ -163,4 +163,4 @@ def _known(name: str, known: Sequence[str]) -> str:
     near = difflib.get_close_matches(name, known, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ";"
     listed = ", ".join(known) if known else "none"
-    return f"{hint} there {'is' if len(known) < 2 else 'are'} {listed}"
+    return f"{hint} there {'is' if len(known) == 1 else 'are'} {listed}"
