@@ -4,6 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 NEWEST := .venv-newest
+PYTEST := -m pytest -n 2 --dist loadfile  # a file's tests share what it makes
 
 .PHONY: demo test test-all test-newest check format clean
 
@@ -12,14 +13,14 @@ demo: $(STAMP)
 	$(BIN)/swim2real demo --out demo-out
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python $(PYTEST) -m "not slow"
 
 test-all: $(STAMP)
-	$(BIN)/python -m pytest
+	$(BIN)/python $(PYTEST)
 
 # the same suite on the newest physics engine that pip finds
 test-newest: $(NEWEST)/.installed
-	$(NEWEST)/bin/python -m pytest -m "not slow"
+	$(NEWEST)/bin/python $(PYTEST) -m "not slow"
 
 check: $(STAMP)
 	$(BIN)/ruff check --no-cache .

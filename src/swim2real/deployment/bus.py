@@ -12,7 +12,7 @@ from swim2real.deployment.control_table import MotorError, Register
 from swim2real.errors import ArgumentError, MissingExtraError
 
 USABLE_BAUDS = tuple(rate for rate in ct.BAUD_RATES.values() if 57_600 <= rate <= 4_000_000)
-_TRIES = 3  # of what isn't bound to a time
+_TRIES = 10  # of what isn't bound to a time; a busy computer misses some answers
 
 _ERRORS = {
     ct.RESULT_FAIL: "it failed to do so",
