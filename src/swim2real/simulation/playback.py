@@ -73,7 +73,7 @@ class Player:
         self.engine = Engine.of(robot)
         self._published = robot.build(robot.space.published).compile()
         self._markers = len(robot.marker_names)
-        self._sensors = {sensor.name: _address(self._published, sensor.name) for sensor in self._about.sensors}
+        self._sensors = {sensor.name: sensor_address(self._published, sensor.name) for sensor in self._about.sensors}
         if self._about.start not in (REST, MARKERS):
             start_at_keyframe(self._published, mujoco.MjData(self._published), self._about.start)
 
@@ -141,10 +141,7 @@ class Player:
         samples = track.times
         if trial.sensors is not None and names:
             samples = trial.sensors.between(track.times[0], track.times[-1]).times
-        steps = int(np.ceil(track.duration / step - 1e-9)) + 1
-        times = track.times[0] + step * np.arange(steps)
-        controls = driven(model, self._about.controls, trial, times)
-        data = self._begun(model, play, controls)
+        data, controls = self.begun(model, play)
         made = roll(model, data, controls)
         if made.failed_at is not None:
             return self._diverged(trial, f"the simulation diverged {made.failed_at:.3f} s after its start")
@@ -155,7 +152,11 @@ class Player:
             sensors=Signals(samples, names, readings) if names else None,
         )  # fmt: skip
 
-    def _begun(self, model: mujoco.MjModel, play: Play, controls: Array) -> mujoco.MjData:
+    def begun(self, model: mujoco.MjModel, play: Play) -> tuple[mujoco.MjData, Array]:
+        """Where a playback begins, and the controls of its every step. Shape (N, nu)."""
+        track, step = play.trial.track, float(model.opt.timestep)
+        times = track.times[0] + step * np.arange(int(np.ceil(track.duration / step - 1e-9)) + 1)
+        controls = driven(model, self._about.controls, play.trial, times)
         data = mujoco.MjData(model)
         if self._about.start not in (REST, MARKERS):
             start_at_keyframe(model, data, self._about.start)
@@ -164,7 +165,7 @@ class Player:
             fit = PoseFit(model, self._markers, self.robot.plane)
             simulated = partial(self._first_frames, model, controls, play.first.times)
             data.qpos[:], data.qvel[:] = start_at_markers(fit, play.first, play.guess, simulated)
-        return data
+        return data, controls
 
     def _first_frames(
         self, model: mujoco.MjModel, controls: Array, times: Array, qpos: Array, qvel: Array
@@ -203,7 +204,7 @@ def sampled(values: Array, interval: float, times: Array) -> Array:
     return (1 - share) * values[before] + share * values[np.minimum(before + 1, len(values) - 1)]
 
 
-def _address(model: mujoco.MjModel, name: str) -> int:
+def sensor_address(model: mujoco.MjModel, name: str) -> int:
     """Where a sensor's number is among all; `NAME[I]` is one number of a vector."""
     base, _, rest = name.partition("[")
     sensors = {model.sensor(i).name: model.sensor(i) for i in range(model.nsensor)}

@@ -31,6 +31,13 @@ class Rolled:
     failed_at: float | None
 
 
+def physics_state(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Time, positions, velocities and activations in a row, as the engine rolls out from. Shape (n,)."""
+    state = np.empty(mujoco.mj_stateSize(model, _PHYSICS))
+    mujoco.mj_getState(model, data, state, _PHYSICS)
+    return state
+
+
 def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array) -> Rolled:
     """Steps without Python's lock; the data is left where the last step ended.
 
@@ -39,8 +46,7 @@ def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array) -> Rolled:
         data: Where to begin.
         controls: Of every step. Shape (N, nu).
     """
-    state = np.empty(mujoco.mj_stateSize(model, _PHYSICS))
-    mujoco.mj_getState(model, data, state, _PHYSICS)
+    state = physics_state(model, data)
     states, sensors = rollout.rollout(model, data, state[None], controls[None], nstep=len(controls))
     states, sensors = states[0], sensors[0]
     mujoco.mj_setState(model, data, states[-1], _PHYSICS)

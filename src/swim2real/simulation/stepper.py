@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.robots.robot import Robot
-from swim2real.simulation.rolling import roll
+from swim2real.simulation.rolling import physics_state, roll
 
 if TYPE_CHECKING:
     from swim2real.simulation.fast_step import FastStep
@@ -74,6 +74,11 @@ class Stepper:
         self._data.qvel[motor.dofadr[0]] = motor_speed
         self._data.qvel[self._surge[0]] = -speed  # the robot points its head toward -x
         self.timestep = float(model.opt.timestep)
+
+    @property
+    def state(self) -> Array:
+        """Where the last chunk ended, as `physics_state` has it."""
+        return physics_state(self._model, self._data)
 
     def push(self, velocity: Array) -> None:
         """Adds to the velocity of the whole robot in the plane [m/s]. Shape (2,)."""
