@@ -21,7 +21,7 @@ import numba
 import numpy as np
 from mujoco import rollout
 
-from swim2real.calibration import Problem, RealTrial, examine
+from swim2real.calibration import RealTrial, SwimProblem, examine
 from swim2real.demo.synthetic import Camera, synthetic_reference
 from swim2real.objective import compare
 from swim2real.robots.fish import FISH
@@ -91,11 +91,11 @@ def full_length() -> None:
         rollout.rollout(model, data, state[None], np.full((1, steps, 1), speed), nstep=steps)
 
 
-def evaluations(repeats: int) -> dict[str, Problem]:
+def evaluations(repeats: int) -> dict[str, SwimProblem]:
     swims = synthetic_reference(FISH, PUBLISHED, FREQUENCIES, HORIZON + 1.0, Camera(noise=1e-3), seed=1)
     real = examine(swims, FISH)
     problems = {
-        f"{step} step, {threads} thread{'s' * (threads > 1)}": Problem(
+        f"{step} step, {threads} thread{'s' * (threads > 1)}": SwimProblem(
             FISH, real, Simulator(FISH, threads, step=step), horizon=HORIZON
         )
         for step, threads in (("engine", 1), ("engine", 2), ("fast", 1), ("fast", 2))
@@ -113,7 +113,7 @@ def evaluations(repeats: int) -> dict[str, Problem]:
     return problems
 
 
-def parts(problem: Problem, repeats: int) -> None:
+def parts(problem: SwimProblem, repeats: int) -> None:
     simulated = problem.simulator.simulate(PUBLISHED, problem.swims)
     times = in_turns(
         {
@@ -133,14 +133,16 @@ def parts(problem: Problem, repeats: int) -> None:
 def scaling(real: tuple[RealTrial, ...], repeats: int) -> None:
     """Evaluations a second by number of threads, up to twice the cores."""
     counts = [n for n in (1, 2, 4, 8, 16, 32, 64) if n <= 2 * (os.cpu_count() or 1)]
-    problems = {f"{n} thread{'s' * (n > 1)}": Problem(FISH, real, Simulator(FISH, n), horizon=HORIZON) for n in counts}
+    problems = {
+        f"{n} thread{'s' * (n > 1)}": SwimProblem(FISH, real, Simulator(FISH, n), horizon=HORIZON) for n in counts
+    }
     batch = [PUBLISHED] * 4
     times = in_turns({name: lambda p=p: p.evaluate_many(batch) for name, p in problems.items()}, repeats)
     for name, spent in times.items():
         row(name, f"{len(batch) / statistics.median(spent):.1f} /s, {ratio(times, '1 thread', name):.2f} times")
 
 
-def batches(problem: Problem, sizes: tuple[int, ...]) -> None:
+def batches(problem: SwimProblem, sizes: tuple[int, ...]) -> None:
     rng = np.random.default_rng(0)
     for size in sizes:
         candidates = [FISH.space.to_values(point) for point in rng.random((size, len(FISH.space)))]

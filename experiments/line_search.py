@@ -20,7 +20,7 @@ import numpy as np
 from recover import hidden
 
 from swim2real.advisor.simulated_vlm import SimulatedVlm, VlmErrors
-from swim2real.calibration import Problem, examine
+from swim2real.calibration import SwimProblem, examine
 from swim2real.optimizers import BacktrackingLineSearch, Evaluation, first_point
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator
@@ -39,7 +39,7 @@ def problem_of(number):
     """A hidden fish's values, and its swims to calibrate against."""
     point, reference = hidden(number)
     fitted, _ = reference.split(LEFT_OUT)
-    return FISH.space.to_values(point), Problem(FISH, examine(fitted, FISH), Simulator(FISH, threads=1))
+    return FISH.space.to_values(point), SwimProblem(FISH, examine(fitted, FISH), Simulator(FISH, threads=1))
 
 
 def one_run(problem, space, values, seed, errors, max_steps, budget):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from swim2real.calibration import Problem, examine
+from swim2real.calibration import SwimProblem, examine
 from swim2real.demo.example import CAMERA, hidden_values
 from swim2real.demo.films import PLACEMENT, SAMPLE_INTERVAL, TIMESTEP
 from swim2real.demo.synthetic import placed_by_hand, steady_swims, turned
@@ -77,7 +77,7 @@ def main():
             f"speed by {1e3 * speeds:+.2f} mm/s, {100 * np.isnan(off).mean():.1f} % of marker-frames lost"
         )
     judges = {
-        name: Problem(FISH, examine(r, FISH), Simulator(FISH)) for name, r in (("true", true), ("tracked", tracked))
+        name: SwimProblem(FISH, examine(r, FISH), Simulator(FISH)) for name, r in (("true", true), ("tracked", tracked))
     }
     for seed in range(a.seeds):
         for name, reference in (("true", true), ("tracked", tracked)):

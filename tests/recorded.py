@@ -58,7 +58,8 @@ FLOATER_XML = """
     </body>
   </worldbody>
   <actuator>
-    <position name="bender" joint="bend" kp="0.3" kv="0.002"/><position name="flapper" joint="flap" kp="0.2" kv="0.002"/>
+    <position name="bender" joint="bend" kp="0.3" kv="0.002"/>
+    <position name="flapper" joint="flap" kp="0.2" kv="0.002"/>
   </actuator>
 </mujoco>
 """

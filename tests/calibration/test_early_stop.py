@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import small_run
 
-from swim2real.calibration import Problem, RunFolder, calibrate, examine
+from swim2real.calibration import RunFolder, SwimProblem, calibrate, examine
 from swim2real.objective import evidence
 from swim2real.optimizers import BacktrackingLineSearch, ScriptedAdvisor, first_point, streams
 from swim2real.simulation import Simulator
@@ -91,7 +91,7 @@ def test_cycles_instead_of_full_lengths_accept_the_same_steps(reference, in_full
     if new_fluid_law:
         pytest.skip("with the fluid law of this engine swims don't repeat exactly")
     simulator = Simulator(small_run.ROBOT, 2, full_length=True)
-    problem = Problem(small_run.ROBOT, examine(reference, small_run.ROBOT), simulator)
+    problem = SwimProblem(small_run.ROBOT, examine(reference, small_run.ROBOT), simulator)
     entries, best = searched(problem, tmp_path / "run")
     assert accepted(entries) == accepted(in_full[0])
     assert best["loss"] == pytest.approx(in_full[1]["loss"], abs=2e-4)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import small_run
 
-from swim2real.calibration import Problem, RunFolder, conclude, examine
+from swim2real.calibration import RunFolder, SwimProblem, conclude, examine
 from swim2real.calibration.from_rest import backward_from_rest, from_rest
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
@@ -26,7 +26,7 @@ def test_a_perfect_fit_that_swims_backward_from_rest_is_told(simulator, new_flui
         pytest.skip("with the newer lift force these parameters swim another way")
     swims = [Swim(name, Actuation(f, 0.0, 0.15), 2.0) for name, f in FREQUENCIES.items()]
     filmed = TrialSet(tuple(simulator.simulate(BOTH_WAYS, swims)), FISH.marker_names)
-    outcome = conclude(RunFolder(tmp_path), Problem(FISH, examine(filmed, FISH), simulator), None, BOTH_WAYS)
+    outcome = conclude(RunFolder(tmp_path), SwimProblem(FISH, examine(filmed, FISH), simulator), None, BOTH_WAYS)
     assert outcome["fit"]["aligned_marker_error"] < 1e-3
     for name, trial in outcome["fit"]["trials"].items():
         begun = outcome["from_rest"][name]
@@ -51,7 +51,7 @@ def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, refere
 
 def test_the_papers_protocol_is_tried_at_its_nominal_frequencies(reference, tmp_path):
     nominal = TrialSet(tuple(replace(t, nominal_frequency=2.0 + i) for i, t in enumerate(reference)))
-    problem = Problem(small_run.ROBOT, examine(nominal, small_run.ROBOT), Simulator(small_run.ROBOT, 2), "paper")
+    problem = SwimProblem(small_run.ROBOT, examine(nominal, small_run.ROBOT), Simulator(small_run.ROBOT, 2), "paper")
     outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN)
     assert [one["frequency"] for one in outcome["from_rest"].values()] == [2.0, 3.0]
 

@@ -234,7 +234,7 @@ def test_standard_errors_are_those_of_repeated_noise():
         shift = np.linalg.lstsq(slopes, residual, rcond=None)[0]
         fits.append(shift)
         left = residual - slopes @ shift
-        found = local(slopes, left, [(frames, markers)])
+        found = local(slopes, left, [(frames, 2 * markers)])
         foretold.append(found.standard_errors)
         naive.append(np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)) * left.var()))
         assert 2 < found.effective_count < 0.1 * len(residual)

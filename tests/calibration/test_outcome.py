@@ -5,8 +5,8 @@ import pytest
 import small_run
 
 from swim2real.calibration import (
-    Problem,
     RunFolder,
+    SwimProblem,
     commit,
     conclude,
     examine,
@@ -55,7 +55,7 @@ def test_batched_and_single_evaluations_are_the_same(problem):
 
 
 def test_the_papers_protocol_drives_at_the_nominal_frequency_from_rest(reference):
-    problem = Problem(ROBOT, examine(reference, ROBOT), Simulator(ROBOT, threads=2), protocol="paper")
+    problem = SwimProblem(ROBOT, examine(reference, ROBOT), Simulator(ROBOT, threads=2), protocol="paper")
     for trial, swim in zip(reference, problem.swims, strict=True):
         assert swim.actuation.frequency == trial.nominal_frequency
         assert swim.actuation.start_speed is None
@@ -65,7 +65,7 @@ def test_the_papers_protocol_drives_at_the_nominal_frequency_from_rest(reference
 
 def test_the_papers_protocol_needs_nominal_frequencies():
     real = examine(trial_set(Swimmer().track()), FISH)
-    message = refusal(Problem, ROBOT, real, Simulator(ROBOT, threads=1), "paper")
+    message = refusal(SwimProblem, ROBOT, real, Simulator(ROBOT, threads=1), "paper")
     assert message == (
         "trial 'swim0' has no nominal frequency, which protocol 'paper' needs; "
         "write it into reference.json or use protocol 'aligned'"
@@ -74,7 +74,7 @@ def test_the_papers_protocol_needs_nominal_frequencies():
 
 @pytest.mark.parametrize("horizon", [0.0, -1.0, float("nan")])
 def test_a_horizon_that_is_no_time_is_refused(problem, horizon):
-    message = refusal(Problem, ROBOT, problem.real, problem.simulator, "aligned", horizon)
+    message = refusal(SwimProblem, ROBOT, problem.real, problem.simulator, "aligned", horizon)
     assert message == f"horizon is {horizon} s; it must be above 0"
 
 
@@ -97,7 +97,7 @@ def test_a_trial_without_a_beat_is_named():
 def test_an_outcome_is_written_with_fit_and_held_out_apart(reference, tmp_path):
     kept, out = reference.split(["f1_70"])
     simulator = Simulator(ROBOT, threads=2)
-    fitted, unseen = (Problem(ROBOT, examine(trials, ROBOT), simulator) for trials in (kept, out))
+    fitted, unseen = (SwimProblem(ROBOT, examine(trials, ROBOT), simulator) for trials in (kept, out))
     folder = RunFolder(tmp_path)
     outcome = conclude(folder, fitted, unseen, small_run.HIDDEN)
     assert folder.outcome() == json.loads(json.dumps(outcome, allow_nan=False)) == outcome

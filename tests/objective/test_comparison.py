@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swim2real.calibration import Problem, examine
+from swim2real.calibration import SwimProblem, examine
 from swim2real.errors import TrialError
 from swim2real.objective import FAILED_LOSS, Target, compare, evidence
 from swim2real.robots.fish import FISH
@@ -203,7 +203,7 @@ def test_the_published_parameters_have_their_known_figures(tracks, new_fluid_law
     if not known <= set(tracks.names):
         pytest.skip("not all six published tracks are there")
     six = TrialSet(tuple(trial for trial in tracks if trial.name in known))
-    problem = Problem(FISH, examine(six, FISH), Simulator(FISH, threads=2))
+    problem = SwimProblem(FISH, examine(six, FISH), Simulator(FISH, threads=2))
     comparison = problem.evaluate(FISH.space.published)
     figures = {name: 1e3 * comparison.figure(name) for name in ("marker_error", "shape_error", "velocity_error")}
     assert comparison.divergence is None
@@ -218,7 +218,7 @@ def test_the_published_parameters_have_their_known_figures(tracks, new_fluid_law
 
 @pytest.mark.parametrize("protocol", ["aligned", "paper"])
 def test_the_residual_vector_holds_what_the_loss_measures(pool, protocol):
-    found = Problem(FISH, examine(pool, FISH), Simulator(FISH), protocol).evaluate(FISH.space.published)
+    found = SwimProblem(FISH, examine(pool, FISH), Simulator(FISH), protocol).evaluate(FISH.space.published)
     vector = found.residual_vector()
     assert np.isfinite(vector).all()
     squares = []
@@ -231,7 +231,7 @@ def test_the_residual_vector_holds_what_the_loss_measures(pool, protocol):
 
 
 def test_the_residual_vector_of_a_failure_is_as_long_and_finite(pool):
-    found = Problem(FISH, examine(pool, FISH), Simulator(FISH)).evaluate(FISH.space.published)
+    found = SwimProblem(FISH, examine(pool, FISH), Simulator(FISH)).evaluate(FISH.space.published)
     failed = replace(found, trials=tuple(replace(trial, divergence="it blew up") for trial in found.trials))
     assert failed.residual_vector().shape == found.residual_vector().shape
     assert np.sum(failed.residual_vector() ** 2) == pytest.approx(FAILED_LOSS**2)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swim2real.calibration import Problem, examine
+from swim2real.calibration import SwimProblem, examine
 from swim2real.errors import TrialError
 from swim2real.objective import Target
 from swim2real.objective.elongated_body import (
@@ -156,7 +156,7 @@ def test_nothing_to_fit_to_is_told():
 
 @pytest.mark.parametrize("protocol", ["aligned", "paper"])
 def test_the_published_swims(tracks, protocol):
-    problem = Problem(FISH, examine(tracks, FISH), Simulator(FISH, 1), protocol)
+    problem = SwimProblem(FISH, examine(tracks, FISH), Simulator(FISH, 1), protocol)
     found = predict_speeds(problem.targets, (7, 8))
     assert [one.motion.name for one in found] == list(tracks.names)
     for one in found:

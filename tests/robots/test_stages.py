@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swim2real.calibration import Problem, examine
+from swim2real.calibration import SwimProblem, examine
 from swim2real.objective import evidence
 from swim2real.optimizers import Evaluation, RandomSearch, first_point, streams
 from swim2real.optimizers.staged import Stage, Staged
@@ -71,7 +71,7 @@ def test_stages_calibrate_a_simulated_fish(pool, protocol):
     ]  # fmt: skip
     at = space.to_cube({**space.published, **plan.held})
     held = {space.names.index(name): float(at[space.names.index(name)]) for name in plan.held}
-    problem = Problem(FISH, examine(pool, FISH), Simulator(FISH, 1), protocol, 1.0)
+    problem = SwimProblem(FISH, examine(pool, FISH), Simulator(FISH, 1), protocol, 1.0)
     optimizer = Staged(first_point(16, 0), stages, 16, RandomSearch, streams(0)[1], held)
     seen = []
     for _ in range(16):

@@ -151,7 +151,7 @@ class _Study:
         best = self._evaluate([np.array(state["fit"]["point"])])[0]
         slopes, jumps = jacobian(self._evaluate, best)
         if "local" not in state:
-            state["local"] = self._local_content(local(slopes, best.residual, self._shapes()), best)
+            state["local"] = self._local_content(local(slopes, best.residual, self._run.problem.blocks()), best)
             state["local"]["jumps"] = [self._names[i] for i in jumps]
             self._write(state)
         rise = self._settings.rise * best.loss
@@ -187,14 +187,6 @@ class _Study:
             found, _ = refit(self._evaluate, best, jacobian(self._evaluate, best)[0], free, self._settings.polish)
             best = min((best, found), key=lambda one: one.loss)
         return best
-
-    def _shapes(self) -> list[tuple[int, int]]:
-        """Frames and markers of each trial, as compared."""
-        horizon = self._run.problem.horizon
-        return [
-            (target.trial.cut(horizon).track.frame_count, target.weights.shape[1])
-            for target in self._run.problem.targets
-        ]
 
     def _local_content(self, found: Local, best: Fitted) -> dict[str, Any]:
         errors = found.standard_errors

@@ -3,7 +3,7 @@
 The residual of a good fit is mostly what the model can't do, strongly correlated in time and between markers. Counting
 frames as independent would make standard errors many times too small. Here the noise of a trial is taken as stationary,
 with the residual's own covariance between markers and its own autocorrelation in time, and errors come from a sandwich
-estimator, (J'J)^-1 (J'WJ) (J'J)^-1 with W that covariance. Trials are taken as independent of one another.
+estimator, (J'J)^-1 (J'WJ) (J'J)^-1 with W that covariance. Trials, and sensors, are taken as independent.
 """
 
 from __future__ import annotations
@@ -69,24 +69,24 @@ class Local:
         return out
 
 
-def local(slopes: Array, residual: Array, shapes: Sequence[tuple[int, int]]) -> Local:
+def local(slopes: Array, residual: Array, blocks: Sequence[tuple[int, int]]) -> Local:
     """Standard errors and directions from a Jacobian and the residual at a fit.
 
     Args:
         slopes: Jacobian of the residual by the cube's coordinates [m]. Shape (n, d).
         residual: [m]. Shape (n,).
-        shapes: Frames and markers of each trial; n is twice the sum of their products.
+        blocks: Rows, in time, and columns of the numbers that belong together; n is the sum of their products.
     """
     count = slopes.shape[1]
     normal = slopes.T @ slopes
     middle, effective, first = np.zeros((count, count)), 0.0, 0
-    for frames, markers in shapes:
-        part = slice(first, first + 2 * frames * markers)
+    for rows, columns in blocks:
+        part = slice(first, first + rows * columns)
         first = part.stop
-        noise = residual[part].reshape(frames, 2 * markers)
-        between, along = noise.T @ noise / frames, autocorrelation(noise)
+        noise = residual[part].reshape(rows, columns)
+        between, along = noise.T @ noise / rows, autocorrelation(noise)
         effective += _participation(between) * _independent_frames(along)
-        sway = slopes[part].reshape(frames, 2 * markers, count)
+        sway = slopes[part].reshape(rows, columns, count)
         over_time = np.tensordot(toeplitz(along), sway, axes=1)
         over_both = np.einsum("tci,ce->tei", over_time, between)
         middle += np.tensordot(sway, over_both, axes=((0, 1), (0, 1)))

@@ -137,11 +137,11 @@ def _check_replay(entry: Mapping[str, Any], candidate: Candidate, index: int, fo
 
 def write_best(folder: RunFolder, problem: Problem, entry: Mapping[str, Any]) -> None:
     """Writes the incumbent as the run's parameters file."""
-    engine = problem.simulator.engine
+    engine = problem.engine
     try:
         write_parameters(
             folder.best_path, problem.robot.name, entry["values"], engine.name, engine.as_dict(),
-            loss=entry["loss"], evaluation=entry["index"],
+            problem.robot.source, loss=entry["loss"], evaluation=entry["index"],
         )  # fmt: skip
     except OSError as error:
         raise RunError(f"can't write '{folder.best_path}': {error.strerror or error}; --resume goes on") from error

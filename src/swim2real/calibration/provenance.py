@@ -52,11 +52,17 @@ def commit() -> str | None:
 
 
 def reference_fingerprint(reference: TrialSet) -> str:
-    """sha256 over the names, time stamps, positions and confidences of a reference."""
+    """sha256 over a reference: names, time stamps, positions, confidences, and what was recorded beside them."""
     digest = hashlib.sha256()
     for trial in reference:
         digest.update(trial.name.encode())
         digest.update(repr(trial.nominal_frequency).encode())
         for array in (trial.track.times, trial.track.positions, trial.track.confidence):
             digest.update(np.ascontiguousarray(array).tobytes())
+        for signals in (trial.controls, trial.sensors):
+            if signals is not None:
+                digest.update(repr(signals.names).encode())
+                digest.update(signals.times.tobytes() + signals.values.tobytes())
+        if trial.start or trial.start_velocities:
+            digest.update(repr((sorted(trial.start.items()), sorted(trial.start_velocities.items()))).encode())
     return digest.hexdigest()

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from swim2real.calibration.problem import Problem, examine
+from swim2real.calibration.posing import pose_problem
+from swim2real.calibration.problem import Problem
 from swim2real.calibration.provenance import reference_fingerprint
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.errors import RunError
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
-from swim2real.simulation import Simulator
 from swim2real.trials import TrialSet
 
 
@@ -63,8 +63,9 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
             f"run '{folder.path}' was made with another reference than this one of {len(reference)} trials; give the "
             f"one that it was made with" + (f", {settings['reference']}" if settings.get("reference") else "")
         )
-    simulator = Simulator(robot, threads)
-    note = simulator.engine.difference(settings.get("engine") or {})
+    fitted, _ = reference.split(tuple(settings["hold_out"]))
+    problem = pose_problem(robot, fitted, settings["protocol"], settings["horizon"], threads)
+    note = problem.engine.difference(settings.get("engine") or {})
     if note:
         raise RunError(f"run '{folder.path}' was {note}; losses can't be compared, so make a new run")
     record = tuple(e for e in folder.record() if not e["failed"] and not e.get("lower_bound"))
@@ -76,8 +77,6 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
             space.to_values(entry["point"])
     except (KeyError, ValueError, TypeError) as error:
         raise RunError(f"the record of '{folder.path}' is damaged: {error!r}; begin a new run") from error
-    fitted, _ = reference.split(tuple(settings["hold_out"]))
-    problem = Problem(robot, examine(fitted, robot), simulator, settings["protocol"], settings["horizon"])
     return Reopened(folder, settings, problem, space, record)
 
 
@@ -89,8 +88,8 @@ def described(run: Reopened) -> dict[str, Any]:
         "scale": run.space.scale,
         "protocol": run.problem.protocol,
         "horizon": run.problem.horizon,
-        "trials": [one.trial.name for one in run.problem.real],
+        "trials": [trial.name for trial in run.problem.trials],
         "reference_fingerprint": run.settings["reference_fingerprint"],
-        "engine": run.problem.simulator.engine.as_dict(),
+        "engine": run.problem.engine.as_dict(),
     }
     return json.loads(json.dumps(found))  # as it will be when it is read back

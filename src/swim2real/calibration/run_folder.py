@@ -8,7 +8,9 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
+import numpy as np
 from filelock import FileLock, Timeout
 
 from swim2real.errors import RunError
@@ -156,6 +158,32 @@ class RunFolder:
         with _disk(self.path):
             part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
             os.replace(part, path)
+
+    def write_arrays(self, name: str, arrays: Mapping[str, Any]) -> None:
+        """Writes an .npz file whole or not at all."""
+        path = self.path / name
+        part = path.with_name(name + ".part")
+        try:
+            with part.open("wb") as file:
+                np.savez_compressed(file, **arrays)
+            part.replace(path)
+        except OSError as error:
+            raise RunError(f"can't write '{path}': {error.strerror or error}") from error
+
+    def read_arrays(self, name: str) -> dict[str, Any]:
+        """The content of an .npz file that was written when the run ended.
+
+        Raises:
+            RunError: It isn't there, or damaged.
+        """
+        path = self.path / name
+        try:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+                return dict(stored)
+        except FileNotFoundError:
+            raise RunError(f"run '{self.path}' has no {name} yet; it is written when a run ends") from None
+        except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
+            raise RunError(f"{path} can't be read: {error}") from error
 
     def _read_json(self, path: Path, missing: str) -> dict[str, Any]:
         try:

@@ -6,8 +6,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swim2real.calibration.problem import Problem
+from swim2real.objective import Comparison
 from swim2real.parameters import ParameterSpace, Values
 
 STEP = 0.1  # of the parameter's range on the space's scale
@@ -23,7 +25,7 @@ class Sensitivity:
         name: Of the parameter.
         lower: Change of the loss for a step down [m]; None where the bound is in the way.
         upper: Change of the loss for a step up [m]; None likewise.
-        speed: Mean relative change of the forward speed for a step up, from both sides.
+        speed: Mean relative change of the forward speed for a step up, from both sides; None where nothing travels.
         verdict: `identified`, `weak` or `not identified`, by the larger of the two changes. One parameter at a time:
             that others could make up for it isn't seen here.
     """
@@ -31,7 +33,7 @@ class Sensitivity:
     name: str
     lower: float | None
     upper: float | None
-    speed: float
+    speed: float | None
     verdict: str
 
     def as_dict(self) -> dict[str, Any]:
@@ -49,17 +51,26 @@ def sensitivities(problem: Problem, space: ParameterSpace, values: Values) -> li
         points[row, i] += step
     results = problem.evaluate_many([space.to_values(point) for point in points])
     base = results[0]
-    base_speed = np.array([trial.velocity_simulated for trial in base.trials])
+    base_speed = _speeds(base)
     found: list[Sensitivity] = []
     for i, name in enumerate(space.names):
         changes: dict[float, float] = {}
         speeds: list[float] = []
         for (j, step), result in zip(moves, results[1:], strict=True):
-            if i == j:
-                changes[np.sign(step)] = result.loss - base.loss
-                speed = np.array([trial.velocity_simulated for trial in result.trials])
-                speeds.append(float(np.mean((speed - base_speed) / np.maximum(base_speed, 1e-3)) * np.sign(step)))
+            if i != j:
+                continue
+            changes[np.sign(step)] = result.loss - base.loss
+            if len(base_speed):
+                change = (_speeds(result) - base_speed) / np.maximum(base_speed, 1e-3)
+                speeds.append(float(np.mean(change) * np.sign(step)))
         effect = max((abs(change) for change in changes.values()), default=0.0)
         verdict = "identified" if effect >= IDENTIFIED else "weak" if effect >= WEAK else "not identified"
-        found.append(Sensitivity(name, changes.get(-1.0), changes.get(1.0), float(np.mean(speeds or [0.0])), verdict))
+        faster = float(np.mean(speeds or [0.0])) if len(base_speed) else None
+        found.append(Sensitivity(name, changes.get(-1.0), changes.get(1.0), faster, verdict))
     return found
+
+
+def _speeds(comparison: Comparison) -> NDArray[np.float64]:
+    """Simulated forward speeds, by trial [m/s]; none where nothing travels."""
+    figures = [trial.figures() for trial in comparison.trials]
+    return np.array([one["velocity_simulated"] for one in figures if "velocity_simulated" in one])

@@ -8,6 +8,7 @@ from swim2real.objective.playback import (
     PlaybackTarget,
     SensorComparison,
     compare_playback,
+    playbacks_of,
 )
 from swim2real.objective.swims import Target, TrialComparison, compare, compare_trial, swims_of
 
@@ -27,5 +28,6 @@ __all__ = [
     "compare_playback",
     "compare_trial",
     "evidence",
+    "playbacks_of",
     "swims_of",
 ]

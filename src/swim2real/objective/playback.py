@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
 from swim2real.objective.alignment import weighted_distance
-from swim2real.objective.comparison import FAILED_LOSS, Protocol
+from swim2real.objective.comparison import FAILED_LOSS, Comparison, Protocol
 from swim2real.objective.windows import main_amplitudes, mean, windowed, windows
-from swim2real.trials import Trial, frames
+from swim2real.trials import Signals, Trial, frames
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,23 @@ class PlaybackTarget:
     frame: tuple[int, int] | None = None
     travels: bool = False
     worths: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    def readings(self, name: str) -> Signals:
+        """Of a sensor, while the robot is filmed.
+
+        Raises:
+            TrialError: The trial hasn't any.
+        """
+        trial, track = self.trial, self.trial.track
+        if trial.sensors is None:
+            raise TrialError(
+                f"trial '{trial.name}' has no sensors; add a table with a column '{name}', which is to be compared"
+            )
+        try:
+            found = trial.sensors.between(track.times[0], track.times[-1])
+            return Signals(found.times, (name,), found.column(name)[:, None])
+        except TrialError as error:
+            raise TrialError(f"trial '{trial.name}': sensor '{name}' can't be compared: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -236,18 +253,28 @@ def compare_playback(target: PlaybackTarget, simulated: Trial) -> PlaybackCompar
         weights = weights * (weights[:, target.frame] > 0).all(axis=1, keepdims=True)
     return PlaybackComparison(
         trial.name, track.times, weights, track.positions, simulated.track.positions, target.frame, target.travels,
-        tuple(_sensor(trial, simulated, name, worth) for name, worth in target.worths.items()),
+        tuple(_sensor(target, simulated, name) for name in target.worths),
         simulated.divergence,
     )  # fmt: skip
 
 
-def _sensor(trial: Trial, simulated: Trial, name: str, worth: float) -> SensorComparison:
-    if trial.sensors is None:
-        raise TrialError(f"trial '{trial.name}' has no sensors; sensor '{name}' is to be compared")
-    real = trial.sensors.between(trial.track.times[0], trial.track.times[-1])
+def _sensor(target: PlaybackTarget, simulated: Trial, name: str) -> SensorComparison:
+    real = target.readings(name)
     readings = np.full(len(real.times), np.nan)
     if simulated.divergence is None:
         if simulated.sensors is None or not np.array_equal(simulated.sensors.times, real.times):
             raise TrialError(f"trial '{simulated.name}': its sensors weren't simulated at the recording's time stamps")
         readings = simulated.sensors.column(name)
-    return SensorComparison(name, worth, real.times, real.column(name), readings)
+    return SensorComparison(name, target.worths[name], real.times, real.column(name), readings)
+
+
+def playbacks_of(comparison: Comparison) -> tuple[PlaybackComparison, ...]:
+    """The trials of a comparison of recordings.
+
+    Raises:
+        TrialError: It compares something else.
+    """
+    found = tuple(trial for trial in comparison.trials if isinstance(trial, PlaybackComparison))
+    if len(found) < len(comparison.trials):
+        raise TrialError("this needs recordings, and the trials that are compared are swims")
+    return found

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from swim2real.advisor import (
     Access,
@@ -21,13 +21,12 @@ from swim2real.advisor import (
 )
 from swim2real.calibration import (
     HORIZON,
-    Problem,
     Progress,
     RunFolder,
     calibrate,
     commit,
     conclude,
-    examine,
+    pose_problem,
     reference_fingerprint,
     sensitivities,
     versions,
@@ -35,10 +34,10 @@ from swim2real.calibration import (
 from swim2real.errors import ArgumentError, OptimizerError, RunError
 from swim2real.objective import Protocol
 from swim2real.optimizers import Proposal, streams
-from swim2real.parameters import Scale
+from swim2real.parameters import Scale, from_folder
 from swim2real.pipeline.methods import ADVISED, METHODS, Method, make_optimizer
+from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
-from swim2real.simulation import Simulator
 from swim2real.trials import TrialSet
 
 
@@ -49,7 +48,7 @@ class Settings:
     Attributes:
         method: How candidates are found.
         advisor: Who proposes: `physics`, `PROVIDER:MODEL`, `files` or `replay:RUN`.
-        protocol: What is compared.
+        protocol: What is compared; recordings are always compared by their playback.
         budget: Simulation evaluations.
         seed: Of the first point and every random choice.
         scale: Of the parameters; None takes the protocol's.
@@ -80,7 +79,7 @@ class Settings:
         if self.method not in METHODS:
             raise ArgumentError(f"method is '{self.method}'; there are {', '.join(METHODS)}")
         check_advisor(self.advisor)
-        if self.protocol not in ("aligned", "paper"):
+        if self.protocol not in get_args(Protocol):  # playback needn't be asked for: recordings have no other
             raise ArgumentError(f"protocol is '{self.protocol}'; there are aligned and paper")
         if self.scale not in (None, "log", "linear"):
             raise ArgumentError(f"scale is '{self.scale}'; there are log and linear")
@@ -132,21 +131,21 @@ def run(
     space = replace(robot.space, scale=settings.resolved_scale)
     folder = RunFolder(out)
     fitted, unseen = reference.split(settings.hold_out)
-    simulator = Simulator(robot, settings.threads)
-    problem = Problem(robot, examine(fitted, robot), simulator, settings.protocol, settings.horizon)
-    held_out = None
-    if unseen is not None:
-        held_out = Problem(robot, examine(unseen, robot), simulator, settings.protocol, settings.horizon)
+    problem = pose_problem(robot, fitted, settings.protocol, settings.horizon, settings.threads)
+    held_out = None if unseen is None else problem.of(unseen)
     resolved = {
         "robot": robot.name,
+        **({} if robot.source is None else {"robot_fingerprint": fingerprint(robot.source)}),
         **asdict(settings),
+        "protocol": problem.protocol,
         "scale": settings.resolved_scale,
         "briefing": asdict(settings.briefing) if asks_a_vlm(settings.advisor) else None,
         "hold_out": sorted(out.name for out in unseen or ()),
         "reference_fingerprint": reference_fingerprint(reference),
-        "engine": simulator.engine.as_dict(),
+        "engine": problem.engine.as_dict(),
     }
     about = {
+        **({} if robot.source is None else {"robot_file": from_folder(folder.path, robot.source)}),
         "reference": source, "versions": versions(), "commit": commit(),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }  # fmt: skip
@@ -186,8 +185,8 @@ def _recorded_proposals(folder: RunFolder) -> list[Proposal]:
 
 
 _REPLAYED = (
-    "robot", "method", "protocol", "seed", "scale", "max_steps", "early_stop", "horizon", "hold_out",
-    "reference_fingerprint", "engine",
+    "robot", "robot_fingerprint", "method", "protocol", "seed", "scale", "max_steps", "early_stop", "horizon",
+    "hold_out", "reference_fingerprint", "engine",
 )  # fmt: skip
 
 
@@ -199,7 +198,8 @@ def _check_replay(advisor: str, resolved: Mapping[str, Any]) -> None:
     there = RunFolder(source).settings()
     here = json.loads(json.dumps(dict(resolved)))
     for key in _REPLAYED:
-        if there.get(key) != here[key]:
+        if there.get(key) != here.get(key):
             raise ArgumentError(
-                f"a replay needs what '{source}' was run with: {key} was {there.get(key)!r} and is now {here[key]!r}"
+                f"a replay needs what '{source}' was run with: {key} was {there.get(key)!r} and is now "
+                f"{here.get(key)!r}"
             )

@@ -35,27 +35,21 @@ USABLE_SHARE = 0.05  # of frames that a marker may be lost for in a trial that i
 
 
 @dataclass(frozen=True)
-class TrackQuality:
-    """What was found in one track.
+class LostMarkers:
+    """What was lost in one track.
 
     Attributes:
         lost: True where a marker must not be scored. Shape (T, M).
         reasons: Frames per reason and marker, in the order of `REASONS`. Shape (6, M).
-        head_spread: Relative standard deviation of the head's length, a measure of scale and jitter.
-        body_spread: Relative standard deviation of the body's length, first to last marker.
-        rest_misfit: Mean deviation of the marker distances from the robot's rest lengths, after one scale [m].
     """
 
     lost: Mask
     reasons: NDArray[np.int64]
-    head_spread: float
-    body_spread: float
-    rest_misfit: float
 
     @property
     def weights(self) -> Array:
-        """1 where a marker counts; 0 where it or the head, on which the body frame stands, is lost. Shape (T, M)."""
-        return (~(self.lost | self.lost[:, :2].any(axis=1, keepdims=True))).astype(float)
+        """1 where a marker counts. Shape (T, M)."""
+        return (~self.lost).astype(float)
 
     @property
     def lost_share(self) -> Array:
@@ -85,6 +79,30 @@ class TrackQuality:
                     f"{reason} {count}" for reason, count in zip(REASONS, self.reasons[:, m], strict=True) if count
                 ]
                 found.append(f"{names[m]} is lost in {_percent(share)} of frames ({', '.join(parts)})")
+        return found
+
+
+@dataclass(frozen=True)
+class TrackQuality(LostMarkers):
+    """What was found in one track of a swimmer.
+
+    Attributes:
+        head_spread: Relative standard deviation of the head's length, a measure of scale and jitter.
+        body_spread: Relative standard deviation of the body's length, first to last marker.
+        rest_misfit: Mean deviation of the marker distances from the robot's rest lengths, after one scale [m].
+    """
+
+    head_spread: float
+    body_spread: float
+    rest_misfit: float
+
+    @property
+    def weights(self) -> Array:
+        """1 where a marker counts; 0 where it or the head, on which the body frame stands, is lost. Shape (T, M)."""
+        return (~(self.lost | self.lost[:, :2].any(axis=1, keepdims=True))).astype(float)
+
+    def findings(self, names: tuple[str, ...]) -> list[str]:
+        found = super().findings(names)
         if self.head_spread > HEAD_SPREAD:
             found.append(f"the head's length varies by {100 * self.head_spread:.1f} %: the scale is doubtful")
         return found
@@ -92,6 +110,14 @@ class TrackQuality:
 
 def _percent(share: float) -> str:
     return "under 1 %" if share < 0.01 else f"{100 * share:.0f} %"
+
+
+def unseen(track: MarkerTrack) -> LostMarkers:
+    """What the tracker itself says of any robot's markers: that it has lost them, or doubts where they are."""
+    missing, doubtful = _unseen(track)
+    kinds = {"missing": missing, "doubtful": doubtful}
+    reasons = [kinds[reason].sum(axis=0) if reason in kinds else np.zeros(track.marker_count) for reason in REASONS]
+    return LostMarkers(missing | doubtful, np.array(reasons, dtype=np.int64))
 
 
 def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
@@ -104,8 +130,7 @@ def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
         track: Of a real swim; NaN is legal.
         rest_markers: Marker positions of the straight robot [m]. Shape (M, 2).
     """
-    missing = ~np.isfinite(track.positions).all(axis=2) | (track.confidence <= 0)
-    doubtful = ~missing & (track.confidence < DOUBTFUL)
+    missing, doubtful = _unseen(track)
     missing |= doubtful
     track = MarkerTrack(track.times, np.where(missing[:, :, None], np.nan, track.positions), track.confidence)
     positions = track.positions
@@ -140,6 +165,12 @@ def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
         body_spread=_spread(distances[:, 0, -1], lost[:, 0] | lost[:, -1]),
         rest_misfit=float(deviation[np.isfinite(deviation)].mean()) if np.isfinite(deviation).any() else float("nan"),
     )
+
+
+def _unseen(track: MarkerTrack) -> tuple[Mask, Mask]:
+    """Where markers are missing, and where they are only doubted. Each of shape (T, M)."""
+    missing = ~np.isfinite(track.positions).all(axis=2) | (track.confidence <= 0)
+    return missing, ~missing & (track.confidence < DOUBTFUL)
 
 
 def _median(values: Array) -> Array:

@@ -1,0 +1,111 @@
+"""The problem of recordings: real ones, and a player that simulates them under their controls."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from typing import Any
+
+from swim2real.calibration.problem import HORIZON, Problem
+from swim2real.calibration.recording_pairs import save_recordings
+from swim2real.calibration.run_folder import RunFolder
+from swim2real.errors import TrialError
+from swim2real.objective import Comparison, PlaybackComparison, PlaybackTarget, compare_playback
+from swim2real.objective.evidence import rounded
+from swim2real.parameters import Values
+from swim2real.robots.robot import Robot
+from swim2real.simulation import Engine, Play, Player
+from swim2real.tracking import unseen
+from swim2real.trials import Trial, TrialSet
+
+
+class PlaybackProblem(Problem):
+    """Evaluates parameter values against recordings."""
+
+    def __init__(self, reference: TrialSet, player: Player, horizon: float | None = HORIZON) -> None:
+        """Prepares the recordings to play back.
+
+        Args:
+            reference: Real trials.
+            player: Of the robot.
+            horizon: Seconds of each trial that are compared, None for all.
+
+        Raises:
+            TrialError: The markers or sensors aren't the robot's, or a trial can't be played back.
+        """
+        super().__init__(player.robot, reference.trials, "playback", horizon)
+        about = self.robot.recordings
+        _check_markers(reference, self.robot)
+        self.player = player
+        self.lost = [unseen(trial.track) for trial in self.trials]
+        self.targets: list[PlaybackTarget] = []
+        self.plays: list[Play] = []
+        for trial, lost in zip(self.trials, self.lost, strict=True):
+            cut = trial.cut(horizon)
+            weights = lost.weights[: cut.track.frame_count]
+            worths = {sensor.name: sensor.worth for sensor in about.sensors}
+            target = PlaybackTarget(cut, weights, about.frame, about.travels, worths)
+            for name in worths:
+                target.readings(name)
+            self.targets.append(target)
+            self.plays.append(player.prepared(cut, weights))
+
+    @property
+    def engine(self) -> Engine:
+        return self.player.engine
+
+    def of(self, reference: TrialSet) -> PlaybackProblem:
+        return PlaybackProblem(reference, self.player, self.horizon)
+
+    def blocks(self) -> list[tuple[int, int]]:
+        found: list[tuple[int, int]] = []
+        for target in self.targets:
+            track = target.trial.track
+            found.append((track.frame_count, 2 * track.marker_count))
+            found += [(len(target.readings(name).times), 1) for name in target.worths]
+        return found
+
+    def examined(self) -> dict[str, dict[str, Any]]:
+        return {
+            trial.name: rounded(
+                {
+                    "nominal_frequency": trial.nominal_frequency,
+                    "meters_per_pixel": trial.meters_per_pixel,
+                    "duration": trial.track.duration,
+                    "frames": trial.track.frame_count,
+                    "controls": [] if trial.controls is None else list(trial.controls.names),
+                    "sensors": [] if trial.sensors is None else list(trial.sensors.names),
+                    "lost_share": lost.lost_share,
+                    "left_out_share": lost.left_out_share,
+                    "usable": lost.usable,
+                    "findings": lost.findings(self.robot.marker_names),
+                }
+            )
+            for trial, lost in zip(self.trials, self.lost, strict=True)
+        }
+
+    def tried(self, values: Values) -> dict[str, Any]:
+        """Nothing: a playback starts where its recording did."""
+        return {}
+
+    def save(self, folder: RunFolder, fit: Comparison, held_out: Comparison | None) -> None:
+        save_recordings(folder, fit, held_out)
+
+    def _cost(self, index: int) -> float:
+        return self.plays[index].trial.track.duration
+
+    def _simulate_each(self, values: Values, order: Sequence[int]) -> Generator[Trial]:
+        return self.player.play_each(values, [self.plays[i] for i in order])
+
+    def _simulate_many(self, candidates: Sequence[Values]) -> list[TrialSet]:
+        return self.player.play_many(candidates, self.plays)
+
+    def _compared(self, index: int, simulated: Trial) -> PlaybackComparison:
+        return compare_playback(self.targets[index], simulated)
+
+
+def _check_markers(reference: TrialSet, robot: Robot) -> None:
+    if reference.marker_names != robot.marker_names:
+        raise TrialError(
+            f"the reference has the markers {', '.join(reference.marker_names)}; robot '{robot.name}' has "
+            f"{', '.join(robot.marker_names)}; name them alike, in the same order"
+        )
