@@ -73,7 +73,7 @@ def finish(work: Callable[[Watch], dict[str, Any]], budget: int, folder: Path, q
         print(json.dumps(outcome, indent=2))
     elif not quiet:
         _print(outcome)
-    warning = backward_from_rest(outcome["from_rest"])
+    warning = backward_from_rest(outcome.get("from_rest", {}))
     if warning:
         print(f"swim2real: warning: {warning}", file=sys.stderr)
     page = write_report(folder)
