@@ -59,9 +59,9 @@ def reference_fingerprint(reference: TrialSet) -> str:
         digest.update(repr(trial.nominal_frequency).encode())
         for array in (trial.track.times, trial.track.positions, trial.track.confidence):
             digest.update(np.ascontiguousarray(array).tobytes())
-        for signals in (trial.controls, trial.sensors):
+        for kind, signals in (("controls", trial.controls), ("sensors", trial.sensors)):
             if signals is not None:
-                digest.update(repr(signals.names).encode())
+                digest.update(repr((kind, signals.names)).encode())
                 digest.update(signals.times.tobytes() + signals.values.tobytes())
         if trial.start or trial.start_velocities:
             digest.update(repr((sorted(trial.start.items()), sorted(trial.start_velocities.items()))).encode())

@@ -1,6 +1,7 @@
 """Reference folders and the published tracks, read and written.
 
-A reference folder holds `reference.json` and a table a trial (`time_s`, then `M0_x_m, M0_y_m, M0_confidence, …`).
+A reference folder holds `reference.json` and a table a trial (`time_s`, then `M0_x_m, M0_y_m, M0_confidence, …`), and
+where they were recorded tables of controls and sensors (`time_s`, then a column each).
 A folder of the prior work's raw CSVs (pixels, two columns a marker, 60 fps, no header) is read as well.
 """
 
@@ -10,6 +11,7 @@ import csv
 import json
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,8 @@ from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
+from swim2real.trials.recorded import RECORDED, SIGNALS, recorded_entry, recorded_tables, with_recorded
+from swim2real.trials.tables import TIME, read_lines, read_numbers
 from swim2real.trials.trial import MarkerTrack, Trial, TrialSet
 
 FORMAT = 1
@@ -57,7 +61,7 @@ def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
     table = Path(path)
     if not (np.isfinite(fps) and fps > 0):
         raise TrialError(f"{table.name}: fps is {fps}; it must be finite and above 0")
-    rows = _read_numbers(table, _read_lines(table), first_line=1)
+    rows = read_numbers(table, read_lines(table), first_line=1)
     width = 2 * PUBLISHED_MARKERS
     _check_table(table, rows, width, f"{width} numbers a row (x and y of {PUBLISHED_MARKERS} markers)")
     pixels = rows.reshape(len(rows), PUBLISHED_MARKERS, 2)
@@ -94,11 +98,14 @@ def save_reference(trials: TrialSet, folder: str | Path) -> None:
     path = Path(folder)
     for name in trials.names:
         _check_name(name)
+    entries = [_entry(trial, path) for trial in trials]
+    for entry in entries:
+        _check_files(entry, entries, path)
     try:
         path.mkdir(parents=True, exist_ok=True)
         for trial in trials:
-            _write_table(path / f"{trial.name}.csv", trial.track, trials.marker_names)
-        _write_index(path, list(trials.marker_names), [_entry(trial, path) for trial in trials])
+            _write_tables(path, trial, trials.marker_names)
+        _write_index(path, list(trials.marker_names), entries)
     except OSError as error:
         raise TrialError(f"can't write reference folder '{path}': {error.strerror or error}") from error
 
@@ -115,6 +122,9 @@ def check_folder(folder: str | Path, name: str, marker_names: tuple[str, ...]) -
 
 def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -> None:
     """Adds a trial to a reference folder, in place of one of the same name; makes the folder if it isn't there.
+
+    What was recorded beside the replaced trial's track stays, if the new one brings nothing like it: a video that is
+    tracked again keeps its controls, sensors and start.
 
     Files are replaced at once and the index last, so that a reader never sees half of one, and processes that add
     trials at the same time wait for one another.
@@ -137,17 +147,12 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
         path.mkdir(parents=True, exist_ok=True)
         with FileLock(path / LOCK, timeout=_LOCK_TIMEOUT):
             entries = _entries(path, marker_names, table)
-            names = [entry["name"] for entry in entries]
-            for entry in entries:
-                if entry["name"] != trial.name and entry.get("table", f"{entry['name']}.csv") == table:
-                    raise TrialError(f"table '{table}' in '{path}' is trial '{entry['name']}'; choose another name")
-            if trial.name in names:
-                entries[names.index(trial.name)] = _entry(trial, path)
-            else:
-                entries.append(_entry(trial, path))
+            old = next((entry for entry in entries if entry["name"] == trial.name), {})
+            new = {**{key: old[key] for key in RECORDED if key in old}, **_entry(trial, path)}
+            entries = [*(entry for entry in entries if entry is not old), new]
+            _check_files(new, entries, path)
             entries.sort(key=lambda entry: str(entry["name"]))  # whoever was added first
-            _write_table(path / f"{table}.part", trial.track, marker_names)
-            (path / f"{table}.part").replace(path / table)
+            _write_tables(path, trial, marker_names)
             _write_index(path, list(marker_names), entries)
     except Timeout:
         raise TrialError(f"another process has been writing to '{path}' for {_LOCK_TIMEOUT} s; try again") from None
@@ -176,6 +181,18 @@ def _check_name(name: str) -> None:
         raise TrialError(f"trial name {name!r} can't be the name of a file; give it another")
 
 
+def _check_files(entry: dict[str, Any], entries: list[dict[str, Any]], path: Path) -> None:
+    """Whether no other trial has a table of the same name."""
+    for other in entries:
+        shared = sorted(_tables(entry) & _tables(other))
+        if other["name"] != entry["name"] and shared:
+            raise TrialError(f"table '{shared[0]}' in '{path}' is trial '{other['name']}'; choose another name")
+
+
+def _tables(entry: dict[str, Any]) -> set[str]:
+    return {entry.get("table", f"{entry['name']}.csv"), *(entry[kind] for kind in SIGNALS if kind in entry)}
+
+
 def _entry(trial: Trial, folder: Path) -> dict[str, Any]:
     video = {} if trial.video is None else {"video": _from(folder, trial.video)}
     return {
@@ -186,6 +203,7 @@ def _entry(trial: Trial, folder: Path) -> dict[str, Any]:
         "meters_per_pixel": trial.meters_per_pixel,
         "provenance": trial.provenance,
         **video,
+        **recorded_entry(trial),
     }
 
 
@@ -236,12 +254,12 @@ def _load_trial(folder: Path, entry: Any, markers: list[str]) -> Trial:
     table = folder / str(file_name)
     if not table.is_file() or table.parent != folder:
         raise TrialError(f"{where}: table '{file_name}' of trial '{name}' is not in {folder}")
-    lines = _read_lines(table)
+    lines = read_lines(table)
     columns = _columns(markers)
     header = next(csv.reader(lines[:1]), [])
     if header != columns:
         raise TrialError(f"{table}, line 1: the header must be {','.join(columns[:4])},… ({len(columns)} columns)")
-    rows = _read_numbers(table, lines[1:], first_line=2)
+    rows = read_numbers(table, lines[1:], first_line=2)
     _check_table(table, rows, len(columns), f"{len(columns)} columns, as the header")
     cells = rows[:, 1:].reshape(len(rows), len(markers), 3)
     try:
@@ -255,46 +273,31 @@ def _load_trial(folder: Path, entry: Any, markers: list[str]) -> Trial:
         name, track, entry.get("nominal_frequency_hz"), entry.get("meters_per_pixel"), str(entry.get("provenance", "")),
         video=None if video is None else folder / video,
     )  # fmt: skip
+    trial = with_recorded(trial, entry, folder, where)
     return _check_motion(trial, table)
 
 
 def _columns(markers: tuple[str, ...] | list[str]) -> list[str]:
-    return ["time_s", *(f"{m}_{part}" for m in markers for part in ("x_m", "y_m", "confidence"))]
+    return [TIME, *(f"{m}_{part}" for m in markers for part in ("x_m", "y_m", "confidence"))]
 
 
-def _write_table(path: Path, track: MarkerTrack, markers: tuple[str, ...]) -> None:
+def _write_tables(folder: Path, trial: Trial, markers: tuple[str, ...]) -> None:
+    """The trial's tables, each whole or not at all."""
+    written: dict[str, Callable[[Path], None]] = {
+        f"{trial.name}.csv": lambda path: _write_track(path, trial.track, markers), **recorded_tables(trial)
+    }  # fmt: skip
+    for name, write in written.items():
+        write(folder / f"{name}.part")
+        (folder / f"{name}.part").replace(folder / name)
+
+
+def _write_track(path: Path, track: MarkerTrack, markers: tuple[str, ...]) -> None:
     cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(_columns(markers))
         for time, row in zip(track.times, cells, strict=True):
             writer.writerow([f"{time:.6f}", *("" if np.isnan(value) else f"{value:.6f}" for value in row)])
-
-
-def _read_lines(table: Path) -> list[str]:
-    try:
-        return table.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise TrialError(f"{table}: not readable as text ({error})") from error
-
-
-def _read_numbers(table: Path, lines: list[str], first_line: int) -> NDArray[np.float64]:
-    """Rows of numbers, empty cells as NaN; the error names line and column."""
-    rows: list[list[float]] = []
-    for line, cells in enumerate(csv.reader(lines), start=first_line):
-        if not cells:
-            continue
-        row: list[float] = []
-        for column, cell in enumerate(cells, start=1):
-            try:
-                row.append(float(cell) if cell.strip() else float("nan"))
-            except ValueError:
-                raise TrialError(f"{table}, line {line}, column {column}: '{cell}' is not a number") from None
-        if rows and len(row) != len(rows[0]):
-            raise TrialError(f"{table}, line {line}: {len(row)} columns, the rows above have {len(rows[0])}")
-        rows.append(row)
-    numbers = np.array(rows, dtype=float) if rows else np.empty((0, 0))
-    return np.where(np.isinf(numbers), np.nan, numbers)
 
 
 def _check_table(table: Path, rows: NDArray[np.float64], width: int, wanted: str) -> None:
