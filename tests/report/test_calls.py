@@ -9,14 +9,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from test_report import EVIL, SPACE, Run, page_of, searched, visible
+from test_report import EVIL, ROBOT, Run, page_of, searched, visible
 
 from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
 from swim2real.advisor.vlm.transcript import Call, Transcript
 from swim2real.cli import main
 from swim2real.report import page as room
 from swim2real.report.page import content
-from swim2real.report.run import read_run
+from swim2real.report.reading import read_run
 from swim2real.report.units import count, dollars, duration, listed, shortened
 from swim2real.robots.fish import FISH
 from vlm_server import replies
@@ -92,7 +92,7 @@ def run(tmp_path: Path) -> VlmRun:
 
 
 def rounds_of(run: Run) -> list:
-    return list(content(read_run(run.path, SPACE))["rounds"])
+    return list(content(read_run(run.path, ROBOT))["rounds"])
 
 
 def markup(page: str) -> str:
@@ -106,7 +106,7 @@ def test_the_calls_are_counted_and_listed(run: VlmRun) -> None:
         "80,000 tokens in 3,750 tokens out 0.50 USD spent, and 1 reply of unknown price 1 min 28 s waited "
         "some-model answered 3 times other-model-9 answered 1 time some-model-2025-12-11 answered 1 time"
     ) in shown
-    section = content(read_run(run.path, SPACE))["calls"]
+    section = content(read_run(run.path, ROBOT))["calls"]
     assert [(row.number, row.round, row.kind, row.outcome) for row in section.rows] == [
         ("1", "1", "question", "used"), ("2", "2", "question", "not usable"), ("3", "2", "repair", "used"),
         ("4", "3", "question", "failed"), ("5", "3", "question", "used"), ("6", "4", "question", "used"),
@@ -121,7 +121,7 @@ def test_the_calls_are_counted_and_listed(run: VlmRun) -> None:
 
 
 def test_another_model_than_the_one_asked_is_a_warning(run: VlmRun) -> None:
-    section = content(read_run(run.path, SPACE))["calls"]
+    section = content(read_run(run.path, ROBOT))["calls"]
     assert section.warnings == (
         "Another model answered: some-model was asked, and other-model-9 answered call 5. The result is not that of "
         "some-model alone.",
@@ -314,7 +314,7 @@ def test_a_page_without_calls_is_as_if_they_were_unknown_to_the_last_byte(
     run.conclude(0.1)
     plain = page_of(run)
     shutil.copytree(TEMPLATES, tmp_path / "templates")
-    cut = tmp_path / "templates" / "report.html.j2"
+    cut = tmp_path / "templates" / "run.html.j2"
     ignorant, places = re.subn(r" *{% if (calls|one.asked) %}\n.*?{% endif %}\n", "", cut.read_text(), flags=re.DOTALL)
     assert places == 5
     assert "calls" not in ignorant

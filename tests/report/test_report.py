@@ -12,16 +12,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from swim2real.calibration import RunFolder, conclude
+from swim2real.calibration import RunFolder, SwimProblem, conclude
 from swim2real.errors import MissingExtraError, ParameterError, RunError
 from swim2real.objective import Comparison, TrialComparison, evidence
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.report import write_report
 from swim2real.report.page import content
 from swim2real.report.palette import COLORS
-from swim2real.report.run import read_run
+from swim2real.report.reading import read_run
+from swim2real.report.swim_sections import SwimSections
 from swim2real.report.units import mm, percent, significant, spread, text
-from swim2real.simulation import Swim
+from swim2real.robots.fish import FISH
+from swim2real.simulation import Engine, Swim
 from swim2real.trials import Actuation, Trial
 from swimmers import Swimmer
 
@@ -33,6 +35,7 @@ SPACE = ParameterSpace(
     )
 )
 MARKERS = ("M0", "M1", "M2", "M3")
+ROBOT = replace(FISH, space=SPACE, marker_names=MARKERS)
 TIMES = np.arange(120) / 60
 EVIL = "<script>alert('no')</script><img src=x onerror=alert(1)>"
 
@@ -55,19 +58,20 @@ def swim(name: str, frequency: float, miss: float, lost: int | None = None, dive
     )  # fmt: skip
 
 
-def problem(result: Comparison, from_rest: float = 0.1) -> SimpleNamespace:
+class Evaluated(SwimProblem):
     """A problem whose every evaluation has one result, and whose fish swims from rest at a speed [m/s]."""
 
-    def simulate(values: object, swims: list[Swim]) -> list[Trial]:
-        return [
-            Trial(s.name, Swimmer(s.actuation.frequency, from_rest, duration=s.duration).track(noise=0)) for s in swims
-        ]
+    def __init__(self, result: Comparison, from_rest: float = 0.1) -> None:
+        def simulate(values: object, swims: list[Swim]) -> list[Trial]:
+            made = [Swimmer(s.actuation.frequency, from_rest, duration=s.duration) for s in swims]
+            return [Trial(s.name, one.track(noise=0)) for s, one in zip(swims, made, strict=True)]
 
-    return SimpleNamespace(
-        evaluate=lambda values: result, real=(), robot=SimpleNamespace(marker_names=MARKERS),
-        swims=[Swim(trial.name, Actuation(trial.frequency), 2.0) for trial in result.trials],
-        simulator=SimpleNamespace(engine=SimpleNamespace(as_dict=lambda: {"name": "mujoco 3.13.0"}), simulate=simulate),
-    )  # fmt: skip
+        self.result, self.robot, self.real = result, ROBOT, ()
+        self.swims = [Swim(trial.name, Actuation(trial.frequency), 2.0) for trial in result.trials]
+        self.simulator = SimpleNamespace(engine=Engine("mujoco 3.13.0", "implicit", 0.001, ()), simulate=simulate)
+
+    def evaluate(self, values: object, stop_above: float | None = None) -> Comparison:
+        return self.result
 
 
 def compared(*trials: TrialComparison) -> Comparison:
@@ -113,8 +117,8 @@ class Run:
     def conclude(
         self, miss: float, held_out: float | None = 0.09, sensitivity: bool = True, from_rest: float = 0.1
     ) -> None:
-        unseen = None if held_out is None else problem(compared(swim("f1_75", 1.3, held_out)))
-        outcome = conclude(self.folder, problem(self.comparison(miss), from_rest), unseen, {})  # type: ignore[arg-type]
+        unseen = None if held_out is None else Evaluated(compared(swim("f1_75", 1.3, held_out)))
+        outcome = conclude(self.folder, Evaluated(self.comparison(miss), from_rest), unseen, {})
         outcome["trials"] = {
             "f0_50": {
                 "nominal_frequency": 0.5, "frequency": 0.3774, "frequency_std": 0.0002, "usable": False,
@@ -158,7 +162,7 @@ def run(tmp_path: Path) -> Run:
 
 
 def page_of(run: Run) -> str:
-    return write_report(run.path, SPACE).read_text(encoding="utf-8")
+    return write_report(run.path, ROBOT).read_text(encoding="utf-8")
 
 
 def visible(page: str) -> str:
@@ -168,7 +172,7 @@ def visible(page: str) -> str:
 
 
 def figures_of(run: Run) -> dict[str, dict]:
-    return content(read_run(run.path, SPACE))["plots"]["figures"]
+    return content(read_run(run.path, ROBOT))["plots"]["figures"]
 
 
 def test_a_finished_run_shows_everything(run: Run) -> None:
@@ -189,7 +193,7 @@ def test_a_finished_run_shows_everything(run: Run) -> None:
 
 def test_the_same_folder_gives_the_same_page(run: Run) -> None:
     assert page_of(run) == page_of(run)
-    assert write_report(str(run.path), SPACE) == run.path / "report.html"
+    assert write_report(str(run.path), ROBOT) == run.path / "report.html"
     assert not list(run.path.glob("*.part"))
 
 
@@ -222,7 +226,7 @@ def test_texts_from_a_run_are_escaped(run: Run) -> None:
 
 
 def test_rounds_tell_what_was_tried(run: Run) -> None:
-    first, second, third = content(read_run(run.path, SPACE))["rounds"]
+    first, second, third = content(read_run(run.path, ROBOT))["rounds"]
     assert [one.status for one in (first, second, third)] == ["accepted", "rejected", "cut short"]
     assert [step.size for step in second.steps] == ["100 %", "50 %", "25 %"]
     assert second.steps[0].loss == "diverged"
@@ -234,7 +238,7 @@ def test_rounds_tell_what_was_tried(run: Run) -> None:
 
 
 def test_parameters_show_their_place_within_the_bounds(run: Run) -> None:
-    arm, stiffness, drag = content(read_run(run.path, SPACE))["parameters"]
+    arm, stiffness, drag = content(read_run(run.path, ROBOT))["parameters"]
     assert (arm.bound, stiffness.bound, drag.bound) == ("upper", "", "")
     assert arm.position == 100
     assert stiffness.position == pytest.approx(35)
@@ -319,7 +323,7 @@ def test_a_run_of_failures_alone(tmp_path: Path) -> None:
 
 def test_a_held_out_trial_that_diverged(run: Run) -> None:
     unseen = compared(swim("f1_75", 1.3, 0.1, divergence="the simulation grew without limit"))
-    conclude(run.folder, problem(run.comparison(0.1)), problem(unseen), {})  # type: ignore[arg-type]
+    conclude(run.folder, Evaluated(run.comparison(0.1)), Evaluated(unseen), {})
     shown = visible(page_of(run))
     assert "simulation diverged" in shown
     assert "held-out trials diverged" in shown
@@ -335,7 +339,7 @@ def test_markers_that_never_count(tmp_path: Path) -> None:
     assert "NaN" not in json.dumps(figures)
     tails = {figures[f"tail-{i}"]["layout"]["yaxis"]["title"]["text"] for i in range(3)}
     assert tails == {"M2 sideways (mm)", "M3 sideways (mm)"}
-    shape = next(one for one in content(read_run(run.path, SPACE))["errors"] if one.key == "shape")
+    shape = next(one for one in content(read_run(run.path, ROBOT))["errors"] if one.key == "shape")
     row = shape.trials.index("f0_50")
     assert shape.cells[row][3] == ("–", 0)
     assert np.isfinite(shape.mean).all()
@@ -362,15 +366,17 @@ def test_paths_are_registered_and_leave_lost_frames_out(run: Run) -> None:
 
 
 def test_long_swims_are_thinned(run: Run) -> None:
-    found = read_run(run.path, SPACE)
-    pair = found.swims[0]
+    found = read_run(run.path, ROBOT)
+    assert isinstance(found.sections, SwimSections)
+    pair = found.sections.swims[0]
     count = 10_000
     long = replace(
         pair, times=np.arange(count) / 240,
         weights=np.resize(pair.weights, (count, 4)), real=np.resize(pair.real, (count, 4, 2)),
         simulated=np.resize(pair.simulated, (count, 4, 2)),
     )  # fmt: skip
-    many = replace(found, swims=tuple(replace(long, name=f"t{i}", frequency=0.5 + i / 100) for i in range(40)))
+    swims = tuple(replace(long, name=f"t{i}", frequency=0.5 + i / 100) for i in range(40))
+    many = replace(found, sections=SwimSections(swims))
     shown = content(many)
     assert len(shown["swims"]) == 24
     assert len(json.dumps(shown["plots"])) < 2e6
@@ -379,7 +385,7 @@ def test_long_swims_are_thinned(run: Run) -> None:
 def test_missing_libraries_are_a_sentence(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
     with pytest.raises(MissingExtraError, match=re.escape("pip install 'swim2real[report]'")):
-        write_report(run.path, SPACE)
+        write_report(run.path, ROBOT)
     assert not (run.path / "report.html").exists()
 
 
@@ -392,14 +398,14 @@ def test_the_room_imports_quickly() -> None:
 
 def test_nothing_to_report(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="no run folder"):
-        write_report(tmp_path, SPACE)
+        write_report(tmp_path, ROBOT)
     with pytest.raises(RunError, match="nothing to report"):
-        write_report(Run(tmp_path / "run").path, SPACE)
+        write_report(Run(tmp_path / "run").path, ROBOT)
 
 
 def test_another_robot_s_run_is_refused(run: Run) -> None:
     with pytest.raises(ParameterError, match="unknown parameter 'drag'"):
-        write_report(run.path, ParameterSpace(SPACE.parameters[:2]))
+        write_report(run.path, replace(ROBOT, space=ParameterSpace(SPACE.parameters[:2])))
 
 
 def test_numbers_for_a_person() -> None:
@@ -422,7 +428,7 @@ def test_a_browser_draws_every_figure(run: Run, tmp_path: Path, dark: bool) -> N
     if browser is None:
         pytest.skip("no Chromium on this machine; install chromium to see that the figures are really drawn")
     expected = len(figures_of(run))
-    path = write_report(run.path, SPACE)
+    path = write_report(run.path, ROBOT)
     done = subprocess.run(
         [
             browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",

@@ -8,9 +8,9 @@ from pathlib import Path
 from swim2real.calibration import RunFolder
 from swim2real.cli import tables
 from swim2real.cli.arguments import Fetch, Report
-from swim2real.errors import MissingExtraError
-from swim2real.parameters import ParameterSpace
 from swim2real.cli.subject import recorded_robot
+from swim2real.errors import MissingExtraError
+from swim2real.robots.robot import Robot
 
 
 def report(a: Report) -> int:
@@ -23,7 +23,7 @@ def report(a: Report) -> int:
 
         tables.console.print(str(write_files(a.run)[-1]), soft_wrap=True)
         return 0
-    tables.console.print(str(room.write_report(a.run, _space(a.run))), soft_wrap=True)
+    tables.console.print(str(room.write_report(a.run, _robot(a.run))), soft_wrap=True)
     return 0
 
 
@@ -32,15 +32,15 @@ def write_report(folder: Path) -> Path | None:
     from swim2real import report as room
 
     try:
-        return room.write_report(folder, _space(folder))
+        return room.write_report(folder, _robot(folder))
     except MissingExtraError as error:
         print(f"swim2real: {error}", file=sys.stderr)
         return None
 
 
-def _space(run: Path) -> ParameterSpace:
-    """Of the robot that a run is for."""
-    return recorded_robot(run, RunFolder(run).settings()).space
+def _robot(run: Path) -> Robot:
+    """That a run is for."""
+    return recorded_robot(run, RunFolder(run).settings())
 
 
 def fetch(a: Fetch) -> int:

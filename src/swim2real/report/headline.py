@@ -64,9 +64,9 @@ def tiles(run: ReportedRun) -> tuple[Tile, ...]:
     return tuple(
         Tile(
             label,
-            _with_unit(run.fit, name, unit),
-            _with_unit(first, name, unit),
-            "" if run.held_out is None else _with_unit(run.held_out, name, unit),
+            with_unit(run.fit, name, unit),
+            with_unit(first, name, unit),
+            "" if run.held_out is None else with_unit(run.held_out, name, unit),
             meaning,
         )
         for label, name, unit, meaning in chosen
@@ -80,7 +80,7 @@ def split(run: ReportedRun) -> tuple[SplitRow, ...]:
         columns.append(run.held_out)
 
     def lengths(name: str, unit: str = "mm") -> tuple[str, ...]:
-        return tuple(_with_unit(figures, name, unit) for figures in columns)
+        return tuple(with_unit(figures, name, unit) for figures in columns)
 
     lost = tuple(_lost(figures) for figures in columns)
     left_out = tuple(percent(figures.get("left_out_share")) for figures in columns)
@@ -122,12 +122,14 @@ def split(run: ReportedRun) -> tuple[SplitRow, ...]:
     )  # fmt: skip
 
 
-def _diverged(figures: Json) -> bool:
+def diverged(figures: Json) -> bool:
+    """Whether the simulation of any trial has failed."""
     return any(trial.get("divergence") for trial in figures.get("trials", {}).values())
 
 
-def _with_unit(figures: Json, name: str, unit: str) -> str:
-    if _diverged(figures):
+def with_unit(figures: Json, name: str, unit: str) -> str:
+    """A figure in mm or mm/s, with its unit, or that the simulation diverged."""
+    if diverged(figures):
         return "diverged"
     shown = mm(figures.get(name))
     return shown if shown == NOTHING else f"{shown} {unit}"
@@ -135,6 +137,6 @@ def _with_unit(figures: Json, name: str, unit: str) -> str:
 
 def _lost(figures: Json) -> str:
     counted, unweighted = figures.get("aligned_marker_error"), figures.get("unweighted_error")
-    if counted is None or unweighted is None or _diverged(figures):
+    if counted is None or unweighted is None or diverged(figures):
         return NOTHING
     return f"{mm(unweighted - counted, signed=True)} mm"

@@ -1,7 +1,8 @@
-"""The error of every marker, from head to tail."""
+"""The error of every marker."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.calibration import SwimPair
-from swim2real.report.run import ReportedRun
+from swim2real.report.run import ReportedRun, ReportedTrial
 from swim2real.report.units import mm
 
 Array = NDArray[np.float64]
@@ -20,7 +21,7 @@ class MarkerErrors:
     """One kind of error for every trial and marker.
 
     Attributes:
-        key: `aligned`, `shape` or `marker`.
+        key: A short name, such as `aligned`.
         label: For a person.
         note: What it tells, in a sentence.
         trials: F names.
@@ -54,30 +55,50 @@ class MarkerErrors:
         )
 
 
-def marker_errors(run: ReportedRun) -> tuple[MarkerErrors, ...]:
-    """Aligned, shape (only when the swims are there) and plain marker errors; trials that diverged are left out."""
+def by_trial(run: ReportedRun, key: str, label: str, note: str, row: Callable[[ReportedTrial], Array]) -> MarkerErrors:
+    """One kind of error; trials that diverged are left out.
+
+    Args:
+        run: As reported.
+        key: As in `MarkerErrors`, like label and note.
+        label: Likewise.
+        note: Likewise.
+        row: A trial's errors [m]. Shape (M,).
+    """
     trials = [trial for trial in run.trials if not trial.diverged]
+    values = np.array([row(trial) for trial in trials], dtype=float).reshape(len(trials), len(run.marker_names))
+    return MarkerErrors(key, label, note, tuple(t.name for t in trials), tuple(t.held_out for t in trials), values)
+
+
+def stored(run: ReportedRun, figure: str) -> Callable[[ReportedTrial], Array]:
+    """What an evaluation's evidence holds of each marker, NaN where it holds nothing."""
     count = len(run.marker_names)
-    swims = {swim.name: swim for swim in run.swims}
 
-    def stored(figure: str) -> list[Array]:
-        return [_row(trial.figures.get(figure), count) for trial in trials]
+    def row(trial: ReportedTrial) -> Array:
+        found = np.full(count, np.nan)
+        for i, value in enumerate((trial.figures.get(figure) or [])[:count]):
+            found[i] = np.nan if value is None else value
+        return found
 
-    def made(key: str, label: str, note: str, rows: list[Array]) -> MarkerErrors:
-        values = np.array(rows, dtype=float).reshape(len(trials), count)
-        return MarkerErrors(key, label, note, tuple(t.name for t in trials), tuple(t.held_out for t in trials), values)
+    return row
 
-    if not trials or count == 0:
+
+def marker_errors(run: ReportedRun, swims: Sequence[SwimPair]) -> tuple[MarkerErrors, ...]:
+    """Of swims: aligned, shape (only when the swims are there) and plain marker errors."""
+    trials = [trial for trial in run.trials if not trial.diverged]
+    if not trials or not run.marker_names:
         return ()
+    by_name = {swim.name: swim for swim in swims}
     aligned_note = "Shape and thrust: a part that is equal for all markers is thrust."
     marker_note = "Before any alignment: it also holds placement of the markers and lost tracks."
     found = [
-        made("aligned", "Aligned error", aligned_note, stored("aligned_marker_errors")),
-        made("marker", "Marker error (the paper's Eq. 1)", marker_note, stored("marker_errors")),
+        by_trial(run, "aligned", "Aligned error", aligned_note, stored(run, "aligned_marker_errors")),
+        by_trial(run, "marker", "Marker error (the paper's Eq. 1)", marker_note, stored(run, "marker_errors")),
     ]
-    if all(trial.name in swims for trial in trials):
-        rows = [shape_errors(swims[trial.name]) for trial in trials]
-        found.insert(1, made("shape", "Shape error", "How the body bends, without how far it has come.", rows))
+    if all(trial.name in by_name for trial in trials):
+        shape_note = "How the body bends, without how far it has come."
+        shape = by_trial(run, "shape", "Shape error", shape_note, lambda trial: shape_errors(by_name[trial.name]))
+        found.insert(1, shape)
     return tuple(found)
 
 
@@ -91,10 +112,3 @@ def shape_errors(swim: SwimPair) -> Array:
     lengths = np.linalg.norm(np.where(counts[..., None], swim.simulated + swim.registration - swim.real, 0.0), axis=2)
     total = weights.sum(axis=0)
     return np.where(total > 0, (weights * lengths).sum(axis=0) / np.where(total > 0, total, 1.0), np.nan)
-
-
-def _row(stored: list[float | None] | None, count: int) -> Array:
-    row = np.full(count, np.nan)
-    for i, value in enumerate((stored or [])[:count]):
-        row[i] = np.nan if value is None else value
-    return row

@@ -9,31 +9,29 @@ from typing import Any
 import numpy as np
 
 from swim2real.errors import MissingExtraError, RunError
-from swim2real.parameters import ParameterSpace
 from swim2real.report.call_table import call_section
-from swim2real.report.headline import split, tiles
-from swim2real.report.marker_errors import marker_errors
+from swim2real.report.marker_errors import MarkerErrors
 from swim2real.report.palette import COLORS, DARK_OF_LIGHT, Figure
 from swim2real.report.parameter_table import parameter_rows
+from swim2real.report.reading import read_run
 from swim2real.report.rounds import advisor_rounds
-from swim2real.report.run import ReportedRun, best_losses, incumbent, read_run
-from swim2real.report.run_figures import convergence, head_to_tail, speeds
+from swim2real.report.run import ReportedRun, best_losses, incumbent
+from swim2real.report.run_figures import by_marker, convergence
 from swim2real.report.settings_table import settings_rows
-from swim2real.report.swim_figures import drawn, envelope, path_markers, paths, tail_tip, view
-from swim2real.report.trial_table import trial_rows
 from swim2real.report.units import mm
+from swim2real.robots.robot import Robot
 
 REPORT = "report.html"
-_TEMPLATE, _STYLE, _SCRIPT = "report.html.j2", "report.css", "report.js"
+_STYLE, _SCRIPT = "report.css", "report.js"
 _CALLS = ("calls.css", "calls.js")  # only on pages with calls
 
 
-def write_report(run: str | Path, space: ParameterSpace) -> Path:
+def write_report(run: str | Path, robot: Robot) -> Path:
     """Writes the page of a run into its folder. The same folder gives the same page, to the last byte.
 
     Args:
         run: Run folder, of a run that has ended or not.
-        space: Parameters of the run's robot.
+        robot: That the run calibrated.
 
     Returns:
         Where the page is.
@@ -43,7 +41,7 @@ def write_report(run: str | Path, space: ParameterSpace) -> Path:
         RunError: Nothing to report, a damaged file, or the page can't be written.
         ParameterError: The run is of another robot.
     """
-    page = render(read_run(run, space))
+    page = render(read_run(run, robot))
     path = Path(run) / REPORT
     part = path.with_name(REPORT + ".part")
     try:
@@ -80,7 +78,7 @@ def render(run: ReportedRun) -> str:
     def own(name: str) -> Markup:
         return Markup((templates / name).read_text(encoding="utf-8"))  # ours, not from a run
 
-    return environment.get_template(_TEMPLATE).render(
+    return environment.get_template(run.sections.template).render(
         **content(run),
         colors=COLORS,
         style=own(_STYLE),
@@ -93,28 +91,18 @@ def render(run: ReportedRun) -> str:
 
 def content(run: ReportedRun) -> dict[str, Any]:
     """Everything that the template shows."""
-    errors = marker_errors(run)
-    swims = drawn(run.swims)
-    ranges, path_ranges = view(swims), view(swims, path_markers(run.marker_names).start)
-    figures: dict[str, Figure] = {"convergence": convergence(run), "speeds": speeds(run)}
-    figures |= {f"error-{one.key}": head_to_tail(one, run.marker_names) for one in errors}
-    for i, swim in enumerate(swims):
-        figures[f"paths-{i}"] = paths(swim, run.marker_names, path_ranges)
-        figures[f"envelope-{i}"] = envelope(swim, ranges)
-        figures[f"tail-{i}"] = tail_tip(swim, run.marker_names, ranges)
+    own = run.sections.content(run)
+    errors: tuple[MarkerErrors, ...] = own["errors"]
+    figures: dict[str, Figure] = {"convergence": convergence(run, own["loss"]), **own.pop("figures")}
+    figures |= {f"error-{one.key}": by_marker(one, run.marker_names, own["order"]) for one in errors}
     return {
+        **own,
         "run": run,
         "everything_diverged": incumbent(run.entries) is None,
-        "tiles": tiles(run),
-        "split": split(run),
-        "errors": errors,
-        "swims": swims,
-        "diverged": {trial.name for trial in run.trials if trial.diverged},
         "mean_best": mm(float(np.mean(best_losses(run.entries)))),
         "parameters": parameter_rows(run),
         "rounds": advisor_rounds(run),
         "calls": call_section(run.calls),
-        "trials": trial_rows(run),
         "settings": settings_rows(run),
         "plots": {"figures": figures, "darkOfLight": DARK_OF_LIGHT},
     }

@@ -1,25 +1,18 @@
-"""What a run folder tells, gathered for the page, whether the run has ended or not."""
+"""What a run folder tells, gathered for the page, whatever a trial is and whether the run has ended or not."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-import numpy as np
-
-from swim2real.calibration import RunFolder, SwimPair, load_swims
-from swim2real.calibration.from_rest import backward_from_rest
-from swim2real.calibration.outcome import SWIMS
-from swim2real.errors import RunError
 from swim2real.parameters import ParameterSpace
-from swim2real.report.recorded_calls import RecordedCalls, read_calls
+from swim2real.report.recorded_calls import RecordedCalls
+from swim2real.robots.robot import Robot
 
 Json = Mapping[str, Any]
-
-_SAME_LOSS = 1e-5  # m, by which a loss may differ when the same parameters are simulated again
 
 
 @dataclass(frozen=True)
@@ -43,12 +36,41 @@ class ReportedTrial:
         return bool(self.figures.get("divergence"))
 
 
+class Sections(ABC):
+    """What a page shows of one kind of trial beside what it shows of any run.
+
+    Attributes:
+        template: Of the page; it extends `run.html.j2`.
+        file: In which a run keeps its trials, real and simulated.
+        drawn: What is drawn of them, in words.
+    """
+
+    template: ClassVar[str]
+    file: ClassVar[str]
+    drawn: ClassVar[tuple[str, str]]
+
+    @property
+    @abstractmethod
+    def warning(self) -> str | None:
+        """What to know before the best parameters are used; None where there is nothing."""
+
+    @abstractmethod
+    def content(self, run: ReportedRun) -> dict[str, Any]:
+        """What the template shows.
+
+        Returns:
+            `loss` (what is minimized, in words), `tiles`, `split`, `errors` by marker and the `order` of the markers in
+            words, `trials`, `figures`, and what is the kind's own.
+        """
+
+
 @dataclass(frozen=True)
 class ReportedRun:
     """A run as it is reported.
 
     Attributes:
         name: Of the folder.
+        robot: What was calibrated.
         settings: As recorded.
         space: On the run's scale.
         entries: The record, one entry an evaluation, at least one.
@@ -56,16 +78,14 @@ class ReportedRun:
         held_out: The same on trials left out of the fit, None without any.
         quality: By trial, what was found in the real tracks.
         sensitivity: By parameter, empty where it wasn't determined.
-        swims: Real and simulated swims at the best parameters, by frequency; simulated positions are NaN where the
-            simulation diverged. Empty before a run ends.
-        marker_names: M names, head first.
+        marker_names: M names.
         unfinished: What is missing and why, in sentences; None for a run that ended.
-        backward: That the best parameters don't swim forward from rest, and what to do; None where they do and where
-            nobody tried.
         calls: Of the advisor; None for a run that made none.
+        sections: What the page shows of this run's kind of trials.
     """
 
     name: str
+    robot: Robot
     settings: Json
     space: ParameterSpace
     entries: tuple[Json, ...]
@@ -73,11 +93,10 @@ class ReportedRun:
     held_out: Json | None
     quality: Json
     sensitivity: Json
-    swims: tuple[SwimPair, ...]
     marker_names: tuple[str, ...]
     unfinished: str | None
-    backward: str | None
     calls: RecordedCalls | None
+    sections: Sections
 
     @property
     def first(self) -> Json:
@@ -95,12 +114,12 @@ class ReportedRun:
 
     @cached_property
     def trials(self) -> tuple[ReportedTrial, ...]:
-        """Fitted and held-out trials by frequency."""
+        """Fitted and held-out trials by frequency, where they have one, and name."""
         found: list[ReportedTrial] = []
         for figures, held_out in ((self.fit, False), (self.held_out or {}, True)):
             for name, trial in figures.get("trials", {}).items():
                 found.append(ReportedTrial(name, held_out, trial, self.quality.get(name, {})))
-        return tuple(sorted(found, key=lambda t: (t.figures["frequency"] or 0.0, t.name)))
+        return tuple(sorted(found, key=lambda t: (t.figures.get("frequency") or 0.0, t.name)))
 
 
 def incumbent(entries: tuple[Json, ...]) -> Json | None:
@@ -118,76 +137,3 @@ def best_losses(entries: tuple[Json, ...]) -> list[float]:
             best = entry["loss"] if best is None else min(best, entry["loss"])
         found.append(entry["loss"] if best is None else best)
     return found
-
-
-def read_run(path: str | Path, space: ParameterSpace) -> ReportedRun:
-    """Gathers a run.
-
-    Raises:
-        RunError: No run there, nothing evaluated yet, or a file is damaged.
-        ParameterError: The run is of another robot.
-    """
-    folder = RunFolder(path)
-    settings = folder.settings()
-    entries: tuple[Json, ...] = tuple(folder.record())
-    if not entries:
-        raise RunError(
-            f"run '{path}' has no evaluation on record yet, so there is nothing to report; go on with --resume"
-        )
-    best = incumbent(entries) or entries[0]
-    space.check(best["values"], where=f"run '{path}'")
-    outcome = folder.outcome()
-    has_swims = (folder.path / SWIMS).is_file()
-    current = outcome is not None and abs(outcome["fit"]["loss"] - best["loss"]) <= _SAME_LOSS
-    fit: Json = outcome["fit"] if outcome is not None and current else best["evidence"]
-    of_best: Json = outcome if outcome is not None and current else {}
-    swims = [_without_diverged(swim, of_best) for swim in load_swims(folder)] if current and has_swims else []
-    return ReportedRun(
-        name=folder.path.resolve().name,
-        settings=settings,
-        space=replace(space, scale=settings.get("scale", space.scale)),
-        entries=entries,
-        fit=fit,
-        held_out=of_best.get("held_out"),
-        quality=(outcome or {}).get("trials") or {},
-        sensitivity={one["name"]: one for one in of_best.get("sensitivity") or ()},
-        swims=tuple(sorted(swims, key=lambda swim: (swim.frequency, swim.name))),
-        marker_names=_marker_names(outcome, fit),
-        unfinished=_unfinished(settings, len(entries), outcome is not None, current, has_swims),
-        backward=backward_from_rest(of_best.get("from_rest") or {}),
-        calls=read_calls(folder.path, settings, entries),
-    )
-
-
-def _without_diverged(swim: SwimPair, outcome: Json) -> SwimPair:
-    """The swim, its simulated part NaN if that diverged: what is stored then is no motion."""
-    figures = outcome["held_out" if swim.held_out else "fit"]["trials"][swim.name]
-    return replace(swim, simulated=np.full_like(swim.simulated, np.nan)) if figures.get("divergence") else swim
-
-
-def _marker_names(outcome: Json | None, fit: Json) -> tuple[str, ...]:
-    if outcome is not None and outcome.get("marker_names"):
-        return tuple(str(name) for name in outcome["marker_names"])
-    counts = [len(trial.get("marker_errors") or ()) for trial in fit.get("trials", {}).values()]
-    return tuple(f"M{i}" for i in range(max(counts, default=0)))
-
-
-def _unfinished(settings: Json, done: int, ended: bool, current: bool, has_swims: bool) -> str | None:
-    on_record = f"{done} of {settings.get('budget', '?')} evaluations are on record"
-    if not ended:
-        return (
-            f"This run has not ended: {on_record}. The page shows what the record can tell. Marker paths, body "
-            f"envelopes, held-out trials, track quality and the effect of each parameter are written when the run "
-            f"ends; go on with --resume and make the report again."
-        )
-    if not current:
-        return (
-            f"This run went on after it had ended once, and has found better parameters since: {on_record}. Marker "
-            f"paths, held-out trials and the effect of each parameter belong to the earlier ones and are left out; "
-            f"finish the run with --resume and make the report again."
-        )
-    if not has_swims:
-        return (
-            f"The run folder has no {SWIMS}, so marker paths and body envelopes are left out; --resume writes it again."
-        )
-    return None

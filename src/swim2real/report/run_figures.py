@@ -1,4 +1,4 @@
-"""Figures of the whole run: convergence, speed against frequency, error from head to tail."""
+"""Figures of any run: convergence, error by marker."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from typing import Any
 from swim2real.report.marker_errors import MarkerErrors
 from swim2real.report.palette import LIGHT, Figure, framed, label
 from swim2real.report.rounds import accepted_steps
-from swim2real.report.run import ReportedRun, ReportedTrial, best_losses
+from swim2real.report.run import ReportedRun, best_losses
 from swim2real.report.units import mm, to_mm
 
-_FILLED, _OPEN = {"real": "circle", "simulated": "square"}, {"real": "circle-open", "simulated": "square-open"}
 
+def convergence(run: ReportedRun, loss: str) -> Figure:
+    """Loss of each evaluation, the best so far, accepted rounds, and diverged simulations at the top.
 
-def convergence(run: ReportedRun) -> Figure:
-    """Loss of each evaluation, the best so far, accepted rounds, and diverged simulations at the top."""
+    Args:
+        run: As reported.
+        loss: What is minimized, in words.
+    """
     proper = [(i + 1, entry) for i, entry in enumerate(run.entries) if not entry["failed"]]
     losses = [1e3 * entry["loss"] for _, entry in proper]
     top = 1.12 * max(losses, default=1e3)
@@ -53,58 +56,21 @@ def convergence(run: ReportedRun) -> Figure:
             "marker": {"color": LIGHT["warning"], "size": 10, "symbol": "triangle-up"},
             "hovertemplate": "evaluation %{x}: %{text}<extra></extra>",
         })  # fmt: skip
-    name = "marker error" if run.paper_protocol else "aligned marker error"
     return framed(
-        data, "evaluation", f"loss: {name} (mm)", 360,
+        data, "evaluation", f"loss: {loss} (mm)", 360,
         xaxis={"range": [0.4, len(run.entries) + 0.6], **({"dtick": 1} if len(run.entries) <= 20 else {})},
         yaxis={"range": [0, round(top, 1)]},
     )  # fmt: skip
 
 
-def speeds(run: ReportedRun) -> Figure:
-    """Forward speed against frequency, real and simulated; held-out trials are open."""
-    trials = run.trials
-    moving = [trial for trial in trials if not trial.diverged]
-    data = [
-        _speed_trace("real", "real", trials, "velocity_real"),
-        _speed_trace("simulated", "simulated, best", moving, "velocity_simulated"),
-    ]
-    first = [t for t in _first_trials(run) if not t.diverged]
-    if first and run.best["index"] != run.first["index"]:
-        trace = _speed_trace("simulated", "simulated, first evaluation", first, "velocity_simulated")
-        trace.update(mode="lines", line={"color": LIGHT["faint"], "width": 1.5, "dash": "dot"})
-        data.append(trace)
-    if any(trial.held_out for trial in trials):
-        data.append({
-            "type": "scatter", "mode": "markers", "name": "open: held out", "x": [None], "y": [None],
-            "marker": {"symbol": "circle-open", "size": 11, "color": LIGHT["muted"], "line": {"width": 2}},
-        })  # fmt: skip
-    return framed(data, "frequency of the tail beat (Hz)", "forward speed (mm/s)", 380)
+def by_marker(errors: MarkerErrors, markers: Sequence[str], order: str) -> Figure:
+    """One kind of error over the markers: every trial thin, the mean of the fitted ones bold.
 
-
-def _first_trials(run: ReportedRun) -> list[ReportedTrial]:
-    found = [
-        ReportedTrial(name, False, figures, {}) for name, figures in run.first["evidence"].get("trials", {}).items()
-    ]
-    return sorted(found, key=lambda trial: trial.figures["frequency"] or 0.0)
-
-
-def _speed_trace(kind: str, name: str, trials: Sequence[ReportedTrial], figure: str) -> dict[str, Any]:
-    return {
-        "type": "scatter", "mode": "lines+markers", "name": name,
-        "x": [round(t.figures["frequency"], 4) for t in trials], "y": [to_mm(t.figures[figure]) for t in trials],
-        "text": [label(t.name) + (" (held out)" if t.held_out else "") for t in trials],
-        "line": {"color": LIGHT[kind], "width": 2},
-        "marker": {
-            "symbol": [(_OPEN if t.held_out else _FILLED)[kind] for t in trials], "size": 11, "color": LIGHT[kind],
-            "line": {"width": 2, "color": LIGHT[kind]},
-        },
-        "hovertemplate": f"%{{text}}<br>{name}: %{{y:.1f}} mm/s at %{{x:.3f}} Hz<extra></extra>",
-    }  # fmt: skip
-
-
-def head_to_tail(errors: MarkerErrors, markers: Sequence[str]) -> Figure:
-    """One kind of error over the markers: every trial thin, the mean of the fitted ones bold."""
+    Args:
+        errors: Of that kind.
+        markers: Their names.
+        order: What the axis of the markers is, in words.
+    """
     names = [label(marker) for marker in markers]
     data: list[dict[str, Any]] = [
         {
@@ -121,6 +87,6 @@ def head_to_tail(errors: MarkerErrors, markers: Sequence[str]) -> Figure:
         "text": [mm(value) for value in errors.mean.tolist()], "hovertemplate": "mean, %{x}: %{text} mm<extra></extra>",
     })  # fmt: skip
     return framed(
-        data, "marker, head to tail", "error (mm)", 300,
+        data, order, "error (mm)", 300,
         xaxis={"type": "category", "categoryorder": "array", "categoryarray": names}, yaxis={"rangemode": "tozero"},
     )  # fmt: skip

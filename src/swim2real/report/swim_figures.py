@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from swim2real.calibration import SwimPair
 from swim2real.report.palette import LIGHT, Figure, framed, label
+from swim2real.report.traces import Range, points_mm, ranges_mm
 
 Array = NDArray[np.float64]
 
-MAX_SWIMS = 24  # drawn, so that the page stays of a size to send
 _MAX_FRAMES = 480  # drawn of a swim
 _FRAMES_A_BEAT = 60
 _MAX_LOST = 250  # marker-frames drawn
@@ -21,15 +21,6 @@ _MARGIN = 0.02  # m
 _FRAME_MARKERS = 2  # the first ones span the body frame and hardly move in it
 _NAME_SPACING = 45.0  # mm, between marker names that are drawn
 _NAME_ROOM = 26.0  # mm, above the paths
-
-Range = tuple[float, float]
-
-
-def drawn(swims: Sequence[SwimPair]) -> tuple[SwimPair, ...]:
-    """The swims that get figures: at most `MAX_SWIMS`, spread over the frequencies."""
-    if len(swims) <= MAX_SWIMS:
-        return tuple(swims)
-    return tuple(swims[i] for i in (round(k * (len(swims) - 1) / (MAX_SWIMS - 1)) for k in range(MAX_SWIMS)))
 
 
 def counted(swim: SwimPair) -> NDArray[np.bool_]:
@@ -53,12 +44,7 @@ def view(swims: Sequence[SwimPair], first: int = 0) -> tuple[Range, Range]:
     for swim in swims:
         good = counted(swim)[:, first:]
         points += [swim.real[:, first:][good], (swim.simulated + swim.registration)[:, first:][good]]
-    everything = np.concatenate(points) if points else np.zeros((0, 2))
-    everything = everything[np.isfinite(everything).all(axis=1)]
-    if not len(everything):
-        return (0.0, 100.0), (-50.0, 50.0)
-    low, high = (everything.min(axis=0) - _MARGIN) * 1e3, (everything.max(axis=0) + _MARGIN) * 1e3
-    return (round(float(low[0])), round(float(high[0]))), (round(float(low[1])), round(float(high[1])))
+    return ranges_mm(np.concatenate(points) if points else np.zeros((0, 2)), _MARGIN)
 
 
 def path_markers(markers: Sequence[str]) -> range:
@@ -76,7 +62,7 @@ def paths(swim: SwimPair, markers: Sequence[str], ranges: tuple[Range, Range]) -
     for kind, positions, where, width in (("real", swim.real, good, 1.1), ("simulated", simulated, everywhere, 1.7)):
         data += [
             {
-                "type": "scatter", "mode": "lines", **_points(positions[frames, m], where[frames, m]),
+                "type": "scatter", "mode": "lines", **points_mm(positions[frames, m], where[frames, m]),
                 "line": {"color": LIGHT[kind], "width": width}, "connectgaps": False,
                 "hovertemplate": f"{label(markers[m])} {kind}<br>%{{x:.0f}} mm, %{{y:.0f}} mm<extra></extra>",
             }
@@ -128,7 +114,7 @@ def tail_tip(swim: SwimPair, markers: Sequence[str], ranges: tuple[Range, Range]
         ("simulated", swim.simulated + swim.registration, np.ones_like(good)), ("real", swim.real, good)
     ):  # fmt: skip
         data.append({
-            "type": "scatter", "mode": "lines", "x": times, "y": _points(positions[frames, m], where[frames, m])["y"],
+            "type": "scatter", "mode": "lines", "x": times, "y": points_mm(positions[frames, m], where[frames, m])["y"],
             "line": {"color": LIGHT[kind], "width": 2}, "connectgaps": False,
             "hovertemplate": f"{kind}: %{{y:.0f}} mm at %{{x:.2f}} s<extra></extra>",
         })  # fmt: skip
@@ -137,22 +123,12 @@ def tail_tip(swim: SwimPair, markers: Sequence[str], ranges: tuple[Range, Range]
     )
 
 
-def _points(positions: Array, where: NDArray[np.bool_]) -> dict[str, list[float | None]]:
-    """Coordinates [mm], None where they don't count. Shapes (T, 2) and (T,)."""
-    shown = where & np.isfinite(positions).all(axis=1)
-    rows = [
-        (round(1e3 * x, 1), round(1e3 * y, 1)) if ok else (None, None)
-        for ok, (x, y) in zip(shown, positions.tolist(), strict=True)
-    ]
-    return {"x": [x for x, _ in rows], "y": [y for _, y in rows]}
-
-
 def _lost(swim: SwimPair, frames: slice, good: NDArray[np.bool_], first: int) -> dict[str, Any]:
     real = swim.real[frames, first:]
     points = real[~good[frames, first:] & np.isfinite(real).all(axis=2)]
     points = points[:: max(1, -(-len(points) // _MAX_LOST))]
     return {
-        "type": "scatter", "mode": "markers", **_points(points, np.ones(len(points), dtype=bool)),
+        "type": "scatter", "mode": "markers", **points_mm(points, np.ones(len(points), dtype=bool)),
         "marker": {"symbol": "circle-open", "size": 5, "color": LIGHT["lost"], "line": {"width": 1}},
         "hovertemplate": "lost by tracking, not counted<extra></extra>",
     }  # fmt: skip

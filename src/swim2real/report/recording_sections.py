@@ -1,0 +1,101 @@
+"""What a page shows of recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.calibration import RecordingPair, RunFolder, load_recordings
+from swim2real.calibration.recording_pairs import RECORDINGS
+from swim2real.report.marker_errors import MarkerErrors, by_trial, stored
+from swim2real.report.palette import Figure
+from swim2real.report.recording_figures import axis_titles, errors, paths, readings, view, way
+from swim2real.report.recording_headline import loss_name, split, tiles
+from swim2real.report.recording_table import recording_table
+from swim2real.report.run import Json, ReportedRun, ReportedTrial, Sections
+from swim2real.report.traces import drawn
+
+
+@dataclass(frozen=True)
+class RecordingSections(Sections):
+    """Markers and sensors at the same times, in the frame of comparison.
+
+    Attributes:
+        recordings: With their playbacks at the best parameters, by name. Empty before a run ends.
+    """
+
+    template = "recordings.html.j2"
+    file = RECORDINGS
+    drawn = ("marker paths", "errors over time")
+
+    recordings: tuple[RecordingPair, ...] = ()
+
+    @classmethod
+    def read(cls, folder: RunFolder, outcome: Json) -> RecordingSections:
+        """From a run folder.
+
+        Args:
+            folder: Of the run.
+            outcome: That of the best parameters; empty before a run ends.
+
+        Raises:
+            RunError: The recordings are damaged.
+        """
+        there = outcome and (folder.path / RECORDINGS).is_file()
+        return cls(tuple(sorted(load_recordings(folder), key=lambda one: one.compared.name)) if there else ())
+
+    @property
+    def warning(self) -> str | None:
+        return None
+
+    def content(self, run: ReportedRun) -> dict[str, Any]:
+        about, shown = run.robot.recordings, drawn(self.recordings)
+        units = {sensor.name: sensor.unit for sensor in about.sensors}
+        ranges, titles = view([one.compared for one in shown]), axis_titles(run.robot)
+        figures: dict[str, Figure] = {}
+        for i, one in enumerate(shown):
+            trial = one.compared
+            figures[f"paths-{i}"] = paths(trial, run.marker_names, run.robot.links, ranges, titles)
+            if trial.divergence:
+                continue
+            figures[f"off-{i}"] = errors(trial, run.marker_names)
+            if about.travels:
+                figures[f"way-{i}"] = way(trial)
+            figures |= {f"sensor-{i}-{j}": readings(s, units.get(s.name, "")) for j, s in enumerate(trial.sensors)}
+        return {
+            "loss": loss_name(run),
+            "tiles": tiles(run),
+            "split": split(run),
+            "order": "marker",
+            "errors": marker_errors(run),
+            "trials": recording_table(run),
+            "figures": figures,
+            "recordings": shown,
+            "about": about,
+        }
+
+
+def marker_errors(run: ReportedRun) -> tuple[MarkerErrors, ...]:
+    """Errors of each marker, and two things that they may be made of."""
+    if not any(not trial.diverged for trial in run.trials) or not run.marker_names:
+        return ()
+    count = len(run.marker_names)
+
+    def offset(trial: ReportedTrial) -> NDArray[np.float64]:
+        vectors = np.array(trial.figures.get("offset") or [[None, None]] * count, dtype=float)
+        return np.linalg.norm(vectors, axis=1)
+
+    def amplitude(trial: ReportedTrial) -> NDArray[np.float64]:
+        real, simulated = (stored(run, f"amplitude_{kind}")(trial) for kind in ("real", "simulated"))
+        return np.abs(simulated - real)
+
+    offset_note = "What stays of it in the mean over time: a marker in another place, or a pose that sags."
+    amplitude_note = "By how much it moves more or less, as a standard deviation along the line that it moves along."
+    return (
+        by_trial(run, "marker", "Marker error", "Mean distance at the same times.", stored(run, "marker_errors")),
+        by_trial(run, "offset", "Constant offset", offset_note, offset),
+        by_trial(run, "amplitude", "Difference in amplitude", amplitude_note, amplitude),
+    )

@@ -1,0 +1,87 @@
+"""What a page shows of steady swims."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from swim2real.calibration import RunFolder, SwimPair, load_swims
+from swim2real.calibration.from_rest import backward_from_rest
+from swim2real.calibration.swim_pairs import SWIMS
+from swim2real.report.headline import split, tiles
+from swim2real.report.marker_errors import marker_errors
+from swim2real.report.palette import Figure
+from swim2real.report.run import Json, ReportedRun, Sections
+from swim2real.report.speed_figure import speeds
+from swim2real.report.swim_figures import envelope, path_markers, paths, tail_tip, view
+from swim2real.report.traces import drawn
+from swim2real.report.trial_table import trial_rows
+
+
+@dataclass(frozen=True)
+class SwimSections(Sections):
+    """Speeds, shapes and beats in the body frame.
+
+    Attributes:
+        swims: Real and simulated at the best parameters, by frequency; simulated positions are NaN where the simulation
+            diverged. Empty before a run ends.
+        backward: That the best parameters don't swim forward from rest, and what to do; None where they do and where
+            nobody tried.
+    """
+
+    template = "swims.html.j2"
+    file = SWIMS
+    drawn = ("marker paths", "body envelopes")
+
+    swims: tuple[SwimPair, ...] = ()
+    backward: str | None = None
+
+    @classmethod
+    def read(cls, folder: RunFolder, outcome: Json) -> SwimSections:
+        """From a run folder.
+
+        Args:
+            folder: Of the run.
+            outcome: That of the best parameters; empty before a run ends.
+
+        Raises:
+            RunError: The swims are damaged.
+        """
+        there = outcome and (folder.path / SWIMS).is_file()
+        swims = [_without_diverged(swim, outcome) for swim in load_swims(folder)] if there else []
+        return cls(
+            tuple(sorted(swims, key=lambda swim: (swim.frequency, swim.name))),
+            backward_from_rest(outcome.get("from_rest") or {}),
+        )
+
+    @property
+    def warning(self) -> str | None:
+        return self.backward
+
+    def content(self, run: ReportedRun) -> dict[str, Any]:
+        swims = drawn(self.swims)
+        ranges, path_ranges = view(swims), view(swims, path_markers(run.marker_names).start)
+        figures: dict[str, Figure] = {"speeds": speeds(run)}
+        for i, swim in enumerate(swims):
+            figures[f"paths-{i}"] = paths(swim, run.marker_names, path_ranges)
+            figures[f"envelope-{i}"] = envelope(swim, ranges)
+            figures[f"tail-{i}"] = tail_tip(swim, run.marker_names, ranges)
+        return {
+            "loss": "marker error" if run.paper_protocol else "aligned marker error",
+            "tiles": tiles(run),
+            "split": split(run),
+            "order": "marker, head to tail",
+            "errors": marker_errors(run, self.swims),
+            "trials": trial_rows(run),
+            "figures": figures,
+            "swims": swims,
+            "diverged": {trial.name for trial in run.trials if trial.diverged},
+        }
+
+
+def _without_diverged(swim: SwimPair, outcome: Json) -> SwimPair:
+    """The swim, its simulated part NaN if that diverged: what is stored then is no motion."""
+    figures = outcome["held_out" if swim.held_out else "fit"]["trials"][swim.name]
+    return replace(swim, simulated=np.full_like(swim.simulated, np.nan)) if figures.get("divergence") else swim
