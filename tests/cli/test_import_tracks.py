@@ -31,7 +31,14 @@ def assert_same_shape(trial, truth):
 
 
 def arguments(tmp_path, *tables, **options):
-    defaults = {"tables": tables, "to": tmp_path / "reference", "fps": 60.0, "camera": None, "frequency": ()}
+    defaults = {
+        "tables": tables,
+        "to": tmp_path / "reference",
+        "fps": 60.0,
+        "robot": "fish",
+        "camera": None,
+        "frequency": (),
+    }
     return SimpleNamespace(**{**defaults, **options})
 
 
@@ -74,7 +81,7 @@ def test_markers_are_found_by_name_else_taken_in_order(tmp_path, capsys):
     for trial in load_reference(tmp_path / "reference"):
         assert_same_shape(trial, truth)
     said = capsys.readouterr().out
-    assert "others: markers are taken in the table's order, head first: M0 is a, M1 is b" in said
+    assert "others: markers are taken in the table's order: M0 is a, M1 is b" in said
     assert "shuffled: markers" not in said
 
 
@@ -84,7 +91,7 @@ def test_nothing_is_written_when_one_table_is_wrong(tmp_path):
     write_dlc(MarkerTrack(track.times, track.positions[:, :2]), ("M0", "M1"), short)
     with pytest.raises(TrialError) as caught:
         import_tracks(arguments(tmp_path, good, short))
-    assert str(caught.value) == f"{short}: 2 markers (M0, M1); robot 'fish' has 9, head first"
+    assert str(caught.value) == f"{short}: 2 markers (M0, M1); robot 'fish' has 9 ({', '.join(FISH.marker_names)})"
     assert not (tmp_path / "reference").exists()
 
 

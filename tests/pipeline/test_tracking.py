@@ -451,8 +451,8 @@ def test_one_and_two_processes_write_the_same_files_and_answer_in_the_order_of_t
     [
         ({"workers": 0}, "workers is 0; it must be at least 1"),
         ({"workers": -1}, "workers is -1; it must be at least 1"),
-        ({"points": []}, "0 points files and 1 frequencies for 1 videos"),
-        ({"frequencies": [1.0, 2.0]}, "1 points files and 2 frequencies for 1 videos"),
+        ({"points": []}, "0 points for 1 videos; give as many as videos"),
+        ({"frequencies": [1.0, 2.0]}, "2 frequency for 1 videos; give as many as videos"),
     ],
     ids=str,
 )

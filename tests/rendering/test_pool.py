@@ -254,12 +254,28 @@ def test_things_that_cannot_be_filmed():
         scene(swim(), HEIGHTS, CAMERA, 0, body_half_width=-1)
     with pytest.raises(ArgumentError, match=r"a glare lies over markers \(3,\); there are markers 0 to 2"):
         scene(swim(), HEIGHTS, replace(CAMERA, glares=(Glare(over=(3,)),)), 0)
+    with pytest.raises(ArgumentError, match=r"a link joins markers \(0, 3\); there are markers 0 to 2"):
+        scene(swim(), HEIGHTS, CAMERA, 0, links=[(0, 3)])
     with pytest.raises(ArgumentError, match=r"leaves 1 frame at 30 frames a second; at least 2 are needed"):
         scene(swim(seconds=0.02), HEIGHTS, CAMERA, 0)
     with pytest.raises(ArgumentError, match=r"a glare starts at 1.0 s and ends at 0.5 s; it must end later"):
         Glare(1.0, 0.5)
     with pytest.raises(ArgumentError, match=r"the occluder is 3 m high and the camera 2.5 m; lower the occluder"):
         scene(swim(), HEIGHTS, CAMERA, 0, occluder=Occluder(((0, 0), (1, 1)), height=3))
+
+
+def test_links_are_bars_between_their_markers():
+    camera = replace(CAMERA, contrast=0.0, noise=0.0, caustics=0.0)
+    shown, bare = (
+        scene(swim(), HEIGHTS, camera, 0, body_half_width=0.01, links=links).frame(0).astype(float)
+        for links in ([(0, 2)], [])
+    )
+    truth = scene(swim(), HEIGHTS, camera, 0).filmed.truth.positions[0]
+    rows, columns = np.nonzero(np.abs(shown - bare).sum(axis=2) > 30)
+    across = (truth[2] - truth[0])[::-1] * [-1, 1] / np.linalg.norm(truth[2] - truth[0])
+    off = (np.stack([columns, rows], axis=1) - truth[0]) @ across
+    assert np.abs(off).max() * camera.meters_per_pixel == pytest.approx(0.01, abs=camera.meters_per_pixel)
+    assert np.ptp(columns) == pytest.approx(abs(truth[2, 0] - truth[0, 0]), rel=0.15)
 
 
 @pytest.mark.parametrize(("rotation", "dropped"), [(0, 0.0), (90, 0.3)])

@@ -28,6 +28,7 @@ from swimmers import Swimmer
 SIZE = (3840, 2160)
 LEVEL = np.full(9, 0.05)
 ABOVE = FISH.marker_heights - FISH.marker_heights[0]
+RIGID = (0, 1, 2)
 LENS = Lens(np.array([[2400.0, 0, 1930.0], [0, 2400.0, 1070.0], [0, 0, 1]]), np.array([-0.12, 0.03, 1e-3, -5e-4, 0.0]))
 
 
@@ -71,7 +72,7 @@ def swim(**options):
 
 
 def see(track, known=None, size=SIZE, heights=FISH.marker_heights) -> Camera:
-    return camera_for(track, FISH.rest_markers, heights, FISH.marker_names, known, size)
+    return camera_for(track, FISH.rest_markers, heights, FISH.marker_names, RIGID, known, size)
 
 
 def square(points, eye, meters=None):
@@ -237,14 +238,14 @@ def test_the_camera_s_height_shows_in_the_track(height):
     eye = Eye(height)
     noisy = eye.track(swim(speed=0.3, heading=2.0)).positions
     noisy = noisy + np.random.default_rng(0).normal(0, 0.3, noisy.shape)
-    assert camera_height_seen(noisy, ABOVE, np.array(eye.center)) == pytest.approx(height, rel=0.1)
+    assert camera_height_seen(noisy, ABOVE, np.array(eye.center), RIGID) == pytest.approx(height, rel=0.1)
 
 
 def test_the_camera_s_height_doesnt_show_in_a_fish_that_stays():
     eye = Eye(2.0)
     noisy = eye.track(swim(speed=0.0)).positions
     noisy = noisy + np.random.default_rng(0).normal(0, 3.0, noisy.shape)
-    assert camera_height_seen(noisy, ABOVE, np.array(eye.center)) is None
+    assert camera_height_seen(noisy, ABOVE, np.array(eye.center), RIGID) is None
     assert "(estimated for a camera 3.8 m high, as high as its picture is wide)" in see(
         MarkerTrack(swim().times, noisy)
     ).notes[0]  # fmt: skip

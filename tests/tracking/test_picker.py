@@ -300,7 +300,7 @@ def test_names_in_the_page_are_data_not_markup(tmp_path):
     assert text.count("</script>") == 2
     data = json.loads(re.search(r'id="data">(.*?)</script>', text).group(1))
     assert data["video"] == "</script>@@DATA@@.mp4"
-    assert data["places"] == [0.0, 0.3851, 0.4433, 1.0]
+    assert data["places"] == [0.0, 0.4011, 0.4561, 1.0]  # along the line through the markers
 
 
 def test_what_is_not_a_frame_is_refused(tmp_path):

@@ -12,7 +12,6 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 from swim2real.cli import tables
 from swim2real.errors import Swim2RealError
 from swim2real.pipeline import Filmed, FrameProgress
-from swim2real.robots.fish import FISH
 
 _LINE_EVERY = 5.0  # s between plain lines of a video
 
@@ -62,7 +61,7 @@ def _outcome(result: Filmed | Swim2RealError) -> str:
     return f"{result.report['frames']} frames in {result.report['seconds']:.1f} s"
 
 
-def print_films(done: Sequence[Filmed]) -> None:
+def print_films(done: Sequence[Filmed], marker_names: Sequence[str]) -> None:
     """Prints what was found in videos."""
     rows = [
         (
@@ -74,7 +73,7 @@ def print_films(done: Sequence[Filmed]) -> None:
     ]  # fmt: skip
     tables.table(
         "Frames for which each marker is lost [%]",
-        ("trial", "frames", "mm/px", *FISH.marker_names, "usable as it is"), rows,
+        ("trial", "frames", "mm/px", *marker_names, "usable as it is"), rows,
     )  # fmt: skip
     findings = [(one.name, line) for one in done for line in one.report["findings"]]
     if findings:

@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swim2real.cli import tables
+from swim2real.cli.hints import for_robot
 from swim2real.errors import ArgumentError, TrialError
-from swim2real.robots.fish import FISH
+from swim2real.robots import robot_named
+from swim2real.robots.rigid import rigid_markers
+from swim2real.robots.robot import Robot
 from swim2real.tracking.camera import Camera, CameraFile, camera_for, read_camera
 from swim2real.trials import MarkerTrack, Trial
 from swim2real.trials.files import add_trial, nominal_frequency
@@ -30,8 +33,9 @@ def import_tracks(a: ImportTracks) -> int:
             raise ArgumentError(f"--frequency is {frequency:g} Hz; it must be finite and above 0")
     if not (np.isfinite(a.fps) and a.fps > 0):
         raise ArgumentError(f"--fps is {a.fps:g}; it must be finite and above 0")
+    robot = robot_named(a.robot)
     known = None if a.camera is None else read_camera(a.camera)
-    read = {_name(path): (path, *_read(path, a.fps, known)) for path in a.tables}
+    read = {_name(path): (path, *_read(path, a.fps, known, robot)) for path in a.tables}
     if len(read) < len(a.tables):
         raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(read)}); rename one")
     for i, (name, (path, track, camera, said)) in enumerate(read.items()):
@@ -40,12 +44,12 @@ def import_tracks(a: ImportTracks) -> int:
             name, camera.to_meters(track), asked, camera.scale.meters_per_pixel,
             f"pose table {path.name}, {a.fps:g} fps" + ("" if a.camera is None else f", camera {a.camera.name}"),
         )  # fmt: skip
-        add_trial(a.to, trial, FISH.marker_names)
+        add_trial(a.to, trial, robot.marker_names)
         mm_per_pixel = 1e3 * camera.scale.meters_per_pixel
         _say(f"{name}: {track.frame_count} frames, {track.duration:.2f} s, {mm_per_pixel:.4f} mm per pixel")
         for line in (*said, *camera.findings()):
             _say(f"{name}: {line}")
-    _say(f"{a.to}: check the tracks with: swim2real quality {a.to}")
+    _say(f"{a.to}: check the tracks with: swim2real quality {a.to}{for_robot(a.robot)}")
     return 0
 
 
@@ -54,22 +58,24 @@ def _name(path: Path) -> str:
     return path.stem.removesuffix(".pixels").split("DLC_")[0] or path.stem
 
 
-def _read(path: Path, fps: float, known: CameraFile | None) -> tuple[MarkerTrack, Camera, list[str]]:
+def _read(path: Path, fps: float, known: CameraFile | None, robot: Robot) -> tuple[MarkerTrack, Camera, list[str]]:
     """The track in pixels with the robot's markers in order, its camera, and what to tell."""
     track, names = read_dlc(path, fps)
     said: list[str] = []
-    if set(names) == set(FISH.marker_names):
-        order = [names.index(name) for name in FISH.marker_names]
+    if set(names) == set(robot.marker_names):
+        order = [names.index(name) for name in robot.marker_names]
         track = MarkerTrack(track.times, track.positions[:, order], track.confidence[:, order])
-    elif len(names) == len(FISH.marker_names):
-        pairs = ", ".join(f"{ours} is {theirs}" for ours, theirs in zip(FISH.marker_names, names, strict=True))
-        said.append(f"markers are taken in the table's order, head first: {pairs}")
+    elif len(names) == len(robot.marker_names):
+        pairs = ", ".join(f"{ours} is {theirs}" for ours, theirs in zip(robot.marker_names, names, strict=True))
+        said.append(f"markers are taken in the table's order: {pairs}")
     else:
         raise TrialError(
-            f"{path}: {len(names)} markers ({', '.join(names)}); robot '{FISH.name}' has {len(FISH.marker_names)}, "
-            f"head first"
+            f"{path}: {len(names)} markers ({', '.join(names)}); robot '{robot.name}' has {len(robot.marker_names)} "
+            f"({', '.join(robot.marker_names)})"
         )
-    return track, camera_for(track, FISH.rest_markers, FISH.marker_heights, FISH.marker_names, known), said
+    rigid = rigid_markers(robot)
+    camera = camera_for(track, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid, known)
+    return track, camera, said
 
 
 def _say(line: str) -> None:

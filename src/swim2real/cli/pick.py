@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from swim2real.cli.arguments import Pick
+from swim2real.cli.hints import for_robot
 from swim2real.cli.tables import console
-from swim2real.robots.fish import FISH
+from swim2real.robots import robot_named
 
 
 def pick(a: Pick) -> int:
@@ -12,11 +13,13 @@ def pick(a: Pick) -> int:
     from swim2real.tracking.picking import write_pick_page
     from swim2real.video import first_frame
 
+    robot = robot_named(a.robot)
     out = a.out or a.video.with_name(f"{a.video.stem}.pick.html")
-    write_pick_page(first_frame(a.video).image, FISH.marker_names, a.video.name, out, FISH.rest_markers)
+    write_pick_page(first_frame(a.video).image, robot.marker_names, a.video.name, out, robot.rest_markers)
     console.print(
-        f"{out}: open it in a browser, click {FISH.marker_names[0]} to {FISH.marker_names[-1]}, download points.json, "
-        f"then: swim2real track {a.video} --markers points.json --to REFERENCE",
+        f"{out}: open it in a browser, click {robot.marker_names[0]} to {robot.marker_names[-1]}, "
+        f"download points.json, then: swim2real track {a.video} --markers points.json --to REFERENCE"
+        f"{for_robot(a.robot)}",
         soft_wrap=True, markup=False,
     )  # fmt: skip
     return 0

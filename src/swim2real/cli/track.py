@@ -9,9 +9,10 @@ from pathlib import Path
 from swim2real.cli import tables
 from swim2real.cli.arguments import Track
 from swim2real.cli.film_progress import films_shown, print_films
+from swim2real.cli.hints import for_robot
 from swim2real.errors import ArgumentError, Swim2RealError
 from swim2real.pipeline import TRACKS, Filmed, FilmSettings, track_films
-from swim2real.robots.fish import FISH
+from swim2real.robots import robot_named
 
 
 def track(a: Track) -> int:
@@ -19,10 +20,11 @@ def track(a: Track) -> int:
     settings = FilmSettings(a.tracker, a.camera, a.smooth, a.overlay)
     if a.workers < 0:
         raise ArgumentError(f"--workers is {a.workers}; it must be 0 (as many as there are cores) or above")
+    robot = robot_named(a.robot)
     try:
         with films_shown(a.quiet or a.json) as (on_progress, on_done):
             results = track_films(
-                a.videos, _points(a), FISH, settings, a.to, frequencies=_frequencies(a), workers=a.workers or None,
+                a.videos, _points(a), robot, settings, a.to, frequencies=_frequencies(a), workers=a.workers or None,
                 on_progress=on_progress, on_done=on_done,
             )  # fmt: skip
     except KeyboardInterrupt:
@@ -33,9 +35,10 @@ def track(a: Track) -> int:
     if a.json:
         print(json.dumps({one.name: one.report for one in done}, indent=2))
     elif not a.quiet and done:
-        print_films(done)
+        print_films(done, robot.marker_names)
         tables.console.print(
-            f"Reference: {a.to}   Overlays: {a.to / TRACKS}   Next: swim2real calibrate {a.to} --out RUN",
+            f"Reference: {a.to}   Overlays: {a.to / TRACKS}   "
+            f"Next: swim2real calibrate {a.to} --out RUN{for_robot(a.robot)}",
             soft_wrap=True, markup=False,
         )  # fmt: skip
     for video, error in failed:

@@ -22,17 +22,19 @@ from numpy.typing import NDArray
 from swim2real import __version__
 from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.objective.evidence import rounded
-from swim2real.robots.robot import Robot
+from swim2real.robots.rigid import rigid_markers
+from swim2real.robots.robot import Robot, SteadySwims
 from swim2real.tracking.camera import camera_for, read_camera
 from swim2real.tracking.cleaning import fill_gaps, smooth
 from swim2real.tracking.csrt import CsrtTracker
 from swim2real.tracking.detector import DetectionTracker
 from swim2real.tracking.picking import label_markers, load_points
-from swim2real.tracking.quality import check_track
+from swim2real.tracking.quality import LostMarkers, check_track, unseen
 from swim2real.tracking.tracker import Tracker
 from swim2real.trials import MarkerTrack, Trial
 from swim2real.trials.files import add_trial, check_folder, load_reference, nominal_frequency
 from swim2real.trials.pose_tables import write_dlc
+from swim2real.trials.tables import read_signals
 from swim2real.video import Frame, VideoReader
 
 Array = NDArray[np.float64]
@@ -98,7 +100,7 @@ class Filmed:
 
 def track_film(
     video: str | Path, points: str | Path | None, robot: Robot, settings: FilmSettings, folder: str | Path, *,
-    frequency: float | None = None, threads: int = 0,
+    frequency: float | None = None, controls: Path | None = None, sensors: Path | None = None, threads: int = 0,
     on_progress: Callable[[FrameProgress], None] = lambda progress: None,
 ) -> Filmed:  # fmt: skip
     """Tracks a video and adds it to a reference folder as a trial of the video's name.
@@ -110,6 +112,8 @@ def track_film(
         settings: How.
         folder: Reference folder.
         frequency: That was asked of the motor [Hz]; None takes it from a name such as f1_50, where there is one.
+        controls: Table of what drove the robot, on the video's clock.
+        sensors: Likewise of what was measured.
         threads: That decode the video, 0 for all cores.
         on_progress: Called after every frame.
 
@@ -126,12 +130,10 @@ def track_film(
         frames = iter(reader)
         first = next(frames)
         size = (reader.info.width, reader.info.height)
-        if points is None:
-            clicked = label_markers(first.image, robot.rest_markers, robot.marker_heights).points
-        else:
-            clicked = load_points(points, robot.marker_names, *size)
+        clicked = _labeled(first, robot) if points is None else load_points(points, robot.marker_names, *size)
         known = None if settings.camera is None else read_camera(settings.camera)
-        mark = _fingerprint(source, clicked, settings, frequency)
+        driven, measured = (None if table is None else read_signals(table) for table in (controls, sensors))
+        mark = _fingerprint(source, clicked, settings, robot, frequency, (controls, sensors))
         before = _done(place, mark, out, name)
         if before is not None:
             return Filmed(name, before, True)
@@ -144,13 +146,15 @@ def track_film(
         info = reader.info
     spent = time.monotonic() - began
     pixels = fill_gaps(smooth(seen) if settings.smooth else seen)
-    camera = camera_for(pixels, robot.rest_markers, robot.marker_heights, robot.marker_names, known, size)
+    camera = camera_for(
+        pixels, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid_markers(robot), known, size
+    )
     track = camera.to_meters(pixels)
-    quality = check_track(track, robot.rest_markers)
+    quality = check(track, robot)
     trial = Trial(
         name, track, asked, camera.scale.meters_per_pixel,
         f"video {source.name}, {size[0]}x{size[1]}, {info.codec}, {settings.tracker} tracker, swim2real {__version__}",
-        video=source,
+        video=source, controls=driven, sensors=measured,
     )  # fmt: skip
     place.unlink(missing_ok=True)  # what it says is of the track that is replaced now
     write_dlc(seen, robot.marker_names, place.with_suffix(".pixels.csv"))
@@ -171,6 +175,21 @@ def track_film(
     part.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     part.replace(place)
     return Filmed(name, report, False)
+
+
+def check(track: MarkerTrack, robot: Robot) -> LostMarkers:
+    """Which markers of a real track are lost; a swimmer's, which bends little, also by their spacing."""
+    return check_track(track, robot.rest_markers) if isinstance(robot.trials, SteadySwims) else unseen(track)
+
+
+def _labeled(first: Frame, robot: Robot) -> Array:
+    """Where the markers are in a first frame, without a click [px]. Shape (M, 2)."""
+    if not isinstance(robot.trials, SteadySwims):
+        raise TrackingError(
+            f"the markers of robot '{robot.name}' can't be found by themselves: that takes a straight swimmer, and its "
+            f"trials are recordings; pick the points with `swim2real pick`"
+        )
+    return label_markers(first.image, robot.rest_markers, robot.marker_heights).points
 
 
 def _follow(
@@ -216,16 +235,22 @@ def _filled_share(seen: MarkerTrack, pixels: MarkerTrack) -> Array:
     return (~np.isfinite(seen.positions[:, :, 0]) & np.isfinite(pixels.positions[:, :, 0])).mean(axis=0)
 
 
-def _fingerprint(video: Path, clicked: Array, settings: FilmSettings, frequency: float | None) -> str:
+def _fingerprint(
+    video: Path, clicked: Array, settings: FilmSettings, robot: Robot, frequency: float | None,
+    tables: tuple[Path | None, ...],
+) -> str:  # fmt: skip
     mark = hashlib.sha256()
     with video.open("rb") as file:
         mark.update(file.read(_SHARE))
         size = file.seek(0, 2)
         file.seek(max(size - _SHARE, 0))
         mark.update(file.read())
-    camera = b"" if settings.camera is None else settings.camera.read_bytes()
-    about = [size, clicked.tolist(), settings.tracker, settings.smooth, settings.overlay, frequency, __version__]
-    mark.update(json.dumps(about).encode() + camera)
+    about = [
+        size, clicked.tolist(), settings.tracker, settings.smooth, settings.overlay, robot.name, frequency, __version__
+    ]  # fmt: skip
+    mark.update(json.dumps(about).encode())
+    for file in (settings.camera, *tables):
+        mark.update(b"\0" if file is None else file.read_bytes())
     return mark.hexdigest()
 
 

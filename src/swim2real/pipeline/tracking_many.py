@@ -22,7 +22,9 @@ _every: Any = None  # a process's end of the queue
 
 def track_films(
     videos: Sequence[str | Path], points: Sequence[str | Path | None], robot: Robot, settings: FilmSettings,
-    folder: str | Path, *, frequencies: Sequence[float | None] | None = None, workers: int | None = None,
+    folder: str | Path, *, frequencies: Sequence[float | None] | None = None,
+    controls: Sequence[Path | None] | None = None, sensors: Sequence[Path | None] | None = None,
+    workers: int | None = None,
     on_progress: Callable[[FrameProgress], None] = lambda progress: None,
     on_done: Callable[[str, Filmed | Swim2RealError], None] = lambda name, result: None,
 ) -> list[Filmed | Swim2RealError]:  # fmt: skip
@@ -35,6 +37,8 @@ def track_films(
         settings: How.
         folder: Reference folder.
         frequencies: That were asked of the motor [Hz], None where it isn't known.
+        controls: Tables of what drove the robot, None where there is none.
+        sensors: Likewise of what was measured.
         workers: Processes at a time; None for as many as there are cores and videos.
         on_progress: Called now and then with the state of a video.
         on_done: Called when a video is done or has failed.
@@ -54,38 +58,42 @@ def track_films(
         raise ArgumentError(f"two videos would make trial '{double}'; rename one")
     if workers is not None and workers < 1:
         raise ArgumentError(f"workers is {workers}; it must be at least 1")
-    asked = list(frequencies or [None] * count)
-    if len(points) != count or len(asked) != count:
-        raise ArgumentError(f"{len(points)} points files and {len(asked)} frequencies for {count} videos")
-    jobs = list(zip(videos, points, asked, strict=True))
+    known: dict[str, Sequence[Any]] = {
+        "points": points, "frequency": frequencies or [None] * count, "controls": controls or [None] * count,
+        "sensors": sensors or [None] * count,
+    }  # fmt: skip
+    for key, one in known.items():
+        if len(one) != count:
+            raise ArgumentError(f"{len(one)} {key} for {count} videos; give as many as videos")
+    jobs: list[dict[str, Any]] = [
+        {"video": video, "robot": robot, "settings": settings, "folder": folder,
+         **{key: one[i] for key, one in known.items()}}
+        for i, video in enumerate(videos)
+    ]  # fmt: skip
     processes = min(count, workers or os.cpu_count() or 1)
     if processes == 1:
         results: list[Filmed | Swim2RealError] = []
-        for name, (video, mine, frequency) in zip(names, jobs, strict=True):
+        for name, job in zip(names, jobs, strict=True):
             try:
-                found: Filmed | Swim2RealError = track_film(
-                    video, mine, robot, settings, folder, frequency=frequency, on_progress=on_progress
-                )
+                found: Filmed | Swim2RealError = track_film(**job, on_progress=on_progress)
             except Swim2RealError as error:
                 found = error
             on_done(name, found)
             results.append(found)
         return results
-    return _in_processes(names, jobs, robot, settings, folder, processes, on_progress, on_done)
+    return _in_processes(names, jobs, processes, on_progress, on_done)
 
 
 def _in_processes(
-    names: Sequence[str], jobs: Sequence[tuple[Any, Any, Any]], robot: Robot, settings: FilmSettings,
-    folder: str | Path, processes: int, on_progress: Callable[[FrameProgress], None],
-    on_done: Callable[[str, Filmed | Swim2RealError], None],
+    names: Sequence[str], jobs: Sequence[dict[str, Any]], processes: int,
+    on_progress: Callable[[FrameProgress], None], on_done: Callable[[str, Filmed | Swim2RealError], None],
 ) -> list[Filmed | Swim2RealError]:  # fmt: skip
     told: Any = multiprocessing.get_context("spawn").Queue()
     results: dict[str, Filmed | Swim2RealError] = {}
     try:
         with workers(processes, _listen, (told,)) as team:
             futures: dict[Future[Filmed], str] = {
-                team.submit(_job, video, points, frequency, robot, settings, folder): name
-                for name, (video, points, frequency) in zip(names, jobs, strict=True)
+                team.submit(_job, job): name for name, job in zip(names, jobs, strict=True)
             }
             left = set(futures)
             while left:
@@ -106,11 +114,8 @@ def _listen(told: Any) -> None:
     told.cancel_join_thread()  # a process that ends doesn't wait until its last words are heard
 
 
-def _job(
-    video: Path, points: Path | None, frequency: float | None, robot: Robot, settings: FilmSettings,
-    folder: str | Path,
-) -> Filmed:  # fmt: skip
-    return track_film(video, points, robot, settings, folder, frequency=frequency, threads=1, on_progress=_every.put)
+def _job(job: dict[str, Any]) -> Filmed:
+    return track_film(**job, threads=1, on_progress=_every.put)
 
 
 def _drain(told: Any, on_progress: Callable[[FrameProgress], None]) -> None:

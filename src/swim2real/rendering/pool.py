@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from swim2real.rendering.pool_camera import Color, Glare, Occluder, PoolCamera
-from swim2real.rendering.pool_scene import Filmed, Scene
+from swim2real.rendering.pool_scene import Filmed, Links, Scene
 from swim2real.rendering.pool_setup import set_scene
 from swim2real.rendering.pool_water import Bytes
 from swim2real.trials import MarkerTrack
@@ -26,6 +26,7 @@ def scene(
     seed: int,
     *,
     body_half_width: float = BODY_HALF_WIDTH,
+    links: Links | None = None,
     occluder: Occluder | None = None,
 ) -> Scene:
     """A swim before the camera: the truth about its film, and its frames in any order.
@@ -36,6 +37,7 @@ def scene(
         camera: What films it.
         seed: Of everything random. The same seed gives the same film.
         body_half_width: Greatest half width of the body [m]; 0 films the markers alone.
+        links: Pairs of markers that a straight bar of this half width joins; None draws a fish.
         occluder: Hides what swims below it.
 
     Returns:
@@ -44,7 +46,7 @@ def scene(
     Raises:
         ArgumentError: The swim doesn't fit into the image, has gaps, or lasts less than two frames.
     """
-    return set_scene(track, heights, camera, seed, body_half_width, occluder)
+    return set_scene(track, heights, camera, seed, body_half_width, links, occluder)
 
 
 def frames(
@@ -54,10 +56,11 @@ def frames(
     seed: int,
     *,
     body_half_width: float = BODY_HALF_WIDTH,
+    links: Links | None = None,
     occluder: Occluder | None = None,
 ) -> Iterator[tuple[float, Bytes]]:
     """What `film` writes: times from the first frame [s] and RGB pictures, shape (height, width, 3)."""
-    return iter(scene(track, heights, camera, seed, body_half_width=body_half_width, occluder=occluder))
+    return iter(scene(track, heights, camera, seed, body_half_width=body_half_width, links=links, occluder=occluder))
 
 
 def film(
@@ -68,6 +71,7 @@ def film(
     seed: int,
     *,
     body_half_width: float = BODY_HALF_WIDTH,
+    links: Links | None = None,
     occluder: Occluder | None = None,
     codec: str = "h264",
     crf: int = 20,
@@ -82,6 +86,7 @@ def film(
         path: Of the video.
         seed: As for `scene`.
         body_half_width: As for `scene`.
+        links: As for `scene`.
         occluder: As for `scene`.
         codec: Of the video.
         crf: Its quality; larger is smaller and worse.
@@ -91,7 +96,7 @@ def film(
     Returns:
         The truth about the film.
     """
-    swim = scene(track, heights, camera, seed, body_half_width=body_half_width, occluder=occluder)
+    swim = scene(track, heights, camera, seed, body_half_width=body_half_width, links=links, occluder=occluder)
     size = (camera.height, camera.width) if rotation in (90, 270) else (camera.width, camera.height)
     uneven = bool(camera.jitter or camera.dropped)
     with VideoWriter(path, *size, camera.fps, codec=codec, crf=crf, rotation=rotation) as video:

@@ -17,6 +17,7 @@ from swim2real.trials import MarkerTrack
 Array = NDArray[np.float64]
 Image32 = NDArray[np.float32]
 Flags = NDArray[np.bool_]
+Links = Sequence[tuple[int, int]]
 
 BELOW = 0.01  # m, the body under its lowest marker
 # half width of the body along it, as a share of the greatest; 0 is the first marker, 1 the last
@@ -84,6 +85,7 @@ class Scene:
         glares: Those of the camera and the small sparkles.
         rod: What the fish swims below.
         body_half_width: Greatest half width of the body [m].
+        links: Pairs of markers that straight bars join; None for a fish.
         instants: Of one exposure, from its middle [s]. Shape (S,).
     """
 
@@ -95,6 +97,7 @@ class Scene:
     glares: tuple[Glare, ...]
     rod: Rod | None
     body_half_width: float
+    links: Links | None
     instants: Array
 
     def __iter__(self) -> Iterator[tuple[float, Bytes]]:
@@ -165,10 +168,12 @@ class Scene:
         image[rod.rows, rod.columns] = np.clip(below + rod.cover * (color - below) + 0.5, 0, 255).astype(np.uint8)
 
     def _body(self, time: float) -> list[_Part]:
-        """Shadow, fins and hull, in the order in which they are drawn."""
+        """Links; or of a fish the shadow, fins and hull, in the order in which they are drawn."""
         markers = self.course(time)
         if self.body_half_width == 0 or len(markers) < 2:
             return []
+        if self.links is not None:
+            return [self._link(markers, self.course(time, 1), list(pair)) for pair in self.links]
         gaps = np.maximum(np.linalg.norm(np.diff(markers, axis=0), axis=1), 1e-6)
         along = np.concatenate([[0.0], np.cumsum(gaps)])
         line, inner = CubicSpline(along / along[-1], markers), np.clip(NODES, 0, 1)
@@ -191,6 +196,11 @@ class Scene:
             soft = np.full(3, blur[FINS_AT])
             parts.append(_Part(fin, size * np.array([0.42, 0.34, 0.12]), soft, self.camera.body_color, 0.85))
         return [*parts, _Part(points, width * scales, blur, self.camera.body_color, 1.0)]
+
+    def _link(self, markers: Array, velocities: Array, pair: list[int]) -> _Part:
+        points, scales = self.camera.project(markers[pair], self.heights[pair] - BELOW, self.filmed.center)
+        blur = np.linalg.norm(velocities[pair], axis=1) * scales * self.camera.exposure
+        return _Part(points, self.body_half_width * scales, blur, self.camera.body_color, 1.0)
 
 
 def place_glare(glare: Glare, time: float, camera: PoolCamera, center: Pair, markers: Array) -> Patch | None:

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from swim2real.errors import ArgumentError
 from swim2real.rendering.pool_camera import Glare, Occluder, Pair, PoolCamera
 from swim2real.rendering.pool_drawing import hull, patch_cover
-from swim2real.rendering.pool_scene import Filmed, Rod, Scene, place_glare
+from swim2real.rendering.pool_scene import Filmed, Links, Rod, Scene, place_glare
 from swim2real.rendering.pool_water import Rect, make_water
 from swim2real.trials import MarkerTrack
 
@@ -29,10 +29,11 @@ def set_scene(
     camera: PoolCamera,
     seed: int,
     body_half_width: float,
+    links: Links | None,
     occluder: Occluder | None,
 ) -> Scene:
     """Puts a swim before the camera; see `pool.film` for what the arguments mean."""
-    levels = _check(track, heights, camera, body_half_width)
+    levels = _check(track, heights, camera, body_half_width, links or ())
     course = CubicSpline(track.times - track.times[0], track.positions, axis=0)
     center = camera.center or _fitted(track, levels, camera, max(body_half_width, camera.marker_radius))
     times = _frame_times(track, camera, np.random.default_rng([seed, 0]))
@@ -62,10 +63,12 @@ def set_scene(
         hidden[index] |= clear.mean(axis=1) < 0.5
     truth = MarkerTrack(times, np.where(outside[..., None], np.nan, pixels))
     filmed = Filmed(truth, hidden, camera.meters_per_pixel, center)
-    return Scene(camera, filmed, course, levels, make_water(camera, seed), glares, rod, body_half_width, instants)
+    return Scene(
+        camera, filmed, course, levels, make_water(camera, seed), glares, rod, body_half_width, links, instants
+    )
 
 
-def _check(track: MarkerTrack, heights: object, camera: PoolCamera, body_half_width: float) -> Array:
+def _check(track: MarkerTrack, heights: object, camera: PoolCamera, body_half_width: float, links: Links) -> Array:
     levels = np.array(heights, dtype=float)
     count = track.marker_count
     if levels.shape != (count,) or not np.all(np.isfinite(levels)):
@@ -78,6 +81,9 @@ def _check(track: MarkerTrack, heights: object, camera: PoolCamera, body_half_wi
         raise ArgumentError("the swim has positions that are not finite; only a swim without gaps can be filmed")
     if not (np.isfinite(body_half_width) and body_half_width >= 0):
         raise ArgumentError(f"body_half_width is {body_half_width} m; it must be 0, for no body, or more")
+    for pair in links:
+        if any(not 0 <= marker < count for marker in pair):
+            raise ArgumentError(f"a link joins markers {pair}; there are markers 0 to {count - 1}")
     for glare in camera.glares:
         if any(not 0 <= marker < count for marker in glare.over):
             raise ArgumentError(f"a glare lies over markers {glare.over}; there are markers 0 to {count - 1}")

@@ -78,8 +78,8 @@ class Camera:
 
 
 def camera_for(
-    track: MarkerTrack, rest_markers: Array, heights: Array, names: Sequence[str], known: CameraFile | None = None,
-    size: tuple[int, int] | None = None,
+    track: MarkerTrack, rest_markers: Array, heights: Array, names: Sequence[str], rigid: Sequence[int],
+    known: CameraFile | None = None, size: tuple[int, int] | None = None,
 ) -> Camera:  # fmt: skip
     """The camera that took a video, from what it saw and what a person knows about it.
 
@@ -93,6 +93,7 @@ def camera_for(
         rest_markers: Marker positions of the straight robot [m]. Shape (M, 2).
         heights: Of the markers [m]. Shape (M,).
         names: Of the M markers.
+        rigid: Indices of markers that keep their distances as the robot moves.
         known: The camera file.
         size: Width and height of the upright video [px], whose center is taken to lie straight below the camera.
 
@@ -128,7 +129,7 @@ def camera_for(
     # with a plane, lengths are measured in meters: what they should be over what they are, times the plane's own scale
     ratio = 1.0 if unit is None else unit
     lengths = [(one.name, ratio * one.meters / _distance(given, plane, one.pixels)) for one in given.lengths]
-    markers = marker_estimates(points, ratio, rest_markers, heights, names)
+    markers = marker_estimates(points, ratio, rest_markers, heights, names, rigid)
     scale = make_scale(lengths, markers, unit, rest_markers)
 
     notes: list[str] = []
@@ -137,7 +138,7 @@ def camera_for(
             f"the camera file's points fit no plane better than {1e3 * residual:.0f} mm; check their pixels and meters"
         )
     if given.camera_height is None and raised.size:
-        notes.append(height_note(pixels, scale.meters_per_pixel, plane is None, center, size, above, names))
+        notes.append(height_note(pixels, scale.meters_per_pixel, plane is None, center, size, above, names, rigid))
     return Camera(
         _scaling(scale.meters_per_pixel) if plane is None else plane,
         scale, above, given.camera_height, center, given.lens, residual, tuple(notes),
@@ -145,7 +146,7 @@ def camera_for(
 
 
 def _plane(given: CameraFile, pixels: Array) -> tuple[Array | None, float | None]:
-    """The homography that the camera file gives, turned to the side where the fish swims, and its residual [m]."""
+    """The homography that the camera file gives, turned to the side where the robot is, and its residual [m]."""
     if given.points is not None:
         try:
             plane, residual = fit_plane(_straight(given.lens, given.points[0]), given.points[1])

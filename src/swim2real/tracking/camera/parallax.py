@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.tracking.camera.scale import LEVEL, RIGID
+from swim2real.tracking.camera.scale import LEVEL
 from swim2real.trials import frames
 
 Array = NDArray[np.float64]
@@ -28,28 +28,32 @@ def lowered(points: Array, below: Array, heights: Array, camera_height: float) -
     return below + (points - below) * (1 - heights / camera_height)[:, None]
 
 
-def camera_height_seen(pixels: Array, heights: Array, center: Array) -> float | None:
+def camera_height_seen(pixels: Array, heights: Array, center: Array, rigid: Sequence[int]) -> float | None:
     """The height at which the camera seems to hang, from how a raised marker shifts against the head on its way.
 
-    The third marker lies still against the head but for a share `height / camera height` of its distance from the
-    picture's center. Of the published tracks four of six give 1.7 to 2.5 m, and the
-    others nothing, so it is a hint and never used by itself.
+    A marker on the head that stands higher lies still against it but for a share `height / camera height` of its
+    distance from the picture's center. Of the fish's published tracks four of six give 1.7 to 2.5 m, and the others
+    nothing, so it is a hint and never used by itself.
 
     Args:
         pixels: Shape (T, M, 2).
         heights: Of the markers above the first [m]. Shape (M,).
         center: The pixel straight below the camera [px]. Shape (2,).
+        rigid: Indices of markers that keep their distances.
 
     Returns:
-        Above the first marker [m]; None where the track doesn't show it.
+        Above the first marker [m]; None where the track doesn't show it, or no rigid marker stands higher.
     """
-    marker = RIGID[1][1]
+    raised = [m for m in rigid if abs(heights[m]) > LEVEL]
+    if not raised or not {0, 1} <= set(rigid):
+        return None
+    marker = raised[0]
     axes = frames.body_axes(pixels)
     aside = np.stack([-axes[:, 1], axes[:, 0]], axis=1)
     terms = np.stack([axes, aside, pixels[:, marker] - center], axis=2)  # (T, 2, 3)
     offsets = pixels[:, marker] - pixels[:, 0]
     good = np.isfinite(terms).all(axis=(1, 2)) & np.isfinite(offsets).all(axis=1)
-    if np.count_nonzero(good) < 2 * _CORRELATED or abs(heights[marker]) <= LEVEL:
+    if np.count_nonzero(good) < 2 * _CORRELATED:
         return None
     matrix, values = terms[good].reshape(-1, 3), offsets[good].ravel()
     fitted, _, rank, _ = np.linalg.lstsq(matrix, values, rcond=None)
@@ -66,7 +70,7 @@ def camera_height_seen(pixels: Array, heights: Array, center: Array) -> float | 
 
 def height_note(
     pixels: Array, scale: float, flat: bool, center: Array | None, size: tuple[int, int] | None,
-    above: Array, names: Sequence[str],
+    above: Array, names: Sequence[str], rigid: Sequence[int],
 ) -> str:  # fmt: skip
     """A sentence on what the markers' heights do when nothing corrects them.
 
@@ -78,6 +82,7 @@ def height_note(
         size: Of the video [px].
         above: Heights of the markers above the first [m]. Shape (M,).
         names: Of the M markers.
+        rigid: Indices of markers that keep their distances.
     """
     raised = np.flatnonzero(np.abs(above) > LEVEL)
     which = " and ".join(names[m] for m in raised.tolist())
@@ -85,7 +90,7 @@ def height_note(
     advice = "give camera_height in the camera file to correct it"
     if center is None:
         return f"{begin} farther from the picture's center than they do; {advice}, with principal_point"
-    height = camera_height_seen(pixels, above, center) if flat else None
+    height = camera_height_seen(pixels, above, center, rigid) if flat else None
     if height is not None:
         basis = f"{height:.1f} m high, as the track suggests"
     elif size is not None:

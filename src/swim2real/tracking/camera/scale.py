@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,6 @@ from swim2real.errors import TrackingError
 Array = NDArray[np.float64]
 
 DISAGREEMENT = 0.02  # of the scale, by which known lengths may differ before a person is told
-RIGID = ((0, 1), (0, 2), (1, 2))  # markers whose distances don't change as the robot bends
 LEVEL = 1e-3  # m, heights that count as the same
 
 
@@ -79,7 +79,7 @@ def make_scale(
 
 
 def marker_estimates(
-    points: Array, unit: float, rest_markers: Array, heights: Array, names: Sequence[str]
+    points: Array, unit: float, rest_markers: Array, heights: Array, names: Sequence[str], rigid: Sequence[int]
 ) -> list[tuple[str, float, bool]]:
     """What the distances of the rigid markers say: name, meters per pixel [m], and whether both stand level.
 
@@ -89,9 +89,10 @@ def marker_estimates(
         rest_markers: Shape (M, 2).
         heights: Of the markers [m]. Shape (M,).
         names: Of the M markers.
+        rigid: Indices of markers that keep their distances.
     """
     found: list[tuple[str, float, bool]] = []
-    for a, b in RIGID:
+    for a, b in combinations(rigid, 2):
         apart = np.linalg.norm(points[:, a] - points[:, b], axis=1)
         seen = apart[np.isfinite(apart)]
         if seen.size and np.median(seen) > 0:

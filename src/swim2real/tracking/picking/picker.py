@@ -33,7 +33,7 @@ def write_pick_page(
         names: Of the robot's markers, head first.
         video_name: Shown on the page and written into the points file.
         path: Of the page.
-        rest_markers: Marker positions of the straight robot, for a sketch of it [m]. Shape (M, 2).
+        rest_markers: Marker positions of the robot in its rest pose, for a sketch of it [m]. Shape (M, 2).
 
     Returns:
         The path.
@@ -77,8 +77,11 @@ def _size(image: Image) -> tuple[int, int]:
 
 def _places(count: int, rest_markers: Array | None) -> list[float]:
     """Where the markers are on the sketch, 0 at the head and 1 at the tail."""
-    along = np.arange(count) if rest_markers is None else rest_markers[:, 0]
-    return [float(v) for v in np.round((along - along[0]) / max(float(np.ptp(along)), 1e-9), 4)]
+    if rest_markers is None:
+        along = np.arange(count, dtype=float)
+    else:
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rest_markers, axis=0), axis=1))])
+    return [float(v) for v in np.round(along / max(float(along[-1]), 1e-9), 4)]
 
 
 def _jpeg(image: Image) -> bytes:
