@@ -28,7 +28,7 @@ from swim2real.simulation import Engine
 from swim2real.trials import save_reference
 
 COMMANDS = (
-    "calibrate", "compare", "demo", "deploy", "ensemble", "evaluate", "export-commands", "fetch", "identify",
+    "calibrate", "check", "compare", "demo", "deploy", "ensemble", "evaluate", "export-commands", "fetch", "identify",
     "import-tracks", "overlay", "pick", "quality", "report", "rollout", "simulate", "track", "train",
 )  # fmt: skip
 SPEC_FIGURES = {  # of the interface's `evaluate --json`

@@ -78,6 +78,10 @@ def _run(command: args.Command) -> int:
             from swim2real.cli.calibrate import calibrate
 
             return calibrate(command)
+        case args.Check():
+            from swim2real.cli.check import check
+
+            return check(command)
         case args.Compare():
             from swim2real.cli.compare import compare
 
@@ -106,6 +110,14 @@ def _run(command: args.Command) -> int:
             from swim2real.cli.export_commands import export_commands
 
             return export_commands(command)
+        case args.ExportSysid():
+            from swim2real.cli.sysid import export_sysid
+
+            return export_sysid(command)
+        case args.ImportSysid():
+            from swim2real.cli.sysid import import_sysid
+
+            return import_sysid(command)
         case args.Rollout():
             from swim2real.cli.rollout import rollout
 

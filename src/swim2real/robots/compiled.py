@@ -23,7 +23,7 @@ def compiled(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
     """
     try:
         return spec.compile()
-    except ValueError as error:
+    except (ValueError, mujoco.FatalError) as error:
         raise RobotError(f"{where}: the model doesn't compile: {said(error)}") from error
 
 

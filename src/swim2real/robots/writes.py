@@ -51,6 +51,14 @@ class Write:
     offset: float = 0.0
     relative: bool = False
 
+    def __str__(self) -> str:
+        """What is written where, x being the value."""
+        times = "x" if self.factor == 1 else f"{self.factor:g} x"
+        number = times + (f" {self.offset:+g}".replace("+", "+ ").replace("-", "- ") if self.offset else "")
+        if self.relative:
+            return f"{self.line} *= {number}"
+        return self.line if number == "x" else f"{self.line} = {number}"
+
     def into(self, spec: mujoco.MjSpec) -> Callable[[float], None]:
         """What writes a value into a model.
 
@@ -78,15 +86,47 @@ class Write:
         Raises:
             RobotError: It has none.
         """
-        matched = _parsed(self.line)
+        found = target(spec, self.line)
         number = self.factor * value + self.offset
-        if number < 0 and (self.relative or matched["attribute"] in NOT_NEGATIVE):
-            places(spec, self.line)
+        if number < 0 and (self.relative or found.attribute in NOT_NEGATIVE):
             what = f"{number:g} times its own" if self.relative else f"{number:g}"
             raise RobotError(
                 f"{value:g} would write {what} to {self.line}, which can't be negative; change the bound, or the "
                 f"factor and offset"
             )
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a line stands for.
+
+    Attributes:
+        kind: Of element.
+        elements: Of the model, each with its number among its kind.
+        attribute: Its MJCF name.
+        index: Of several numbers; None where the line gives none.
+    """
+
+    kind: str
+    elements: tuple[tuple[int, Any], ...]
+    attribute: str
+    index: int | None
+
+    def named(self, element: Any) -> str:
+        """An element as a message names it."""
+        return "option" if self.kind == "option" else f"{self.kind} '{element.name}'"
+
+
+def target(spec: mujoco.MjSpec, line: str) -> Target:
+    """Elements and number that a line stands for.
+
+    Raises:
+        RobotError: The line can't be read, or the model has no such element; names those that exist.
+    """
+    matched = _parsed(line)
+    kind, index = matched["kind"], matched["index"]
+    elements = [(0, spec.option)] if kind == "option" else _elements(spec, matched)
+    return Target(kind, tuple(elements), str(matched["attribute"]), None if index is None else int(index))
 
 
 def places(spec: mujoco.MjSpec, line: str) -> list[tuple[Attribute, int]]:
@@ -95,25 +135,24 @@ def places(spec: mujoco.MjSpec, line: str) -> list[tuple[Attribute, int]]:
     Raises:
         RobotError: The line can't be read, or the model has no such element or number; names those that exist.
     """
-    matched = _parsed(line)
-    kind, name, index = matched["kind"], str(matched["attribute"]), matched["index"]
-    elements = [spec.option] if kind == "option" else _elements(spec, matched)
-    found: list[tuple[Attribute, int]] = []
-    for element in elements:
-        who = "option" if kind == "option" else f"{kind} '{element.name}'"
-        numbers = attribute(element, name)
-        if numbers is None:
-            raise RobotError(f"{who} has no number '{name}'{_known(name, attribute_names(element))}")
-        if numbers.size is None and index is not None and int(index) > 0:
-            raise RobotError(f"{who} has one {name}; leave out [{index}]")
-        if numbers.size is not None and index is None:
-            raise RobotError(
-                f"{name} of {who} has {numbers.size} values; say which one: {name}[0] to {name}[{numbers.size - 1}]"
-            )
-        if numbers.size is not None and int(index or 0) >= numbers.size:
-            raise RobotError(f"{name} of {who} has {numbers.size} values, from [0]; there is no [{index}]")
-        found.append((numbers, int(index or 0)))
-    return found
+    found = target(spec, line)
+    return [_place(found, element) for _, element in found.elements]
+
+
+def _place(found: Target, element: Any) -> tuple[Attribute, int]:
+    who, name, index = found.named(element), found.attribute, found.index
+    numbers = attribute(element, name)
+    if numbers is None:
+        raise RobotError(f"{who} has no number '{name}'{_known(name, attribute_names(element))}")
+    if numbers.size is None and index:
+        raise RobotError(f"{who} has one {name}; leave out [{index}]")
+    if numbers.size is not None and index is None:
+        raise RobotError(
+            f"{name} of {who} has {numbers.size} values; say which one: {name}[0] to {name}[{numbers.size - 1}]"
+        )
+    if numbers.size is not None and index is not None and index >= numbers.size:
+        raise RobotError(f"{name} of {who} has {numbers.size} values, from [0]; there is no [{index}]")
+    return numbers, index or 0
 
 
 def _parsed(line: str) -> re.Match[str]:
@@ -132,23 +171,24 @@ def _parsed(line: str) -> re.Match[str]:
     return matched
 
 
-def _elements(spec: mujoco.MjSpec, matched: re.Match[str]) -> list[Any]:
+def _elements(spec: mujoco.MjSpec, matched: re.Match[str]) -> list[tuple[int, Any]]:
+    """Elements of a kind that are named, each once, with their numbers."""
     kind = matched["kind"]
-    there: Sequence[Any] = list(getattr(spec, KINDS[kind]))
-    found: list[Any] = []
+    there = list(enumerate(getattr(spec, KINDS[kind])))
+    found: dict[int, Any] = {}
     for name in re.findall(r'"([^"]*)"', matched["names"]):
         if matched["by"]:
-            wanted = [element for element in there if class_name(element) == name]
-            known = tuple(sorted({class_name(element) for element in there}))
+            wanted = [one for one in there if class_name(one[1]) == name]
+            known = tuple(sorted({class_name(element) for _, element in there}))
         else:
-            wanted = [element for element in there if element.name and _matches(element.name, name)]
-            known = tuple(element.name for element in there if element.name)
+            wanted = [one for one in there if one[1].name and _matches(one[1].name, name)]
+            known = tuple(element.name for _, element in there if element.name)
         if not wanted:
             what = f"{kind} of class '{name}'" if matched["by"] else f"{kind} '{name}'"
-            unnamed = "" if matched["by"] else _unnamed(kind, sum(not element.name for element in there))
+            unnamed = "" if matched["by"] else _unnamed(kind, sum(not element.name for _, element in there))
             raise RobotError(f"the model has no {what}{_known(name, known)}{unnamed}")
-        found += [element for element in wanted if not any(element is one for one in found)]
-    return found
+        found |= dict(wanted)
+    return list(found.items())
 
 
 def _matches(name: str, pattern: str) -> bool:

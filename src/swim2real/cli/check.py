@@ -1,0 +1,171 @@
+"""`check`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.markup import escape
+
+from swim2real.cli.calibrate import threads
+from swim2real.cli.robot_arguments import Check
+from swim2real.cli.tables import console, millimeters, table
+from swim2real.errors import ArgumentError, MissingExtraError
+from swim2real.rendering.marker_map import marker_map
+from swim2real.rendering.swim_encoding import to_png
+from swim2real.robots import ROBOTS, robot_file, robot_named
+from swim2real.robots.file import PLANES, RobotFile, open_robot_file
+from swim2real.robots.idle import why_idle
+from swim2real.robots.robot import Control, Recordings, Robot, Sine
+from swim2real.simulation.misfits import misfits
+from swim2real.simulation.probing import FAINT, FREQUENCY, SECONDS, Probe, Shift, probe
+from swim2real.trials import load_reference
+
+
+def check(a: Check) -> int:
+    """Says what a robot's parameters do, where its markers are and what drives it."""
+    robot = robot_named(a.robot)
+    file = open_robot_file(robot_file(a.robot))
+    reference = None if a.reference is None else load_reference(a.reference)
+    wrong = [] if reference is None else misfits(robot, reference)
+    probes = probe(robot, None if wrong else reference, threads(a.threads))
+    _parameters(file, probes)
+    _moved(robot, None if wrong or reference is None else reference.names)
+    _markers(robot)
+    _trials(robot)
+    wrong += [sentence for one in probes for sentence in _wrong(file, robot, one)]
+    for sentence in (*wrong, *_notes(probes)):
+        console.print(sentence, soft_wrap=True, markup=False)
+    if reference is not None and not wrong:
+        console.print(f"All {len(reference)} trials of '{a.reference}' fit.", soft_wrap=True, markup=False)
+    _draw(robot, a.out or _beside(a.robot))
+    return 1 if wrong else 0
+
+
+def _parameters(file: RobotFile, probes: list[Probe]) -> None:
+    rows: list[tuple[str, ...]] = []
+    for one, calibrated in zip(probes, file.calibrated, strict=True):
+        p = one.parameter
+        scale = "" if p.log_offset is None else " log"
+        name = escape("\n  ".join([p.name, *map(str, calibrated.writes)]))
+        rows.append((name, p.unit, f"{p.lower:g} to {p.upper:g}{scale}", f"{p.published:.4g}",
+                     _cell(one.lower), _cell(one.upper)))  # fmt: skip
+    columns = ("parameter, what it writes", "unit", "bounds", "value", "lower mm", "upper mm")
+    table("Parameters, and how far each bound moves the markers on average", columns, rows)
+
+
+def _cell(shift: Shift) -> str:
+    return "–" if shift.failure else f"{1e3 * shift.distance:.3g}"
+
+
+def _moved(robot: Robot, trials: tuple[str, ...] | None) -> None:
+    """How the robot was moved for these numbers."""
+    if trials is not None:
+        by = f"as in the trials of the reference ({', '.join(trials)})"
+    elif isinstance(robot.trials, Recordings):
+        by = f"by sines of {FREQUENCY:g} Hz on what a table drives"
+        by += ", from a pose off its rest" if robot.trials.start == "markers" else ""
+    else:
+        by = f"by its motor at {FREQUENCY:g} Hz, from rest"
+    console.print(f"Moved for {SECONDS:g} s {by}.", soft_wrap=True, markup=False)
+
+
+def _markers(robot: Robot) -> None:
+    right, up = ("xyz"[axis] for axis in robot.plane)
+    rows = [
+        (name, f"{1e3 * x:.1f}", f"{1e3 * y:.1f}", millimeters(float(height)))
+        for name, (x, y), height in zip(robot.marker_names, robot.rest_markers, robot.marker_heights, strict=True)
+    ]
+    table(
+        f"Markers at rest, seen from {_side(robot)} [mm]",
+        ("marker", f"{right} to the right", f"{up} up", "height"),
+        rows,
+    )
+
+
+def _side(robot: Robot) -> str:
+    name = next(name for name, plane in PLANES.items() if plane == robot.plane)
+    return "above" if name == "above" else f"the {name}"
+
+
+def _trials(robot: Robot) -> None:
+    if not isinstance(robot.trials, Recordings):
+        swims = robot.trials
+        text = (
+            f"Trials are steady swims: joint '{swims.motor_joint}' turns at the trial's frequency, and the robot moves "
+            f"along joints '{swims.surge_joints[0]}' and '{swims.surge_joints[1]}'."
+        )
+        console.print(text, soft_wrap=True, markup=False)
+        return
+    about = robot.trials
+    model = robot.build(robot.space.published).compile()
+    actuators = [model.actuator(i).name for i in range(model.nu)]
+    if actuators:
+        rows = [(name or "(no name)", _control(about.controls.get(name))) for name in actuators]
+        table("What drives a trial", ("actuator", "driven by"), rows)
+    if about.sensors:
+        rows = [(one.name, one.unit, f"{1e3 * one.worth:g}") for one in about.sensors]
+        table("Sensors", ("sensor", "unit", "one unit is worth mm"), rows)
+    frame = "the world" if about.frame is None else " and ".join(robot.marker_names[i] for i in about.frame)
+    travels = ", progress included" if about.travels else ""
+    start = {"rest": "at rest", "markers": "where the markers are"}.get(about.start, f"in keyframe '{about.start}'")
+    text = f"Trials are recordings that start {start} and are compared in the frame of {frame}{travels}."
+    console.print(text, soft_wrap=True, markup=False)
+
+
+def _control(control: Control | None) -> str:
+    if isinstance(control, Sine):
+        return f"{control.offset:g} + {control.amplitude:g} sin(2π f t + {control.phase:g}), f of the trial"
+    if isinstance(control, float):
+        return f"{control:g} in every trial"
+    told: dict[Control | None, str] = {
+        "table": "its column of the trial's controls",
+        "frequency": "2π times the trial's frequency",
+        None: "nothing, so 0",
+    }
+    return told[control]
+
+
+def _wrong(file: RobotFile, robot: Robot, one: Probe) -> Iterator[str]:
+    """What is wrong with a parameter."""
+    refused = [why for why in (one.reach.lower, one.reach.upper) if why is not None]
+    yield from refused
+    if not refused and one.idle:
+        what = "moves no marker" if one.reach.changes else "changes nothing of the model"
+        why = why_idle(file, robot, one.parameter.name)
+        yield f"{one.parameter.name} {what}{f': {why}' if why else ''}"
+
+
+def _notes(probes: list[Probe]) -> Iterator[str]:
+    """What is worth knowing of the others."""
+    for one in probes:
+        p = one.parameter
+        for bound, refused, shift in ((p.lower, one.reach.lower, one.lower), (p.upper, one.reach.upper, one.upper)):
+            if refused is None and shift.failure is not None:
+                yield f"{p.name} = {bound:g}: {shift.failure}"
+        if not one.idle and one.distance < FAINT:
+            yield f"{p.name} hardly shows: it moves the markers by less than {1e3 * FAINT:g} mm on average"
+
+
+def _beside(robot: str) -> Path:
+    return Path(f"{robot}.png") if robot in ROBOTS else Path(robot).with_suffix(".png")
+
+
+def _draw(robot: Robot, out: Path) -> None:
+    """The map of the markers; without its library a sentence says so."""
+    right, up = ("xyz"[axis] for axis in robot.plane)
+    title = f"{robot.name}: markers at rest, from {_side(robot)}"
+    try:
+        picture = to_png(
+            marker_map(np.asarray(robot.rest_markers), robot.marker_names, robot.links, (right, up), title)
+        )
+    except MissingExtraError as error:
+        print(f"swim2real: {error}", file=sys.stderr)
+        return
+    try:
+        out.write_bytes(picture)
+    except OSError as error:
+        raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
+    console.print(str(out), soft_wrap=True, markup=False)

@@ -1,0 +1,171 @@
+"""What each parameter of a robot changes: by how much its bounds move the markers of a short simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from swim2real.errors import EngineError
+from swim2real.parameters import Parameter, Values
+from swim2real.robots.probing import Reach, reaches
+from swim2real.robots.robot import Recordings, Robot
+from swim2real.simulation.excitation import FREQUENCY, SECONDS, excitation
+from swim2real.simulation.playback import Player
+from swim2real.simulation.simulator import Simulator, Swim
+from swim2real.simulation.start import MARKERS, REST
+from swim2real.trials import Actuation, Trial, TrialSet
+
+NOISE = 1e-9  # m, by which markers may move where a parameter has no effect
+FAINT = 1e-5  # m, less than which no camera sees
+_STRENGTHS = (1.0, 0.1, 0.01, 0.0)
+_ROOM = 3.0  # of the robot's size that a marker may move; more is a robot that is thrown about
+_TRIALS = 4  # real ones that are tried
+
+Simulate = Callable[[Sequence[Values]], list[TrialSet]]
+
+
+@dataclass(frozen=True)
+class Shift:
+    """What a parameter does at one of its bounds, the others as published.
+
+    Attributes:
+        distance: Of the markers from where they are with the published value, mean over markers and time, and what
+            the sensors' differences are worth [m]; NaN where there is no simulation.
+        failure: Why there is none.
+    """
+
+    distance: float
+    failure: str | None = None
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What a parameter does.
+
+    Attributes:
+        reach: To the model.
+        lower: At its lower bound.
+        upper: At its upper bound.
+    """
+
+    reach: Reach
+    lower: Shift
+    upper: Shift
+
+    @property
+    def parameter(self) -> Parameter:
+        return self.reach.parameter
+
+    @property
+    def distance(self) -> float:
+        """The larger one of its distances; NaN where neither bound can be simulated [m]."""
+        return float(np.fmax(self.lower.distance, self.upper.distance))
+
+    @property
+    def idle(self) -> bool:
+        """Whether it changes nothing that is measured."""
+        return self.lower.failure is None and self.upper.failure is None and self.distance <= NOISE
+
+    @property
+    def refused(self) -> str | None:
+        """Why the model doesn't compile at a bound; None where it does at both."""
+        return self.reach.lower or self.reach.upper
+
+
+def probe(robot: Robot, reference: TrialSet | None = None, threads: int | None = None) -> list[Probe]:
+    """What each parameter does in the first seconds of a swim or recording.
+
+    Args:
+        robot: Whose parameters.
+        reference: Real trials, whose controls and starts are used; without any the robot is moved by made-up ones.
+        threads: Simulations at a time; by default the number of cores.
+
+    Raises:
+        RobotError: The model doesn't compile with the published values.
+        EngineError: It can't be simulated with them.
+        TrialError: The reference doesn't fit the robot.
+    """
+    found = reaches(robot)
+    wanted: list[tuple[Reach, Values, str | None]] = []
+    for reach in found:
+        for value, refused in ((reach.parameter.lower, reach.lower), (reach.parameter.upper, reach.upper)):
+            wanted.append((reach, {**robot.space.published, reach.parameter.name: value}, refused))
+    nominal, simulate = _begun(robot, reference, threads)
+    made = iter(simulate([values for _, values, refused in wanted if refused is None]))
+    shifts = [_shift(robot, nominal, next(made)) if refused is None else Shift(np.nan, refused)
+              for _, _, refused in wanted]  # fmt: skip
+    return [Probe(reach, shifts[2 * i], shifts[2 * i + 1]) for i, reach in enumerate(found)]
+
+
+def _begun(robot: Robot, reference: TrialSet | None, threads: int | None) -> tuple[TrialSet, Simulate]:
+    """The published robot's trials, and what simulates others."""
+    if not isinstance(robot.trials, Recordings):
+        return _checked(robot, partial(Simulator(robot, threads).simulate_many, swims=_swims(reference)))
+    if reference is None:
+        return _excited(robot, robot.trials, threads)
+    player = Player(robot, threads)
+    plays = [player.prepared(trial.cut(SECONDS)) for trial in reference.trials[:_TRIALS]]
+    return _checked(robot, partial(player.play_many, plays=plays))
+
+
+def _excited(robot: Robot, recordings: Recordings, threads: int | None) -> tuple[TrialSet, Simulate]:
+    """The same for made-up recordings, as strong as the robot bears."""
+    # a start off the rest pose is in the trial itself
+    starting = replace(recordings, start=REST) if recordings.start == MARKERS else recordings
+    player = Player(replace(robot, trials=starting), threads)
+    tried = [partial(player.play_many, plays=[player.prepared(excitation(robot, one))]) for one in _STRENGTHS]
+    nominal = [simulate([robot.space.published])[0] for simulate in tried]
+    borne = [i for i, made in enumerate(nominal) if made.trials[0].divergence is None]
+    calm = [i for i in borne if _reached(nominal[i].trials[0]) < _ROOM * _size(robot)]
+    return _checked(robot, tried[(calm or borne or [-1])[0]])
+
+
+def _checked(robot: Robot, simulate: Simulate) -> tuple[TrialSet, Simulate]:
+    nominal = simulate([robot.space.published])[0]
+    for trial in nominal:
+        if trial.divergence:
+            raise EngineError(
+                f"robot '{robot.name}' can't be simulated with its own values: trial '{trial.name}': "
+                f"{trial.divergence}; mend the model or the parameters' values"
+            )
+    return nominal, simulate
+
+
+def _swims(reference: TrialSet | None) -> list[Swim]:
+    """From rest, at the frequencies of real trials or at a usual one."""
+    if reference is None:
+        return [Swim("excitation", Actuation(FREQUENCY), SECONDS)]
+    return [Swim(trial.name, Actuation(trial.nominal_frequency or FREQUENCY), SECONDS)
+            for trial in reference.trials[:_TRIALS]]  # fmt: skip
+
+
+def _size(robot: Robot) -> float:
+    """Of the robot, or of its markers where those are farther apart [m]."""
+    model = robot.build(robot.space.published).compile()
+    apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2)
+    return float(max(model.stat.extent, apart.max()))
+
+
+def _reached(trial: Trial) -> float:
+    """How far a marker gets from where it starts [m]."""
+    positions = trial.track.positions
+    return float(np.linalg.norm(positions - positions[0], axis=2).max())
+
+
+def _shift(robot: Robot, nominal: TrialSet, made: TrialSet) -> Shift:
+    failure = next((f"{trial.name}: {trial.divergence}" for trial in made if trial.divergence), None)
+    if failure is not None:
+        return Shift(np.nan, failure)
+    return Shift(float(np.mean([_distance(robot, a, b) for a, b in zip(nominal, made, strict=True)])))
+
+
+def _distance(robot: Robot, nominal: Trial, made: Trial) -> float:
+    moved = float(np.linalg.norm(made.track.positions - nominal.track.positions, axis=2).mean())
+    if made.sensors is None or nominal.sensors is None:
+        return moved
+    apart = np.abs(made.sensors.values - nominal.sensors.values).mean(axis=0)
+    worths = {sensor.name: sensor.worth for sensor in robot.recordings.sensors}
+    return moved + sum(worths[name] * float(gap) for name, gap in zip(made.sensors.names, apart, strict=True))
