@@ -36,8 +36,11 @@ def test_a_perfect_fit_that_swims_backward_from_rest_is_told(simulator, new_flui
         assert begun["divergence"] is None
     assert backward_from_rest(outcome["from_rest"]) == (
         "from rest, where a policy and the robot begin, this fit swims tail first at 1.30, 1.70 Hz; "
-        "train no policy in it, calibrate with another seed"
+        "train no policy in it, calibrate with --start rest or another seed"
     )
+    started = SwimProblem(FISH, examine(filmed, FISH), simulator, start="rest").evaluate(BOTH_WAYS)
+    assert started.loss > 0.1
+    assert all(trial.velocity_simulated < -0.1 for trial in started.trials)
 
 
 def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, reference, tmp_path):

@@ -10,7 +10,7 @@ from swim2real.calibration.recording_pairs import RecordingPair, load_recordings
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.calibration.sensitivity import Sensitivity, sensitivities
 from swim2real.calibration.swim_pairs import SwimPair, load_swims
-from swim2real.calibration.swim_problem import RealTrial, SwimProblem, examine, examined
+from swim2real.calibration.swim_problem import RealTrial, Start, SwimProblem, examine, examined
 
 __all__ = [
     "HORIZON",
@@ -21,6 +21,7 @@ __all__ = [
     "RecordingPair",
     "RunFolder",
     "Sensitivity",
+    "Start",
     "SwimPair",
     "SwimProblem",
     "calibrate",

@@ -65,7 +65,7 @@ def backward_from_rest(found: Mapping[str, Mapping[str, Any]]) -> str | None:
         return None
     return (
         f"from rest, where a policy and the robot begin, this fit {' and '.join(said)}; "
-        f"train no policy in it, calibrate with another seed"
+        f"train no policy in it, calibrate with --start rest or another seed"
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from swim2real.calibration.playback_problem import PlaybackProblem
 from swim2real.calibration.problem import HORIZON, Problem
-from swim2real.calibration.swim_problem import SwimProblem, examine
+from swim2real.calibration.swim_problem import Start, SwimProblem, examine
 from swim2real.errors import ArgumentError
 from swim2real.objective import Protocol
 from swim2real.robots.robot import Recordings, Robot
@@ -14,7 +14,7 @@ from swim2real.trials import TrialSet
 
 def pose_problem(
     robot: Robot, reference: TrialSet, protocol: Protocol = "aligned", horizon: float | None = HORIZON,
-    threads: int | None = None,
+    threads: int | None = None, start: Start = "speed",
 ) -> Problem:  # fmt: skip
     """The problem of calibrating a robot against a reference, whatever its trials are.
 
@@ -24,15 +24,18 @@ def pose_problem(
         protocol: How trials are compared, as `protocol_for` takes it.
         horizon: Seconds of each trial that are compared, None for all.
         threads: Trials simulated at a time, None for all cores.
+        start: Of steady swims under protocol `aligned`.
 
     Raises:
         ArgumentError: The robot's trials can't be compared like that.
         TrialError: The reference isn't the robot's, or a trial lacks what it takes.
     """
     resolved = protocol_for(robot, protocol)
+    if start != "speed" and resolved != "aligned":
+        raise ArgumentError(f"start is '{start}', which is for steady swims under protocol aligned, not {resolved}")
     if resolved == "playback":
         return PlaybackProblem(reference, Player(robot, threads), horizon)
-    return SwimProblem(robot, examine(reference, robot), Simulator(robot, threads), resolved, horizon)
+    return SwimProblem(robot, examine(reference, robot), Simulator(robot, threads), resolved, horizon, start)
 
 
 def protocol_for(robot: Robot, asked: Protocol) -> Protocol:

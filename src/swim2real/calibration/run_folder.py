@@ -22,6 +22,7 @@ OUTCOME = "outcome.json"
 
 # settings that may differ when a run goes on
 _FREE = ("budget", "threads")
+_ADDED = {"start": "speed"}  # settings that earlier versions didn't write
 
 
 class RunFolder:
@@ -103,7 +104,7 @@ class RunFolder:
             raise RunError(
                 f"run '{self.path}' has format {content.get('format')!r}; this version of swim2real reads {FORMAT}"
             )
-        return content
+        return {**_ADDED, **content}
 
     def outcome(self) -> dict[str, Any] | None:
         """What was found at the end of the run, None before it."""

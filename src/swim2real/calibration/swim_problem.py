@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 from swim2real.calibration.from_rest import from_rest
 from swim2real.calibration.problem import HORIZON, Problem
@@ -18,6 +18,8 @@ from swim2real.robots.robot import Robot
 from swim2real.simulation import Engine, Simulator, Swim
 from swim2real.tracking import Beat, TrackQuality, check_track, identify_beat
 from swim2real.trials import Actuation, Trial, TrialSet
+
+Start = Literal["speed", "rest"]
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class SwimProblem(Problem):
 
     def __init__(
         self, robot: Robot, real: Sequence[RealTrial], simulator: Simulator, protocol: Protocol = "aligned",
-        horizon: float | None = HORIZON,
+        horizon: float | None = HORIZON, start: Start = "speed",
     ) -> None:  # fmt: skip
         """Prepares the swims to simulate.
 
@@ -64,16 +66,20 @@ class SwimProblem(Problem):
             protocol: `aligned`: identified frequency, steady state, phase, registration, weights. `paper`: nominal
                 frequency, from rest, none of the others.
             horizon: Seconds of each trial that are compared, None for all.
+            start: Of steady swims: at the real speed, or at rest. Both look for the steady cycle that follows.
 
         Raises:
             TrialError: The paper's protocol needs nominal frequencies and a trial has none.
         """
         super().__init__(robot, [one.trial for one in real], protocol, horizon)
         self.real, self.simulator = tuple(real), simulator
+        self.start: Start = start
         self.targets: list[Target] = []
         self.swims: list[Swim] = []
         for one in self.real:
             actuation = one.beat.actuation if protocol == "aligned" else Actuation(_nominal(one.trial))
+            if protocol == "aligned" and start == "rest":
+                actuation = replace(actuation, start_speed=0.0)
             lead = actuation.period if protocol == "aligned" else 0.0
             self.targets.append(Target(one.trial, one.quality.weights, actuation.frequency, one.beat.frequency))
             self.swims.append(Swim(one.trial.name, actuation, one.trial.track.duration + lead))
@@ -83,7 +89,8 @@ class SwimProblem(Problem):
         return self.simulator.engine
 
     def of(self, reference: TrialSet) -> SwimProblem:
-        return SwimProblem(self.robot, examine(reference, self.robot), self.simulator, self.protocol, self.horizon)
+        real = examine(reference, self.robot)
+        return SwimProblem(self.robot, real, self.simulator, self.protocol, self.horizon, self.start)
 
     def blocks(self) -> list[tuple[int, int]]:
         shapes = [

@@ -16,11 +16,14 @@ from swim2real.cli.deployment_arguments import Deploy
 from swim2real.cli.rl_arguments import ExportCommands, Rollout, Train
 from swim2real.cli.robot_arguments import Check
 from swim2real.cli.study_arguments import Ensemble, Identify
+from swim2real.cli.sysid_arguments import ExportSysid, ImportSysid
 from swim2real.cli.vlm_arguments import Vlm
 
 Positional = tyro.conf.Positional
 # as in pipeline.methods, which would bring NumPy and more
-Method = Literal["line-search", "random", "warm-start", "cma-es", "bayesopt", "least-squares", "staged"]
+Method = Literal[
+    "line-search", "random", "warm-start", "cma-es", "bayesopt", "least-squares", "mujoco-sysid", "staged"
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -38,8 +41,8 @@ class Calibrate:
     """Run folder to write."""
     method: Method = "line-search"
     """line-search: an advisor's proposals with backtracking. warm-start: one proposal, then random. cma-es: pycma.
-    bayesopt: scikit-optimize. least-squares: Levenberg-Marquardt with finite differences. staged: the prior work's
-    stages by hand."""
+    bayesopt: scikit-optimize. least-squares: Levenberg-Marquardt with finite differences. mujoco-sysid: the least
+    squares of MuJoCo's own toolbox. staged: the prior work's stages by hand."""
     advisor: str = "physics"
     """Who proposes. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a VLM, key from
     GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window. replay:RUN: an earlier run's
@@ -49,6 +52,9 @@ class Calibrate:
     FILE.toml: your robot; `swim2real init` writes such a file."""
     protocol: Literal["aligned", "paper"] = "aligned"
     """aligned: identified frequency, steady swim, phase, registration, lost tracks left out. paper: none of these."""
+    start: Literal["speed", "rest"] = "speed"
+    """Where steady swims begin under protocol aligned. speed: at the real speed. rest: at rest, as the robot did, so
+    that no fit swims tail first from there; takes about half as long again."""
     budget: int = 40
     """Simulation evaluations, the first included."""
     seed: int = 0
@@ -88,6 +94,8 @@ class Evaluate:
     reference: Path
     """Folder with the real trials."""
     protocol: Literal["aligned", "paper"] = "aligned"
+    """As for calibrate."""
+    start: Literal["speed", "rest"] = "speed"
     """As for calibrate."""
     horizon: float = 4.0
     """Seconds of each trial that are compared; 0 for all of it."""
@@ -146,6 +154,10 @@ class Track:
     """points.json of each video, in order (`swim2real pick` makes them), or auto to find the markers."""
     frequency: tuple[float, ...] = ()
     """What was asked of the motor in each video [Hz], where the names don't say it. Only protocol paper needs it."""
+    controls: tuple[Path, ...] = ()
+    """Tables of what drove the robot in each video, in order: time_s on the video's clock, then a column an actuator."""
+    sensors: tuple[Path, ...] = ()
+    """Likewise of what was measured: time_s, then a column a sensor."""
     tracker: Literal["detection", "csrt"] = "detection"
     """detection: finds all markers anew in every frame. csrt: the paper's, for comparison."""
     camera: Path | None = None
@@ -193,6 +205,10 @@ class ImportTracks:
     """JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it."""
     frequency: tuple[float, ...] = ()
     """What was asked of the motor in each trial [Hz]."""
+    controls: tuple[Path, ...] = ()
+    """Tables of what drove the robot in each trial, in order: time_s, then a column an actuator."""
+    sensors: tuple[Path, ...] = ()
+    """Likewise of what was measured: time_s, then a column a sensor."""
 
 
 @dataclass(frozen=True)
@@ -289,8 +305,10 @@ Command = (
     | Ensemble
     | Evaluate
     | ExportCommands
+    | ExportSysid
     | Fetch
     | Identify
+    | ImportSysid
     | ImportTracks
     | Overlay
     | Pick

@@ -24,7 +24,7 @@ from swim2real.trials import load_reference
 def calibrate(a: Calibrate) -> int:
     """Runs or resumes a calibration."""
     settings = Settings(
-        method=a.method, advisor=a.advisor, protocol=a.protocol, budget=a.budget, seed=a.seed,
+        method=a.method, advisor=a.advisor, protocol=a.protocol, start=a.start, budget=a.budget, seed=a.seed,
         scale=None if a.scale == "auto" else a.scale, max_steps=a.max_steps, early_stop=a.early_stop,
         horizon=horizon(a.horizon), hold_out=a.hold_out, threads=threads(a.threads),
         briefing=BriefingSettings(a.vlm.show, a.vlm.media, a.vlm.detail),

@@ -17,7 +17,7 @@ def evaluate(a: Evaluate) -> int:
     """Compares parameters with real trials."""
     robot = robot_for(a.parameters)
     reference = load_reference(a.reference)
-    problem = pose_problem(robot, reference, a.protocol, horizon(a.horizon), threads(a.threads))
+    problem = pose_problem(robot, reference, a.protocol, horizon(a.horizon), threads(a.threads), a.start)
     values = values_of(a.parameters, problem)
     comparison = problem.evaluate(values)
     found = [s.as_dict() for s in sensitivities(problem, robot.space, values)] if a.sensitivity else None

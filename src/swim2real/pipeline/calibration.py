@@ -23,6 +23,7 @@ from swim2real.calibration import (
     HORIZON,
     Progress,
     RunFolder,
+    Start,
     calibrate,
     commit,
     conclude,
@@ -49,6 +50,7 @@ class Settings:
         method: How candidates are found.
         advisor: Who proposes: `physics`, `PROVIDER:MODEL`, `files` or `replay:RUN`.
         protocol: What is compared; recordings are always compared by their playback.
+        start: Of steady swims under protocol aligned: at the real speed, or at rest as the robot began.
         budget: Simulation evaluations.
         seed: Of the first point and every random choice.
         scale: Of the parameters; None takes the protocol's.
@@ -63,6 +65,7 @@ class Settings:
     method: Method = "line-search"
     advisor: str = "physics"
     protocol: Protocol = "aligned"
+    start: Start = "speed"
     budget: int = 40
     seed: int = 0
     scale: Scale | None = None
@@ -81,6 +84,8 @@ class Settings:
         check_advisor(self.advisor)
         if self.protocol not in get_args(Protocol):  # playback needn't be asked for: recordings have no other
             raise ArgumentError(f"protocol is '{self.protocol}'; there are aligned and paper")
+        if self.start not in get_args(Start):
+            raise ArgumentError(f"start is '{self.start}'; there are {' and '.join(get_args(Start))}")
         if self.scale not in (None, "log", "linear"):
             raise ArgumentError(f"scale is '{self.scale}'; there are log and linear")
         if self.max_steps < 1:
@@ -131,7 +136,7 @@ def run(
     space = replace(robot.space, scale=settings.resolved_scale)
     folder = RunFolder(out)
     fitted, unseen = reference.split(settings.hold_out)
-    problem = pose_problem(robot, fitted, settings.protocol, settings.horizon, settings.threads)
+    problem = pose_problem(robot, fitted, settings.protocol, settings.horizon, settings.threads, settings.start)
     held_out = None if unseen is None else problem.of(unseen)
     resolved = {
         "robot": robot.name,
@@ -185,7 +190,7 @@ def _recorded_proposals(folder: RunFolder) -> list[Proposal]:
 
 
 _REPLAYED = (
-    "robot", "robot_fingerprint", "method", "protocol", "seed", "scale", "max_steps", "early_stop", "horizon",
+    "robot", "robot_fingerprint", "method", "protocol", "start", "seed", "scale", "max_steps", "early_stop", "horizon",
     "hold_out", "reference_fingerprint", "engine",
 )  # fmt: skip
 
