@@ -85,7 +85,7 @@ class RunFolder:
         recorded = self.settings()
         wanted = json.loads(json.dumps(dict(settings)))
         for key, value in wanted.items():
-            if key not in _FREE and recorded.get(key) != value:
+            if key not in _FREE and recorded.get(key, _ADDED.get(key)) != value:
                 raise RunError(
                     f"run '{self.path}' can't go on: {key} was {_short(recorded.get(key))} and is now {_short(value)}; "
                     f"use the same settings and reference, or begin a new run"
@@ -104,7 +104,7 @@ class RunFolder:
             raise RunError(
                 f"run '{self.path}' has format {content.get('format')!r}; this version of swim2real reads {FORMAT}"
             )
-        return {**_ADDED, **content}
+        return content
 
     def outcome(self) -> dict[str, Any] | None:
         """What was found at the end of the run, None before it."""
