@@ -163,14 +163,14 @@ class Player:
         start_at_joints(model, data, play.trial)
         if play.first is not None and play.guess is not None:
             fit = PoseFit(model, self._markers, self.robot.plane)
-            simulated = partial(self._first_frames, model, controls, play.first.times)
+            simulated = partial(self._first_frames, model, mujoco.MjData(model), controls, play.first.times)
             data.qpos[:], data.qvel[:] = start_at_markers(fit, play.first, play.guess, simulated)
         return data, controls
 
     def _first_frames(
-        self, model: mujoco.MjModel, controls: Array, times: Array, qpos: Array, qvel: Array
+        self, model: mujoco.MjModel, data: mujoco.MjData, controls: Array, times: Array, qpos: Array, qvel: Array
     ) -> Array | None:
-        data = mujoco.MjData(model)
+        mujoco.mj_resetData(model, data)
         data.qpos[:], data.qvel[:] = qpos, qvel
         step = float(model.opt.timestep)
         made = roll(model, data, controls[: int(np.ceil(times[-1] / step - 1e-9)) + 1])

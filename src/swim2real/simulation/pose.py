@@ -13,10 +13,11 @@ from swim2real.simulation.marker_view import MarkerView, View
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))  # joints of one coordinate
 _PULL = 1e-6  # toward the model's own pose, relative to the markers' pull: for what they don't show
 _GAP_WEIGHT = 10.0  # of equality constraints, relative to markers
 _ITERATIONS = 60
-_STILL = 1e-10  # rad or m: a step that is no step
+_STILL = 1e-7  # rad or m: a step that is no step
 _STARTS = 8
 _BETTER = 0.5  # of the error, for another start to be taken
 
@@ -38,7 +39,7 @@ class PoseFit:
         self._lower, self._upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
         self._address = np.full(model.nv, -1)  # of the only coordinate of a scalar joint's degree of freedom
         for j in range(model.njnt):
-            if model.jnt_type[j] in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE):
+            if int(model.jnt_type[j]) in SCALAR:
                 address = model.jnt_qposadr[j]
                 self._address[model.jnt_dofadr[j]] = address
                 if model.jnt_limited[j]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import EngineError, TrialError
-from swim2real.simulation.pose import PoseFit
+from swim2real.simulation.pose import SCALAR, PoseFit
 from swim2real.trials import Trial
 
 Array = NDArray[np.float64]
@@ -18,6 +18,7 @@ Mask = NDArray[np.bool_]
 WINDOW = 0.1  # s of first frames that show how a recording starts
 _FRAMES = 5  # at least
 _TRIES = 6
+_STILL = 1e-6  # m: a correction that is none
 REST, MARKERS = "rest", "markers"
 
 
@@ -129,6 +130,8 @@ def start_at_markers(
         tried.append(wanted)
         found.append(np.where(counted, real - lines + _stacked(*fit.motion(qpos, qvel)), real))
         wanted = _accelerated(tried, found)
+        if np.abs(wanted - tried[-1]).max() < _STILL:
+            break
     return best or (qpos, qvel)
 
 
@@ -148,8 +151,7 @@ def _accelerated(tried: list[Array], found: list[Array]) -> Array:
 
 
 def _scalar(model: mujoco.MjModel, trial: Trial, given: Mapping[str, float]) -> Mapping[str, float]:
-    scalar = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
-    names = [model.joint(j).name for j in range(model.njnt) if model.jnt_type[j] in scalar]
+    names = [model.joint(j).name for j in range(model.njnt) if int(model.jnt_type[j]) in SCALAR]
     for name in given:
         if name not in names:
             raise TrialError(
