@@ -37,6 +37,8 @@ def arguments(tmp_path, *tables, **options):
         "fps": 60.0,
         "robot": "fish",
         "camera": None,
+        "controls": (),
+        "sensors": (),
         "frequency": (),
     }
     return SimpleNamespace(**{**defaults, **options})

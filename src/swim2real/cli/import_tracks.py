@@ -17,6 +17,7 @@ from swim2real.tracking.camera import Camera, CameraFile, camera_for, read_camer
 from swim2real.trials import MarkerTrack, Trial
 from swim2real.trials.files import add_trial, nominal_frequency
 from swim2real.trials.pose_tables import read_dlc
+from swim2real.trials.tables import read_signals
 
 if TYPE_CHECKING:
     from swim2real.cli.arguments import ImportTracks
@@ -28,6 +29,11 @@ def import_tracks(a: ImportTracks) -> int:
         raise ArgumentError(
             f"--frequency has {len(a.frequency)} values for {len(a.tables)} tables; give one for each table, or none"
         )
+    for option, given in (("controls", a.controls), ("sensors", a.sensors)):
+        if given and len(given) != len(a.tables):
+            raise ArgumentError(
+                f"--{option} has {len(given)} tables for {len(a.tables)} tracks; give one for each, or none"
+            )
     for frequency in a.frequency:
         if not (np.isfinite(frequency) and frequency > 0):
             raise ArgumentError(f"--frequency is {frequency:g} Hz; it must be finite and above 0")
@@ -36,6 +42,7 @@ def import_tracks(a: ImportTracks) -> int:
     robot = robot_named(a.robot)
     known = None if a.camera is None else read_camera(a.camera)
     read = {_name(path): (path, *_read(path, a.fps, known, robot)) for path in a.tables}
+    controls, sensors = ([read_signals(one) for one in given] for given in (a.controls, a.sensors))
     if len(read) < len(a.tables):
         raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(read)}); rename one")
     for i, (name, (path, track, camera, said)) in enumerate(read.items()):
@@ -43,6 +50,7 @@ def import_tracks(a: ImportTracks) -> int:
         trial = Trial(
             name, camera.to_meters(track), asked, camera.scale.meters_per_pixel,
             f"pose table {path.name}, {a.fps:g} fps" + ("" if a.camera is None else f", camera {a.camera.name}"),
+            controls=controls[i] if controls else None, sensors=sensors[i] if sensors else None,
         )  # fmt: skip
         add_trial(a.to, trial, robot.marker_names)
         mm_per_pixel = 1e3 * camera.scale.meters_per_pixel

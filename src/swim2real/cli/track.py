@@ -24,7 +24,9 @@ def track(a: Track) -> int:
     try:
         with films_shown(a.quiet or a.json) as (on_progress, on_done):
             results = track_films(
-                a.videos, _points(a), robot, settings, a.to, frequencies=_frequencies(a), workers=a.workers or None,
+                a.videos, _points(a), robot, settings, a.to, frequencies=_frequencies(a),
+                controls=_tables("controls", a.controls, len(a.videos)),
+                sensors=_tables("sensors", a.sensors, len(a.videos)), workers=a.workers or None,
                 on_progress=on_progress, on_done=on_done,
             )  # fmt: skip
     except KeyboardInterrupt:
@@ -56,6 +58,14 @@ def _points(a: Track) -> list[Path | None]:
             f"give one for each video in order, or auto"
         )
     return [None if one == "auto" else Path(one) for one in a.markers]
+
+
+def _tables(option: str, tables: tuple[Path, ...], count: int) -> list[Path] | None:
+    if tables and len(tables) != count:
+        raise ArgumentError(
+            f"--{option} has {len(tables)} tables for {count} videos; give one for each video in order, or none"
+        )
+    return list(tables) or None
 
 
 def _frequencies(a: Track) -> list[float | None] | None:
