@@ -1,0 +1,248 @@
+"""Recordings as a calibration problem: posed, evaluated, stopped early, concluded, studied."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from recorded import (
+    FLOATER,
+    FLOATER_HIDDEN,
+    PENDULUM,
+    PENDULUM_HIDDEN,
+    floater_reference,
+    pendulum_reference,
+    telling,
+)
+from swim2real.calibration import (
+    PlaybackProblem,
+    RunFolder,
+    SwimProblem,
+    calibrate,
+    conclude,
+    load_recordings,
+    pose_problem,
+    protocol_for,
+    reference_fingerprint,
+    sensitivities,
+)
+from swim2real.calibration.ensemble import EnsembleSettings, make_ensemble
+from swim2real.calibration.identifiability import StudySettings, identify
+from swim2real.calibration.reopened import reopen
+from swim2real.errors import ArgumentError, RunError, TrialError
+from swim2real.objective import evidence
+from swim2real.optimizers import RandomSearch, streams
+from swim2real.robots.fish import FISH
+from swim2real.simulation import Player
+from swim2real.trials import MarkerTrack, Signals, TrialSet
+from swimmers import Swimmer, trial_set
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    return pendulum_reference(5e-4)
+
+
+@pytest.fixture(scope="module")
+def problem(pendulum):
+    return pose_problem(PENDULUM, pendulum, threads=2)
+
+
+@pytest.fixture(scope="module")
+def floater():
+    return pose_problem(FLOATER, floater_reference(5e-4), threads=2)
+
+
+# posing
+
+
+def test_the_robot_decides_what_problem_it_is(problem):
+    assert isinstance(problem, PlaybackProblem)
+    assert (problem.protocol, problem.horizon) == ("playback", 4.0)
+    assert isinstance(pose_problem(FISH, trial_set(Swimmer().track()), threads=1), SwimProblem)
+    assert [protocol_for(FISH, "paper"), protocol_for(PENDULUM, "playback")] == ["paper", "playback"]
+    with pytest.raises(ArgumentError) as caught:
+        protocol_for(PENDULUM, "paper")
+    assert str(caught.value) == (
+        "protocol is 'paper'; the trials of robot 'pendulum' are recordings, which are compared by protocol playback"
+    )
+    with pytest.raises(ArgumentError, match="are steady swims, which are compared by protocol aligned or paper"):
+        protocol_for(FISH, "playback")
+
+
+def test_a_reference_that_isnt_the_robots_is_refused(pendulum):
+    def refusal(reference):
+        with pytest.raises(TrialError) as caught:
+            pose_problem(PENDULUM, reference, threads=1)
+        return str(caught.value)
+
+    assert refusal(TrialSet(pendulum.trials, ("pivot", "end", "middle"))) == (
+        "the reference has the markers pivot, end, middle; robot 'pendulum' has pivot, middle, end; name them alike, "
+        "in the same order"
+    )
+    deaf = replace(pendulum["b"], sensors=None)
+    assert refusal(TrialSet((pendulum["a"], deaf), pendulum.marker_names)) == (
+        "trial 'b' has no sensors; add a table with a column 'gyro[1]', which is to be compared"
+    )
+    other = replace(deaf, sensors=Signals([3.0], ["gyro[0]"], [[0.0]]))
+    assert refusal(TrialSet((other,), pendulum.marker_names)) == (
+        "trial 'b': sensor 'gyro[1]' can't be compared: there is no column 'gyro[1]'; there are gyro[0]"
+    )
+    still = replace(pendulum["b"], controls=None)
+    assert refusal(TrialSet((still,), pendulum.marker_names)).startswith("trial 'b' has no controls; actuator 'torque'")
+
+
+# evaluation
+
+
+def test_the_hidden_values_leave_the_noise(problem, floater):
+    for one, hidden in ((problem, PENDULUM_HIDDEN), (floater, FLOATER_HIDDEN)):
+        comparison = one.evaluate(hidden)
+        assert comparison.loss < 2e-3
+        assert one.evaluate(one.robot.space.published).loss > 1.5 * comparison.loss
+
+
+def test_only_the_horizon_is_simulated_and_compared(pendulum):
+    short = pose_problem(PENDULUM, pendulum, horizon=0.5, threads=1)
+    assert [play.trial.track.duration for play in short.plays] == pytest.approx([0.5, 0.5], abs=0.01)
+    trial = short.evaluate(PENDULUM_HIDDEN).trials[0]
+    assert len(trial.times) == 31
+    assert trial.sensors[0].times[-1] <= trial.times[-1] + 1e-9
+
+
+def test_an_early_stop_bounds_the_loss(problem):
+    values = PENDULUM.space.published
+    whole = problem.evaluate(values)
+    stopped = problem.evaluate(values, stop_above=1e-4)
+    assert stopped.skipped == 1
+    assert stopped.lower_bound
+    assert 1e-4 < stopped.loss <= whole.loss
+    assert evidence(problem.evaluate(values, stop_above=1.0)) == evidence(whole)
+
+
+def test_blocks_are_the_residuals_parts(problem, floater):
+    for one in (problem, floater):
+        vector = one.evaluate(one.robot.space.published).residual_vector()
+        assert sum(rows * columns for rows, columns in one.blocks()) == len(vector)
+    assert len(problem.blocks()) == 4  # markers and a sensor, twice
+
+
+def test_lost_markers_are_told_and_dont_count(pendulum):
+    trial = pendulum["a"]
+    positions, confidence = trial.track.positions.copy(), trial.track.confidence.copy()
+    positions[40:60, 2] = np.nan
+    confidence[80:90, 1] = 0.3
+    positions[80:90, 1] += 0.5
+    spoiled = replace(trial, track=MarkerTrack(trial.track.times, positions, confidence))
+    problem = pose_problem(PENDULUM, TrialSet((spoiled,), pendulum.marker_names), threads=1)
+    told = problem.examined()["a"]
+    assert told["findings"] == [
+        "middle is lost in 7 % of frames (doubtful 10)", "end is lost in 13 % of frames (missing 20)"
+    ]  # fmt: skip
+    assert not told["usable"]
+    assert (told["controls"], told["sensors"]) == (["torque"], ["gyro[1]"])
+    assert problem.evaluate(PENDULUM_HIDDEN).loss < 5e-3
+
+
+# runs
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory, problem, floater):
+    """A short random search of each robot that has found the hidden values."""
+    found = {}
+    for one, hidden in ((problem, PENDULUM_HIDDEN), (floater, FLOATER_HIDDEN)):
+        folder, space = RunFolder(tmp_path_factory.mktemp("run") / one.robot.name), one.robot.space
+        with folder.locked():
+            folder.begin({
+                "robot": one.robot.name, "scale": space.scale, "protocol": "playback", "horizon": 4.0, "hold_out": [],
+                "reference_fingerprint": reference_fingerprint(TrialSet(one.trials, one.robot.marker_names)),
+                "engine": one.engine.as_dict(), "budget": 3, "seed": 0,
+            })  # fmt: skip
+            optimizer = RandomSearch(len(space), streams(0)[1], space.to_cube(hidden))
+            calibrate(one, space, optimizer, 3, folder)
+        found[one.robot.name] = folder
+    return found
+
+
+@pytest.mark.parametrize("name", ["pendulum", "floater"])
+def test_an_outcome_and_its_recordings_are_kept(name, runs, problem, floater):
+    one, hidden = {"pendulum": (problem, PENDULUM_HIDDEN), "floater": (floater, FLOATER_HIDDEN)}[name]
+    reference = TrialSet(one.trials, one.robot.marker_names)
+    kept, out = reference.split([one.trials[1].name])
+    folder = runs[name]
+    outcome = conclude(folder, one.of(kept), one.of(out), hidden, sensitivities(one, one.robot.space, hidden))
+    assert outcome == folder.outcome()
+    assert list(outcome["trials"]) == list(reference.names)
+    assert "from_rest" not in outcome
+    speeds = [one["speed"] for one in outcome["sensitivity"]]
+    assert all(speed is None for speed in speeds) == (name == "pendulum")
+    pairs = load_recordings(folder)
+    assert [(pair.compared.name, pair.held_out) for pair in pairs] == [(kept.names[0], False), (out.names[0], True)]
+    fresh = one.evaluate(hidden)
+    for pair, trial in zip(pairs, fresh.trials, strict=True):
+        kept_figures, figures = pair.compared.figures(), trial.figures()
+        assert list(kept_figures) == list(figures)
+        for key in set(figures) - {"divergence", "sensor_errors"}:
+            assert kept_figures[key] == pytest.approx(figures[key], rel=1e-3, abs=1e-5)
+        assert kept_figures.get("sensor_errors", {}) == pytest.approx(figures.get("sensor_errors", {}), rel=1e-3)
+        assert np.array_equal(pair.compared.times, trial.times)
+        assert pair.compared.frame == trial.frame
+
+
+def test_recordings_that_arent_there_or_damaged_are_named(tmp_path):
+    folder = RunFolder(tmp_path)
+    with pytest.raises(RunError, match=r"has no recordings\.npz yet; it is written when a run ends"):
+        load_recordings(folder)
+    folder.write_arrays("recordings.npz", {"names": np.array(["a"])})
+    with pytest.raises(
+        RunError, match=r"recordings\.npz can't be read: 'held_out is not a file in the archive'|'held_out'"
+    ):
+        load_recordings(folder)
+
+
+def test_a_diverged_recording_is_kept_as_such(problem, tmp_path):
+    def build(values):
+        spec = PENDULUM.build(values)
+        spec.option.gravity = (0, 0, 1e9)
+        return spec
+
+    player = Player(replace(PENDULUM, build=build), 1)
+    bad = PlaybackProblem(TrialSet(problem.trials, PENDULUM.marker_names), player)
+    comparison = bad.evaluate(PENDULUM_HIDDEN)
+    assert comparison.loss == 1.0
+    bad.save(RunFolder(tmp_path), comparison, None)
+    pair = load_recordings(RunFolder(tmp_path))[0]
+    assert pair.compared.divergence == comparison.trials[0].divergence
+    assert np.isnan(pair.compared.world_simulated).all()
+
+
+@pytest.mark.slow
+def test_a_run_is_reopened_and_studied(runs, problem, pendulum):
+    run = reopen(runs["pendulum"].path, pendulum, PENDULUM, 2)
+    assert run.best["index"] == 0
+    found = identify(run, StudySettings(steps=0, polish=1))
+    assert found["complete"]
+    assert found["protocol"] == "playback"
+    assert {name: one["verdict"] for name, one in found["profiles"].items()}["shoulder_damping"] == "identified"
+    errors = {name: one["cube"] for name, one in found["local"]["standard_errors"].items()}
+    assert all(error is not None and error < 0.1 for error in errors.values())
+    made = make_ensemble([run], EnsembleSettings(within=1.5, count=4, evaluations=16))
+    assert made["members"][0]["loss"] <= run.best["loss"]
+
+
+def test_a_change_of_the_controls_is_another_reference(runs, pendulum):
+    other = replace(pendulum["a"], controls=Signals([2.0], ["torque"], [[0.1]]))
+    reference = TrialSet((other, pendulum["b"]), pendulum.marker_names)
+    with pytest.raises(RunError, match="was made with another reference than this one of 2 trials"):
+        reopen(runs["pendulum"].path, reference, PENDULUM, 1)
+
+
+def test_what_the_markers_dont_show_isnt_told(pendulum):
+    """A parameter without effect is found to have none."""
+    robot = telling(PENDULUM, sensors=())
+    found = sensitivities(pose_problem(robot, pendulum, threads=2), robot.space, PENDULUM_HIDDEN)
+    assert {one.name: one.verdict for one in found}["shoulder_damping"] == "identified"
+    deaf = replace(robot, build=lambda values: PENDULUM.build({**values, "shoulder_damping": 0.004}))
+    found = sensitivities(pose_problem(deaf, pendulum, threads=2), deaf.space, PENDULUM_HIDDEN)
+    assert {one.name: one.verdict for one in found}["shoulder_damping"] == "not identified"

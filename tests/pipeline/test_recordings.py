@@ -1,0 +1,96 @@
+"""Robots whose trials are recordings, from a reference to a finished run."""
+
+import json
+
+import numpy as np
+import pytest
+
+from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, floater_reference, pendulum_reference, recorded
+from swim2real.calibration import RunFolder, load_recordings
+from swim2real.cli import tables
+from swim2real.errors import ArgumentError
+from swim2real.optimizers import ScriptedAdvisor
+from swim2real.parameters import read_parameters
+from swim2real.pipeline import Settings, run
+from swim2real.pipeline import calibration as room
+from swim2real.trials import load_reference, save_reference
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """As it is read from a folder."""
+    folder = tmp_path_factory.mktemp("recordings")
+    save_reference(floater_reference(5e-4), folder)
+    return load_reference(folder)
+
+
+def without_seconds(path) -> list[dict]:
+    return [{key: value for key, value in entry.items() if key != "seconds"} for entry in RunFolder(path).record()]
+
+
+def settings(method, budget, **more):
+    return Settings(method=method, budget=budget, threads=2, **more)
+
+
+@pytest.fixture
+def scripted(monkeypatch):
+    """An advisor that proposes the same points in every run."""
+    points = np.random.default_rng(0).random((20, 3))
+    monkeypatch.setattr(room, "make_advisor", lambda *arguments: ScriptedAdvisor(list(points)))
+
+
+@pytest.mark.parametrize("method", ["random", "cma-es", "bayesopt", "least-squares", "line-search"])
+def test_every_method_runs_and_goes_on(method, reference, tmp_path, scripted):
+    early = {"early_stop": True} if method == "line-search" else {}
+    run(reference, FLOATER, settings(method, 8, **early), tmp_path / "whole")
+    run(reference, FLOATER, settings(method, 5, **early), tmp_path / "parts")
+    outcome = run(reference, FLOATER, settings(method, 8, **early), tmp_path / "parts", resume=True)
+    assert without_seconds(tmp_path / "parts") == without_seconds(tmp_path / "whole")
+    best = min(entry["loss"] for entry in without_seconds(tmp_path / "whole"))
+    assert outcome["fit"]["loss"] == pytest.approx(best)
+
+
+def test_a_run_is_recorded_as_what_it_is(reference, tmp_path, capsys):
+    outcome = run(reference, FLOATER, settings("random", 2, hold_out=("fast",)), tmp_path / "run", sensitivity=True)
+    recorded_settings = json.loads((tmp_path / "run" / "settings.json").read_text())
+    assert (recorded_settings["protocol"], recorded_settings["scale"]) == ("playback", "log")
+    assert [pair.held_out for pair in load_recordings(RunFolder(tmp_path / "run"))] == [False, True]
+    tables.figures(outcome["fit"], "Fitted")
+    tables.marker_errors(outcome["fit"], FLOATER.marker_names)
+    tables.sensitivities(outcome["sensitivity"])
+    shown = capsys.readouterr().out
+    for phrase in ("marker error", "shape", "heading error", "velocity error", "Error per marker [mm]", "waist"):
+        assert phrase in shown
+    for phrase in ("Eq. 1", "static offset", "beat"):
+        assert phrase not in shown
+
+
+def test_figures_of_a_robot_that_goes_nowhere(tmp_path, capsys):
+    reference = pendulum_reference()
+    outcome = run(reference, PENDULUM, settings("random", 1, horizon=0.5), tmp_path / "run", sensitivity=True)
+    assert "velocity_error" not in outcome["fit"]
+    tables.figures(outcome["fit"], "Fitted")
+    tables.sensitivities(outcome["sensitivity"])
+    shown = capsys.readouterr().out
+    assert "gyro[1] (own unit)" in shown
+    assert "velocity" not in shown
+
+
+def test_the_papers_protocol_is_for_swims(reference, tmp_path):
+    with pytest.raises(ArgumentError, match="the trials of robot 'floater' are recordings"):
+        run(reference, FLOATER, settings("random", 2, protocol="paper"), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_hidden_parameters_are_recovered(tmp_path, seed):
+    run(floater_reference(1e-4), FLOATER, settings("least-squares", 40, seed=seed), tmp_path / "run")
+    found = read_parameters(tmp_path / "run", FLOATER.name, FLOATER.space).values
+    assert found == pytest.approx(FLOATER_HIDDEN, rel=0.05)
+
+
+def test_a_simulated_recording_is_a_reference(tmp_path):
+    made = recorded(FLOATER, FLOATER_HIDDEN, list(floater_reference()))
+    save_reference(made, tmp_path)
+    assert load_reference(tmp_path).names == ("slow", "fast")
