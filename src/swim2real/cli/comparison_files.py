@@ -15,14 +15,16 @@ from swim2real.objective import Target
 from swim2real.objective.elongated_body import predict_speeds
 from swim2real.report.comparison_page import write_comparison_report
 from swim2real.report.paper_figures import write_figures
-from swim2real.robots.robot import Robot
+from swim2real.robots.robot import Recordings, Robot
 from swim2real.trials import TrialSet
 
 TABLES, THEORY = "tables.md", "theory.json"
 
 
 def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
-    """Keeps what elongated body theory says of the reference's speeds with the comparison; nothing where it can't."""
+    """Keeps what elongated body theory says of the speeds of swims with the comparison; nothing where it can't."""
+    if isinstance(robot.trials, Recordings):
+        return
     targets = [Target(one.trial, one.quality.weights, one.beat.frequency) for one in examine(reference, robot)]
     end = (robot.swims.tail_markers[-2], robot.swims.tail_markers[-1])
     try:

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from swim2real.advisor import BriefingSettings, asks_a_vlm
-from swim2real.calibration import HORIZON, reference_fingerprint, versions
+from swim2real.calibration import HORIZON, protocol_for, reference_fingerprint, versions
 from swim2real.comparison.contestants import Contestant, folder_name
 from swim2real.comparison.files import write_json
 from swim2real.errors import ArgumentError, RunError
 from swim2real.objective import Protocol
 from swim2real.pipeline import Settings
 from swim2real.robots.fingerprint import fingerprint
-from swim2real.robots.robot import Robot
+from swim2real.robots.robot import Recordings, Robot
 from swim2real.simulation import Engine
 from swim2real.trials import TrialSet
 
@@ -69,6 +69,7 @@ class Plan:
         source: Where the reference came from.
         versions: Of what the numbers depend on.
         robot_fingerprint: Of the robot file; None for a robot known by its name.
+        sensors: Units of the sensors that are compared, by name.
     """
 
     contestants: tuple[Contestant, ...]
@@ -86,6 +87,7 @@ class Plan:
     source: str = ""
     versions: Mapping[str, str] = field(default_factory=versions)
     robot_fingerprint: str | None = None
+    sensors: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def __post_init__(self) -> None:
         if not self.contestants or not self.seeds or not self.protocols:
@@ -176,12 +178,23 @@ def make_plan(
     reference: TrialSet, robot: Robot, *, leave_one_out: bool = False, horizon: float | None = HORIZON,
     briefing: BriefingSettings | None = None, source: str = "",
 ) -> Plan:  # fmt: skip
-    """The plan of a comparison of contestants on a reference, as `Plan` describes it."""
+    """The plan of a comparison of contestants on a reference, as `Plan` describes it.
+
+    Without protocols it has all that the robot's trials can be compared by.
+
+    Raises:
+        ArgumentError: The robot's trials can't be compared by a protocol.
+    """
+    about = robot.trials
+    recordings = isinstance(about, Recordings)
+    every: tuple[Protocol, ...] = ("playback",) if recordings else ("aligned", "paper")
+    asked: list[Protocol] = [protocol_for(robot, protocol) for protocol in protocols or every]
     return Plan(
-        tuple(contestants), tuple(dict.fromkeys(seeds)), tuple(dict.fromkeys(protocols)), budget, robot.name,
+        tuple(contestants), tuple(dict.fromkeys(seeds)), tuple(dict.fromkeys(asked)), budget, robot.name,
         reference.names, robot.marker_names, reference_fingerprint(reference), Engine.of(robot).as_dict(),
         leave_one_out, horizon, briefing or BriefingSettings(), source,
         robot_fingerprint=None if robot.source is None else fingerprint(robot.source),
+        sensors={sensor.name: sensor.unit for sensor in about.sensors} if recordings else {},
     )  # fmt: skip
 
 

@@ -17,9 +17,9 @@ from swim2real.comparison.jobs import is_finished, read_problem
 from swim2real.comparison.plan import RUNS, Job, Plan, read_plan
 from swim2real.comparison.results import RESULTS, ComparisonResults, RunResult, step_rounds
 from swim2real.errors import RunError, Swim2RealError
-from swim2real.objective.swims import MEANS
 
 TABLE = "results.csv"
+_NO_MEANS = ("loss", "skipped", "protocol", "horizon", "trials")
 
 
 def read_results(root: str | Path, plan: Plan | None = None) -> ComparisonResults:
@@ -47,7 +47,7 @@ def read_results(root: str | Path, plan: Plan | None = None) -> ComparisonResult
             missing[job.key] = str(error)
     return ComparisonResults(
         tuple(runs), plan.methods, plan.protocols, plan.trials, plan.markers, plan.budget, plan.reference, missing,
-        plan.engine,
+        plan.engine, plan.sensors,
     )  # fmt: skip
 
 
@@ -111,8 +111,18 @@ def _row(run: RunResult) -> dict[str, Any]:
         "best_loss": run.best_loss, "best_evaluation": run.best_evaluation, "auc": float(run.best.mean()),
         "calls": run.calls, "rounds": len(run.rounds), "accepted": sum(r.accepted for r in run.rounds),
     }  # fmt: skip
-    row.update({name: run.fit[name] for name in MEANS})
+    row.update(_means(run.fit))
     if run.held_out_fit is not None:
-        row.update({f"held_out_{name}": run.held_out_fit[name] for name in ("loss", *MEANS)})
+        unseen = {"loss": run.held_out_fit["loss"], **_means(run.held_out_fit)}
+        row.update({f"held_out_{name}": value for name, value in unseen.items()})
     row.update(run.values)
     return row
+
+
+def _means(fit: Mapping[str, Any]) -> dict[str, Any]:
+    """The figures of a fit that are means over trials; those that have several numbers as `FIGURE.NAME`."""
+    found: dict[str, Any] = {}
+    for name, value in fit.items():
+        if name not in _NO_MEANS:
+            found |= {f"{name}.{key}": one for key, one in value.items()} if isinstance(value, dict) else {name: value}
+    return found

@@ -44,7 +44,7 @@ class RunResult:
     Attributes:
         method: Its label, which tells the advisor and a scale that isn't the protocol's own, too.
         seed: Of the run.
-        protocol: `aligned` or `paper`.
+        protocol: `aligned`, `paper` or `playback`.
         scale: Of the parameters: `log` or `linear`.
         held_out: Name of the trial that was left out of the fit, None when it was made of all.
         losses: Of every evaluation, in order [m].
@@ -112,6 +112,7 @@ class ComparisonResults:
         reference: Fingerprint of the real trials.
         missing: Why each planned run that isn't here isn't, by key.
         engine: That it was simulated with.
+        sensors: Units of the sensors that are compared, by name.
     """
 
     runs: tuple[RunResult, ...]
@@ -123,6 +124,7 @@ class ComparisonResults:
     reference: str
     missing: Mapping[str, str] = field(default_factory=dict[str, str])
     engine: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    sensors: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def of(self, method: str, protocol: str, held_out: str | None = None) -> tuple[RunResult, ...]:
         """The runs of a method under a protocol, one a seed; by default those that were made of all trials."""
@@ -162,6 +164,7 @@ class ComparisonResults:
             reference=content["reference"],
             missing=content["missing"],
             engine=content["engine"],
+            sensors=content.get("sensors", {}),
         )
 
 

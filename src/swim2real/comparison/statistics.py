@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swim2real.comparison.protocols import PROTOCOLS, ProtocolWords, figures_of
 from swim2real.comparison.results import ComparisonResults, RunResult
 from swim2real.errors import ArgumentError, RunError
 
@@ -16,7 +17,6 @@ Array = NDArray[np.float64]
 Figure = Literal["final", "auc"]
 
 ERRORS = (0.1, 0.05, 0.03, 0.02, 0.016)  # m, that a method should reach
-FIGURES = ("marker_error", "aligned_marker_error", "shape_error", "velocity_error", "static_offset")
 _RESAMPLES = 10_000
 _LEVEL = 0.95
 
@@ -60,12 +60,12 @@ class MethodStatistics:
 
     Attributes:
         method: Its label.
-        protocol: `aligned` or `paper`.
+        protocol: `aligned`, `paper` or `playback`.
         runs: One a seed, at least one.
         curves: Best loss so far after each evaluation [m]. Shape (S, B).
         final: Best loss of each seed [m].
         auc: Mean over the budget of the best loss so far, the first evaluation's included [m].
-        figures: Overall figures at the best parameters, by name [m] or [m/s].
+        figures: Overall figures at the best parameters, by name; NaN where a fit has none [SI].
     """
 
     method: str
@@ -75,6 +75,11 @@ class MethodStatistics:
     final: Spread
     auc: Spread
     figures: Mapping[str, Spread]
+
+    @property
+    def words(self) -> ProtocolWords:
+        """What is said of its protocol."""
+        return PROTOCOLS[self.protocol]
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -157,7 +162,10 @@ def method_statistics(results: ComparisonResults, protocol: str) -> tuple[Method
                     f"run the comparison again, it goes on from there"
                 )
         curves = np.array([run.best[: results.budget] for run in runs])
-        figures = {name: Spread(numbers([run.fit.get(name) for run in runs])) for name in FIGURES}
+        figures = {
+            figure.name: Spread(numbers([figure.of(run.fit) for run in runs]))
+            for figure in figures_of(protocol, results.sensors)
+        }
         spreads = Spread(curves[:, -1]), Spread(curves.mean(axis=1))
         found.append(MethodStatistics(method, protocol, runs, curves, *spreads, figures))
     return tuple(found)

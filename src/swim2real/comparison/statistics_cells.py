@@ -45,9 +45,11 @@ class Table:
     note: str = ""
 
 
-def as_number(value: float | None, digits: int = 1, factor: float = 1.0) -> str:
-    """A number with fixed digits and a real minus sign; a dash for None, NaN and infinity."""
-    return NOTHING if value is None or not math.isfinite(value) else f"{factor * value:.{digits}f}".replace("-", "−")
+def as_number(value: float | None, digits: int | None = 1, factor: float = 1.0) -> str:
+    """A number with fixed digits, three in all for None, and a real minus sign; a dash for None, NaN and infinity."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    return f"{factor * value:{'.3g' if digits is None else f'.{digits}f'}}".replace("-", "−")
 
 
 def known(value: float | None) -> float | None:
@@ -60,10 +62,10 @@ def mm_cell(value: float | None) -> Cell:
     return Cell(as_number(value, 1, 1e3), known(value))
 
 
-def spread_cell(spread: Spread) -> Cell:
-    """Mean ± standard deviation over seeds, in mm or mm/s."""
-    shown = as_number(spread.mean, 1, 1e3)
-    return Cell(shown if math.isnan(spread.std) else f"{shown} ± {as_number(spread.std, 1, 1e3)}", known(spread.mean))
+def spread_cell(spread: Spread, digits: int | None = 1, factor: float = 1e3) -> Cell:
+    """Mean ± standard deviation over seeds; by default in mm or mm/s."""
+    shown, std = (as_number(value, digits, factor) for value in (spread.mean, spread.std))
+    return Cell(shown if math.isnan(spread.std) else f"{shown} ± {std}", known(spread.mean))
 
 
 def difference_cell(difference: Difference | None) -> Cell:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.comparison.protocols import PROTOCOLS, MarkerKind
 from swim2real.comparison.results import ComparisonResults, RunResult
 from swim2real.comparison.statistics import Spread, numbers
 
 Array = NDArray[np.float64]
-MarkerKind = Literal["marker", "aligned", "shape"]
 
 _MARKER_KEYS = {"marker": "marker_errors", "aligned": "aligned_marker_errors", "shape": "shape_marker_errors"}
-_TRIAL_KEYS = {"paper": "marker_error", "aligned": "aligned_marker_error"}
 
 
 @dataclass(frozen=True)
@@ -127,8 +126,8 @@ def step_statistics(runs: Sequence[RunResult]) -> StepStatistics | None:
 
 
 def speeds(runs: Sequence[RunResult]) -> Speeds | None:
-    """Speeds of a method's runs, by frequency; None without runs."""
-    if not runs:
+    """Speeds of a method's runs, by frequency; None without runs, and of trials without frequencies."""
+    if not runs or not PROTOCOLS[runs[0].protocol].frequencies:
         return None
     figures = runs[0].fit["trials"]
     names = tuple(sorted(figures, key=lambda name: (figures[name]["frequency"] or 0.0, name)))
@@ -150,8 +149,8 @@ def marker_errors(runs: Sequence[RunResult], kind: MarkerKind) -> Array:
 
     Args:
         runs: Of a method.
-        kind: `marker` is the paper's Eq. 1, without registration; `aligned` is registered, in the body frame, with
-            the difference in progress; `shape` is the same without progress.
+        kind: `marker` is without registration, of swims the paper's Eq. 1; `aligned` is registered, in the body frame,
+            with the difference in progress; `shape` is the same without progress.
     """
     key = _MARKER_KEYS[kind]
     rows = [nan_mean(np.array([numbers(t[key]) for t in run.fit["trials"].values()]), axis=0) for run in runs]
@@ -163,7 +162,7 @@ def left_out(results: ComparisonResults, method: str, protocol: str) -> LeftOut 
     runs = [run for run in results.left_out(method, protocol) if run.held_out_fit is not None]
     if not runs:
         return None
-    key = _TRIAL_KEYS[protocol]
+    key = PROTOCOLS[protocol].trial_loss
     knowing = {run.seed: run.fit["trials"] for run in results.of(method, protocol)}
     unseen = [run.held_out_fit or {} for run in runs]
     names = [str(run.held_out) for run in runs]

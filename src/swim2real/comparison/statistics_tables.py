@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
+from swim2real.comparison.protocols import MarkerKind, figures_of
 from swim2real.comparison.results import ComparisonResults
 from swim2real.comparison.statistics import (
     ERRORS,
-    FIGURES,
+    Array,
     MethodStatistics,
     Spread,
     differences,
@@ -27,7 +28,7 @@ from swim2real.comparison.statistics_cells import (
     spread_cell,
 )
 from swim2real.comparison.statistics_detail import (
-    MarkerKind,
+    LeftOut,
     StepStatistics,
     left_out,
     marker_errors,
@@ -37,21 +38,6 @@ from swim2real.comparison.statistics_detail import (
 )
 
 THEORY = "elongated body theory"
-LOSSES = {"aligned": "aligned marker error", "paper": "marker error (Eq. 1)"}
-
-
-MARKER_KINDS: dict[str, tuple[tuple[MarkerKind, str], ...]] = {
-    "aligned": (
-        ("marker", "not registered (Eq. 1)"),
-        ("aligned", "registered"),
-        ("shape", "registered, shape alone"),
-    ),
-    "paper": (("marker", "Eq. 1"), ("shape", "shape alone")),
-}
-_MARKER_NOTES = {
-    "aligned": "Registration takes a static offset of each marker and trial out.",
-    "paper": "Under the paper's protocol nothing is registered.",
-}
 
 
 def tables(results: ComparisonResults, protocol: str, theory: Mapping[str, float] | None = None) -> tuple[Table, ...]:
@@ -59,7 +45,7 @@ def tables(results: ComparisonResults, protocol: str, theory: Mapping[str, float
 
     Args:
         results: Of the comparison.
-        protocol: `aligned` or `paper`.
+        protocol: `aligned`, `paper` or `playback`.
         theory: Speeds that elongated body theory predicts, by trial [m/s].
     """
     methods = method_statistics(results, protocol)
@@ -68,7 +54,7 @@ def tables(results: ComparisonResults, protocol: str, theory: Mapping[str, float
     made = (
         paper_table(methods),
         sureness_table(methods),
-        figure_table(methods),
+        figure_table(methods, results.sensors),
         seed_table(methods),
         reach_table(methods),
         step_table(methods),
@@ -87,7 +73,7 @@ def paper_table(methods: Sequence[MethodStatistics]) -> Table:
         Table(
             "paper", f"Calibration performance over {_seeds(methods)}, {about}",
             ("Method", "Best (mm)", "Worst (mm)", "AUC (mm)"), tuple(rows),
-            f"Best: mean ± standard deviation of each seed's lowest {LOSSES[methods[0].protocol]}. Worst: the highest "
+            f"Best: mean ± standard deviation of each seed's lowest {methods[0].words.loss}. Worst: the highest "
             f"of them. AUC: mean over the {methods[0].curves.shape[1]} evaluations of the lowest so far.",
         )
     )  # fmt: skip
@@ -111,17 +97,17 @@ def sureness_table(methods: Sequence[MethodStatistics]) -> Table:
     )  # fmt: skip
 
 
-def figure_table(methods: Sequence[MethodStatistics]) -> Table:
-    """Every figure at the best parameters."""
-    rows = [(one.method, tuple(spread_cell(one.figures[name]) for name in FIGURES)) for one in methods]
+def figure_table(methods: Sequence[MethodStatistics], sensors: Mapping[str, str]) -> Table:
+    """Every figure at the best parameters that there is."""
+    wanted = figures_of(methods[0].protocol, sensors)
+    figures = [figure for figure in wanted if any(one.figures[figure.name].known.size for one in methods)]
+    rows = [
+        (one.method, tuple(spread_cell(one.figures[f.name], f.digits, f.factor) for f in figures)) for one in methods
+    ]
     return marked(
         Table(
             "figures", f"All figures at the best parameters, {_about(methods)}",
-            (
-                "Method", "Marker error, Eq. 1 (mm)", "Aligned marker error (mm)", "Shape error (mm)",
-                "Velocity error (mm/s)", "Static offset (mm)",
-            ),
-            tuple(rows), "Mean ± standard deviation over seeds.",
+            ("Method", *(figure.heading for figure in figures)), tuple(rows), "Mean ± standard deviation over seeds.",
         )
     )  # fmt: skip
 
@@ -196,15 +182,17 @@ def velocity_table(methods: Sequence[MethodStatistics], theory: Mapping[str, flo
 
 
 def marker_table(methods: Sequence[MethodStatistics], markers: Sequence[str]) -> Table:
-    """Error from head to tail, with and without registration."""
+    """Error of each marker, of swims with and without registration."""
+    words = methods[0].words
+    several = len(words.markers) > 1
     rows = [
-        (f"{one.method}, {words}", tuple(mm_cell(float(e)) for e in nan_mean(marker_errors(one.runs, kind), axis=0)))
+        (f"{one.method}, {of}" if several else one.method, tuple(mm_cell(float(e)) for e in _by_marker(one, kind)))
         for one in methods
-        for kind, words in MARKER_KINDS[one.protocol]
+        for kind, of in words.markers
     ]
     heads = ("Method", *(f"{marker} (mm)" for marker in markers))
-    note = "Mean over seeds and over the trials in which tracking has the marker. " + _MARKER_NOTES[methods[0].protocol]
-    return Table("markers", f"Error from head to tail, {_about(methods)}", heads, tuple(rows), note)
+    note = f"Mean over seeds and over the trials in which tracking has the marker. {words.markers_note}"
+    return Table("markers", f"{words.markers_title}, {_about(methods)}", heads, tuple(rows), note)
 
 
 def left_out_table(results: ComparisonResults, methods: Sequence[MethodStatistics]) -> Table | None:
@@ -214,22 +202,23 @@ def left_out_table(results: ComparisonResults, methods: Sequence[MethodStatistic
     if not found:
         return None
     names = [name for name in results.trials if any(name in out.trials for _, out in found)]
+    spreads: dict[str, Callable[[LeftOut], Spread]] = {
+        "Left out (mm)": lambda out: Spread(out.unseen),
+        "Same, when fitted (mm)": lambda out: Spread(out.in_fit),
+    }
+    if any(Spread(out.velocity).known.size for _, out in found):
+        spreads["Velocity, left out (mm/s)"] = lambda out: Spread(out.velocity)
     rows = [
         (
             method,
             (
-                spread_cell(Spread(out.unseen)),
-                spread_cell(Spread(out.in_fit)),
-                spread_cell(Spread(out.velocity)),
+                *(spread_cell(spread(out)) for spread in spreads.values()),
                 *(mm_cell(out.of_trial(name).mean) for name in names),
             ),
         )
         for method, out in found
     ]
-    heads = (
-        "Method", "Left out (mm)", "Same, when fitted (mm)", "Velocity, left out (mm/s)",
-        *(f"{name} (mm)" for name in names),
-    )  # fmt: skip
+    heads = ("Method", *spreads, *(f"{name} (mm)" for name in names))
     return marked(
         Table(
             "left-out", f"Trials left out of the fit, {_about(methods)}", heads, tuple(rows),
@@ -238,6 +227,11 @@ def left_out_table(results: ComparisonResults, methods: Sequence[MethodStatistic
         ),
         skip=(1,),
     )  # fmt: skip
+
+
+def _by_marker(method: MethodStatistics, kind: MarkerKind) -> Array:
+    """Mean over seeds [m]. Shape (M,)."""
+    return nan_mean(marker_errors(method.runs, kind), axis=0)
 
 
 def _about(methods: Sequence[MethodStatistics]) -> str:

@@ -1,4 +1,4 @@
-"""Figures of the comparison's page: convergence, every seed, speeds and their errors, error from head to tail."""
+"""Figures of the comparison's page: convergence, every seed, speeds and their errors, error by marker."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from swim2real.comparison.protocols import MarkerKind
 from swim2real.comparison.statistics import MethodStatistics
-from swim2real.comparison.statistics_detail import MarkerKind, marker_errors, nan_mean, speeds
-from swim2real.comparison.statistics_tables import LOSSES, THEORY
+from swim2real.comparison.statistics_detail import marker_errors, nan_mean, speeds
+from swim2real.comparison.statistics_tables import THEORY
 from swim2real.report.comparison_palette import MethodStyle
 from swim2real.report.palette import LIGHT, Figure, framed, label
 from swim2real.report.units import mm, to_mm
@@ -49,7 +50,7 @@ def convergence(methods: Sequence[MethodStatistics], styles: Styles) -> Figure:
             "hovertemplate": f"{name}, %{{text}} ends at %{{y:.1f}} mm<extra></extra>",
         })  # fmt: skip
     return framed(
-        data, "evaluations", f"best {LOSSES[methods[0].protocol]} so far (mm)", 460, legend=_legend(),
+        data, "evaluations", f"best {methods[0].words.loss} so far (mm)", 460, legend=_legend(),
         xaxis={
             "range": [1, budget * (1 + 0.02 * (len(methods) + 1))],
             "tickvals": [1, *range(step, budget + 1, step)] if step > 1 else count,
@@ -77,7 +78,7 @@ def strip(methods: Sequence[MethodStatistics], styles: Styles) -> Figure:
             "hovertemplate": f"{name}, seed %{{text}}: %{{x:.1f}} mm<extra></extra>",
         })  # fmt: skip
     return framed(
-        data, f"best {LOSSES[methods[0].protocol]} (mm)", "", 90 + 44 * len(ordered), xaxis=_log_axis(),
+        data, f"best {methods[0].words.loss} (mm)", "", 90 + 44 * len(ordered), xaxis=_log_axis(),
         yaxis={
             "tickvals": list(range(len(ordered))), "ticktext": [label(one.method) for one in ordered],
             "range": [-0.6, len(ordered) - 0.4], "showgrid": False, "ticks": "", "fixedrange": True,
@@ -138,7 +139,7 @@ def velocities(
     )  # fmt: skip
 
 
-def head_to_tail(
+def by_marker(
     methods: Sequence[MethodStatistics], styles: Styles, kind: MarkerKind, markers: Sequence[str]
 ) -> Figure:  # fmt: skip
     """One kind of error over the markers, mean over trials and seeds."""
@@ -155,7 +156,7 @@ def head_to_tail(
         for style, mean in [(styles[one.method], nan_mean(marker_errors(one.runs, kind), axis=0))]
     ]  # fmt: skip
     return framed(
-        data, "marker, head to tail", "error (mm)", 320,
+        data, methods[0].words.markers_order, "error (mm)", 320,
         xaxis={"type": "category", "categoryorder": "array", "categoryarray": names}, yaxis={"rangemode": "tozero"},
     )  # fmt: skip
 

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from swim2real.comparison.protocols import PROTOCOLS, ProtocolWords
 from swim2real.comparison.results import ComparisonResults, load_results
 from swim2real.comparison.statistics import MethodStatistics, best_method, differences, method_statistics
 from swim2real.comparison.statistics_cells import Cell, Table, as_number, mm_cell
-from swim2real.comparison.statistics_tables import LOSSES, MARKER_KINDS, tables
+from swim2real.comparison.statistics_tables import tables
 from swim2real.errors import MissingExtraError, RunError
-from swim2real.report.comparison_figures import convergence, head_to_tail, strip, velocities
+from swim2real.report.comparison_figures import by_marker, convergence, strip, velocities
 from swim2real.report.comparison_palette import METHOD_DARK_OF_LIGHT, method_styles
 from swim2real.report.page import REPORT
 from swim2real.report.palette import COLORS, Figure
@@ -30,18 +31,16 @@ class Board:
     """What the page shows of one protocol.
 
     Attributes:
-        protocol: `aligned` or `paper`.
-        loss: Name of what is minimized.
+        protocol: `aligned`, `paper` or `playback`.
+        words: What is said of it.
         verdict: Sentences that say who is best and how surely; empty without runs.
         tables: By key.
-        markers: Kinds of errors by marker, with their words.
     """
 
     protocol: str
-    loss: str
+    words: ProtocolWords
     verdict: tuple[str, ...]
     tables: Mapping[str, Table]
-    markers: tuple[tuple[str, str], ...]
 
 
 def write_comparison_report(folder: str | Path, theory: Mapping[str, float] | None = None) -> Path:
@@ -110,18 +109,23 @@ def comparison_content(
     figures: dict[str, Figure] = {}
     for protocol in results.protocols:
         methods = method_statistics(results, protocol)
-        kinds = MARKER_KINDS[protocol]
+        words = PROTOCOLS[protocol]
         made = {table.key: table for table in tables(results, protocol, theory)}
-        boards.append(Board(protocol, LOSSES[protocol], verdict(methods), made, kinds))
+        boards.append(Board(protocol, words, verdict(methods), made))
         if not methods:
             continue
         figures |= {
             f"convergence-{protocol}": convergence(methods, styles),
             f"strip-{protocol}": strip(methods, styles),
-            f"speed-{protocol}": velocities(methods, styles, errors=False, theory=theory),
-            f"velocity-{protocol}": velocities(methods, styles, errors=True, theory=theory),
         }
-        figures |= {f"{kind}-{protocol}": head_to_tail(methods, styles, kind, results.markers) for kind, _ in kinds}
+        if words.frequencies:
+            figures |= {
+                f"speed-{protocol}": velocities(methods, styles, errors=False, theory=theory),
+                f"velocity-{protocol}": velocities(methods, styles, errors=True, theory=theory),
+            }
+        figures |= {
+            f"{kind}-{protocol}": by_marker(methods, styles, kind, results.markers) for kind, _ in words.markers
+        }
     seeds = sorted({run.seed for run in results.runs})
     return {
         "name": folder.resolve().name,
@@ -142,7 +146,7 @@ def verdict(methods: tuple[MethodStatistics, ...]) -> tuple[str, ...]:
     if not methods:
         return ()
     best = best_method(methods)
-    loss, count = LOSSES[best.protocol], len(best.runs)
+    loss, count = best.words.loss, len(best.runs)
     first = f"{best.method} has the lowest mean {loss}: {_mm(best.final.mean)}"
     first += f", and {_mm(best.final.worst)} with its worst seed." if count > 1 else ", with a single seed."
     said = [first]

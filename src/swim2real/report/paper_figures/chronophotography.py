@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from swim2real.calibration import RunFolder, SwimPair, load_swims
 from swim2real.comparison.statistics import MethodStatistics
-from swim2real.comparison.statistics_tables import LOSSES
 from swim2real.errors import RunError
 from swim2real.report.paper_figures.style import DOUBLE, FAINT, REAL, new_figure
 
@@ -56,6 +55,8 @@ def draw_chronophotography(
     Raises:
         RunError: A run has no swims, or none of this name.
     """
+    if not methods[0].words.frequencies:
+        raise RunError("its trials are recordings, not swims with a frequency")
     ordered = sorted(methods, key=lambda one: one.final.mean)
     chosen = [("best", ordered[0])] + ([("worst", ordered[-1])] if len(ordered) > 1 else [])
     swims = [_swim(folder / one.typical_run().folder, trial) for _, one in chosen]
@@ -72,7 +73,7 @@ def draw_chronophotography(
     return _draw(
         lanes,
         real.times[frames],
-        f"{real.name}, {real.frequency:.2f} Hz;  mm: {LOSSES[methods[0].protocol]} of this swim",
+        f"{real.name}, {real.frequency:.2f} Hz;  mm: {methods[0].words.loss} of this swim",
     )
 
 

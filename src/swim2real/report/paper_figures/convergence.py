@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from swim2real.comparison.statistics import MethodStatistics
-from swim2real.comparison.statistics_tables import LOSSES
 from swim2real.report.comparison_palette import MethodStyle
 from swim2real.report.paper_figures.style import (
     COLUMN,
@@ -57,6 +56,6 @@ def draw_convergence(methods: Sequence[MethodStatistics], styles: Mapping[str, M
     axes.set_xticks([1, *range(10, budget + 1, 10)] if budget >= 10 else list(range(1, budget + 1)))
     axes.set_xlabel("evaluations")
     axes.xaxis.set_label_coords(0.5 * budget / end, -0.11)
-    axes.set_ylabel(f"best {LOSSES[methods[0].protocol]} so far (mm)")
+    axes.set_ylabel(f"best {methods[0].words.loss} so far (mm)")
     legend_above(figure, handles, COLUMN)
     return figure

@@ -8,7 +8,6 @@ from typing import Any
 from swim2real.comparison.results import RunResult
 from swim2real.comparison.statistics import MethodStatistics
 from swim2real.comparison.statistics_detail import step_statistics
-from swim2real.comparison.statistics_tables import LOSSES
 from swim2real.report.comparison_palette import MethodStyle
 from swim2real.report.paper_figures.style import DOUBLE, FAINT, REAL, handle, letter, log_axis, new_figure
 
@@ -55,7 +54,7 @@ def draw_line_search(methods: Sequence[MethodStatistics], styles: Mapping[str, M
     run = many.typical_run()
     _draw_run(right, run, styles[many.method].light)
     letter(right, f"(b) {many.method}, seed {run.seed}")
-    right.set_ylabel(f"{LOSSES[many.protocol]} (mm)")
+    right.set_ylabel(f"{many.words.loss} (mm)")
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Error from head to tail, with and without registration."""
+"""Error of each marker, of swims from head to tail, with and without registration."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 
 from swim2real.comparison.statistics import MethodStatistics
 from swim2real.comparison.statistics_detail import marker_errors, nan_mean
-from swim2real.comparison.statistics_tables import MARKER_KINDS
 from swim2real.report.comparison_palette import MethodStyle
 from swim2real.report.paper_figures.style import (
     DOUBLE,
@@ -25,11 +24,12 @@ def draw_markers(
     methods: Sequence[MethodStatistics], styles: Mapping[str, MethodStyle], markers: Sequence[str]
 ) -> Any:  # fmt: skip
     """One panel a kind of error: the mean as a line, and for few methods the range over seeds as a band."""
-    kinds = MARKER_KINDS[methods[0].protocol]
+    words = methods[0].words
+    kinds = words.markers
     figure = new_figure(DOUBLE, 2.05 + 0.14 * legend_rows([one.method for one in methods], DOUBLE))
     panels = figure.subplots(1, len(kinds), squeeze=False)[0]
     places = list(range(len(markers)))
-    for axes, (kind, words), name in zip(panels, kinds, "abc", strict=False):
+    for axes, (kind, kind_words), name in zip(panels, kinds, "abc", strict=False):
         for one in methods:
             style = styles[one.method]
             errors = 1e3 * marker_errors(one.runs, kind)
@@ -41,8 +41,8 @@ def draw_markers(
             )
         axes.set_ylim(bottom=0)
         axes.set_xticks(places, list(markers))
-        axes.set_xlabel("marker, head to tail")
-        letter(axes, f"({name}) {words}")
+        axes.set_xlabel(words.markers_order)
+        letter(axes, f"({name}) {kind_words}")
     panels[0].set_ylabel("error (mm)")
     handles = [handle(label=one.method, **look(styles[one.method])) for one in methods]
     legend_above(figure, handles, DOUBLE)

@@ -9,7 +9,6 @@ import numpy as np
 
 from swim2real.comparison.statistics import MethodStatistics
 from swim2real.comparison.statistics_cells import spread_cell
-from swim2real.comparison.statistics_tables import LOSSES
 from swim2real.report.comparison_palette import MethodStyle
 from swim2real.report.paper_figures.style import COLUMN, FAINT, REAL, log_axis, new_figure
 
@@ -44,5 +43,5 @@ def draw_strip(methods: Sequence[MethodStatistics], styles: Mapping[str, MethodS
     axes.set_yticks(range(len(ordered)), [one.method for one in ordered])
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
-    axes.set_xlabel(f"best {LOSSES[methods[0].protocol]} (mm)")
+    axes.set_xlabel(f"best {methods[0].words.loss} (mm)")
     return figure

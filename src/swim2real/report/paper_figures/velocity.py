@@ -27,8 +27,8 @@ from swim2real.report.paper_figures.style import (
 
 def draw_velocity(
     methods: Sequence[MethodStatistics], styles: Mapping[str, MethodStyle], theory: Mapping[str, float] | None = None
-) -> Any:
-    """Speeds on the left, their errors on the right; mean over seeds with their range.
+) -> Any | None:
+    """Speeds on the left, their errors on the right; mean over seeds with their range. None without frequencies.
 
     Args:
         methods: Under one protocol.
@@ -37,6 +37,8 @@ def draw_velocity(
     """
     ordered = sorted(methods, key=lambda one: one.figures["velocity_error"].mean)
     found = {one.method: own for one in ordered if (own := speeds(one.runs)) is not None}
+    if not found:
+        return None
     first = next(iter(found.values()))
     figure = new_figure(
         DOUBLE, 2.2 + 0.14 * legend_rows([f"{method} (00.0 mm/s)" for method in (*found, THEORY)], DOUBLE)

@@ -67,6 +67,8 @@ def write_figures(
                 drawn["chronophotography"] = draw_chronophotography(methods, colors, Path(folder))
             except RunError as error:
                 _log.warning("no chronophotography for protocol %s: %s", protocol, error)
+            if drawn["velocity"] is None:
+                _log.warning("no figure of speed against frequency for protocol %s: its trials have none", protocol)
             for name, figure in drawn.items():
                 if figure is not None:
                     paths += save(figure, place, f"{name}-{protocol}")
