@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares as scipys
 
 from swim2real.errors import OptimizerError
 from swim2real.optimizers import (
@@ -20,6 +21,7 @@ from swim2real.optimizers import (
     first_point,
     streams,
 )
+from swim2real.optimizers.callback import CallbackSolver
 from swim2real.optimizers.contract import cube_point
 
 D = 5
@@ -49,11 +51,18 @@ def least_squares(seed: int) -> Optimizer:
     return LeastSquares(first_point(D, seed), streams(seed)[1])
 
 
+def callback_solver(seed: int) -> Optimizer:
+    def solve(first, residuals) -> None:
+        scipys(lambda x: residuals(x[None])[0], first, bounds=(0, 1), max_nfev=5)
+
+    return CallbackSolver(first_point(D, seed), streams(seed)[1], solve, "solver")
+
+
 def cma_es(seed: int) -> Optimizer:
     return CmaEs(D, streams(seed)[1])
 
 
-MAKERS = [random_search, line_search, warm_start, bayesopt, least_squares]
+MAKERS = [random_search, line_search, warm_start, bayesopt, least_squares, callback_solver]
 every = pytest.mark.parametrize("make", [*MAKERS, cma_es], ids=lambda make: make.__name__)
 from_the_first_point = pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
 

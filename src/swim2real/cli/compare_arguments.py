@@ -28,9 +28,10 @@ class Compare:
     robot: Annotated[str, tyro.conf.arg(aliases=["--parameters"])] = "fish"
     """As for calibrate: fish, fish-extended, or a robot file."""
     methods: tuple[str, ...] = ()
-    """random, cma-es, bayesopt, least-squares, staged, line-search (with the physics advisor), no-line-search (its
-    ablation), warm-start; line-search@ADVISOR, no-line-search@ADVISOR and warm-start@ADVISOR for other advisors, as
-    line-search@google:MODEL or line-search@replay:RUN. By default all but warm-start."""
+    """random, cma-es, bayesopt, least-squares, mujoco-sysid, staged, line-search (with the physics advisor),
+    no-line-search (its ablation), warm-start; line-search@ADVISOR, no-line-search@ADVISOR and warm-start@ADVISOR for
+    other advisors, as line-search@google:MODEL or line-search@replay:RUN. By default all but mujoco-sysid and
+    warm-start."""
     seeds: tuple[str, ...] = ("0:5",)
     """Numbers, and ranges without their end: 0:5 is 0 1 2 3 4."""
     budget: int = 40

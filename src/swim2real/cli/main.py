@@ -110,6 +110,14 @@ def _run(command: args.Command) -> int:
             from swim2real.cli.export_commands import export_commands
 
             return export_commands(command)
+        case args.ExportSysid():
+            from swim2real.cli.sysid import export_sysid
+
+            return export_sysid(command)
+        case args.ImportSysid():
+            from swim2real.cli.sysid import import_sysid
+
+            return import_sysid(command)
         case args.Rollout():
             from swim2real.cli.rollout import rollout
 

@@ -34,9 +34,8 @@ class LeastSquares(Optimizer):
 
     Why not `scipy.optimize.least_squares` itself: its reflective steps shun the bounds, and from the published tracks'
     seed 0 (logarithmic scale, aligned) it was at 207 mm after 60 evaluations, with a Jacobian for each of its short
-    steps, and this one at 30 mm. It also would have to run in a thread of its own to be asked and told, and takes the
-    residual of a simulation that diverged for a fact. `mujoco.sysid` would bring MuJoCo into the optimizers and knows
-    neither candidates nor failures.
+    steps, and this one at 30 mm. It also takes the residual of a simulation that diverged for a fact, as
+    `mujoco.sysid` does, which is a method of its own.
 
     Differences are wide since the residual changes fast near good fits: there, steps of 0.004 in the cube changed the
     loss by 5 mm. Where it is smooth they cost precision at the end. Which width is best isn't settled: on that one seed

@@ -25,11 +25,15 @@ from swim2real.optimizers import (
     first_point,
     streams,
 )
+from swim2real.optimizers.callback import CallbackSolver
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
+from swim2real.sysid import least_squares
 
 Array = NDArray[np.float64]
-Method = Literal["line-search", "random", "warm-start", "cma-es", "bayesopt", "least-squares", "staged"]
+Method = Literal[
+    "line-search", "random", "warm-start", "cma-es", "bayesopt", "least-squares", "mujoco-sysid", "staged"
+]  # fmt: skip
 METHODS: tuple[str, ...] = get_args(Method)
 ADVISED = ("line-search", "warm-start")  # by an advisor
 
@@ -67,6 +71,8 @@ def make_optimizer(
             return BayesianOptimization(dimension, rng, first)
         case "least-squares":
             return LeastSquares(first, rng)
+        case "mujoco-sysid":
+            return CallbackSolver(first, rng, least_squares(space), "mujoco.sysid")
         case "staged":
             return _staged(robot, space, first, rng, budget)
         case "line-search" | "warm-start":

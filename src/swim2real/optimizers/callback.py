@@ -1,0 +1,89 @@
+"""Least squares by somebody else's solver, which takes a function and comes back when it is done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+
+import numpy as np
+
+from swim2real.errors import OptimizerError
+from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
+
+Residuals = Callable[[Array], Array]
+"""Points of the unit cube to their residuals. Shape (k, d) to (k, n)."""
+Solve = Callable[[Array, Residuals], None]
+"""A solver, told where to start, shape (d,), and what to call. Told the same, it must call for the same."""
+
+
+class CallbackSolver(Optimizer):
+    """Asks for what a solver calls for, and starts it again at a random point when it is done.
+
+    A function can't be left in the middle of a call and gone on with later. So the solver is begun anew for every call:
+    it is given the residuals of its earlier calls once more, in order, and the call after them holds the next
+    candidates. That costs the solver's own arithmetic again and no evaluation, leaves no thread behind, and is what a
+    resumed run does anyway.
+
+    What the solver knows is the residual. A failed evaluation has one, too, and counts as any other.
+    """
+
+    needs_residual = True
+
+    def __init__(self, first: Array, rng: np.random.Generator, solve: Solve, name: str) -> None:
+        """Prepares the search.
+
+        Args:
+            first: Where the run begins. Shape (d,).
+            rng: Gives further starts.
+            solve: The solver.
+            name: What it is called in the record.
+        """
+        super().__init__(len(first))
+        self._first_point, self._rng, self._solve, self._name = cube_point(first), rng, solve, name
+        self._search = self._starts()
+        self._told: Array | None = None
+
+    def _next(self) -> Candidate:
+        return next(self._search) if self._told is None else self._search.send(self._told)
+
+    def _learn(self, evaluation: Evaluation) -> None:
+        if evaluation.residual is None:
+            raise OptimizerError(f"tell() got an evaluation without a residual, which {self._name} needs")
+        self._told = evaluation.residual
+
+    def _starts(self) -> Generator[Candidate, Array, None]:
+        point, start = self._first_point, 1
+        while True:
+            calls: list[Array] = []
+            while (points := self._called_for(point, calls)) is not None:
+                found: list[Array] = []
+                for one in points:
+                    note = {"source": self._name, "start": start, "call": len(calls) + 1}
+                    if start == 1 and not calls and not found:
+                        note = {"source": "first point"}
+                    found.append((yield Candidate(cube_point(np.clip(one, 0.0, 1.0)), note)))
+                calls.append(np.stack(found))
+            point, start = self._rng.random(self.dimension), start + 1
+
+    def _called_for(self, first: Array, answers: list[Array]) -> Array | None:
+        """Points of the solver's first call beyond those answered, shape (k, d); None when it is done without one."""
+        left = iter(answers)
+
+        def residuals(points: Array) -> Array:
+            answer = next(left, None)
+            if answer is None:
+                raise _UnansweredError(points)
+            return answer
+
+        try:
+            self._solve(first, residuals)
+        except _UnansweredError as question:
+            return question.points
+        return None
+
+
+class _UnansweredError(Exception):
+    """Leaves the solver at a call that nothing is known for."""
+
+    def __init__(self, points: Array) -> None:
+        super().__init__()
+        self.points = np.array(points)

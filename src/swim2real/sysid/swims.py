@@ -1,0 +1,80 @@
+"""Steady swims as trajectories: the toolbox neither finds a steady cycle nor aligns, so both are done once, here."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from swim2real.calibration import SwimProblem
+from swim2real.errors import ArgumentError, EngineError
+from swim2real.objective import TrialComparison, swims_of
+from swim2real.parameters import Values
+from swim2real.simulation.playback import sampled
+from swim2real.simulation.simulator import SETTLING, Swim
+from swim2real.simulation.steady import DivergedError, run_to
+from swim2real.simulation.stepper import Stepper
+from swim2real.sysid.trajectory import Array, Trajectory, marker_readings, placed
+from swim2real.trials import MarkerTrack, frames
+
+
+def swim_trajectories(problem: SwimProblem, values: Values) -> list[Trajectory]:
+    """Each trial from the steady swim of given values on, at its phase.
+
+    The track is registered as these values register it, and placed such that its first beat meets the simulated one.
+
+    Args:
+        problem: Real trials, aligned.
+        values: Whose swims begin the trajectories; others begin with a transient of their own.
+
+    Raises:
+        ArgumentError: The problem's protocol aligns nothing.
+        EngineError: A swim of these values diverges.
+        TrialError: Nothing tells where a trial begins.
+    """
+    if problem.protocol != "aligned":
+        raise ArgumentError(f"protocol is '{problem.protocol}'; swims for the toolbox need 'aligned'")
+    comparison = problem.evaluate(values)
+    if comparison.divergence:
+        raise EngineError(f"{comparison.divergence}; export other values")
+    model = problem.robot.build(values).compile()
+    return [
+        _trajectory(problem, model, swim, target.trial.cut(problem.horizon).track, compared)
+        for swim, target, compared in zip(problem.swims, problem.targets, swims_of(comparison), strict=True)
+    ]
+
+
+def _trajectory(
+    problem: SwimProblem, model: mujoco.MjModel, swim: Swim, track: MarkerTrack, compared: TrialComparison
+) -> Trajectory:
+    period, speed = swim.actuation.period, 2 * np.pi * swim.actuation.frequency
+    times = track.times - track.times[0]
+
+    def fresh() -> Stepper:
+        return Stepper(model, problem.robot, swim.actuation.start_speed or 0.0, speed, 0.0)
+
+    stepper = fresh()
+    turns = np.ceil(SETTLING / period) + compared.phase / (2 * np.pi)
+    try:
+        settled = run_to(None, stepper, period, turns)
+    except DivergedError as error:
+        raise EngineError(f"trial '{swim.name}': {error}; export other values") from error
+    stepper = fresh()
+    stepper.run(int(np.abs(settled.turns - turns).argmin()))
+    state = stepper.state
+    state[0] = 0.0
+    beat = times[times <= period]
+    begun = stepper.run(int(np.ceil(period / stepper.timestep)) + 1).markers
+    positions = np.where(compared.weights[:, :, None] > 0, _registered(track, compared.registration), np.nan)
+    real = placed(swim.name, positions, sampled(begun.reshape(len(begun), -1), stepper.timestep, beat).reshape(
+        len(beat), -1, 2
+    ))  # fmt: skip
+    steps = int(np.ceil(times[-1] / stepper.timestep - 1e-9)) + 1
+    controls = np.full((steps, model.nu), speed)
+    return Trajectory(swim.name, state, controls, times, marker_readings(problem.robot, model, real))
+
+
+def _registered(track: MarkerTrack, registration: Array) -> Array:
+    """Positions without their static offsets in the body frame [m]. Shape (T, M, 2)."""
+    axes = frames.body_axes(track.positions)[:, None]
+    left = np.stack([-axes[..., 1], axes[..., 0]], axis=-1)
+    return track.positions - registration[:, :1] * axes - registration[:, 1:] * left
