@@ -76,7 +76,7 @@ class Evaluator:
 def jacobian(evaluate: Evaluator, at: Fitted) -> tuple[Array, list[int]]:
     """Slopes of the residual by central differences, one-sided at a bound or where the other side crosses a jump.
 
-    A jump, where a swim changes into another kind of swim, is no slope: one among the columns would hide all others.
+    A jump, where a motion changes into another kind, is no slope: one among the columns would hide all others.
 
     Returns:
         Slopes [m], shape (n, d), and the parameters that have a jump within a step.

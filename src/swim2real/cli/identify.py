@@ -113,8 +113,8 @@ def _print(found: Mapping[str, Any]) -> None:
     tables.table("Profiles: the others re-fitted", columns, rows)
     if found["local"]["jumps"]:
         tables.console.print(
-            f"A swim changes into another kind within a step of {', '.join(found['local']['jumps'])}; slopes there are "
-            f"of the other side alone.",
+            f"The motion changes into another kind within a step of {', '.join(found['local']['jumps'])}; slopes "
+            f"there are of the other side alone.",
             soft_wrap=True,
         )
     directions = found["local"]["directions"]

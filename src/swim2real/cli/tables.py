@@ -68,6 +68,8 @@ def figures(content: Mapping[str, Any], title: str) -> None:
     there = next(iter(trials.values()))
     swims = "aligned_marker_error" in content
     rows = [("marker error (paper's Eq. 1)" if swims else "marker error", millimeters(content["marker_error"]) + " mm")]
+    if "sensor_errors" in content:
+        rows.insert(0, ("playback error (markers and sensors)", millimeters(content["loss"]) + " mm"))
     rows += [(label, millimeters(content[key]) + " mm") for label, key in _LENGTHS if key in content]
     if swims:
         added = content["unweighted_error"] - content["aligned_marker_error"] + 0.0
