@@ -8,7 +8,6 @@ from typing import Any
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import OUTCOME, RunFolder
 from swim2real.calibration.sensitivity import Sensitivity
-from swim2real.calibration.swim_pairs import SWIMS as SWIMS
 from swim2real.objective import evidence
 from swim2real.objective.evidence import rounded
 from swim2real.parameters import Values
