@@ -29,7 +29,7 @@ from swim2real.trials import save_reference
 
 COMMANDS = (
     "calibrate", "check", "compare", "demo", "deploy", "ensemble", "evaluate", "export-commands", "fetch", "identify",
-    "import-tracks", "overlay", "pick", "quality", "report", "rollout", "simulate", "track", "train",
+    "import-tracks", "init", "overlay", "pick", "quality", "report", "rollout", "simulate", "track", "train",
 )  # fmt: skip
 SPEC_FIGURES = {  # of the interface's `evaluate --json`
     "marker_error", "aligned_marker_error", "shape_error", "static_offset", "velocity_error", "left_out_share",

@@ -14,7 +14,7 @@ import tyro
 from swim2real.cli.compare_arguments import Compare
 from swim2real.cli.deployment_arguments import Deploy
 from swim2real.cli.rl_arguments import ExportCommands, Rollout, Train
-from swim2real.cli.robot_arguments import Check
+from swim2real.cli.robot_arguments import Check, Init
 from swim2real.cli.study_arguments import Ensemble, Identify
 from swim2real.cli.sysid_arguments import ExportSysid, ImportSysid
 from swim2real.cli.vlm_arguments import Vlm
@@ -310,6 +310,7 @@ Command = (
     | Identify
     | ImportSysid
     | ImportTracks
+    | Init
     | Overlay
     | Pick
     | Quality

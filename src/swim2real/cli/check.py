@@ -48,9 +48,8 @@ def _parameters(file: RobotFile, probes: list[Probe]) -> None:
     rows: list[tuple[str, ...]] = []
     for one, calibrated in zip(probes, file.calibrated, strict=True):
         p = one.parameter
-        scale = "" if p.log_offset is None else " log"
         name = escape("\n  ".join([p.name, *map(str, calibrated.writes)]))
-        rows.append((name, p.unit, f"{p.lower:g} to {p.upper:g}{scale}", f"{p.published:.4g}",
+        rows.append((name, p.unit, f"{p.lower:g} to {p.upper:g}", f"{p.published:.4g}",
                      _cell(one.lower), _cell(one.upper)))  # fmt: skip
     columns = ("parameter, what it writes", "unit", "bounds", "value", "lower mm", "upper mm")
     table("Parameters, and how far each bound moves the markers on average", columns, rows)
@@ -65,8 +64,9 @@ def _moved(robot: Robot, trials: tuple[str, ...] | None) -> None:
     if trials is not None:
         by = f"as in the trials of the reference ({', '.join(trials)})"
     elif isinstance(robot.trials, Recordings):
-        by = f"by sines of {FREQUENCY:g} Hz on what a table drives"
-        by += ", from a pose off its rest" if robot.trials.start == "markers" else ""
+        swung = "table" in robot.trials.controls.values()
+        by = f"by sines of {FREQUENCY:g} Hz on what a table drives, " if swung else ""
+        by += "from a pose off its rest" if robot.trials.start == "markers" else "from where trials start"
     else:
         by = f"by its motor at {FREQUENCY:g} Hz, from rest"
     console.print(f"Moved for {SECONDS:g} s {by}.", soft_wrap=True, markup=False)
@@ -108,10 +108,11 @@ def _trials(robot: Robot) -> None:
     if about.sensors:
         rows = [(one.name, one.unit, f"{1e3 * one.worth:g}") for one in about.sensors]
         table("Sensors", ("sensor", "unit", "one unit is worth mm"), rows)
-    frame = "the world" if about.frame is None else " and ".join(robot.marker_names[i] for i in about.frame)
+    pair = "" if about.frame is None else " and ".join(robot.marker_names[i] for i in about.frame)
+    frame = f"the frame of {pair}" if pair else "the world"
     travels = ", progress included" if about.travels else ""
     start = {"rest": "at rest", "markers": "where the markers are"}.get(about.start, f"in keyframe '{about.start}'")
-    text = f"Trials are recordings that start {start} and are compared in the frame of {frame}{travels}."
+    text = f"Trials are recordings that start {start} and are compared in {frame}{travels}."
     console.print(text, soft_wrap=True, markup=False)
 
 

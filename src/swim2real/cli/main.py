@@ -102,6 +102,10 @@ def _run(command: args.Command) -> int:
             from swim2real.cli.identify import identify
 
             return identify(command)
+        case args.Init():
+            from swim2real.cli.init import init
+
+            return init(command)
         case args.Evaluate():
             from swim2real.cli.evaluate import evaluate
 

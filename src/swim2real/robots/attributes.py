@@ -93,7 +93,9 @@ def _gain(actuator: Any, name: str) -> Attribute | None:
     """`kp` and `kv` of a position or velocity servo; None for an actuator that is neither."""
     if actuator.gaintype != mujoco.mjtGain.mjGAIN_FIXED or actuator.biastype != mujoco.mjtBias.mjBIAS_AFFINE:
         return None
-    position, velocity = actuator.biasprm[1] != 0, actuator.biasprm[2] != 0
+    gain, (_, by_length, by_velocity, *_) = actuator.gainprm[0], actuator.biasprm
+    position = by_length == -gain != 0
+    velocity = by_length == 0 and by_velocity == -gain != 0
     if not (position if name == "kp" else position or velocity):
         return None
     place = 1 if name == "kp" else 2

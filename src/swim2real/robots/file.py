@@ -179,10 +179,23 @@ def _base(table: Table, folder: Path) -> mujoco.MjSpec:
     path = folder / model
     if not path.is_file():
         raise RobotError(f"{table.where}: model '{path}' is not there; give the MJCF file's way from the robot file")
+    return read_mjcf(path, f"{table.where}: ")
+
+
+def read_mjcf(path: Path, where: str = "") -> mujoco.MjSpec:
+    """The model of an MJCF file.
+
+    Args:
+        path: Of the file.
+        where: What a message begins with.
+
+    Raises:
+        RobotError: MuJoCo can't read it.
+    """
     try:
         return mujoco.MjSpec.from_file(str(path.resolve()))  # its meshes are found from any working directory
     except ValueError as error:
-        raise RobotError(f"{table.where}: MuJoCo can't read model '{path}': {said(error)}") from error
+        raise RobotError(f"{where}MuJoCo can't read model '{path}': {said(error)}") from error
 
 
 class _Builder:

@@ -100,6 +100,15 @@ def probe(robot: Robot, reference: TrialSet | None = None, threads: int | None =
     return [Probe(reach, shifts[2 * i], shifts[2 * i + 1]) for i, reach in enumerate(found)]
 
 
+def moved(robot: Robot, threads: int | None = None) -> TrialSet:
+    """The published robot in the trials by which parameters are told apart.
+
+    Raises:
+        EngineError: It can't be simulated.
+    """
+    return _begun(robot, None, threads)[0]
+
+
 def _begun(robot: Robot, reference: TrialSet | None, threads: int | None) -> tuple[TrialSet, Simulate]:
     """The published robot's trials, and what simulates others."""
     if not isinstance(robot.trials, Recordings):

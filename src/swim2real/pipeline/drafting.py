@@ -1,0 +1,133 @@
+"""A first robot file: read from an MJCF model, tried out, and written with what shows in the markers."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from swim2real.errors import RobotError
+from swim2real.robots.compiled import compiled
+from swim2real.robots.drafting.draft import Draft, candidates
+from swim2real.robots.drafting.passive import carrying
+from swim2real.robots.file import PLANES, load_robot, read_mjcf
+from swim2real.robots.robot import Robot
+from swim2real.simulation.probing import FAINT, Probe, moved, probe
+
+_REST_SHARE = 0.1  # by which the place of markers counts for the camera, beside their motion
+
+
+def draft_robot(path: Path, threads: int | None = None) -> Draft:
+    """A robot file for a model: its sites are markers, tables drive it, and what shows in the markers is calibrated.
+
+    Args:
+        path: Of the MJCF file.
+        threads: Simulations at a time; by default the number of cores.
+
+    Raises:
+        RobotError: The model can't be read, has no named site, or nothing of it could be calibrated.
+        EngineError: It can't be simulated.
+    """
+    if not path.is_file():
+        raise RobotError(f"model '{path}' is not there; give an MJCF file")
+    spec = read_mjcf(path)
+    model = compiled(spec.copy(), f"model '{path}'")
+    draft = _first(path, spec, model)
+    draft = replace(draft, camera=_camera(_loaded(draft, path), threads))
+    wrong = {one.parameter.name: why for one in probe(_loaded(draft, path), threads=threads) if (why := _unfit(one))}
+    if len(wrong) < len(draft.calibrated):  # else a person must see to it; `check` says what is wrong
+        draft = replace(draft, aside={**draft.aside, **wrong})
+    return draft
+
+
+def write_draft(draft: Draft, model: Path, out: Path) -> None:
+    """Writes the robot file.
+
+    Raises:
+        RobotError: It can't be written.
+    """
+    try:
+        out.write_text(draft.text(_way(model, out.parent)), encoding="utf-8")
+    except OSError as error:
+        raise RobotError(f"robot file '{out}' can't be written: {error.strerror or error}") from error
+
+
+def _first(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> Draft:
+    """What the model alone tells."""
+    sites = [site.name for site in spec.sites if site.name]
+    if not sites:
+        bodies = ", ".join(body.name for body in spec.bodies if body.name not in ("", "world")) or "none with a name"
+        raise RobotError(
+            f"model '{path}' has no named site, so it has no markers; add one a marker to the body that carries it, "
+            f'such as <site name="M0" pos="0 0 0"/>; the bodies are: {bodies}'
+        )
+    wraps = zip(model.wrap_type, model.wrap_objid, strict=True)
+    routed = {model.site(int(i)).name for kind, i in wraps if kind == mujoco.mjtWrap.mjWRAP_SITE}
+    markers = tuple(name for name in sites if name not in routed) or tuple(sites)
+    found = candidates(spec, model)
+    if not found:
+        raise RobotError(
+            f"model '{path}' has nothing that could be calibrated: no joint, tendon or actuator with a name, and no "
+            f"fluid; name its elements"
+        )
+    aside = {name: one.aside for name, one in found.items() if one.aside is not None}
+    return Draft(
+        path.stem if spec.modelname in ("", "MuJoCo Model") else spec.modelname,
+        path.name,
+        spec,
+        markers,
+        tuple(name for name in sites if name not in markers),
+        _frame(model, markers),
+        found,
+        aside=aside if len(aside) < len(found) else {},
+    )
+
+
+def _frame(model: mujoco.MjModel, markers: tuple[str, ...]) -> tuple[str, str] | None:
+    """The first two markers on one body, of a robot that can go anywhere."""
+    free = mujoco.mjtJoint.mjJNT_FREE
+    if not any(model.jnt_type[j] == free or carrying(model, j) for j in range(model.njnt)):
+        return None
+    bodies = [int(model.body_weldid[model.site(name).bodyid[0]]) for name in markers]
+    pairs = [(i, j) for j in range(len(markers)) for i in range(j) if bodies[i] == bodies[j] != 0]
+    return (markers[pairs[0][0]], markers[pairs[0][1]]) if pairs else None
+
+
+def _loaded(draft: Draft, path: Path) -> Robot:
+    """The robot as the draft has it, in a file that is thrown away."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "robot.toml"
+        place.write_text(draft.text(path.resolve().as_posix()), encoding="utf-8")
+        return load_robot(place)
+
+
+def _camera(robot: Robot, threads: int | None) -> str:
+    """The side from which markers move most, and where that is the same, lie farthest apart."""
+    spread = np.zeros(3)
+    for plane in PLANES.values():
+        seen = replace(robot, plane=plane)
+        positions = np.concatenate([trial.track.positions for trial in moved(seen, threads)])
+        spread[list(plane)] = positions.std(axis=0).mean(axis=0) + _REST_SHARE * positions[0].std(axis=0)
+    return max(PLANES, key=lambda name: round(float(np.sum(spread[list(PLANES[name])])), 9))
+
+
+def _unfit(one: Probe) -> str | None:
+    """Why a parameter is only suggested; None where it shows."""
+    failure = one.refused or one.lower.failure or one.upper.failure
+    if failure is not None:
+        return f"at a bound the model can't be simulated; choose other bounds ({failure})"
+    if one.distance < FAINT:
+        return f"it moves the markers by less than {1e3 * FAINT:g} mm"
+    return None
+
+
+def _way(model: Path, folder: Path) -> str:
+    """To the model from the robot file's folder; the whole path where there is none."""
+    try:
+        return Path(os.path.relpath(model.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # on another drive
+        return model.resolve().as_posix()

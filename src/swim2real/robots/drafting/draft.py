@@ -1,0 +1,182 @@
+"""A robot file in the making, and its text."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import chain, count
+from textwrap import fill
+
+import mujoco
+
+from swim2real.robots.attributes import class_name
+from swim2real.robots.drafting.candidate import Candidate
+from swim2real.robots.drafting.fluid import fluid
+from swim2real.robots.drafting.gains import actuators
+from swim2real.robots.drafting.masses import masses
+from swim2real.robots.drafting.passive import joints, tendons
+from swim2real.robots.drafting.sensors import sensor_lines
+
+_WIDTH = 110
+
+
+@dataclass(frozen=True)
+class Draft:
+    """What a new robot file says.
+
+    Attributes:
+        name: Of the robot.
+        title: Of the model's file.
+        spec: The model.
+        markers: Sites, in the order of the model.
+        routing: Sites that are none, since tendons run through them.
+        frame: Two markers on one body of a robot that travels; None for one that doesn't.
+        candidates: By name.
+        camera: Side from which it moves most.
+        aside: Why candidates are only suggested, by name.
+    """
+
+    name: str
+    title: str
+    spec: mujoco.MjSpec
+    markers: tuple[str, ...]
+    routing: tuple[str, ...]
+    frame: tuple[str, str] | None
+    candidates: Mapping[str, Candidate]
+    camera: str = "above"
+    aside: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    @property
+    def calibrated(self) -> list[str]:
+        """Names of the candidates that the file calibrates."""
+        return [name for name in self.candidates if name not in self.aside]
+
+    def text(self, model: str) -> str:
+        """The file.
+
+        Args:
+            model: The way to the model, from the file.
+        """
+        parts = [self._head(model), self._trials(), "\n".join(self._parameters())]
+        return "\n".join(parts).rstrip() + "\n"
+
+    def _head(self, model: str) -> str:
+        lines = [
+            f"# A robot file, begun from {self.title}. What it suggests but doesn't use is behind #.",
+            "# `swim2real check` says what each parameter moves, and draws the markers.",
+            "format = 1",
+            f"name = {_text(self.name)}",
+            "# say in two to five sentences what it is, where its markers are, what drives it and which way it moves",
+            f'description = """\n{_folded(self._description())}"""',
+            f"model = {_text(model)}",
+            f"camera = {_text(self.camera)}  # above (x right, y up), side (x right, z up) or front (y right, z up)",
+            "",
+            "# sites that carry a marker, in the order in which they are tracked",
+        ]
+        if self.routing:
+            lines.append(f"# tendons run through these sites, so they are left out: {', '.join(self.routing)}")
+        lines += [f"markers = {_list(self.markers)}", "# lines of pictures; left out: from each marker to the next"]
+        return "\n".join([*lines, f"# links = [{_list(self.markers[:2])}]", ""])
+
+    def _description(self) -> str:
+        bodies = [body.name for body in self.spec.bodies if body.name not in ("", "world")]
+        driven = [actuator.name for actuator in self.spec.actuators if actuator.name]
+        joints = [joint.name for joint in self.spec.joints if joint.name]
+        found = [f"A robot of {len(self.spec.bodies) - 1} bodies" + _named(bodies)]
+        found.append(f"{len(self.spec.joints)} joints" + _named(joints))
+        found.append(f"{len(driven)} actuators" + _named(driven) if driven else "no actuator")
+        return f"{found[0]}, {found[1]} and {found[2]}. Its markers are {_spoken(self.markers)}."
+
+    def _trials(self) -> str:
+        keys = [key.name for key in self.spec.keys if key.name]
+        starts = "rest, markers (the pose that fits the markers of the first frames)"
+        starts += f" or a keyframe: {', '.join(keys)}" if keys else ""
+        lines = ["[recordings]", f"# {starts}", 'start = "markers"']
+        if self.frame is None:
+            lines += ["# compare in the frame of two markers; left out: in the world", f"# {self._frame(self.markers)}"]
+        else:
+            lines += [
+                "# compare in the frame of two markers; it travels from the second toward the first, or swap them"
+            ]
+            lines += [self._frame(self.frame), "travels = true  # whether a speed means something"]
+        driven = [actuator.name for actuator in self.spec.actuators if actuator.name]
+        unnamed = len(self.spec.actuators) - len(driven)
+        if unnamed:
+            lines.append(f"# {unnamed} actuators have no name and get 0; name them in {self.title} to drive them")
+        if driven:
+            lines += [
+                "", "[recordings.controls]",
+                '# "table" (its column of a trial\'s controls), "frequency" (2 pi times its frequency), a number, or',
+                "# {amplitude = 1.0, phase = 0.0, offset = 0.0} (a sine at the trial's frequency)",
+                *(f'{_key(name)} = "table"' for name in driven),
+            ]  # fmt: skip
+        sensors = list(sensor_lines(self.spec))
+        if sensors:
+            lines += ["", "# what is compared beside the markers: an error of one unit counts as `worth` meters"]
+            lines += ["# [recordings.sensors]", *(f"# {line}" for line in sensors)]
+        return "\n".join([*lines, ""])
+
+    def _frame(self, markers: tuple[str, ...]) -> str:
+        return f"frame = {_list(markers[:2])}"
+
+    def _parameters(self) -> Iterator[str]:
+        for kind, elements in (("joints", self.spec.joints), ("geoms", self.spec.geoms)):
+            unnamed = sum(not element.name for element in elements)
+            if unnamed:
+                classes = ", ".join(sorted({class_name(element) for element in elements}))
+                yield f"# {unnamed} {kind} have no name: parameters write to names, or to all of a class ({classes})\n"
+        for name in sorted(self.candidates, key=lambda name: name in self.aside):
+            yield from self._parameter(name, self.candidates[name])
+            yield ""
+
+    def _parameter(self, name: str, one: Candidate) -> Iterator[str]:
+        aside = self.aside.get(name)
+        if aside is not None:
+            yield f"# left out: {aside}"
+        if one.group:
+            yield f"# one value for {', '.join(one.group)}; for more, copy this table and name some in each"
+        lines = ["[[parameters]]", f"name = {_text(name)}", f"unit = {_text(one.unit)}", f"lower = {one.lower!r}"]
+        lines += [f"upper = {one.upper!r}", 'scale = "log"']
+        if one.log_offset:
+            lines.append(f"log_offset = {one.log_offset:.3g}")
+        lines.append(f"meaning = {_text(one.meaning)}")
+        writes = [f"{{to = {_text(line)}, relative = true}}" if one.relative else _text(line) for line in one.writes]
+        lines.append(f"writes = {writes[0] if len(writes) == 1 else '[' + ', '.join(writes) + ']'}")
+        yield from lines if aside is None else (f"# {line}" for line in lines)
+
+
+def candidates(spec: mujoco.MjSpec, model: mujoco.MjModel) -> dict[str, Candidate]:
+    """All candidates of a model, each under a name of its own."""
+    found: dict[str, Candidate] = {}
+    for one in (*joints(spec, model), *tendons(spec, model), *actuators(spec), *fluid(spec), *masses(spec)):
+        own = one.name if one.name.startswith(one.kind) else f"{one.kind}_{one.name}"
+        tries = chain((one.name, own), (f"{own}_{i}" for i in count(2)))
+        found[next(name for name in tries if name not in found)] = one
+    return found
+
+
+def _named(names: list[str]) -> str:
+    return f" ({', '.join(names)})" if names else ""
+
+
+def _spoken(names: tuple[str, ...]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _folded(text: str) -> str:
+    return fill(text.replace("\\", "/").replace('"', "'"), _WIDTH, break_long_words=False, break_on_hyphens=False)
+
+
+def _list(names: tuple[str, ...]) -> str:
+    return f"[{', '.join(map(_text, names))}]"
+
+
+def _text(text: str) -> str:
+    """A TOML string."""
+    return f"'{text}'" if '"' in text and "'" not in text else json.dumps(text, ensure_ascii=False)
+
+
+def _key(name: str) -> str:
+    """A TOML key."""
+    return name if name.isascii() and name.replace("_", "").replace("-", "").isalnum() else _text(name)
