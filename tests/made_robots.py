@@ -4,7 +4,7 @@ from pathlib import Path
 
 ARM = """
 <mujoco model="arm">
-  <option timestep="0.002" density="1000" viscosity="0.001"/>
+  <option timestep="0.002" integrator="implicitfast" density="1000" viscosity="0.001"/>
   <default>
     <joint damping="0.02"/>
     <default class="wet"><geom fluidshape="ellipsoid" fluidcoef="0.5 0.25 1.5 1 1"/></default>

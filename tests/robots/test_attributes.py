@@ -1,8 +1,8 @@
 import mujoco
 import numpy as np
 import pytest
-from made_robots import ARM
 
+from made_robots import ARM
 from swim2real.robots.attributes import attribute, attribute_names, class_name
 
 KINDS = ("bodies", "joints", "geoms", "sites", "tendons", "actuators", "equalities")

@@ -4,8 +4,8 @@ import textwrap
 import mujoco
 import numpy as np
 import pytest
-from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, parameter
 
+from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, parameter
 from swim2real.errors import ArgumentError, ParameterError, RobotError
 from swim2real.robots import robot_file, robot_named
 from swim2real.robots.file import load_robot, open_robot_file

@@ -1,9 +1,9 @@
 import textwrap
 
 import pytest
-from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made
 from test_file import INCLUDED, MESHED, TETRAHEDRON
 
+from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made
 from swim2real.robots.fingerprint import fingerprint
 
 WHOLE = (ROBOT, RECORDINGS, DAMPING)

@@ -1,8 +1,8 @@
 import mujoco
 import numpy as np
 import pytest
-from made_robots import ARM
 
+from made_robots import ARM
 from swim2real.errors import RobotError
 from swim2real.robots.compiled import compiled, numbers, same
 from swim2real.robots.writes import Write

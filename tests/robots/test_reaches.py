@@ -1,0 +1,97 @@
+import pytest
+
+from made_robots import ARM, RECORDINGS, ROBOT, made, parameter
+from swim2real.errors import RobotError
+from swim2real.robots.file import load_robot, open_robot_file
+from swim2real.robots.idle import why_idle
+from swim2real.robots.probing import reaches
+
+
+def second(text: str) -> str:
+    return text.replace('"x"', '"y"')
+
+
+def test_a_parameter_reaches_the_model_or_does_not(tmp_path):
+    mass = second(parameter("'body \"upper\" mass'", 0.1, 1.0, "value = 0.1"))
+    robot = load_robot(made(tmp_path, ROBOT, RECORDINGS, parameter("'joint \"link0\" damping'"), mass))
+    first, other = reaches(robot)
+    assert (first.parameter.name, first.lower, first.upper, first.changes) == ("x", None, None, True)
+    assert (other.parameter.name, other.lower, other.upper, other.changes) == ("y", None, None, False)
+
+
+def test_a_bound_at_which_the_model_does_not_compile_is_told(tmp_path):
+    angle = parameter("'joint \"link0\" range[0]'", -40.0, 70.0)
+    found = reaches(load_robot(made(tmp_path, ROBOT, RECORDINGS, angle)))[0]
+    assert found.lower is None
+    assert found.changes
+    assert found.upper is not None
+    assert found.upper.startswith("robot 'arm', x = 70: the model doesn't compile: Error: range[0] should be smaller")
+
+
+def test_a_robot_whose_own_model_does_not_compile_is_refused(tmp_path, monkeypatch):
+    robot = load_robot(made(tmp_path, ROBOT, RECORDINGS, parameter("'joint \"link0\" damping'")))
+    broken = robot.build(robot.space.published)
+    broken.joint("link0").range = [2.0, 1.0]
+    object.__setattr__(robot, "build", lambda values: broken.copy())
+    with pytest.raises(RobotError) as caught:
+        reaches(robot)
+    assert str(caught.value).startswith("robot 'arm': the model doesn't compile: ")
+
+
+STIFF = ARM.replace('<joint name="link1"', '<joint name="link1" springdamper="0.1 1"')
+NO_CONTACT = ARM.replace("<option", '<option><flag contact="disable" frictionloss="disable"/></option><option')
+
+
+@pytest.mark.parametrize(
+    ("writes", "model", "says"),
+    [
+        ("body \"upper\" mass", ARM, "body 'upper' has no <inertial>, so its mass comes from its geoms"),
+        ("geom \"rod0\" density", ARM, "geom 'rod0' has a mass, which counts instead of its density"),
+        ("geom \"rod1\" mass", ARM, "body 'lower' has an <inertial>, which counts instead of geom 'rod1'"),
+        ("geom \"rod0\" fluidcoef[0]", ARM, "geom 'rod0' has no fluidshape=\"ellipsoid\""),
+        ("geom class \"wet\" fluidcoef[0]", ARM.replace('density="1000"', 'density="0"'),
+         "option density is 0, so there is no fluid"),
+        ("geom \"rod1\" friction[0]", ARM.replace('name="rod1"', 'name="rod1" contype="0" conaffinity="0"'),
+         "geom 'rod1' touches nothing, since its contype and conaffinity are 0"),
+        ("geom \"rod1\" friction[0]", NO_CONTACT, "the flag contact of the model's option is off"),
+        ("joint \"link0\" frictionloss", NO_CONTACT, "the flag frictionloss of the model's option is off"),
+        ("joint \"link1\" damping", STIFF, "joint 'link1' has a springdamper, which sets its stiffness and damping"),
+        ("joint \"link1\" springref", ARM.replace('stiffness="2"', ""), "joint 'link1' has no stiffness"),
+        ("joint \"link1\" range[1]", ARM, "joint 'link1' has no limits"),
+        ("tendon \"cable\" springlength[1]", ARM.replace('stiffness="40"', ""), "tendon 'cable' has no stiffness"),
+        ("actuator \"torque\" gear[0]", ARM, "no control drives actuator 'torque'"),
+        ("equality \"gear\" polycoef[1]", ARM, "equality 'gear' isn't active"),
+        ("joint \"link0\" damping", ARM, None),
+        ("geom \"rod*\" density", ARM, "geom 'rod0' has a mass, which counts instead of its density; body 'lower' has "
+         "an <inertial>, which counts instead of geom 'rod1'"),
+        ("option density", ARM, None),
+    ],
+)  # fmt: skip
+def test_why_a_parameter_changes_nothing_is_told(tmp_path, writes, model, says):
+    place = made(tmp_path, ROBOT, RECORDINGS, parameter(f"'{writes}'", more="value = 1.0"), model=model)
+    assert why_idle(open_robot_file(place), load_robot(place), "x") == says
+
+
+def test_what_is_fixed_to_the_world_has_no_mass(tmp_path):
+    fixed = '<body name="post"><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/><geom name="post" size="1"/></body>'
+    model = ARM.replace("<worldbody>", f"<worldbody>{fixed}")
+    place = made(tmp_path, ROBOT, RECORDINGS, parameter("'body \"post\" mass'"), model=model)
+    assert why_idle(open_robot_file(place), load_robot(place), "x") == "body 'post' is fixed to the world"
+
+
+def test_a_control_of_0_drives_nothing(tmp_path):
+    gear = parameter("'actuator \"torque\" gear[0]'")
+    for control, says in (("0", "no control drives actuator 'torque'"), ('"table"', None)):
+        place = made(tmp_path, ROBOT, f"[recordings.controls]\ntorque = {control}\n", gear)
+        assert why_idle(open_robot_file(place), load_robot(place), "x") == says
+
+
+def test_a_number_that_another_parameter_replaces_is_told(tmp_path):
+    one, two = parameter("'joint \"link0\" damping'"), parameter("'joint \"link*\" damping'")
+    place = made(tmp_path, ROBOT, RECORDINGS, one, second(two))
+    file, robot = open_robot_file(place), load_robot(place)
+    assert why_idle(file, robot, "x") == "parameter 'y' writes to the same place after it"
+    assert why_idle(file, robot, "y") is None
+    relative = parameter("{to = 'joint \"link0\" damping', relative = true}", 0.1, 2.0)
+    place = made(tmp_path, ROBOT, RECORDINGS, one, second(relative))
+    assert why_idle(open_robot_file(place), load_robot(place), "x") is None

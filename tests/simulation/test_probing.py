@@ -1,0 +1,180 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_robots import ARM, ROBOT, made, parameter
+from small_models import PENDULUM
+from swim2real.errors import EngineError
+from swim2real.robots.file import load_robot
+from swim2real.robots.fish import FISH
+from swim2real.simulation.excitation import SECONDS, excitation
+from swim2real.simulation.misfits import misfits
+from swim2real.simulation.playback import Player
+from swim2real.simulation.probing import NOISE, moved, probe
+from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
+
+DRIVEN = """
+[recordings]
+start = "START"
+[recordings.controls]
+servo = "table"
+torque = "table"
+[recordings.sensors]
+angle = {unit = "rad", worth = 0.1}
+"""
+SWINGING = ROBOT.replace('["base", "elbow", "tip"]', '["pivot", "elbow", "tip"]')
+
+
+@pytest.fixture
+def robot_of(tmp_path):
+    """A robot with these parameters; the arm, driven, unless another one is given."""
+
+    def load(*parts: str, start: str = "rest", model: str = ARM, text: str = ROBOT, trials: str = DRIVEN):
+        return load_robot(made(tmp_path, text, trials.replace("START", start), *parts, model=model))
+
+    return load
+
+
+def pendulum(robot_of, *parts: str, start: str = "markers", model: str = PENDULUM):
+    return robot_of(*parts, start=start, model=model, text=SWINGING, trials='[recordings]\nstart = "START"\n')
+
+
+def test_what_moves_the_markers_and_what_does_not(robot_of):
+    stiff = parameter("'joint \"link1\" stiffness'", 0.5, 8.0)
+    unused = parameter("'body \"upper\" mass'", 0.1, 1.0, "value = 0.1").replace('"x"', '"y"')
+    unseen = parameter("'geom \"rod0\" friction[0]'", 0.1, 2.0).replace('"x"', '"z"')
+    first, second, third = probe(robot_of(stiff, unused, unseen), threads=1)
+    assert min(first.lower.distance, first.upper.distance) > 1e-4
+    assert not first.idle
+    assert (second.reach.changes, second.distance, second.idle) == (False, 0.0, True)
+    assert (third.reach.changes, third.idle) == (True, True)
+    assert third.distance <= NOISE
+
+
+def test_distances_grow_with_the_change_and_are_the_mean_over_markers(robot_of):
+    near, far = (
+        probe(robot_of(parameter("'joint \"link1\" stiffness'", 2 - step, 2 + step)), threads=1)[0]
+        for step in (0.01, 0.1)
+    )
+    assert far.upper.distance / near.upper.distance == pytest.approx(10, rel=0.2)
+    assert far.lower.distance / near.lower.distance == pytest.approx(10, rel=0.2)
+
+
+def test_a_pendulum_that_hangs_at_rest_shows_nothing_and_one_that_swings_does(robot_of):
+    damping = parameter("'joint \"shoulder\" damping'", 0.0, 0.1)
+    assert probe(pendulum(robot_of, damping, start="rest"), threads=1)[0].idle
+    swung = probe(pendulum(robot_of, damping), threads=1)[0]
+    assert swung.lower.distance == 0.0  # where the model is already
+    assert swung.upper.distance > 0.01
+
+
+def test_a_bound_that_cannot_be_simulated_is_told_and_is_no_idle_parameter(robot_of):
+    step = parameter("'option timestep'", 0.002, 0.5, "value = 0.002")
+    found = probe(robot_of(step), threads=1)[0]
+    assert found.upper.failure is not None
+    assert "diverged" in found.upper.failure
+    assert np.isnan(found.upper.distance)
+    assert not found.idle
+    angle = parameter("'joint \"link0\" range[0]'", -40.0, 70.0)
+    refused = probe(robot_of(angle), threads=1)[0]
+    assert refused.refused == refused.upper.failure
+    assert "doesn't compile" in refused.refused
+
+
+def test_a_robot_that_diverges_by_itself_is_refused(robot_of):
+    model = PENDULUM.replace('timestep="0.002"', 'timestep="0.002" gravity="1e9 0 0"')
+    with pytest.raises(EngineError) as caught:
+        probe(pendulum(robot_of, parameter("'joint \"shoulder\" armature'", 0.0, 1.0), model=model), threads=1)
+    assert str(caught.value).startswith(
+        "robot 'arm' can't be simulated with its own values: trial 'excitation': the simulation diverged "
+    )
+    assert str(caught.value).endswith("; mend the model or the parameters' values")
+
+
+def test_sensors_count_by_their_worth(robot_of):
+    stiff = parameter("'joint \"link1\" stiffness'", 0.5, 8.0)
+    plain, worth = robot_of(stiff), robot_of(stiff, trials=DRIVEN.replace("worth = 0.1", "worth = 1.1"))
+    sensors = replace(plain, trials=replace(plain.recordings, sensors=()))
+    none, some, more = (probe(one, threads=1)[0].upper.distance for one in (sensors, plain, worth))
+    assert more - none == pytest.approx(11 * (some - none), rel=1e-6)
+    assert some > none
+
+
+def test_an_excitation_stays_within_ranges(robot_of):
+    model = ARM.replace('name="torque"', 'name="torque" ctrlrange="0 4" ctrllimited="true"')
+    robot = robot_of(parameter("'joint \"link0\" damping'"), start="markers", model=model)
+    trial = excitation(robot, 1.0)
+    controls = trial.controls
+    assert controls.names == ("servo", "torque")
+    assert np.ptp(controls.column("servo")) == pytest.approx(1.0, rel=1e-2)
+    assert controls.column("torque").min() == pytest.approx(1.0, abs=1e-2)
+    assert controls.column("torque").max() == pytest.approx(3.0, abs=1e-2)
+    low, high = np.deg2rad([-30, 60])
+    assert low < trial.start["link0"] < high
+    assert trial.start["link1"] == pytest.approx(0.3)
+    assert trial.track.duration == pytest.approx(SECONDS)
+    still = excitation(robot, 0.0)
+    assert np.ptp(still.controls.values, axis=0).max() == 0
+    assert all(value == 0 for value in still.start_velocities.values())
+
+
+def test_a_robot_that_would_be_thrown_about_is_moved_less(robot_of):
+    strong = ARM.replace('kp="5"', 'kp="5000" forcerange="-5000 5000"').replace('gear="2"', 'gear="2000"')
+    robot = robot_of(parameter("'joint \"link0\" damping'"), model=strong)
+    trial = moved(robot, threads=1).trials[0]
+    assert trial.divergence is None
+    assert np.abs(trial.track.positions).max() < 1.0
+
+
+def recorded(robot, **changes) -> TrialSet:
+    """What a robot does under its excitation, as if it had been filmed."""
+    trial = excitation(robot, 1.0)
+    player = Player(robot, 1)
+    made = player.play(robot.space.published, [player.prepared(trial)]).trials[0]
+    real = replace(made, controls=trial.controls, start=trial.start, start_velocities=trial.start_velocities)
+    return TrialSet((replace(real, **changes),), robot.marker_names)
+
+
+def test_real_trials_are_used_where_there_are_some(robot_of):
+    robot = robot_of(parameter("'actuator \"torque\" gear[0]'", 1.0, 4.0))
+    reference = recorded(robot)
+    assert misfits(robot, reference) == []
+    usual = probe(robot, threads=1)[0]
+    same = probe(robot, reference, threads=1)[0]
+    assert same.upper.distance == pytest.approx(usual.upper.distance, rel=1e-9)
+    controls = reference.trials[0].controls
+    still = recorded(robot, controls=Signals(controls.times, controls.names, 0 * controls.values))
+    assert probe(robot, still, threads=1)[0].idle
+
+
+def test_what_does_not_fit_a_robot_is_told(robot_of):
+    robot = robot_of(parameter("'joint \"link0\" damping'"))
+    reference = recorded(robot)
+    trial = reference.trials[0]
+    column = Signals(trial.controls.times, ("servo", "motor"), trial.controls.values)
+    assert misfits(robot, recorded(robot, controls=column, sensors=None)) == [
+        "trial 'excitation': the controls don't drive actuator 'torque': there is no column 'torque'; there are "
+        "servo, motor",
+        "trial 'excitation' has no readings of angle; it has none; add columns of these names to its table of sensors, "
+        "or take the sensors out of the robot file",
+    ]
+    assert misfits(robot, TrialSet(reference.trials, ("base", "tip", "elbow"))) == [
+        "the reference has the markers base, tip, elbow; robot 'arm' has base, elbow, tip; name them alike, in the "
+        "same order"
+    ]
+
+
+def test_a_swimmers_trials_need_its_markers_only():
+    track = MarkerTrack([0.0, 1.0], np.zeros((2, 9, 2)))
+    trial = Trial("swim", track)
+    assert misfits(FISH, TrialSet((trial,), FISH.marker_names)) == []
+    assert len(misfits(FISH, TrialSet((trial,), tuple("abcdefghi")))) == 1
+
+
+@pytest.mark.slow
+def test_every_parameter_of_the_fish_shows():
+    found = probe(FISH)
+    assert [one.parameter.name for one in found] == list(FISH.space.names)
+    assert min(one.distance for one in found) > 1e-4
+    assert not any(one.refused or one.lower.failure or one.upper.failure for one in found)
