@@ -55,7 +55,7 @@ def split(run: ReportedRun) -> tuple[SplitRow, ...]:
     for sensor in about.sensors:
         worth = f"An error of 1 {sensor.unit} counts as {significant(1e3 * sensor.worth)} mm."
         meaning = f"Mean difference of the readings. {worth}"
-        found.append(row(f"Sensor {sensor.name}", f"{_SENSOR}: {sensor.name}", _reading(sensor), meaning))
+        found.append(row(f"Sensor {sensor.name}", f"{_SENSOR}.{sensor.name}", _reading(sensor), meaning))
     if about.travels:
         found.append(length("Speed", "velocity_error", "Mean difference in speed along the line of travel.", "mm/s"))
     if about.frame is not None:

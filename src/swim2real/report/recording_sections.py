@@ -30,6 +30,7 @@ class RecordingSections(Sections):
     template = "recordings.html.j2"
     file = RECORDINGS
     drawn = ("marker paths", "errors over time")
+    unused = ("start",)
 
     recordings: tuple[RecordingPair, ...] = ()
 

@@ -43,11 +43,13 @@ class Sections(ABC):
         template: Of the page; it extends `run.html.j2`.
         file: In which a run keeps its trials, real and simulated.
         drawn: What is drawn of them, in words.
+        unused: Settings that mean nothing for them.
     """
 
     template: ClassVar[str]
     file: ClassVar[str]
     drawn: ClassVar[tuple[str, str]]
+    unused: ClassVar[tuple[str, ...]] = ()
 
     @property
     @abstractmethod

@@ -10,6 +10,8 @@ from swim2real.report.units import significant
 
 _LABELS = {
     "robot": "Robot",
+    "robot_file": "Robot file",
+    "robot_fingerprint": "Robot fingerprint (sha256)",
     "method": "Method",
     "advisor": "Advisor",
     "protocol": "Protocol",
@@ -31,7 +33,8 @@ _SHOWN_NUMBERS = 3
 def settings_rows(run: ReportedRun) -> tuple[tuple[str, str], ...]:
     """Every setting as label and text; those that this version doesn't know under their own names."""
     known = [name for name in _LABELS if name in run.settings]
-    others = [name for name in run.settings if name not in _LABELS and name not in _APART]
+    apart = (*_APART, *run.sections.unused)
+    others = [name for name in run.settings if name not in _LABELS and name not in apart]
     rows = [(_LABELS.get(name, name), _text(run.settings[name])) for name in (*known, *others)]
     return (
         *rows,

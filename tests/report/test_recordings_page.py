@@ -1,0 +1,309 @@
+"""The page of a run whose trials are recordings: what it shows, and no word of what its robot hasn't."""
+
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_report import EVIL, visible
+
+from recorded import (
+    FLOATER,
+    PENDULUM,
+    PENDULUM_HIDDEN,
+    floater_reference,
+    pendulum_reference,
+    telling,
+)
+from swim2real.calibration import PlaybackProblem, RunFolder, conclude, load_recordings
+from swim2real.objective import Comparison
+from swim2real.optimizers import Proposal, ScriptedAdvisor
+from swim2real.pipeline import Settings, run
+from swim2real.pipeline import calibration as pipeline
+from swim2real.report import write_report
+from swim2real.report.page import content
+from swim2real.report.palette import COLORS
+from swim2real.report.reading import read_run
+from swim2real.report.recording_figures import paths, view
+from swim2real.report.recording_sections import RecordingSections
+from swim2real.robots.robot import Robot, Sensor
+from swim2real.simulation import Player
+from swim2real.trials import MarkerTrack, TrialSet
+
+FOREIGN = (
+    "swim", "thrust", "beat", "registration", "registered", "eq. 1", "fish", "water", "published", "frequency", "tail",
+    "aligned", "motor angle",
+)  # fmt: skip
+
+
+def blinded(reference: TrialSet) -> TrialSet:
+    """The last marker is lost in a few frames of every trial."""
+    trials = []
+    for trial in reference:
+        positions = trial.track.positions.copy()
+        positions[20:28, -1] = np.nan
+        trials.append(replace(trial, track=MarkerTrack(trial.track.times, positions)))
+    return TrialSet(tuple(trials), reference.marker_names)
+
+
+def settings(hold_out: str, **more) -> Settings:
+    return Settings(**{"method": "least-squares", "budget": 4, "threads": 2, "hold_out": (hold_out,), **more})
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory) -> Path:
+    """A finished run with a sensor, compared in the world. Don't write into it."""
+    folder = tmp_path_factory.mktemp("pendulum") / "run"
+    run(blinded(pendulum_reference(1e-3)), PENDULUM, settings("b"), folder, sensitivity=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def floater(tmp_path_factory) -> Path:
+    """A finished run that travels, compared in a frame. Don't write into it."""
+    folder = tmp_path_factory.mktemp("floater") / "run"
+    run(blinded(floater_reference(1e-3)), FLOATER, settings("fast"), folder)
+    return folder
+
+
+@pytest.fixture
+def copied(pendulum: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(pendulum, tmp_path / "run"))
+
+
+def page_of(folder: Path, robot: Robot) -> str:
+    return write_report(folder, robot).read_text(encoding="utf-8")
+
+
+def shown_of(folder: Path, robot: Robot) -> dict:
+    return content(read_run(folder, robot))
+
+
+def test_a_run_with_a_sensor_shows_everything_that_there_is(pendulum: Path) -> None:
+    shown = visible(page_of(pendulum, PENDULUM))
+    figures = RunFolder(pendulum).outcome()["fit"]
+    unseen = RunFolder(pendulum).outcome()["held_out"]
+    error, out_error = (f"{one['sensor_errors']['gyro[1]']:.4g} rad/s" for one in (figures, unseen))
+    for words in (
+        f"Playback error {1e3 * figures['loss']:.1f} mm first evaluation", f"held-out trials {out_error}",
+        f"Sensor gyro[1] {error} first evaluation", "An error of 1 rad/s counts as 1 mm.", "sensor_errors.gyro[1]",
+        "Mean distance between simulated and real markers at the same times.", "4 of 4 evaluations",
+        "Protocol playback", "Convergence", "Real and simulated", "Error of each marker", "Constant offset in numbers",
+        "Difference in amplitude in numbers", "Uncalibrated", "Damping of the shoulder.", "Length (s)",
+        "gyro[1] (rad/s)", "check the track", "end is lost in 5 % of frames", "held out", "Fluid fingerprint".lower(),
+    ):  # fmt: skip
+        assert words in shown, words
+
+
+def test_no_word_is_of_what_a_pendulum_hasnt(pendulum: Path) -> None:
+    shown = visible(page_of(pendulum, PENDULUM)).lower().replace("swim2real", "")
+    assert [word for word in FOREIGN if word in shown] == []
+    assert [word for word in ("speed", "heading", "shape", "way over", "travel") if word in shown] == []
+    labels = json.dumps(shown_of(pendulum, PENDULUM)["plots"]["figures"]).lower()
+    assert [word for word in FOREIGN if word in labels] == []
+
+
+def test_a_robot_that_travels_shows_speed_heading_and_shape(floater: Path) -> None:
+    page = page_of(floater, FLOATER)
+    shown = visible(page)
+    for words in (
+        "in the frame of nose and neck, with the difference in how far they have come", "Speed velocity_error",
+        "Heading heading_error", "Shape shape_error", "mm/s", "°", "Real speed (mm/s)", "Frequency (Hz)", "1.60",
+        "Way: how far it has come along its line of travel",
+    ):  # fmt: skip
+        assert words in shown, words
+    assert "Playback error" not in shown  # without sensors it is the marker error
+    assert "ensor" not in shown
+    assert 'id="plot-way-0"' in page
+
+
+def test_the_same_folder_gives_the_same_page(copied: Path) -> None:
+    assert page_of(copied, PENDULUM) == page_of(copied, PENDULUM)
+
+
+def test_trials_and_errors_are_in_the_units_of_their_headings(pendulum: Path, floater: Path) -> None:
+    trials = shown_of(pendulum, PENDULUM)["trials"]
+    assert trials.columns == ("Length (s)", "Playback error (mm)", "Marker error (mm)", "gyro[1] (rad/s)", "Left out")
+    figures = RunFolder(pendulum).outcome()["fit"]["trials"]["a"]
+    assert trials.rows[0].cells == (
+        "2.50", f"{1e3 * figures['loss']:.1f}", f"{1e3 * figures['marker_error']:.1f}",
+        f"{figures['sensor_errors']['gyro[1]']:.4g}", "1.8 %",
+    )  # fmt: skip
+    error, offset, amplitude = shown_of(floater, FLOATER)["errors"]
+    assert error.trials == ("fast", "slow")
+    assert error.held_out == (True, False)
+    assert error.values[1] == pytest.approx(RunFolder(floater).outcome()["fit"]["trials"]["slow"]["marker_errors"])
+    assert (offset.values <= error.values + 1e-9).all()
+    assert amplitude.values[:, 0] == pytest.approx(0, abs=1e-9)  # the origin of the frame
+
+
+def test_figures_are_plotly_s_and_follow_the_theme(pendulum: Path, floater: Path) -> None:
+    graph_objects = pytest.importorskip("plotly.graph_objects")
+    light = {pair[0] for pair in COLORS.values()}
+    expected = ({"sensor-0-0", "sensor-1-0"}, {"way-0", "way-1"})
+    for folder, robot, own in zip((pendulum, floater), (PENDULUM, FLOATER), expected, strict=True):
+        figures = shown_of(folder, robot)["plots"]["figures"]
+        shared = {"convergence", "error-marker", "error-offset", "error-amplitude"}
+        assert set(figures) == shared | own | {f"{kind}-{i}" for kind in ("paths", "off") for i in range(2)}
+        for name, figure in figures.items():
+            graph_objects.Figure(figure)  # raises for what plotly doesn't know
+            text = json.dumps(figure)
+            assert "NaN" not in text
+            assert set(re.findall(r"#[0-9a-f]{6,8}\b", text)) <= light, name
+            for axis in ("xaxis", "yaxis"):
+                title = figure["layout"][axis]["title"]["text"]
+                assert re.search(r"\((mm|mm/s|s|rad/s)\)$", title) or title in ("evaluation", "marker"), title
+
+
+def test_the_planes_axes_name_the_paths(pendulum: Path, floater: Path) -> None:
+    layout = shown_of(pendulum, PENDULUM)["plots"]["figures"]["paths-0"]["layout"]
+    assert [layout[axis]["title"]["text"] for axis in ("xaxis", "yaxis")] == ["x (mm)", "z (mm)"]
+    layout = shown_of(floater, FLOATER)["plots"]["figures"]["paths-0"]["layout"]
+    assert layout["xaxis"]["title"]["text"] == "from nose toward neck (mm)"
+
+
+def test_lost_frames_are_left_out_of_paths_and_errors(pendulum: Path) -> None:
+    figures = shown_of(pendulum, PENDULUM)["plots"]["figures"]
+    real = next(t for t in figures["paths-0"]["data"] if "end real" in t.get("hovertemplate", ""))
+    assert [i for i, x in enumerate(real["x"]) if x is None] == list(range(20, 28))
+    simulated = next(t for t in figures["paths-0"]["data"] if "end simulated" in t.get("hovertemplate", ""))
+    assert None not in simulated["x"]
+    *markers, mean = figures["off-0"]["data"]
+    assert [i for i, y in enumerate(markers[-1]["y"]) if y is None] == list(range(20, 28))
+    assert None not in mean["y"]
+    assert mean["y"][0] == pytest.approx(np.mean([m["y"][0] for m in markers]), rel=1e-3)
+
+
+def test_links_are_drawn_at_four_instants_or_else_the_markers(pendulum: Path) -> None:
+    trial = load_recordings(RunFolder(pendulum))[0].compared
+    ranges, titles = view([trial]), ("x (mm)", "z (mm)")
+    for links, points in ((PENDULUM.links, 6), ((), 6)):
+        data = paths(trial, PENDULUM.marker_names, links, ranges, titles)["data"]
+        bodies = [trace for trace in data if trace["mode"] == "lines+markers"]
+        assert len(bodies) == 8
+        assert {len(body["x"]) for body in bodies} == {points}
+    opacities = [body["opacity"] for body in bodies[:4]]
+    assert opacities == sorted(opacities)
+
+
+def test_an_interrupted_run_says_what_is_missing(copied: Path) -> None:
+    (copied / "outcome.json").unlink()
+    shown = visible(page_of(copied, PENDULUM))
+    assert "This run has not ended: 4 of 4 evaluations are on record" in shown
+    assert "Marker paths, errors over time, held-out trials" in shown
+    assert "Real and simulated Paths" not in shown
+    assert "Marker error in numbers" in shown
+    assert "end is lost" not in shown
+
+
+def test_missing_recordings_are_said(copied: Path) -> None:
+    (copied / "recordings.npz").unlink()
+    shown = visible(page_of(copied, PENDULUM))
+    assert "has no recordings.npz, so marker paths and errors over time are left out" in shown
+
+
+def test_a_held_out_trial_that_diverged(copied: Path) -> None:
+    class Diverging(PlaybackProblem):
+        def evaluate(self, values, stop_above=None) -> Comparison:
+            found = super().evaluate(values)
+            nowhere = [replace(t, divergence="it grew", world_simulated=np.nan * t.world_real) for t in found.trials]
+            return Comparison(tuple(nowhere), found.protocol, found.horizon)
+
+    fitted, unseen = blinded(pendulum_reference(1e-3)).split(["b"])
+    player, folder = Player(PENDULUM, 2), RunFolder(copied)
+    best = json.loads((copied / "best.json").read_text())["parameters"]
+    conclude(folder, PlaybackProblem(fitted, player), Diverging(unseen, player), best)
+    shown = visible(page_of(copied, PENDULUM))
+    for words in ("simulation diverged", "held-out trials diverged", "The simulation diverged: it grew."):
+        assert words in shown
+    figures = shown_of(copied, PENDULUM)["plots"]["figures"]
+    assert "NaN" not in json.dumps(figures)
+    assert "off-1" not in figures
+
+
+def test_rounds_tell_what_the_advisor_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hidden = PENDULUM.space.to_cube(PENDULUM_HIDDEN)
+    script = [Proposal(hidden, "The lower arm swings too long.", "More damping."), Proposal(hidden[::-1], EVIL)]
+    monkeypatch.setattr(pipeline, "make_advisor", lambda *arguments: ScriptedAdvisor(script))
+    run(pendulum_reference(), PENDULUM, settings("b", method="line-search", horizon=0.5), tmp_path / "run")
+    page = page_of(tmp_path / "run", PENDULUM)
+    shown = visible(page)
+    assert "The lower arm swings too long." in shown
+    assert "1 of 2 rounds were accepted" in shown
+    assert "<script>alert" not in page
+
+
+def test_texts_from_a_robot_file_are_escaped(pendulum: Path, tmp_path: Path) -> None:
+    evil = telling(PENDULUM, sensors=(Sensor("gyro[1]", EVIL, 0.001),))
+    outcome = RunFolder(pendulum).outcome()
+    copy = Path(shutil.copytree(pendulum, tmp_path / "run"))
+    RunFolder(copy).write_json(copy / "outcome.json", {**outcome, "marker_names": [EVIL, "b", "c"]})
+    page = page_of(copy, evil)
+    assert "<script>alert" not in page
+    assert "<img" not in re.sub(r"<script\b.*?</script>", "", page, flags=re.DOTALL)
+    island = re.search(r'<script type="application/json" id="plots">(.*?)</script>', page, re.DOTALL)
+    assert island
+    assert EVIL not in json.dumps(json.loads(island[1]))  # Plotly reads labels as HTML
+
+
+def test_long_recordings_are_thinned_and_many_are_left_out(pendulum: Path) -> None:
+    found = read_run(pendulum, PENDULUM)
+    assert isinstance(found.sections, RecordingSections)
+    pair = found.sections.recordings[0]
+    count, trial = 20_000, pair.compared
+    sensor = trial.sensors[0]
+    long = replace(
+        trial, times=np.arange(count) / 240, weights=np.resize(trial.weights, (count, 3)),
+        world_real=np.resize(trial.world_real, (count, 3, 2)),
+        world_simulated=np.resize(trial.world_simulated, (count, 3, 2)),
+        sensors=(replace(sensor, times=np.arange(count) / 240, real=np.resize(sensor.real, count),
+                         simulated=np.resize(sensor.simulated, count)),),
+    )  # fmt: skip
+    many = tuple(replace(pair, compared=replace(long, name=f"t{i}")) for i in range(40))
+    shown = content(replace(found, sections=RecordingSections(many)))
+    assert len(shown["recordings"]) == 24
+    assert len(json.dumps(shown["plots"])) < 8e6
+
+
+LOOK = """
+<script>addEventListener("load", () => {
+  const said = document.createElement("pre"); said.id = "said";
+  said.textContent = JSON.stringify([document.documentElement.scrollWidth, innerWidth]);
+  document.body.append(said);
+});</script></body>"""
+
+
+@pytest.mark.parametrize(
+    ("width", "dark"), [(1200, False), (1200, True), (500, False)], ids=["light", "dark", "narrow"]
+)
+def test_a_browser_draws_every_figure(pendulum: Path, tmp_path: Path, width: int, dark: bool) -> None:
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no Chromium on this machine; install chromium to see that the figures are really drawn")
+    expected = len(shown_of(pendulum, PENDULUM)["plots"]["figures"])
+    page = tmp_path / "page.html"
+    page.write_text(page_of(pendulum, PENDULUM).replace("</body>", LOOK), encoding="utf-8")
+    done = subprocess.run(
+        [
+            browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+            "--disable-background-networking", "--disable-component-update", "--disable-sync",
+            f"--window-size={width},900", f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=20000",
+            "--enable-logging=stderr", f"--blink-settings=preferredColorScheme={0 if dark else 1}", "--dump-dom",
+            page.as_uri(),
+        ],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert "CONSOLE" not in done.stderr, done.stderr[-2000:]
+    drawn = re.sub(r"<script\b.*?</script>", "", done.stdout, flags=re.DOTALL)
+    assert len(re.findall(r'class="plot[^"]*js-plotly-plot', drawn)) == expected
+    assert "This figure could not be drawn" not in drawn
+    red, green, blue = (int(COLORS["real"][dark][i : i + 2], 16) for i in (1, 3, 5))
+    assert f"rgb({red}, {green}, {blue})" in drawn
+    said = re.search(r'<pre id="said">(.*?)</pre>', drawn)
+    assert said
+    needed, there = json.loads(said[1])
+    assert needed <= there
