@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, floater_reference, pendulum_reference, recorded
+from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, PENDULUM_HIDDEN, floater_reference, pendulum_reference, recorded
 from swim2real.calibration import RunFolder, load_recordings
 from swim2real.cli import tables
 from swim2real.errors import ArgumentError
@@ -88,6 +88,15 @@ def test_hidden_parameters_are_recovered(tmp_path, seed):
     run(floater_reference(1e-4), FLOATER, settings("least-squares", 40, seed=seed), tmp_path / "run")
     found = read_parameters(tmp_path / "run", FLOATER.name, FLOATER.space).values
     assert found == pytest.approx(FLOATER_HIDDEN, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_hidden_parameters_are_recovered_where_the_start_is_unknown(tmp_path, seed):
+    """Two recordings of a double pendulum that begin in motion, with half a millimeter of noise."""
+    run(pendulum_reference(5e-4), PENDULUM, settings("least-squares", 60, seed=seed, horizon=1.0), tmp_path / "run")
+    found = read_parameters(tmp_path / "run", PENDULUM.name, PENDULUM.space).values
+    assert found == pytest.approx(PENDULUM_HIDDEN, rel=0.02)
 
 
 def test_a_simulated_recording_is_a_reference(tmp_path):
