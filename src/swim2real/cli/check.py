@@ -6,15 +6,15 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 from rich.markup import escape
 
 from swim2real.cli.calibrate import threads
 from swim2real.cli.robot_arguments import Check
 from swim2real.cli.tables import console, millimeters, table
 from swim2real.errors import ArgumentError, MissingExtraError
+from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
-from swim2real.rendering.swim_encoding import to_png
+from swim2real.rendering.encoding import to_png
 from swim2real.robots import ROBOTS, robot_file, robot_named
 from swim2real.robots.file import PLANES, RobotFile, open_robot_file
 from swim2real.robots.idle import why_idle
@@ -64,8 +64,7 @@ def _moved(robot: Robot, trials: tuple[str, ...] | None) -> None:
     if trials is not None:
         by = f"as in the trials of the reference ({', '.join(trials)})"
     elif isinstance(robot.trials, Recordings):
-        swung = "table" in robot.trials.controls.values()
-        by = f"by sines of {FREQUENCY:g} Hz on what a table drives, " if swung else ""
+        by = f"by what drives a trial, at {FREQUENCY:g} Hz and with sines for tables, " if robot.trials.controls else ""
         by += "from a pose off its rest" if robot.trials.start == "markers" else "from where trials start"
     else:
         by = f"by its motor at {FREQUENCY:g} Hz, from rest"
@@ -118,7 +117,8 @@ def _trials(robot: Robot) -> None:
 
 def _control(control: Control | None) -> str:
     if isinstance(control, Sine):
-        return f"{control.offset:g} + {control.amplitude:g} sin(2π f t + {control.phase:g}), f of the trial"
+        phase, offset = _signed(control.phase), _signed(control.offset)
+        return f"{control.amplitude:g} sin(2π f t{phase}){offset}, f of the trial"
     if isinstance(control, float):
         return f"{control:g} in every trial"
     told: dict[Control | None, str] = {
@@ -127,6 +127,10 @@ def _control(control: Control | None) -> str:
         None: "nothing, so 0",
     }
     return told[control]
+
+
+def _signed(number: float) -> str:
+    return "" if number == 0 else f" {'-' if number < 0 else '+'} {abs(number):g}"
 
 
 def _wrong(file: RobotFile, robot: Robot, one: Probe) -> Iterator[str]:
@@ -159,14 +163,11 @@ def _draw(robot: Robot, out: Path) -> None:
     right, up = ("xyz"[axis] for axis in robot.plane)
     title = f"{robot.name}: markers at rest, from {_side(robot)}"
     try:
-        picture = to_png(
-            marker_map(np.asarray(robot.rest_markers), robot.marker_names, robot.links, (right, up), title)
-        )
+        picture = to_pillow(marker_map(robot.rest_markers, robot.marker_names, robot.links, (right, up), title))
+        picture.save(out, "PNG", optimize=True)
     except MissingExtraError as error:
         print(f"swim2real: {error}", file=sys.stderr)
-        return
-    try:
-        out.write_bytes(picture)
     except OSError as error:
         raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
-    console.print(str(out), soft_wrap=True, markup=False)
+    else:
+        console.print(str(out), soft_wrap=True, markup=False)
