@@ -14,7 +14,6 @@ from swim2real.cli.tables import console, millimeters, table
 from swim2real.errors import ArgumentError, MissingExtraError
 from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
-from swim2real.rendering.encoding import to_png
 from swim2real.robots import ROBOTS, robot_file, robot_named
 from swim2real.robots.file import PLANES, RobotFile, open_robot_file
 from swim2real.robots.idle import why_idle
