@@ -12,7 +12,7 @@ from worlds import SPACE, World
 
 from swim2real.advisor.briefing.facts import facts
 from swim2real.advisor.briefing.history import LONGEST, NOTICEABLE, shortened
-from swim2real.advisor.briefing.trials import wrapped
+from swim2real.advisor.briefing.swims.trials import wrapped
 from swim2real.optimizers import Evaluation, Proposal
 from swim2real.robots.fish import FISH
 

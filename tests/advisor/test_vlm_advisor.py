@@ -6,7 +6,7 @@ import pytest
 from swim2real.advisor.vlm.advisor import Limits, VlmAdvisor
 from swim2real.advisor.vlm.client import make_client
 from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
-from swim2real.advisor.vlm.prompt import INSTRUCTIONS
+from swim2real.advisor.vlm.prompt import instructions
 from swim2real.advisor.vlm.replay import ReplayAdvisor
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.advisor.vlm.retrying import Patience
@@ -44,7 +44,7 @@ class Brief:
 
     def question(self, situation: Situation, level: int = 0) -> Request:
         text = f"the loss is {1e3 * situation.incumbent.loss:.1f} mm" + " in short" * level
-        return Request(INSTRUCTIONS, (text, PICTURE), reply_schema(SPACE), 2000)
+        return Request(instructions("what differs", "what looks alike"), (text, PICTURE), reply_schema(SPACE), 2000)
 
 
 @pytest.fixture

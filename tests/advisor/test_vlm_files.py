@@ -7,13 +7,15 @@ import pytest
 from swim2real.advisor.vlm import files
 from swim2real.advisor.vlm.exchange import Media, Request
 from swim2real.advisor.vlm.files import FilesClient
-from swim2real.advisor.vlm.prompt import INSTRUCTIONS, repair
+from swim2real.advisor.vlm.prompt import instructions, repair
 from swim2real.errors import AdvisorError, WaitingForReply
 
 SCHEMA = {"type": "object"}
 PICTURE = Media("what is seen", "image/png", b"a picture")
 FILM = Media("what is filmed", "video/mp4", b"a film", 12.0)
-QUESTION = Request(INSTRUCTIONS, ("the loss is 50 mm", PICTURE, FILM), SCHEMA, 2000, round=3)
+QUESTION = Request(
+    instructions("what differs", "what looks alike"), ("the loss is 50 mm", PICTURE, FILM), SCHEMA, 2000, round=3
+)
 
 
 @pytest.fixture

@@ -58,11 +58,8 @@ class Wave:
         return MarkerTrack(times, positions)
 
 
-def evaluate(
-    point: Sequence[float], pairs: Sequence[tuple[Wave, Wave | str]], protocol="aligned", skipped: int = 0,
-    loss: float | None = None,
-) -> Evaluation:  # fmt: skip
-    """The evaluation of swims, each real with its simulated one, or with the reason why there is none."""
+def compared_waves(pairs: Sequence[tuple[Wave, Wave | str]], protocol="aligned", skipped: int = 0) -> Comparison:
+    """Swims, each real with its simulated one, or with the reason why there is none."""
     found = []
     for i, (real, simulated) in enumerate(pairs):
         track = real.track(3.0, 0.0 if protocol == "paper" else 0.7)
@@ -73,7 +70,15 @@ def evaluate(
         else:
             swim = Trial(f"swim{i}", simulated.track(3.0 + 1 / driven + 0.1))
         found.append(compare_trial(target, swim, protocol, 2.0))
-    whole = Comparison(tuple(found), protocol, 2.0, skipped)
+    return Comparison(tuple(found), protocol, 2.0, skipped)
+
+
+def evaluate(
+    point: Sequence[float], pairs: Sequence[tuple[Wave, Wave | str]], protocol="aligned", skipped: int = 0,
+    loss: float | None = None,
+) -> Evaluation:  # fmt: skip
+    """The evaluation of such swims."""
+    whole = compared_waves(pairs, protocol, skipped)
     failed = whole.divergence is not None
     known = whole.loss if loss is None else loss
     return Evaluation(Candidate(np.array(point)), known, failed, evidence(whole), whole.lower_bound)

@@ -11,9 +11,12 @@ from hypothesis import strategies as st
 
 from swim2real.errors import ArgumentError
 from swim2real.rendering.drawing import text_size
-from swim2real.rendering.swim_frame import draw_frame, shortened
-from swim2real.rendering.swim_panel import COLORS, DIVERGED, GROUND, SIDES, Panel, body_panel, course_panel, distance
-from swim2real.rendering.swim_view import Box, Limits, SwimView, common_limits
+from swim2real.rendering.labels import shortened
+from swim2real.rendering.panel import COLORS, DIVERGED, GROUND, SIDES, Panel
+from swim2real.rendering.swim_frame import draw_frame
+from swim2real.rendering.swim_panel import body_panel, course_panel, distance
+from swim2real.rendering.swim_view import Limits, SwimView, common_limits
+from swim2real.rendering.view import Box
 
 NAMES = ("M0", "M1", "M2", "M3", "M4")
 REST = np.array([0.0, 0.12, 0.3, 0.4, 0.5])  # m
@@ -41,7 +44,7 @@ def swim(name: str = "f2_00", seconds: float = 2.0, lost: tuple[int, ...] = (), 
     ways = course(real, times, RIGHT_SPEED), course(simulated, times, WRONG_SPEED)
     if diverged:
         simulated, ways = np.full_like(simulated, np.nan), (ways[0], np.full_like(simulated, np.nan))
-    return SwimView(name, 1 / BEAT, times, seen, real, simulated, *ways, NAMES)
+    return SwimView(name, times, seen, real, simulated, NAMES, 1 / BEAT, *ways)
 
 
 def pixels(image) -> np.ndarray:

@@ -10,9 +10,11 @@ from PIL import Image
 
 from swim2real.errors import ArgumentError
 from swim2real.rendering.drawing import INK, PAGE
-from swim2real.rendering.swim_encoding import to_jpeg, to_png
-from swim2real.rendering.swim_panel import COLORS, Panel, body_panel
-from swim2real.rendering.swim_sheet import ROW_HEAD, TEXT, beat_sheet, clip_sheet, film_sheet
+from swim2real.rendering.encoding import to_jpeg, to_png
+from swim2real.rendering.panel import COLORS, Panel
+from swim2real.rendering.sheet import ROW_HEAD, TEXT, film_sheet
+from swim2real.rendering.swim_panel import body_panel
+from swim2real.rendering.swim_sheet import beat_sheet, clip_sheet
 from swim2real.rendering.swim_view import SwimView, common_limits
 from swim2real.video import VideoWriter
 
@@ -28,7 +30,7 @@ def swim(frequency: float = 2.0, swing: float = 0.1) -> SwimView:
     )
     shift = np.stack([0.05 + 0.1 * times, 0 * times], axis=-1)[:, None]
     seen = np.ones(side.shape, bool)
-    return SwimView("trial", frequency, times, seen, real, simulated, real - shift, simulated - shift, NAMES)
+    return SwimView("trial", times, seen, real, simulated, NAMES, frequency, real - shift, simulated - shift)
 
 
 def found(sheet: np.ndarray, tile: np.ndarray) -> list[tuple[int, int]]:

@@ -12,13 +12,13 @@ from swim2real.trials import load_reference
 
 
 def overlay(a: Overlay) -> int:
-    """Writes films and pictures of simulated over real swims."""
+    """Writes films and pictures of simulated over real trials."""
     robot = robot_for(a.parameters)
     reference = load_reference(a.reference)
     problem = pose_problem(robot, reference, a.protocol, horizon(a.horizon), threads(a.threads))
     values = values_of(a.parameters, problem)
     write_overlays(
-        problem.evaluate(values), robot.marker_names, a.out, a.fps, a.width,
+        problem.evaluate(values), robot, a.out, a.fps, a.width,
         lambda path: tables.console.print(str(path), soft_wrap=True),
     )  # fmt: skip
     return 0

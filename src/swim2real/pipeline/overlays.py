@@ -2,44 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
-from swim2real.advisor.briefing.media import swim_view
+from swim2real.advisor.briefing.kinds import telling_of
 from swim2real.errors import ArgumentError
-from swim2real.objective import Comparison, swims_of
-from swim2real.rendering.swim_clip import write_clip
-from swim2real.rendering.swim_encoding import to_png
-from swim2real.rendering.swim_sheet import beat_sheet, clip_sheet
-from swim2real.rendering.swim_view import common_limits
+from swim2real.objective import Comparison
+from swim2real.rendering.encoding import to_png
+from swim2real.robots.robot import Robot
 
 ALL = "all.png"
 _MOMENTS, _COLUMNS, _TILE, _SMALL_TILE = 8, 4, 480, 240  # px for the tiles of a sheet
 
 
 def write_overlays(
-    comparison: Comparison, marker_names: Sequence[str], folder: str | Path, fps: float = 30.0, width: int = 960,
+    comparison: Comparison, robot: Robot, folder: str | Path, fps: float = 30.0, width: int = 960,
     on_file: Callable[[Path], None] = lambda path: None,
 ) -> list[Path]:  # fmt: skip
-    """Writes simulated (blue) over real (red) swims.
+    """Writes simulated (blue) over real (red) trials.
 
     Args:
         comparison: What is drawn.
-        marker_names: Head to tail.
+        robot: Whose trials they are.
         folder: Where to; it is made if it isn't there.
         fps: Of the films [Hz].
         width: Of the films, even [px].
         on_file: Called after every file.
 
     Returns:
-        The files: `NAME.mp4` and `NAME.png` a trial, by frequency, and last `all.png`.
+        The files: `NAME.mp4` and `NAME.png` a trial, and last `all.png`.
 
     Raises:
         ArgumentError: The folder can't be written, or a number is not allowed.
         MissingExtraError: Pillow or PyAV isn't installed.
     """
-    views = [swim_view(trial, marker_names) for trial in sorted(swims_of(comparison), key=lambda t: t.frequency)]
-    limits, out = common_limits(views), Path(folder)
+    album, out = telling_of(robot).album(comparison, robot), Path(folder)
     files: list[Path] = []
 
     def done(path: Path) -> None:
@@ -48,13 +45,13 @@ def write_overlays(
 
     try:
         out.mkdir(parents=True, exist_ok=True)
-        for view in views:
-            film, sheet = out / f"{view.name}.mp4", out / f"{view.name}.png"
-            write_clip(view, film, fps, width, limits)
+        for scene in album.scenes:
+            film, sheet = out / f"{scene.name}.mp4", out / f"{scene.name}.png"
+            scene.write_clip(film, fps, width)
             done(film)
-            sheet.write_bytes(to_png(clip_sheet(view, _MOMENTS, _COLUMNS, _TILE, limits)))
+            sheet.write_bytes(to_png(scene.sheet(_MOMENTS, _COLUMNS, _TILE)))
             done(sheet)
-        (out / ALL).write_bytes(to_png(beat_sheet(views, _MOMENTS, _SMALL_TILE, limits)))
+        (out / ALL).write_bytes(to_png(album.overview(_MOMENTS, _SMALL_TILE)))
         done(out / ALL)
     except OSError as error:
         raise ArgumentError(f"can't write '{out}': {error.strerror or error}; choose another folder") from error

@@ -7,10 +7,11 @@ from pathlib import Path
 
 from swim2real.advisor.briefing.detail import DETAILS, BriefingSettings, shorter
 from swim2real.advisor.briefing.facts import facts
+from swim2real.advisor.briefing.kinds import telling_of
 from swim2real.advisor.briefing.media import gather_media
 from swim2real.advisor.briefing.words import words
 from swim2real.advisor.vlm.exchange import Request
-from swim2real.advisor.vlm.prompt import INSTRUCTIONS
+from swim2real.advisor.vlm.prompt import instructions
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.objective import Comparison
 from swim2real.optimizers import Situation
@@ -38,7 +39,8 @@ class Briefing:
         """
         self._robot, self._space, self._look, self._videos = robot, space, look, dict(videos)
         self._settings, self._takes_video, self._reply_tokens = settings, takes_video, reply_tokens
-        self._schema = reply_schema(space)
+        self._schema, self._telling = reply_schema(space), telling_of(robot)
+        self._instructions = instructions(self._telling.look_for, self._telling.alike)
 
     def question(self, situation: Situation, level: int = 0) -> Request:
         """What is asked in a situation.
@@ -52,9 +54,10 @@ class Briefing:
         known = facts(situation, self._robot, self._space)
         text = words(known, numbers=self._settings.show != "pictures", rounds=detail.rounds)
         if self._settings.show == "numbers":
-            return Request(INSTRUCTIONS, (text,), self._schema, self._reply_tokens)
+            return Request(self._instructions, (text,), self._schema, self._reply_tokens)
         comparison = self._look(self._space.to_values(situation.incumbent.candidate.point))
-        media, remarks = gather_media(comparison, self._robot.marker_names, detail, self._takes_video, self._videos)
+        scenes = self._telling.album(comparison, self._robot).scenes
+        media, remarks = gather_media(scenes, detail, self._takes_video, self._videos)
         kind = "films" if self._takes_video else "pictures"
         intro = " ".join((f"## The {kind}\n\nSimulated is blue, real is red.", *remarks))
-        return Request(INSTRUCTIONS, (text, intro, *media), self._schema, self._reply_tokens)
+        return Request(self._instructions, (text, intro, *media), self._schema, self._reply_tokens)

@@ -5,27 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from swim2real.advisor.briefing.differences import differences
+from swim2real.advisor.briefing.averages import without_errors
 from swim2real.advisor.briefing.history import history
-from swim2real.advisor.briefing.trials import protocol_of, trials_of, without_errors
+from swim2real.advisor.briefing.kinds import telling_of
 from swim2real.objective.evidence import rounded
 from swim2real.optimizers import Evaluation, Situation
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
 
-LOSS = {
-    "aligned": (
-        "The mean distance between the simulated and the real markers over time, markers and trials. It is taken in a "
-        "frame that is fixed to the first two markers, and along the swimming direction the distance by which the "
-        "simulated robot has come too far or not far enough is added. The motor's angle at the start is fitted; static "
-        "offsets of the markers and lost tracks don't count. The simulated robot is in its steady swim from the start."
-    ),
-    "paper": (
-        "The mean distance between the simulated and the real markers over time, markers and trials, in a frame that "
-        "turns with the head and advances with it. The simulated robot starts from rest at motor angle 0 and nothing "
-        "is fitted: an unknown motor angle at the start and static offsets of the markers count as well."
-    ),
-}
 _ABOUT = ("trials", "protocol", "horizon", "loss", "skipped")
 
 
@@ -33,8 +20,7 @@ def facts(situation: Situation, robot: Robot, space: ParameterSpace) -> dict[str
     """What is known at a round, ready for JSON.
 
     Lengths are in m, speeds in m/s, phases in degrees, parameters in their units. None stands for what isn't known: a
-    marker that was lost, a simulation that diverged, a ratio to something that hardly moves. Trials are in the order of
-    their frequencies.
+    marker that was lost, a simulation that diverged, a ratio to something that hardly moves.
 
     Args:
         situation: As an advisor gets it.
@@ -42,17 +28,19 @@ def facts(situation: Situation, robot: Robot, space: ParameterSpace) -> dict[str
         space: Its parameters, as the optimizer uses them.
     """
     detail: Mapping[str, Any] = situation.incumbent.detail or {}
-    protocol, trials = protocol_of(detail), trials_of(detail, robot.marker_names)
+    telling = telling_of(robot)
+    trials = telling.trials(detail, robot)
     return rounded(
         {
             "round": len(situation.rounds) + 1,
             "robot": {"name": robot.name, "description": robot.description, "markers": list(robot.marker_names)},
-            "compared": {"protocol": protocol, "horizon": detail.get("horizon"), "loss": LOSS[protocol]},
+            "kind": telling.kind,
+            "compared": telling.compared(detail, robot),
             "scale": space.scale,
             "parameters": _parameters(situation, space),
             "incumbent": _incumbent(situation, detail, trials),
-            "differences": differences(trials),
-            "history": history(situation, space, robot.marker_names),
+            "differences": telling.differences(trials),
+            "history": history(situation, space, robot),
         }
     )
 

@@ -8,22 +8,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from swim2real.advisor.briefing.detail import MOST_BYTES, PIXELS_A_TOKEN, VIDEO_FRAME_TOKENS, Detail
+from swim2real.advisor.briefing.telling import Scene
 from swim2real.advisor.vlm.exchange import Media
-from swim2real.errors import VideoError
-from swim2real.objective import Comparison, TrialComparison, swims_of
+from swim2real.errors import ArgumentError, VideoError
+from swim2real.rendering.clip import clip_times, film_clip
 from swim2real.rendering.drawing import Bytes
-from swim2real.rendering.swim_clip import clip_times, film_clip, write_clip
-from swim2real.rendering.swim_encoding import to_png
-from swim2real.rendering.swim_sheet import clip_sheet, film_sheet
-from swim2real.rendering.swim_view import Limits, SwimView, common_limits
+from swim2real.rendering.encoding import to_png
+from swim2real.rendering.sheet import film_sheet
 
-FRAMES_A_BEAT = 5  # at least, so that a beat isn't mistaken for a slower one
+FRAMES_A_CYCLE = 5  # at least, so that a motion isn't mistaken for a slower one
 MOST_FPS = 24.0  # that services take
 _COLUMNS = 4  # of a sheet
-_FOLLOWED = 0.5  # share of frames in which a marker is seen, for its static offset to be believed
 
 
 @dataclass(frozen=True)
@@ -39,32 +35,16 @@ class Shown:
     tokens: int
 
 
-def swim_view(trial: TrialComparison, marker_names: Sequence[str]) -> SwimView:
-    """A compared trial as it is drawn: registered, as the loss sees it."""
-    hidden = np.nan if trial.divergence else 0.0
-    seen = trial.weights > 0
-    followed, index = seen.mean(axis=0) > _FOLLOWED, np.arange(len(marker_names))
-    offsets = trial.registration
-    if followed.any():  # the offset of a marker that was mostly lost says little; its neighbors' say more
-        known = index[followed]
-        offsets = np.stack([np.interp(index, known, trial.registration[known, axis]) for axis in (0, 1)], axis=1)
-    return SwimView(
-        trial.name, trial.frequency, trial.times, seen, trial.real, trial.simulated + offsets + hidden,
-        trial.course_real, trial.course_simulated + hidden, tuple(marker_names),
-    )  # fmt: skip
-
-
 def gather_media(
-    comparison: Comparison, marker_names: Sequence[str], detail: Detail, takes_video: bool, videos: Mapping[str, Path]
+    scenes: Sequence[Scene], detail: Detail, takes_video: bool, videos: Mapping[str, Path]
 ) -> tuple[tuple[Media, ...], tuple[str, ...]]:
-    """Pictures or films of the incumbent's swims, within the budget of a detail, and remarks on what is missing.
+    """Pictures or films of the incumbent's trials, within the budget of a detail, and remarks on what is missing.
 
-    The trials that fit worst are chosen first; what is chosen comes in the order of frequencies, and the real film of
-    the worst trial last.
+    The trials that fit worst are chosen first; what is chosen comes in its own order, and the real film of the worst
+    trial last.
 
     Args:
-        comparison: Of the incumbent.
-        marker_names: Head to tail.
+        scenes: The trials of the incumbent.
         detail: How much.
         takes_video: Films, or sheets of pictures.
         videos: Real films by trial, where there are any.
@@ -72,64 +52,57 @@ def gather_media(
     Raises:
         MissingExtraError: Pillow or PyAV isn't installed.
     """
-    swims = swims_of(comparison)
-    worst_first = sorted(swims, key=lambda trial: -trial.loss(comparison.protocol))
-    limits = common_limits([swim_view(trial, marker_names) for trial in swims])
-    fps = min(MOST_FPS, max(detail.fps, FRAMES_A_BEAT * max(trial.frequency for trial in swims)))
+    worst_first = sorted(range(len(scenes)), key=lambda i: -scenes[i].loss)
+    fps = min(MOST_FPS, max(detail.fps, FRAMES_A_CYCLE * max(scene.pace for scene in scenes)))
     remarks: list[str] = []
     film, bytes_left, tokens_left = None, MOST_BYTES, detail.tokens
     try:
-        film = _real(worst_first[0], detail, takes_video, fps, videos)
-    except VideoError as error:
+        film = _real(scenes[worst_first[0]], detail, takes_video, fps, videos)
+    except (VideoError, ArgumentError) as error:
         remarks.append(f"The real robot's film can't be shown: {error}.")
     if film is not None:
         bytes_left, tokens_left = bytes_left - len(film.media.data), tokens_left - film.tokens
-    chosen: list[tuple[float, Media]] = []
-    for trial in worst_first[: detail.trials]:
-        shown = _overlay(swim_view(trial, marker_names), limits, detail, takes_video, fps)
+    chosen: dict[int, Media] = {}
+    for i in worst_first[: detail.trials]:
+        shown = _overlay(scenes[i], detail, takes_video, fps)
         bytes_left, tokens_left = bytes_left - len(shown.media.data), tokens_left - shown.tokens
         if chosen and min(bytes_left, tokens_left) < 0:
             break
-        chosen.append((trial.frequency, shown.media))
-    left_out = len(swims) - len(chosen)
+        chosen[i] = shown.media
+    left_out = len(scenes) - len(chosen)
     if left_out:
-        remarks.append(f"{left_out} of {len(swims)} trials, those that fit best, aren't shown.")
-    media = [one for _, one in sorted(chosen, key=lambda pair: pair[0])]
+        remarks.append(f"{left_out} of {len(scenes)} trials, those that fit best, aren't shown.")
+    media = [chosen[i] for i in sorted(chosen)]
     return (*media, *([film.media] if film is not None else [])), tuple(remarks)
 
 
-def _overlay(view: SwimView, limits: Limits, detail: Detail, takes_video: bool, fps: float) -> Shown:
-    about = f"Trial {view.name}, {view.frequency:.2f} Hz: simulated (blue) over real (red)"
+def _overlay(scene: Scene, detail: Detail, takes_video: bool, fps: float) -> Shown:
+    about = f"Trial {scene.title}: simulated (blue) over real (red)"
     if not takes_video:
         each = detail.width // 2
-        sheet = clip_sheet(view, detail.moments, min(_COLUMNS, detail.moments), each - each % 2, limits)
-        return _picture(f"{about}, {detail.moments} moments of one beat, then both courses over the whole time.", sheet)
+        sheet = scene.sheet(detail.moments, min(_COLUMNS, detail.moments), each - each % 2)
+        return _picture(f"{about}, {scene.sheet_note(detail.moments)}.", sheet)
     with _place() as path:
-        write_clip(view, path, fps, detail.width, limits)
+        scene.write_clip(path, fps, detail.width)
         data = path.read_bytes()
-    label = f"{about}; above in the body frame, below side by side in the world frame; {fps:g} frames a second."
-    return Shown(Media(label, "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(view.duration, fps)))
+    label = f"{about}; {scene.clip_note}; {fps:g} frames a second."
+    return Shown(Media(label, "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(scene.duration, fps)))
 
 
-def _real(
-    trial: TrialComparison, detail: Detail, takes_video: bool, fps: float, videos: Mapping[str, Path]
-) -> Shown | None:
+def _real(scene: Scene, detail: Detail, takes_video: bool, fps: float, videos: Mapping[str, Path]) -> Shown | None:
     """The real film of a trial, None where there is none."""
-    video = videos.get(trial.name)
+    video = videos.get(scene.name)
     if video is None:
         return None
-    about = f"The real robot in trial {trial.name}, {trial.frequency:.2f} Hz"
-    seconds = float(trial.times[-1])
+    about = f"The real robot in trial {scene.title}, as filmed"
     if not takes_video:
-        times = np.arange(detail.moments) / detail.moments / trial.frequency + max(seconds - 1 / trial.frequency, 0) / 2
-        sheet = film_sheet(video, times.tolist(), min(_COLUMNS, detail.moments), detail.width // 2)
-        return _picture(f"{about}, as filmed: moments of one beat.", sheet)
+        times = scene.film_times(detail.moments)
+        sheet = film_sheet(video, times, min(_COLUMNS, detail.moments), detail.width // 2)
+        return _picture(f"{about}: {scene.film_note}.", sheet)
     with _place() as path:
-        film_clip(video, path, fps, detail.width, seconds)
+        film_clip(video, path, fps, detail.width, scene.duration, scene.start)
         data = path.read_bytes()
-    return Shown(
-        Media(f"{about}, as filmed.", "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(seconds, fps))
-    )
+    return Shown(Media(f"{about}.", "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(scene.duration, fps)))
 
 
 @contextmanager

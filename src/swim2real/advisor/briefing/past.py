@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from swim2real.advisor.briefing.history import shortened
-from swim2real.advisor.briefing.tables import UNKNOWN, mm, number, value
+from swim2real.advisor.briefing.kinds import telling_for
+from swim2real.advisor.briefing.tables import UNKNOWN, mm, value
+from swim2real.advisor.briefing.telling import Facts, Telling
 from swim2real.errors import ArgumentError
 
 _NAMED, _LISTED = 3, 8  # changes that are named of an older and of a recent round
@@ -17,8 +19,6 @@ _MENDED = {
     "missing": "not given, so left as they were",
     "kept": "left as they were",
 }
-
-Facts = Mapping[str, Any]
 
 
 def past(facts: Facts, numbers: bool = True, rounds: int | None = None) -> str:
@@ -34,15 +34,16 @@ def past(facts: Facts, numbers: bool = True, rounds: int | None = None) -> str:
     """
     if rounds is not None and rounds < 0:
         raise ArgumentError(f"rounds is {rounds}; it must be at least 0, or None for all")
-    history, last = facts["history"], facts["robot"]["markers"][-1]
+    history, telling = facts["history"], telling_for(facts)
     every = history["rounds"]
     older = 0 if rounds is None else max(len(every) - rounds, 0)
     lines = ["## What was tried"]
     if not every:
-        return "\n\n".join([*lines, f"Nothing yet: this is the first round.{_first(history) if numbers else ''}"])
-    lines.append(_how(numbers, last) + (_first(history) if numbers else ""))
+        first = _first(history, telling) if numbers else ""
+        return "\n\n".join([*lines, f"Nothing yet: this is the first round.{first}"])
+    lines.append(_how(facts, telling, numbers) + (_first(history, telling) if numbers else ""))
     lines.extend(_line(one, numbers) for one in every[:older])
-    lines.extend(_full(one, numbers) for one in every[older:])
+    lines.extend(_full(one, telling, numbers) for one in every[older:])
     since = history["rounds_since_accepted"]
     if since:
         many = "round was" if since == 1 else f"{since} rounds were"
@@ -53,31 +54,25 @@ def past(facts: Facts, numbers: bool = True, rounds: int | None = None) -> str:
     return "\n\n".join(lines)
 
 
-def _how(numbers: bool, last: str) -> str:
+def _how(facts: Facts, telling: Telling, numbers: bool) -> str:
     steps = (
         "A step of 1 tries the proposal itself, a step of 0.5 a point halfway to it, and so on; the first step that "
         "improves on the best point so far is kept, the others are rejected. Changes are listed as value before → "
         "proposed value, the largest first, with the value that was kept where a smaller step was accepted."
     )
-    if not numbers:
-        return steps
-    return (
-        f"{steps} A step tells its loss, the change from the loss before the round, the speed ratio (simulated / real) "
-        f"at the lowest and at the highest frequency, and the amplitude ratio of {last}: learn from it what a change "
-        "does."
-    )
+    return f"{steps} {telling.steps(facts)}" if numbers else steps
 
 
-def _first(history: Facts) -> str:
-    return f" The first point of the run: {_loss(history['first'])}{_swim(history['first'])}."
+def _first(history: Facts, telling: Telling) -> str:
+    return f" The first point of the run: {_loss(history['first'])}{telling.step(history['first'])}."
 
 
-def _full(one: Facts, numbers: bool) -> str:
+def _full(one: Facts, telling: Telling, numbers: bool) -> str:
     parts = [f"**{_verdict(one, numbers)}**"]
     if numbers and one["diagnosis"]:
         parts.append(f"- Diagnosis: {one['diagnosis']}")
     parts.append(f"- Proposed: {_changes(one, _LISTED)}")
-    parts.append(f"- Steps: {'; '.join(_step(step, one, numbers) for step in one['steps'])}")
+    parts.append(f"- Steps: {'; '.join(_step(step, one, telling, numbers) for step in one['steps'])}")
     parts.extend(f"- {_note(name, content)}" for name, content in one["notes"].items())
     return "\n".join(parts)
 
@@ -113,7 +108,7 @@ def _kept(change: Facts) -> str:
     return f" (kept {value(kept, 3)})" if kept is not None and value(kept, 3) != value(change["to"], 3) else ""
 
 
-def _step(step: Facts, one: Facts, numbers: bool) -> str:
+def _step(step: Facts, one: Facts, telling: Telling, numbers: bool) -> str:
     size = _size(step)
     if not numbers:
         accepted = one["accepted"] and step is one["steps"][-1]
@@ -121,13 +116,7 @@ def _step(step: Facts, one: Facts, numbers: bool) -> str:
     told = f"{size}: {_loss(step)}"
     if not (step["failed"] or step["lower_bound"] or one["start_loss"] is None):
         told += f" ({mm(step['loss'] - one['start_loss'], 1, signed=True)})"
-    return told + _swim(step)
-
-
-def _swim(outcome: Facts) -> str:
-    speeds, amplitude = outcome["speed_ratios"], outcome["amplitude_ratio"]
-    told = f", speed {number(speeds[0], 2)} to {number(speeds[1], 2)}" if speeds else ""
-    return told + (f", amplitude {number(amplitude, 2)}" if amplitude is not None else "")
+    return told + telling.step(step)
 
 
 def _size(step: Facts) -> str:

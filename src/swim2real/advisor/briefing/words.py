@@ -6,14 +6,11 @@ Knows no robot: what is special about one is in its description and in its param
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import Any
 
+from swim2real.advisor.briefing.kinds import telling_for
 from swim2real.advisor.briefing.past import past
-from swim2real.advisor.briefing.swims import swims
-from swim2real.advisor.briefing.tables import number, table, value
-
-Facts = Mapping[str, Any]
+from swim2real.advisor.briefing.tables import mm, number, table, value
+from swim2real.advisor.briefing.telling import Facts, Telling
 
 _PIECE = re.compile(r"[A-Za-z]+|[^\s]|\n")
 _LETTERS = 6  # of a word that a token holds, on average
@@ -29,9 +26,10 @@ def words(facts: Facts, *, numbers: bool = True, rounds: int | None = None) -> s
             parameters, and which proposals were accepted.
         rounds: How many of the last rounds are told in full; older ones get a line. None for all.
     """
-    sections = [f"# Round {facts['round']}", _robot(facts), _parameters(facts)]
+    telling = telling_for(facts)
+    sections = [f"# Round {facts['round']}", _robot(facts, telling), _parameters(facts)]
     if numbers:
-        sections.append(swims(facts))
+        sections.append(_differences(facts, telling))
     sections.append(past(facts, numbers, rounds))
     return "\n\n".join(sections) + "\n"
 
@@ -46,12 +44,9 @@ def estimate_tokens(text: str) -> int:
     return sum(-(-len(piece) // _LETTERS) for piece in _PIECE.findall(text))
 
 
-def _robot(facts: Facts) -> str:
+def _robot(facts: Facts, telling: Telling) -> str:
     robot = facts["robot"]
-    return (
-        f"## The robot\n\nName: {robot['name']}. {robot['description']}\n\n"
-        f"Markers, head first: {', '.join(robot['markers'])}."
-    )
+    return f"## The robot\n\nName: {robot['name']}. {robot['description']}\n\n{telling.markers(facts)}"
 
 
 def _parameters(facts: Facts) -> str:
@@ -69,3 +64,31 @@ def _parameters(facts: Facts) -> str:
     )
     columns = ("parameter", "unit", "lower", "upper", "first", "current", "place", "meaning")
     return f"## Parameters of the simulator\n\n{how}\n\n{table(columns, rows)}"
+
+
+def _differences(facts: Facts, telling: Telling) -> str:
+    """How simulated trials differ from the real ones at the best point so far."""
+    incumbent, trials = facts["incumbent"], facts["incumbent"]["trials"]
+    parts = [f"## Simulated and real {telling.motion}s at the current point", _compared(facts, telling)]
+    if incumbent["failed"]:
+        parts.append("The simulation at the current point failed, so it has no loss. First of all it must run stably.")
+    diverged = [f"- {telling.called(t)}: diverged. {t['diverged']}" for t in trials if t["diverged"]]
+    if diverged:
+        parts.append("\n".join([f"These trials have no simulated {telling.motion}:", *diverged]))
+    if incumbent["skipped"]:
+        parts.append(f"Trials that weren't simulated and that nothing here includes: {incumbent['skipped']}.")
+    details = telling.details(facts) if trials else ["There are no numbers of this point."]
+    return "\n\n".join([*parts, *details])
+
+
+def _compared(facts: Facts, telling: Telling) -> str:
+    compared, incumbent = facts["compared"], facts["incumbent"]
+    horizon = compared["horizon"]
+    seconds = f"The first {horizon:g} s of each trial are compared." if horizon else "All of each trial is compared."
+    first = facts["history"]["first"]
+    loss = ""
+    if incumbent["loss"] is not None:
+        began = "" if incumbent["found_in_round"] == 0 or first["failed"] else f" (first {mm(first['loss'], 1)} mm)"
+        found = f", found in round {incumbent['found_in_round']}" if incumbent["found_in_round"] else ""
+        loss = f"**The loss is {mm(incumbent['loss'], 1)} mm**{began}{found}; lower is better."
+    return " ".join(part for part in (loss, compared["loss"], seconds, telling.names) if part)

@@ -18,33 +18,14 @@ _PAPER = (
 Facts = Mapping[str, Any]
 
 
-def swims(facts: Facts) -> str:
-    """The section on simulated and real swims."""
-    incumbent, trials = facts["incumbent"], facts["incumbent"]["trials"]
-    parts = ["## Simulated and real swims at the current point", _compared(facts)]
-    if incumbent["failed"]:
-        parts.append("The simulation at the current point failed, so it has no loss. First of all it must run stably.")
-    diverged = [f"- {_called(t)}: diverged. {t['diverged']}" for t in trials if t["diverged"]]
-    if diverged:
-        parts.append("\n".join(["These trials have no simulated swim:", *diverged]))
-    if incumbent["skipped"]:
-        parts.append(f"Trials that weren't simulated and that nothing here includes: {incumbent['skipped']}.")
-    if not trials:
-        return "\n\n".join([*parts, "There are no numbers of this point."])
-    return "\n\n".join([*parts, *_short(facts), _by_trial(facts), *_by_marker(facts)])
+def swim_details(facts: Facts) -> list[str]:
+    """What differs in short, then tables by trial and by marker."""
+    return [*_short(facts), _by_trial(facts), *_by_marker(facts)]
 
 
-def _compared(facts: Facts) -> str:
-    compared, incumbent = facts["compared"], facts["incumbent"]
-    horizon = compared["horizon"]
-    seconds = f"The first {horizon:g} s of each trial are compared. " if horizon else "All of each trial is compared. "
-    first = facts["history"]["first"]
-    loss = ""
-    if incumbent["loss"] is not None:
-        began = "" if incumbent["found_in_round"] == 0 or first["failed"] else f" (first {mm(first['loss'], 1)} mm)"
-        found = f", found in round {incumbent['found_in_round']}" if incumbent["found_in_round"] else ""
-        loss = f"**The loss is {mm(incumbent['loss'], 1)} mm**{began}{found}; lower is better. "
-    return f"{loss}{compared['loss']} {seconds}Names of trials are only names; see their frequencies."
+def swim_called(trial: Facts) -> str:
+    """A swim by its name and its frequency."""
+    return f"{trial['name']} ({trial['frequency']:.2f} Hz)"
 
 
 def _short(facts: Facts) -> list[str]:
@@ -53,7 +34,7 @@ def _short(facts: Facts) -> list[str]:
     lines: list[str] = []
     if found["worst_trial"]:
         worst = by_name[found["worst_trial"]]
-        lines.append(f"The worst trial is {_called(worst)}: {mm(worst['error'], 1)} mm. {_shares(facts)}".rstrip())
+        lines.append(f"The worst trial is {swim_called(worst)}: {mm(worst['error'], 1)} mm. {_shares(facts)}".rstrip())
     if found["backward"]:
         rows = [by_name[name] for name in found["backward"]]
         where = "all frequencies" if len(rows) == len(by_name) else _frequencies(rows)
@@ -229,7 +210,3 @@ def _rest(facts: Facts) -> str:
         f"The markers' mean positions differ{size}: where they were put on the robot, or a body that isn't straight at "
         f"rest. No parameter explains that, and the loss {counted}."
     )
-
-
-def _called(trial: Facts) -> str:
-    return f"{trial['name']} ({trial['frequency']:.2f} Hz)"

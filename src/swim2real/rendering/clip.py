@@ -1,51 +1,50 @@
-"""Clips for a VLM and for people: a simulated swim over its real one, and the real film itself, small."""
+"""Clips for a VLM and for people: a simulated trial over its real one, and the real film itself, small."""
 
 from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
-from swim2real.rendering.swim_film import film_frames
-from swim2real.rendering.swim_frame import draw_frame
-from swim2real.rendering.swim_view import Limits, SwimView, common_limits
+from swim2real.rendering.drawing import Bytes
+from swim2real.rendering.film import film_frames
+from swim2real.rendering.view import View
 from swim2real.video import VideoWriter
 
 ROUNDING = 1e-6  # s
 CRF = 32  # thin lines and text stay clear, and 4 s at 10 frames a second take some 80 kB
 
 
-def write_clip(view: SwimView, path: str | Path, fps: float, width: int = 640, limits: Limits | None = None) -> None:
-    """Writes a film of a simulated swim over its real one, in true speed.
+def write_clip(view: View, draw: Callable[[int], Bytes], path: str | Path, fps: float) -> None:
+    """Writes a film of a simulated trial over its real one, in true speed.
 
     Args:
-        view: The swim.
+        view: The trial.
+        draw: Makes the picture of a sample, all in one size.
         path: Of the film, such as `.mp4`.
         fps: Frames a second; each shows the sample nearest to its time.
-        width: Of the film, even [px].
-        limits: What is shown; None for what this view needs. `common_limits` of all trials makes films comparable.
 
     Raises:
-        ArgumentError: The width or fps is not allowed.
+        ArgumentError: The fps is not allowed, or what `draw` raises.
         VideoError: The file can't be written.
         MissingExtraError: Pillow or PyAV isn't installed.
     """
-    limits = limits or common_limits([view])
     times = clip_times(view.duration, fps)
     samples = view.nearest(view.times[0] + times).tolist()
-    image = draw_frame(view, samples[0], limits, width)
-    with VideoWriter(path, width, image.shape[0], fps, crf=CRF) as writer:
+    image = draw(samples[0])
+    with VideoWriter(path, image.shape[1], image.shape[0], fps, crf=CRF) as writer:
         for k, (time, sample) in enumerate(zip(times.tolist(), samples, strict=True)):
-            writer.write(image if k == 0 else draw_frame(view, sample, limits, width), time)
+            writer.write(image if k == 0 else draw(sample), time)
 
 
 def film_clip(
-    video: str | Path, path: str | Path, fps: float, width: int = 640, seconds: float | None = None
-) -> None:  # fmt: skip
+    video: str | Path, path: str | Path, fps: float, width: int = 640, seconds: float | None = None, start: float = 0.0
+) -> None:
     """Writes a small copy of a real film, upright, in true speed, with frame number and time burned in.
 
     Args:
@@ -53,10 +52,11 @@ def film_clip(
         path: Of the copy, such as `.mp4`.
         fps: Frames a second; each shows the frame of the film nearest to its time.
         width: Of the copy, even [px].
-        seconds: From the start of the film; None for all of it.
+        seconds: That are copied; None for all that there is.
+        start: Of the copy, since the film's first frame [s].
 
     Raises:
-        ArgumentError: The width, fps or seconds are not allowed.
+        ArgumentError: The width, fps, seconds or start are not allowed, or the film ends before the start.
         VideoError: The film can't be read or the copy can't be written.
         MissingExtraError: Pillow or PyAV isn't installed.
     """
@@ -65,13 +65,15 @@ def film_clip(
     if seconds is not None and not seconds >= 0:
         raise ArgumentError(f"seconds is {seconds}; it must be 0 or more, or None for the whole film")
     _check_fps(fps)
-    times = (k / fps for k in itertools.count())
+    times = (start + k / fps for k in itertools.count())
     if seconds is not None:
-        times = itertools.takewhile(lambda time: time <= seconds + ROUNDING, times)
+        times = itertools.takewhile(lambda time: time <= start + seconds + ROUNDING, times)
     frames = film_frames(video, times, width)
-    _, first = next(frames)  # there is one: a film has at least one frame, and the first time is 0
-    with VideoWriter(path, width, first.shape[0], fps, crf=CRF) as writer:
-        writer.write(first, 0.0)
+    first = next(frames, None)
+    if first is None:
+        raise ArgumentError(f"the film '{video}' ends before start, {start:g} s; give a start within the film")
+    with VideoWriter(path, width, first[1].shape[0], fps, crf=CRF) as writer:
+        writer.write(first[1], 0.0)
         for k, (_, image) in enumerate(frames, 1):
             writer.write(image, k / fps)
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from swim2real.errors import ArgumentError, VideoError
-from swim2real.rendering.swim_clip import clip_times, film_clip, write_clip
-from swim2real.rendering.swim_film import film_frames
+from swim2real.rendering.clip import clip_times, film_clip, write_clip
+from swim2real.rendering.film import film_frames
 from swim2real.rendering.swim_frame import draw_frame
 from swim2real.rendering.swim_view import SwimView, common_limits
 from swim2real.video import VideoReader, VideoWriter
@@ -25,7 +25,12 @@ def swim(seconds: float = 1.0, seed: int = 0) -> SwimView:
     real = np.stack([np.broadcast_to([0, 0.1, 0.3, 0.5], side.shape), side], axis=-1)
     noisy = real + np.random.default_rng(seed).normal(0, 2e-3, real.shape)
     course = real - np.stack([0.05 + 0.1 * times, 0 * times], axis=-1)[:, None]
-    return SwimView("f2_00", 2.0, times, np.ones(side.shape, bool), noisy, real, course, course, NAMES)
+    return SwimView("f2_00", times, np.ones(side.shape, bool), noisy, real, NAMES, 2.0, course, course)
+
+
+def write(view: SwimView, path, fps: float, width: int = 480) -> None:
+    limits = common_limits([view])
+    write_clip(view, lambda index: draw_frame(view, index, limits, width), path, fps)
 
 
 def read(path) -> tuple[list[float], list[np.ndarray]]:
@@ -54,7 +59,7 @@ def levels(images) -> list[int]:
 def test_a_clip_shows_the_nearest_sample_of_each_time(tmp_path):
     view = swim()
     limits = common_limits([view])
-    write_clip(view, tmp_path / "clip.mp4", 10, 480, limits)
+    write(view, tmp_path / "clip.mp4", 10)
     times, images = read(tmp_path / "clip.mp4")
     np.testing.assert_allclose(times, np.arange(11) / 10, atol=1e-4)
     for k in (0, 3, 7, 10):
@@ -70,7 +75,7 @@ def test_a_clip_shows_the_nearest_sample_of_each_time(tmp_path):
 
 
 def test_a_clip_keeps_its_colors(tmp_path):
-    write_clip(swim(0.2), tmp_path / "clip.mp4", 10, 640)
+    write(swim(0.2), tmp_path / "clip.mp4", 10, 640)
     _, images = read(tmp_path / "clip.mp4")
     for color in ((213, 43, 30), (0, 84, 190)):
         assert np.count_nonzero(np.abs(images[1] - color).max(axis=-1) < 70) > 60
@@ -78,7 +83,7 @@ def test_a_clip_keeps_its_colors(tmp_path):
 
 def test_clips_are_small_and_deterministic(tmp_path):
     for name in ("a.mp4", "b.mp4"):
-        write_clip(swim(4.0), tmp_path / name, 10, 640)
+        write(swim(4.0), tmp_path / name, 10, 640)
     content = (tmp_path / "a.mp4").read_bytes()
     assert content == (tmp_path / "b.mp4").read_bytes()
     assert len(content) < 100_000
@@ -101,6 +106,8 @@ def test_a_film_is_copied_upright_at_the_nearest_frames(film, tmp_path):
     assert levels(read(tmp_path / "short.mp4")[1]) == [0, 2, 4]
     film_clip(film, tmp_path / "fast.mp4", 40, 320, seconds=0.1)
     assert levels(read(tmp_path / "fast.mp4")[1]) == [0, 0, 1, 1, 2]
+    film_clip(film, tmp_path / "late.mp4", 10, 320, seconds=0.2, start=0.1)
+    assert levels(read(tmp_path / "late.mp4")[1]) == [2, 4, 5]
 
 
 def test_a_film_has_its_time_burned_in(film):
@@ -135,17 +142,18 @@ def test_frames_of_a_film_end_with_it(film):
 def test_what_is_not_allowed_is_refused_and_leaves_nothing(film, tmp_path):
     view = swim(0.2)
     for call, message in (
-        (lambda path: write_clip(view, path, 0), "fps is 0; it must be finite and above 0 frames a second"),
-        (lambda path: write_clip(view, path, 10, 641), "width is 641 px; it must be even and at least 320"),
+        (lambda path: write(view, path, 0), "fps is 0; it must be finite and above 0 frames a second"),
+        (lambda path: write(view, path, 10, 641), "width is 641 px; it must be even and at least 320"),
         (lambda path: film_clip(film, path, float("nan")), "fps is nan; it must be finite and above 0"),
         (lambda path: film_clip(film, path, 10, 62), "width is 62 px; it must be even and at least 64"),
         (lambda path: film_clip(film, path, 10, 64, -1), "seconds is -1; it must be 0 or more, or None for the whole"),
+        (lambda path: film_clip(film, path, 10, start=9), "ends before start, 9 s; give a start within the film"),
         (lambda path: film_clip(film, film, 10), "would replace it; give path another name"),
     ):
         with pytest.raises(ArgumentError, match=re.escape(message)):
             call(tmp_path / "no.mp4")
     with pytest.raises(VideoError, match="its ending must be one of"):
-        write_clip(view, tmp_path / "no.gif", 10)
+        write(view, tmp_path / "no.gif", 10)
     with pytest.raises(VideoError, match="nothing"):
         film_clip(tmp_path / "nothing.mp4", tmp_path / "no.mp4", 10)
     assert list(tmp_path.iterdir()) == []
@@ -154,7 +162,7 @@ def test_what_is_not_allowed_is_refused_and_leaves_nothing(film, tmp_path):
 
 def test_importing_the_modules_imports_neither_pillow_nor_av():
     code = (
-        "import sys, swim2real.rendering.swim_sheet, swim2real.rendering.swim_clip, swim2real.rendering.swim_encoding"
+        "import sys, swim2real.rendering.swim_sheet, swim2real.rendering.playback_sheet, swim2real.rendering.encoding"
     )
     code += "\nprint('PIL' in sys.modules or 'av' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from swim2real.advisor.briefing.trials import STILL, wrapped
+from swim2real.advisor.briefing.averages import mean, median
+from swim2real.advisor.briefing.swims.trials import STILL, wrapped
 
 CLEAR = 0.1  # of the widest beat of a trial: above it a marker's phase isn't ruled by noise
 _SLOW = 1e-3  # m/s, below which a speed has no ratio
@@ -39,7 +40,7 @@ def differences(trials: Sequence[Trial]) -> dict[str, Any]:
         "lag_to": names[-1] if front is not None else None,
         "by_trial": rows,
         "by_marker": [_by_marker(i, name, trials) for i, name in enumerate(names)],
-        "median": {key: _median([row[key] for row in rows]) for key in _FIGURES},
+        "median": {key: median([row[key] for row in rows]) for key in _FIGURES},
         "trend": {key: _ends(rows, key) for key in _FIGURES},
         "speed_exponent": {side: _exponent(trials, side) for side in ("real", "simulated")},
     }
@@ -91,15 +92,15 @@ def _by_marker(i: int, name: str, trials: Sequence[Trial]) -> dict[str, Any]:
     ones = [trial["markers"][i] for trial in trials]
     every = [one["amplitude"] for one in ones]
     both = [amplitude for amplitude in every if None not in (amplitude["real"], amplitude["simulated"])]
-    real, simulated = (_median([amplitude[side] for amplitude in both or every]) for side in ("real", "simulated"))
+    real, simulated = (median([amplitude[side] for amplitude in both or every]) for side in ("real", "simulated"))
     ratio = simulated / real if simulated is not None and real is not None and min(real, simulated) >= STILL else None
     return {
         "name": name,
-        "error": _mean([one["error"] for one in ones]),
+        "error": mean([one["error"] for one in ones]),
         "amplitude_real": real,
         "amplitude_simulated": simulated,
         "amplitude_ratio": ratio,
-        "phase_difference_deg": _median([one["phase_difference_deg"] for one in ones]) if ratio else None,
+        "phase_difference_deg": median([one["phase_difference_deg"] for one in ones]) if ratio else None,
     }
 
 
@@ -121,17 +122,3 @@ def _exponent(trials: Sequence[Trial], side: str) -> float | None:
     if len(forward) < 2 or np.ptp(logs) < _LEAST_SPAN:
         return None
     return float(np.polyfit(logs, np.log([t["velocity"][side] for t in forward]), 1)[0])
-
-
-def _known(values: Sequence[float | None]) -> list[float]:
-    return [value for value in values if value is not None]
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    known = _known(values)
-    return sum(known) / len(known) if known else None
-
-
-def _median(values: Sequence[float | None]) -> float | None:
-    known = _known(values)
-    return float(np.median(known)) if known else None

@@ -1,10 +1,12 @@
-"""The trials of an evaluation, marker by marker, as its evidence has them."""
+"""The swims of an evaluation, marker by marker, as its evidence has them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
+
+from swim2real.advisor.briefing.averages import without_errors
 
 STILL = 1e-3  # m, below which an amplitude is noise and has neither ratio nor phase
 _DEGREES = 180 / math.pi
@@ -31,11 +33,6 @@ def trials_of(detail: Mapping[str, Any], markers: Sequence[str]) -> list[dict[st
 def wrapped(degrees: float) -> float:
     """An angle from -180 to 180 [deg]."""
     return (degrees + 180) % 360 - 180
-
-
-def without_errors(figures: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures of a simulation that diverged: only those that need no simulation are known."""
-    return {name: value if name in ("frequency", "left_out_share") else None for name, value in figures.items()}
 
 
 def _trial(name: str, content: Mapping[str, Any], protocol: str, markers: Sequence[str]) -> dict[str, Any]:

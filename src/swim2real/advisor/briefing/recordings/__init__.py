@@ -1,0 +1,1 @@
+"""Recordings and their playbacks, as a VLM is told and shown them."""

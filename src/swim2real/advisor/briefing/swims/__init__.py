@@ -1,0 +1,1 @@
+"""Steady swims, as a VLM is told and shown them."""
