@@ -14,7 +14,7 @@ import tyro
 from swim2real.cli.compare_arguments import Compare
 from swim2real.cli.deployment_arguments import Deploy
 from swim2real.cli.rl_arguments import ExportCommands, Rollout, Train
-from swim2real.cli.robot_arguments import Check, Init
+from swim2real.cli.robot_arguments import Check, ExportModel, Init
 from swim2real.cli.study_arguments import Ensemble, Identify
 from swim2real.cli.sysid_arguments import ExportSysid, ImportSysid
 from swim2real.cli.vlm_arguments import Vlm
@@ -109,7 +109,7 @@ class Evaluate:
 
 @dataclass(frozen=True)
 class Overlay:
-    """Draw simulated swims over real ones: films and pictures to see what differs.
+    """Draw simulated trials over real ones: films and pictures to see what differs.
 
     Reads a run folder or parameters file and a reference; writes NAME.mp4 and NAME.png a trial, and all.png. Blue is
     simulated, red is real. Costs about 2 s a trial.
@@ -305,6 +305,7 @@ Command = (
     | Ensemble
     | Evaluate
     | ExportCommands
+    | ExportModel
     | ExportSysid
     | Fetch
     | Identify

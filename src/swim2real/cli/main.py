@@ -114,6 +114,10 @@ def _run(command: args.Command) -> int:
             from swim2real.cli.export_commands import export_commands
 
             return export_commands(command)
+        case args.ExportModel():
+            from swim2real.cli.export_model import export_model
+
+            return export_model(command)
         case args.ExportSysid():
             from swim2real.cli.sysid import export_sysid
 

@@ -42,3 +42,17 @@ class Check:
     """Picture of the markers to write (PNG); by default beside the robot file."""
     threads: int = 0
     """Simulations at a time; 0 for all cores. Results don't depend on it."""
+
+
+@dataclass(frozen=True)
+class ExportModel:
+    """Write the calibrated simulator as one MJCF file, for any program that loads MuJoCo models.
+
+    Reads a run folder or parameters file. The markers' sensors are in the model; meshes and textures stay where they
+    are. Numbers are as exact as MuJoCo writes them, which is told.
+    """
+
+    parameters: Positional[Path]
+    """Run folder or parameters file; 'published' for the prior work's values."""
+    out: Path
+    """MJCF file to write (.xml)."""

@@ -47,3 +47,18 @@ def same(first: mujoco.MjModel, second: mujoco.MjModel) -> bool:
         name == other and np.array_equal(a, b, equal_nan=isinstance(a, np.ndarray) and a.dtype.kind == "f")
         for (name, a), (other, b) in zip(numbers(first), numbers(second), strict=True)
     )
+
+
+def largest_difference(first: mujoco.MjModel, second: mujoco.MjModel) -> tuple[str, float]:
+    """The array in which two models differ most, by a share of its largest number; infinite for other shapes."""
+    found = ("", 0.0)
+    for (name, a), (_, b) in zip(numbers(first), numbers(second), strict=True):
+        one, other = np.asarray(a), np.asarray(b)
+        if one.dtype.kind != "f" or not one.size:
+            continue
+        if one.shape != other.shape:
+            return name, np.inf
+        gap = float(np.nanmax(np.abs(one - other)) / max(float(np.nanmax(np.abs(one))), 1e-300))
+        if gap > found[1]:
+            found = (name, gap)
+    return found
