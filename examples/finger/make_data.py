@@ -31,7 +31,7 @@ def differs(spec: mujoco.MjSpec) -> None:
     """What the real finger has, and its model hasn't."""
     spec.option.timestep, spec.option.integrator = 2.5e-4, mujoco.mjtIntegrator.mjINT_EULER
     spec.tendon("cable").damping[0] = 0.5  # N·s/m in the cable itself
-    spec.site("distal_rear").pos[0] += 7e-4  # glued beside its place
+    spec.site("dist1").pos[0] += 7e-4  # glued beside its place
 
 
 def takes() -> list[Take]:

@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -6,8 +7,9 @@ import pytest
 
 from swim2real.cli.quality import quality
 from swim2real.errors import ArgumentError
+from swim2real.robots import robot_named
 from swim2real.robots.fish import FISH
-from swim2real.trials import MarkerTrack, Trial, TrialSet, save_reference
+from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, save_reference
 from swim2real.trials.files import add_trial
 from swimmers import Swimmer
 
@@ -25,7 +27,8 @@ def reference(tmp_path):
 
 
 def arguments(reference, **options):
-    return SimpleNamespace(**{"reference": reference, "plot": None, "json": False, "allow_lost": 0.05, **options})
+    defaults = {"robot": "fish", "plot": None, "json": False, "allow_lost": 0.05}
+    return SimpleNamespace(**{"reference": reference, **defaults, **options})
 
 
 def said(capsys) -> str:
@@ -74,3 +77,26 @@ def test_a_trial_without_a_beat_leaves_the_others_alone(reference, capsys):
     assert "bad: M4 is lost in 10 % of frames" in text
     assert quality(arguments(reference, allow_lost=1.0, json=True)) == 1
     assert not json.loads(capsys.readouterr().out)["short"]["usable"]
+
+
+FINGER = Path(__file__).parents[2] / "examples" / "finger" / "finger.toml"
+
+
+def test_recordings_are_checked_by_what_was_seen_and_what_was_recorded(tmp_path, capsys):
+    robot, times = robot_named(FINGER), np.arange(20) / 60
+    positions = robot.rest_markers + [-0.065, 0.0] + 1e-4 * np.arange(20)[:, None, None]
+    positions[5:8, -1] = np.nan  # however far the finger bends, that alone is no reason
+    wound, pulled = Signals(times, ["winch"], 0.01 * times[:, None]), Signals(times, ["pull"], times[:, None])
+    whole = Trial("whole", MarkerTrack(times, positions), controls=wound, sensors=pulled)
+    blind = Trial("blind", MarkerTrack(times, positions), controls=wound)
+    save_reference(TrialSet((whole, blind), robot.marker_names), tmp_path)
+    assert quality(arguments(tmp_path, robot=str(FINGER), allow_lost=0.2, plot=tmp_path / "lost.html")) == 1
+    text = said(capsys)
+    assert "whole 0.32 20 – winch pull" in text
+    assert "whole: tip is lost in 15 % of frames (missing 3)" in text
+    assert "trial 'blind'" in text  # it has no sensors
+    assert "left out" in (tmp_path / "lost.html").read_text(encoding="utf-8")
+    assert quality(arguments(tmp_path, robot=str(FINGER), json=True)) == 1
+    content = json.loads(capsys.readouterr().out)
+    assert not content["whole"]["usable"]
+    assert "error" in content["blind"]

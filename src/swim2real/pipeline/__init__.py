@@ -2,7 +2,7 @@
 
 from swim2real.pipeline.calibration import Settings, run
 from swim2real.pipeline.methods import METHODS, Method, make_optimizer
-from swim2real.pipeline.tracking import TRACKS, Filmed, FilmSettings, FrameProgress, track_film
+from swim2real.pipeline.tracking import TRACKS, Filmed, FilmSettings, FrameProgress, check_lost, track_film
 from swim2real.pipeline.tracking_many import track_films
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "FrameProgress",
     "Method",
     "Settings",
+    "check_lost",
     "make_optimizer",
     "run",
     "track_film",

@@ -150,7 +150,7 @@ def track_film(
         pixels, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid_markers(robot), known, size
     )
     track = camera.to_meters(pixels)
-    quality = check(track, robot)
+    quality = check_lost(track, robot)
     trial = Trial(
         name, track, asked, camera.scale.meters_per_pixel,
         f"video {source.name}, {size[0]}x{size[1]}, {info.codec}, {settings.tracker} tracker, swim2real {__version__}",
@@ -177,7 +177,7 @@ def track_film(
     return Filmed(name, report, False)
 
 
-def check(track: MarkerTrack, robot: Robot) -> LostMarkers:
+def check_lost(track: MarkerTrack, robot: Robot) -> LostMarkers:
     """Which markers of a real track are lost; a swimmer's, which bends little, also by their spacing."""
     return check_track(track, robot.rest_markers) if isinstance(robot.trials, SteadySwims) else unseen(track)
 

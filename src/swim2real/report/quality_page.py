@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from swim2real.calibration import RealTrial
 from swim2real.errors import MissingExtraError
 from swim2real.report.palette import LIGHT
+from swim2real.tracking import LostMarkers
+from swim2real.trials import Trial
 
 
-def write_quality_page(real: Sequence[RealTrial], names: Sequence[str], path: str | Path) -> Path:
+def write_quality_page(
+    checked: Sequence[tuple[Trial, LostMarkers]], names: Sequence[str], path: str | Path
+) -> Path:  # fmt: skip
     """Writes one self-contained HTML file.
 
     Args:
-        real: Examined trials.
+        checked: Trials, and what is lost in each.
         names: Of the M markers.
         path: Where to.
 
@@ -27,23 +30,22 @@ def write_quality_page(real: Sequence[RealTrial], names: Sequence[str], path: st
         from plotly.subplots import make_subplots
     except ImportError:
         raise MissingExtraError("the plot needs plotly; install it with: pip install 'swim2real[report]'") from None
-    titles = [f"{one.trial.name}: {100 * one.quality.left_out_share:.1f} % left out" for one in real]
-    figure = make_subplots(rows=len(real), cols=1, subplot_titles=titles, vertical_spacing=0.25 / (len(real) + 1))
-    for row, one in enumerate(real, start=1):
-        track = one.trial.track
+    titles = [f"{trial.name}: {100 * lost.left_out_share:.1f} % left out" for trial, lost in checked]
+    figure = make_subplots(rows=len(checked), cols=1, subplot_titles=titles, vertical_spacing=0.25 / (len(checked) + 1))
+    for row, (trial, lost) in enumerate(checked, start=1):
         figure.add_trace(
             go.Heatmap(
-                x=track.times, y=list(names), z=one.quality.lost.T.astype(int), showscale=False, zmin=0, zmax=1,
+                x=trial.track.times, y=list(names), z=lost.lost.T.astype(int), showscale=False, zmin=0, zmax=1,
                 colorscale=[[0, "#eef1f4"], [1, LIGHT['real']]],
                 hovertemplate="%{y} at %{x:.2f} s: %{z:d} (1 = lost)<extra></extra>",
             ),
             row=row, col=1,
         )  # fmt: skip
         figure.update_yaxes(autorange="reversed", row=row, col=1)
-    figure.update_xaxes(title_text="time [s]", row=len(real), col=1)
+    figure.update_xaxes(title_text="time [s]", row=len(checked), col=1)
     figure.update_layout(
-        title="Lost markers (colored) over time, head (top) to tail",
-        height=150 + 210 * len(real),
+        title="Lost markers (colored) over time, first marker at the top",
+        height=150 + 210 * len(checked),
         template="plotly_white",
     )
     target = Path(path)
