@@ -155,7 +155,7 @@ class Track:
     frequency: tuple[float, ...] = ()
     """What was asked of the motor in each video [Hz], where the names don't say it. Only protocol paper needs it."""
     controls: tuple[Path, ...] = ()
-    """Tables of what drove the robot in each video, in order: time_s on the video's clock, then a column an actuator."""
+    """Tables of what drove the robot in each video, in order: time_s on the video's clock, then one an actuator."""
     sensors: tuple[Path, ...] = ()
     """Likewise of what was measured: time_s, then a column a sensor."""
     tracker: Literal["detection", "csrt"] = "detection"
@@ -206,7 +206,7 @@ class ImportTracks:
     frequency: tuple[float, ...] = ()
     """What was asked of the motor in each trial [Hz]."""
     controls: tuple[Path, ...] = ()
-    """Tables of what drove the robot in each trial, in order: time_s, then a column an actuator."""
+    """Tables of what drove the robot in each trial, in order: time_s, then one an actuator."""
     sensors: tuple[Path, ...] = ()
     """Likewise of what was measured: time_s, then a column a sensor."""
 
