@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -80,3 +81,18 @@ def two_methods() -> ComparisonResults:
     runs += [made_run("good", 0, [0.2] * 7 + [0.02], held_out=trial, unseen=0.03) for trial in TRIALS]
     missing = {"aligned/absent/seed-0": "the library is not there"}
     return made_results(*runs, missing=missing, methods=("good", "bad", "absent"))
+
+
+def playback_evidence(error: float, **more: Any) -> dict[str, Any]:
+    """Evidence of a fit to a recording."""
+    trial = {"marker_errors": [0.0, 2 * error], "loss": error, "marker_error": error, "velocity_simulated": 0.1}
+    return {"marker_error": error, "loss": error, **more, "trials": {"a": trial}}
+
+
+def playback_results(**more: Any) -> ComparisonResults:
+    """Two seeds of a method on a recording, 10 and 20 mm off."""
+    runs = [
+        replace(made_run("good", seed, [loss] * BUDGET, "playback"), fit=playback_evidence(loss, **more))
+        for seed, loss in enumerate((0.01, 0.02))
+    ]
+    return replace(made_results(*runs), markers=("root", "tip"), sensors={"load": "N"})

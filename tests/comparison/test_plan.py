@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from recorded import PENDULUM, pendulum_reference
 from swim2real.advisor import BriefingSettings
 from swim2real.comparison import Plan, contestant, contestants, make_plan, read_plan
-from swim2real.comparison.contestants import NAMES, TABLE_METHODS, folder_name
+from swim2real.comparison.contestants import NAMES, folder_name, table_methods
 from swim2real.errors import ArgumentError, RunError
 from swim2real.pipeline import METHODS
 from swim2real.robots.fish import FISH
@@ -27,12 +28,22 @@ def keys(plan: Plan) -> list[str]:
 
 def test_every_method_and_the_ablation_take_part():
     assert set(NAMES) == {*METHODS, "no-line-search"}
-    assert set(TABLE_METHODS) == {*NAMES} - {"mujoco-sysid", "warm-start"}
+    assert set(table_methods(FISH)) == {*NAMES} - {"mujoco-sysid", "warm-start"}
+    assert set(table_methods(PENDULUM)) == {*NAMES} - {"mujoco-sysid", "warm-start", "staged"}  # nobody planned any
     for name in NAMES:
         one = contestant(name)
         assert (one.name, one.advisor, one.scale) == (name, "physics", None)
         assert one.max_steps == (1 if name == "no-line-search" else 3)
         assert one.method == ("line-search" if name == "no-line-search" else name)
+
+
+def test_recordings_have_one_protocol_and_the_units_of_their_sensors(pool):
+    plan = make_plan(contestants(["random"]), [0], [], 3, pendulum_reference(), PENDULUM)
+    assert (plan.protocols, plan.sensors) == (("playback",), {"gyro[1]": "rad/s"})
+    assert [job.key for job in plan.jobs("out")] == ["playback/random/seed-0"]
+    assert make_plan(contestants(["random"]), [0], [], 3, pool, FISH).protocols == ("aligned", "paper")
+    with pytest.raises(ArgumentError, match="the trials of robot 'pendulum' are recordings"):
+        make_plan(contestants(["random"]), [0], ["paper"], 3, pendulum_reference(), PENDULUM)
 
 
 def test_an_advisor_and_a_scale_are_part_of_a_name():

@@ -6,7 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from made_results import BUDGET, ROUNDS, TRIALS, evidence_of, made_results, made_run, two_methods
+from made_results import (
+    BUDGET,
+    ROUNDS,
+    TRIALS,
+    evidence_of,
+    made_results,
+    made_run,
+    playback_results,
+    two_methods,
+)
 from swim2real.comparison.results import ComparisonResults
 from swim2real.comparison.statistics import (
     best_method,
@@ -206,3 +215,23 @@ def test_a_method_s_name_can_t_break_a_markdown_table() -> None:
     row = as_markdown(tables(made, "aligned")[0]).splitlines()[4]
     assert row.startswith("| line-search@files\\|&lt;b> | ")
     assert row.replace("\\|", "").count("|") == 5
+
+
+def test_figures_of_recordings_are_those_that_there_are() -> None:
+    made = {table.key: table for table in tables(playback_results(sensor_errors={"load": 0.01234}), "playback")}
+    assert made["figures"].columns == ("Method", "Marker error (mm)", "load (N)")
+    assert [cell.text for cell in made["figures"].rows[0][1]] == ["15.0 ± 7.1", "0.0123 ± 0"]
+    assert made["markers"].rows[0][0] == "good"
+    assert [cell.text for cell in made["markers"].rows[0][1]] == ["0.0", "30.0"]
+    assert "lowest playback error" in made["paper"].note
+    assert "velocity" not in made  # the trials have no frequency
+    turning = {table.key: table for table in tables(playback_results(heading_error=math.pi / 2), "playback")}
+    assert turning["figures"].columns == ("Method", "Marker error (mm)", "Heading error (°)")
+    assert turning["figures"].rows[0][1][1].text == "90.0 ± 0.0"
+
+
+def test_results_of_recordings_come_back_with_their_units() -> None:
+    made = playback_results()
+    assert ComparisonResults.from_dict(made.as_dict()) == made
+    earlier = {key: value for key, value in made.as_dict().items() if key != "sensors"}
+    assert ComparisonResults.from_dict(earlier).sensors == {}

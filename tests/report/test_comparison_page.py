@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from made_results import made_results, made_run, two_methods
+from made_results import made_results, made_run, playback_results, two_methods
 from swim2real.comparison.results import ComparisonResults
 from swim2real.errors import MissingExtraError, RunError
 from swim2real.report.comparison_page import comparison_content, verdict, write_comparison_report
@@ -122,6 +122,20 @@ def test_theory_is_beside_the_simulators(tmp_path: Path) -> None:
     )  # fmt: skip
     names = [trace.get("name") for trace in content["plots"]["figures"]["speed-aligned"]["data"]]
     assert names == ["good", "bad", "elongated body theory", "real"]
+
+
+def test_recordings_have_no_speed_against_frequency(tmp_path: Path) -> None:
+    results = playback_results(sensor_errors={"load": 0.01})
+    shown = visible(page_of(results, tmp_path))
+    for words in (
+        "good has the lowest mean playback error: 15.0 mm", "Playback protocol", "load (N)", "Error of each marker",
+        "Speed against frequency is left out: the trials are recordings, which have none.",
+    ):  # fmt: skip
+        assert words in shown, words
+    assert [word for word in ("Eq. 1", "elocity", "head to tail", "registered") if word in shown] == []
+    figures = comparison_content(results, tmp_path)["plots"]["figures"]
+    assert set(figures) == {"convergence-playback", "strip-playback", "marker-playback"}
+    assert figures["marker-playback"]["layout"]["xaxis"]["title"]["text"] == "marker"
 
 
 def test_figures_are_plotly_s_and_follow_the_theme(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from made_results import TRIALS, made_results, made_run, two_methods
+from made_results import TRIALS, made_results, made_run, playback_results, two_methods
 from swim2real.calibration import SwimPair
 from swim2real.comparison.results import ComparisonResults
 from swim2real.comparison.statistics import method_statistics
@@ -148,6 +148,14 @@ def test_without_swims_the_others_are_still_drawn(tmp_path: Path, caplog) -> Non
     assert len(paths) == 10
     assert "no chronophotography for protocol aligned" in caplog.text
     assert "swims.npz" in caplog.text
+
+
+def test_recordings_have_no_figure_of_speed_and_none_of_swims(tmp_path: Path, caplog) -> None:
+    files = write_figures(playback_results(), tmp_path)
+    assert {path.stem for path in files} == {"convergence-playback", "strip-playback", "markers-playback"}
+    assert "no figure of speed against frequency for protocol playback: its trials have none" in caplog.text
+    says = "no chronophotography for protocol playback: its trials are recordings, not swims with a frequency"
+    assert says in caplog.text
 
 
 def test_a_protocol_without_runs_is_said(tmp_path: Path, caplog) -> None:

@@ -11,7 +11,7 @@ from swim2real.cli.calibrate import horizon
 from swim2real.cli.compare_arguments import Compare
 from swim2real.cli.compare_progress import comparison_shown
 from swim2real.cli.comparison_files import write_files, write_theory
-from swim2real.comparison import TABLE_METHODS, ComparisonResults, contestants, make_plan
+from swim2real.comparison import ComparisonResults, contestants, make_plan, table_methods
 from swim2real.comparison import compare as run
 from swim2real.comparison.statistics import method_statistics
 from swim2real.comparison.statistics_tables import paper_table
@@ -29,12 +29,13 @@ def compare(a: Compare) -> int:
         raise ArgumentError(f"--workers {a.workers} is for this machine; leave it out with --cluster {a.cluster}")
     if a.vlm.once:
         raise ArgumentError("--once is for advisor files, which a comparison can't wait for")
-    seeds, methods = chosen_seeds(a.seeds), contestants(a.methods or TABLE_METHODS, a.scale)
+    seeds, robot = chosen_seeds(a.seeds), robot_named(a.robot)
+    methods = contestants(a.methods or table_methods(robot), a.scale)
     access = Access(
         a.vlm.base_url, a.vlm.key_variable, a.vlm.timeout, a.vlm.tries, a.vlm.max_calls, a.vlm.max_cost,
         a.vlm.reply_tokens,
     )  # fmt: skip
-    reference, robot = load_reference(a.reference), robot_named(a.robot)
+    reference = load_reference(a.reference)
     plan = make_plan(
         methods, seeds, a.protocols, a.budget, reference, robot, leave_one_out=a.leave_one_out,
         horizon=horizon(a.horizon), briefing=BriefingSettings(a.vlm.show, a.vlm.media, a.vlm.detail),

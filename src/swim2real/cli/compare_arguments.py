@@ -31,13 +31,13 @@ class Compare:
     """random, cma-es, bayesopt, least-squares, mujoco-sysid, staged, line-search (with the physics advisor),
     no-line-search (its ablation), warm-start; line-search@ADVISOR, no-line-search@ADVISOR and warm-start@ADVISOR for
     other advisors, as line-search@google:MODEL or line-search@replay:RUN. By default all but mujoco-sysid and
-    warm-start."""
+    warm-start, and but staged for a robot without stages."""
     seeds: tuple[str, ...] = ("0:5",)
     """Numbers, and ranges without their end: 0:5 is 0 1 2 3 4."""
     budget: int = 40
     """Simulation evaluations of a run, the first included."""
-    protocols: tuple[Literal["aligned", "paper"], ...] = ("aligned", "paper")
-    """As for calibrate."""
+    protocols: tuple[Literal["aligned", "paper"], ...] = ()
+    """As for calibrate; by default both. Recordings have but one."""
     scale: tuple[Literal["auto", "log", "linear"], ...] = ("auto",)
     """Scales of the parameters, each a contestant of its own; auto: linear under protocol paper, log otherwise.
     METHOD+log and METHOD+linear choose it for one method."""

@@ -1,13 +1,12 @@
 """Methods against methods: many runs under one budget, and who wins, by how much, and how surely."""
 
 from swim2real.comparison.compare import ComparisonProgress, compare
-from swim2real.comparison.contestants import TABLE_METHODS, Contestant, contestant, contestants
+from swim2real.comparison.contestants import Contestant, contestant, contestants, table_methods
 from swim2real.comparison.plan import Job, Plan, make_plan, read_plan
 from swim2real.comparison.reading import read_results, write_results
 from swim2real.comparison.results import ComparisonResults, RunResult, StepRound, load_results
 
 __all__ = [
-    "TABLE_METHODS",
     "ComparisonProgress",
     "ComparisonResults",
     "Contestant",
@@ -22,5 +21,6 @@ __all__ = [
     "make_plan",
     "read_plan",
     "read_results",
+    "table_methods",
     "write_results",
 ]

@@ -14,10 +14,11 @@ from swim2real.errors import ArgumentError
 from swim2real.parameters import Scale
 from swim2real.pipeline import METHODS, Method
 from swim2real.pipeline.methods import ADVISED
+from swim2real.robots.robot import Robot, SteadySwims
 
 ABLATION = "no-line-search"
 NAMES: tuple[str, ...] = (*METHODS, ABLATION)
-TABLE_METHODS = tuple(name for name in NAMES if name not in ("mujoco-sysid", "warm-start"))  # the paper's and more
+_NOT_IN_TABLES = ("mujoco-sysid", "warm-start")
 SCALES = ("auto", "log", "linear")
 
 
@@ -49,6 +50,13 @@ class Contestant:
     def label(self, own_scale: Scale) -> str:
         """What it is called under a protocol with a scale of its own."""
         return self.name if self.scale in (None, own_scale) else f"{self.name}+{self.scale}"
+
+
+def table_methods(robot: Robot) -> tuple[str, ...]:
+    """Of the paper's table, and more, but for stages where nobody has planned any for the robot."""
+    planned = isinstance(robot.trials, SteadySwims) and robot.trials.fit_plan is not None
+    left_out = _NOT_IN_TABLES if planned else (*_NOT_IN_TABLES, "staged")
+    return tuple(name for name in NAMES if name not in left_out)
 
 
 def contestant(name: str) -> Contestant:

@@ -1,0 +1,96 @@
+"""`compare` on a robot whose trials are recordings: results, tables, figures and a page of what there is."""
+
+import csv
+import re
+from pathlib import Path
+
+import pytest
+
+from recorded import PENDULUM_HIDDEN, PENDULUM_SPACE, PENDULUM_XML, pendulum_reference
+from swim2real.trials import save_reference
+
+ROBOT = """
+format = 1
+name = "pendulum"
+description = "A damped double pendulum with a motor at its shoulder."
+model = "pendulum.xml"
+camera = "side"
+markers = ["pivot", "middle", "end"]
+[recordings]
+start = "markers"
+[recordings.controls]
+torque = "table"
+[recordings.sensors]
+"gyro[1]" = {unit = "rad/s", worth = 0.001}
+[[parameters]]
+name = "shoulder_damping"
+unit = "N·m·s/rad"
+lower = 0.0005
+upper = 0.02
+scale = "log"
+meaning = "Damping of the shoulder."
+writes = 'joint "shoulder" damping'
+[[parameters]]
+name = "elbow_damping"
+unit = "N·m·s/rad"
+lower = 0.0002
+upper = 0.01
+scale = "log"
+meaning = "Damping of the elbow."
+writes = 'joint "elbow" damping'
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """With a robot file and a reference. Don't write into it."""
+    folder = tmp_path_factory.mktemp("pendulum")
+    values = {**PENDULUM_SPACE.published, "lower_mass": PENDULUM_HIDDEN["lower_mass"]}
+    (folder / "pendulum.xml").write_text(PENDULUM_XML.format(**values))
+    (folder / "pendulum.toml").write_text(ROBOT, encoding="utf-8")
+    save_reference(pendulum_reference(1e-3), folder / "tracks")
+    return folder
+
+
+@pytest.mark.slow
+def test_a_comparison_on_a_robot_file_gives_results_tables_figures_and_a_page(program, folder, tmp_path):
+    out = tmp_path / "comparison"
+    command = ["compare", folder / "tracks", "--robot", folder / "pendulum.toml", "--out", out, "--budget", 3]
+    program(
+        *command, "--methods", "random", "least-squares", "--seeds", 1, "--leave-one-out", "--horizon", 0.5,
+        "--workers", 1,
+    ).done()  # fmt: skip
+    assert re.search(r"^Calibration performance over 1 seed, playback protocol, 3 evaluations", program.out)
+    with (out / "results.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["method"], row["held_out"]) for row in rows] == [
+        (method, out) for method in ("random", "least-squares") for out in ("", "a", "b")
+    ]
+    first = rows[0]
+    assert first["protocol"] == "playback"
+    assert float(first["marker_error"]) + 0.001 * float(first["sensor_errors.gyro[1]"]) == pytest.approx(
+        float(first["best_loss"])
+    )
+    assert float(rows[1]["held_out_sensor_errors.gyro[1]"]) > 0
+    assert not [column for column in first if "velocity" in column or "aligned" in column or "offset" in column]
+    tables = (out / "tables.md").read_text(encoding="utf-8")
+    for words in ("lowest playback error", "gyro[1] (rad/s)", "Error of each marker", "Trials left out of the fit"):
+        assert words in tables
+    assert [word for word in ("elocity", "Eq. 1", "head to tail", "egistered") if word in tables] == []
+    assert {path.name for path in (out / "figures").glob("*.pdf")} == {
+        f"{name}-playback.pdf" for name in ("convergence", "strip", "markers")
+    }
+    page = (out / "comparison.html").read_text(encoding="utf-8")
+    assert "Speed against frequency is left out: the trials are recordings, which have none." in page
+    assert "Playback protocol" in page
+    assert "elongated body theory" not in page
+    (out / "comparison.html").unlink()
+    program("report", out).done()
+    assert (out / "comparison.html").read_text(encoding="utf-8") == page
+
+
+def test_the_papers_protocol_is_refused(program, folder, tmp_path):
+    command = ["compare", folder / "tracks", "--robot", folder / "pendulum.toml", "--out", tmp_path / "out"]
+    assert program(*command, "--protocols", "paper").sentence(2) == (
+        "protocol is 'paper'; the trials of robot 'pendulum' are recordings, which are compared by protocol playback"
+    )
