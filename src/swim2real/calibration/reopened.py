@@ -64,7 +64,9 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
             f"one that it was made with" + (f", {settings['reference']}" if settings.get("reference") else "")
         )
     fitted, _ = reference.split(tuple(settings["hold_out"]))
-    problem = pose_problem(robot, fitted, settings["protocol"], settings["horizon"], threads, settings.get("start", "speed"))
+    problem = pose_problem(
+        robot, fitted, settings["protocol"], settings["horizon"], threads, settings.get("start", "speed")
+    )
     note = problem.engine.difference(settings.get("engine") or {})
     if note:
         raise RunError(f"run '{folder.path}' was {note}; losses can't be compared, so make a new run")
