@@ -11,13 +11,16 @@ from waves import EEL_SPACE, Wave, after, compared_waves, eel, evaluate
 from worlds import SPACE
 
 from recorded import PENDULUM, PENDULUM_HIDDEN, pendulum_reference
+from swim2real.advisor import Access
 from swim2real.advisor.briefing.briefing import Briefing
 from swim2real.advisor.briefing.detail import BriefingSettings
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.files import HOW_TO
 from swim2real.advisor.vlm.prompt import repair
 from swim2real.calibration import pose_problem
+from swim2real.errors import WaitingForReply
 from swim2real.optimizers import Proposal
+from swim2real.pipeline import Settings, run
 from swim2real.rendering.drawing import Canvas
 from swim2real.robots.fish import FISH
 from swim2real.video import VideoWriter
@@ -135,6 +138,23 @@ def test_a_simulated_pendulum_is_briefed_from_its_robot_alone(burned_in):
     for said in ("pivot", "middle", "end", "gyro[1]", "rad/s", *PENDULUM_HIDDEN, "x right, z up", "2.500 s"):
         assert said in text
     assert f"**The loss is {500 * comparison.loss:.1f} mm**" in text  # of the last step, which halved it
+
+
+def test_a_run_of_recordings_is_briefed_by_file(tmp_path):
+    reference = pendulum_reference()
+    settings = Settings(advisor="files", budget=3, horizon=0.5, threads=2)
+    folder = tmp_path / "advisor" / "round_001"
+    with pytest.raises(WaitingForReply):
+        run(reference, PENDULUM, settings, tmp_path, access=Access(once=True))
+    assert sorted(path.name for path in folder.iterdir()) == ["1.png", "2.png", "briefing.md", "reply.schema.json"]
+    (folder / "reply.json").write_text('{"parameters": {"elbow_damping": 0.0006}}')
+    with pytest.raises(WaitingForReply):
+        run(reference, PENDULUM, settings, tmp_path, access=Access(once=True), resume=True)
+    text = (tmp_path / "advisor" / "round_002" / "briefing.md").read_text()
+    assert "## Simulated and real motions at the current point" in text
+    assert "The first 0.5 s of each trial are compared." in text
+    assert "elbow_damping 0.000689 → 0.0006" in text
+    assert not re.search(SWIM_WORDS, without(text, PENDULUM), re.IGNORECASE)
 
 
 def test_instructions_are_those_of_the_trials():
