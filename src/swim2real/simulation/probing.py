@@ -20,7 +20,7 @@ from swim2real.trials import Actuation, Trial, TrialSet
 
 NOISE = 1e-9  # m, by which markers may move where a parameter has no effect
 FAINT = 1e-5  # m, less than which no camera sees
-_STRENGTHS = (1.0, 0.1, 0.01, 0.0)
+_STRENGTHS = (1.0, 0.1, 0.01, 0.001)
 _ROOM = 3.0  # of the robot's size that a marker may move; more is a robot that is thrown about
 _TRIALS = 4  # real ones that are tried
 

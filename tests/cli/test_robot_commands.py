@@ -1,0 +1,176 @@
+"""`init` and `check`."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, parameter
+from small_models import PENDULUM
+from swim2real.robots.file import load_robot
+from swim2real.simulation.excitation import excitation
+from swim2real.simulation.playback import Player
+from swim2real.trials import TrialSet, save_reference
+
+PNG = b"\x89PNG\r\n\x1a\n"
+DRIVEN = '[recordings.controls]\nservo = "table"\ntorque = {amplitude = 0.5, phase = -1, offset = 0.1}\nmotor = 0.2\n'
+UNUSED = parameter("'body \"upper\" mass'", 0.1, 1.0, "value = 0.1")
+
+
+@pytest.fixture
+def model(tmp_path):
+    place = tmp_path / "pendulum.xml"
+    place.write_text(PENDULUM)
+    return place
+
+
+def test_a_robot_file_is_begun_and_passes_its_check(program, model):
+    program("init", model).done()
+    out = model.with_suffix(".toml")
+    assert program.text.strip() == (
+        f"{out}: 3 markers, 2 parameters (shoulder_damping, elbow_damping), and 6 more as comments. Edit it, then: "
+        f"swim2real check {out}"
+    )
+    program("check", out, "--threads", 1).done()
+    assert re.search(r'shoulder_damping N·m·s/rad 0 to 0.1 0 0 [0-9.]+ joint "shoulder" damping', rows(program))
+    assert "tip 0.0 -400.0 0.0" in rows(program)
+    assert "Moved for 2 s from a pose off its rest." in program.text
+    assert "Trials are recordings that start where the markers are and are compared in the world." in program.text
+    assert out.with_suffix(".png").read_bytes().startswith(PNG)
+    assert program.text.strip().endswith(str(out.with_suffix(".png")))
+
+
+def rows(program) -> str:
+    """What was printed, with single spaces, and cells of several lines put together."""
+    return " ".join(program.text.replace("━", " ").split())
+
+
+def test_a_file_that_is_there_is_not_written_over(program, model):
+    out = model.with_suffix(".toml")
+    out.write_text("mine")
+    says = f"'{out}' is there; give another --out, or --force to write over it"
+    assert program("init", model).sentence(2) == says
+    assert out.read_text() == "mine"
+    program("init", model, "--force").done()
+    assert load_robot(out).name == "pendulum"
+
+
+def test_wrong_arguments_of_init_are_named_and_nothing_is_written(program, model, tmp_path):
+    before = set(tmp_path.iterdir())
+    assert (
+        program("init", model, "--out", "robot.xml").sentence(2) == "--out is 'robot.xml'; a robot file ends in .toml"
+    )
+    nowhere = tmp_path / "none.xml"
+    assert program("init", nowhere).sentence(2) == f"model '{nowhere}' is not there; give an MJCF file"
+    out = tmp_path / "none" / "robot.toml"
+    says = f"robot file '{out}' can't be written: No such file or directory"
+    assert program("init", model, "--out", out).sentence(2) == says
+    model.write_text(PENDULUM.replace("site", "sight"))
+    assert program("init", model).sentence(2).startswith(f"MuJoCo can't read model '{model}': ")
+    assert set(tmp_path.iterdir()) == before
+
+
+def test_a_parameter_that_changes_nothing_fails_the_check(program, tmp_path):
+    place = made(tmp_path, ROBOT, RECORDINGS, UNUSED)
+    program("check", place)
+    assert program.code == 1
+    assert (
+        "x changes nothing of the model: body 'upper' has no <inertial>, so its mass comes from its geoms"
+        in program.text
+    )
+    place = made(tmp_path, ROBOT, RECORDINGS, parameter("'geom \"rod0\" friction[0]'", 0.1, 2.0))
+    program("check", place)
+    assert program.code == 1
+    assert "x moves no marker" in program.text
+
+
+def test_a_bound_that_does_not_compile_fails_the_check(program, tmp_path):
+    place = made(tmp_path, ROBOT, RECORDINGS, parameter("'joint \"link0\" range[0]'", -40.0, 70.0))
+    program("check", place)
+    assert program.code == 1
+    assert (
+        "robot 'arm', x = 70: the model doesn't compile: Error: range[0] should be smaller than range[1]"
+        in program.text
+    )
+    assert "x changes nothing" not in program.text
+
+
+def test_what_is_worth_knowing_of_a_parameter_fails_nothing(program, tmp_path):
+    faint = parameter("'joint \"link1\" stiffness'", 1.99999, 2.00001).replace('"x"', '"faint"')
+    coarse = parameter("'option timestep'", 0.002, 0.5)
+    place = made(tmp_path, ROBOT, '[recordings]\nstart = "markers"\n', coarse, faint)
+    program("check", place).done()
+    assert "faint hardly shows: it moves the markers by less than 0.01 mm on average" in program.text
+    assert "x = 0.5: excitation: the simulation diverged " in program.text
+
+
+def test_what_drives_a_trial_is_told(program, tmp_path):
+    sensors = '[recordings.sensors]\nangle = {unit = "rad", worth = 0.1}\n'
+    about = 'frame = ["base", "tip"]\nstart = "up"\n'
+    place = made(tmp_path, ROBOT, RECORDINGS, about, DRIVEN, sensors, DAMPING)
+    program("check", place, "--out", tmp_path / "picture.png").done()
+    told = rows(program)
+    assert "servo its column of the trial's controls" in told
+    assert "torque 0.5 sin(2π f t - 1) + 0.1, f of the trial" in told
+    assert "motor 0.2 in every trial" in told
+    assert "damped nothing, so 0" in told
+    assert "angle rad 100" in told
+    assert "recordings that start in keyframe 'up' and are compared in the frame of base and tip." in told
+    assert "with sines for tables, from where trials start." in told
+    assert (tmp_path / "picture.png").read_bytes().startswith(PNG)
+    assert not place.with_suffix(".png").exists()
+
+
+def test_real_trials_are_used_and_must_fit(program, tmp_path):
+    place = made(tmp_path, ROBOT, RECORDINGS, DRIVEN, DAMPING)
+    robot = load_robot(place)
+    trial, player = excitation(robot, 1.0), Player(robot, 1)
+    seen = player.play(robot.space.published, [player.prepared(trial)]).trials[0]
+    folder = tmp_path / "reference"
+    save_reference(TrialSet((replace(seen, name="a", controls=trial.controls),), robot.marker_names), folder)
+    program("check", place, "--reference", folder).done()
+    assert "Moved for 2 s as in the trials of the reference (a)." in program.text
+    assert f"All 1 trials of '{folder}' fit." in program.text
+    made(tmp_path, ROBOT, RECORDINGS, DRIVEN.replace("servo", "law"), DAMPING)
+    program("check", place, "--reference", folder)
+    assert program.code == 1
+    assert (
+        "trial 'a': the controls don't drive actuator 'law': there is no column 'law'; there are servo" in program.text
+    )
+    made(tmp_path, ROBOT.replace('"base", "elbow"', '"elbow", "base"'), RECORDINGS, DRIVEN, DAMPING)
+    program("check", place, "--reference", folder)
+    assert program.code == 1
+    assert "robot 'arm' has elbow, base, tip; name them alike, in the same order" in program.text
+
+
+def test_wrong_arguments_of_check_are_named(program, tmp_path):
+    says = "there is no robot 'finch'; there are fish, fish-extended, or give a robot file (.toml)"
+    assert program("check", "finch").sentence(2) == says
+    place = tmp_path / "none.toml"
+    says = f"robot file '{place}' is not there; `swim2real init MODEL.xml` writes one"
+    assert program("check", place).sentence(2) == says
+    place = made(tmp_path, ROBOT, RECORDINGS, DAMPING, model=ARM)
+    says = f"reference '{tmp_path / 'none'}' is not there; give a folder with reference.json or with published CSVs"
+    assert program("check", place, "--reference", tmp_path / "none").sentence(1) == says
+    assert program("check", place, "--threads", -1).sentence(2) == "--threads is -1; it must be 0 (all cores) or above"
+    program("check", place, "--out", tmp_path / "none" / "p.png")
+    assert program.code == 2
+    assert program.err.endswith(f"--out '{tmp_path / 'none' / 'p.png'}' can't be written: No such file or directory\n")
+
+
+def test_helps_say_what_is_read_and_written(program):
+    program("init", "--help").done()
+    for phrase in ("Reads the model", "MJCF file", "by default beside the model", "--force", "Write over a file"):
+        assert phrase in program.text
+    program("check", "--help").done()
+    for phrase in ("Exits with 1 when", "--reference", "Picture of the markers to write", "Costs some seconds"):
+        assert phrase in program.text
+
+
+@pytest.mark.slow
+def test_the_fish_passes_its_check(program, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    program("check", "fish").done()
+    assert "Trials are steady swims: joint 'motor' turns at the trial's frequency" in program.text
+    assert "Moved for 2 s by its motor at 1 Hz, from rest." in program.text
+    assert (tmp_path / "fish.png").read_bytes().startswith(PNG)

@@ -1,0 +1,203 @@
+"""Robot files that are begun for models of several kinds: they load, and every parameter shows."""
+
+import tomllib
+
+import mujoco
+import pytest
+
+from small_models import ARM, FINGER, HOPPER, MODELS, PENDULUM, snake
+from swim2real.errors import EngineError, RobotError
+from swim2real.pipeline.drafting import draft_robot, write_draft
+from swim2real.robots.drafting.draft import candidates
+from swim2real.robots.file import load_robot
+from swim2real.robots.robot import Recordings
+from swim2real.simulation.probing import FAINT, probe
+
+
+@pytest.fixture
+def begun(tmp_path):
+    """A robot file that is begun for a model; its draft and its place."""
+
+    def begin(xml: str, name: str = "model"):
+        model = tmp_path / f"{name}.xml"
+        model.write_text(xml)
+        draft, out = draft_robot(model, threads=1), tmp_path / f"{name}.toml"
+        write_draft(draft, model, out)
+        return draft, out
+
+    return begin
+
+
+KINDS = [pytest.param(name, marks=pytest.mark.slow if name == "fish" else ()) for name in MODELS]
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_file_loads_as_it_is_and_every_parameter_shows(begun, name):
+    draft, out = begun(MODELS[name], name)
+    robot = load_robot(out)
+    assert list(robot.space.names) == draft.calibrated
+    assert set(draft.candidates) == {*draft.calibrated, *draft.aside}
+    assert isinstance(robot.trials, Recordings)
+    found = probe(robot, threads=1)
+    assert not any(one.refused or one.lower.failure or one.upper.failure for one in found)
+    assert min(one.distance for one in found) >= FAINT
+    for parameter in robot.space:
+        assert parameter.lower <= parameter.published <= parameter.upper
+        assert parameter.meaning.endswith(".")
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_what_is_only_suggested_can_be_used_by_taking_the_signs_away(begun, name):
+    draft, out = begun(MODELS[name], name)
+    text = out.read_text()
+    head, rest = text[: text.index("[[parameters]]")], text[text.index("[[parameters]]") :]
+    tables = [line.removeprefix("# ") for line in rest.splitlines() if not line.startswith(("# left out", "# one val"))]
+    out.write_text(head.rpartition("\n#")[0] + "\n" + "\n".join(tables))
+    assert set(load_robot(out).space.names) == set(draft.candidates)
+
+
+def test_a_pendulum_has_its_missing_damping_calibrated(begun):
+    draft, out = begun(PENDULUM)
+    assert (draft.name, draft.camera, draft.markers) == ("pendulum", "side", ("pivot", "elbow", "tip"))
+    assert draft.calibrated == ["shoulder_damping", "elbow_damping"]
+    parameter = load_robot(out).space["shoulder_damping"]
+    assert (parameter.unit, parameter.lower, parameter.published) == ("N·m·s/rad", 0.0, 0.0)
+    assert parameter.log_offset == pytest.approx(parameter.upper / 1000)
+    assert "shoulder_armature" in draft.aside
+
+
+def test_a_snake_swims_in_the_plane_with_one_value_for_its_joints(begun):
+    draft, out = begun(snake())
+    robot = load_robot(out)
+    assert draft.camera == "above"
+    assert draft.frame == ("M0", "nose")
+    assert (robot.recordings.frame, robot.recordings.travels) == ((0, 1), True)
+    assert robot.recordings.controls == {f"servo{i}": "table" for i in range(1, 5)}
+    assert draft.candidates["joint_damping"].group == ("joint1", "joint2", "joint3", "joint4")
+    assert "x_damping" in draft.aside  # what lets it go anywhere isn't a damper
+    assert {"fluid_blunt_drag", "fluid_kutta_lift", "servo_kp", "joint_stiffness"} <= set(draft.calibrated)
+    assert {"fluid_magnus_lift", "fluid_density", "geom_density"} <= set(draft.aside)
+    text = out.read_text()
+    assert "# one value for joint1, joint2, joint3, joint4; for more, copy this table and name some in each" in text
+    assert "# left out: a mass is better weighed than calibrated" in text
+
+
+def test_sites_of_tendons_are_no_markers_and_sensors_are_suggested(begun):
+    draft, out = begun(FINGER)
+    assert draft.markers == ("base", "middle", "tip")
+    assert draft.routing == ("anchor", "guide0", "guide1")
+    text = out.read_text()
+    assert "# tendons run through these sites, so they are left out: anchor, guide0, guide1" in text
+    assert '# length = {unit = "m", worth = 0.01}' in text
+    gear = next(one for one in tomllib.loads(text)["parameters"] if one["name"] == "pull_gear")
+    assert gear["writes"] == {"to": 'actuator "pull" gear[0]', "relative": True}  # it is negative
+
+
+def test_a_free_robot_travels_and_its_keyframes_are_named(begun):
+    draft, out = begun(HOPPER)
+    assert draft.frame == ("front", "rear")
+    assert draft.calibrated == [
+        "left_hip_damping", "left_hip_armature", "drive_gain", "drive_braking", "drive_time_constant"
+    ]  # fmt: skip
+    text = out.read_text()
+    assert "or a keyframe: stand\n" in text
+    assert '# "imu[2]" = {unit = "m/s²", worth = 0.01}' in text
+    assert '# "hip angle" = {unit = "rad", worth = 0.01}' in text
+    assert "place" not in text
+    assert "floor" not in text
+
+
+def test_servos_have_their_gains_calibrated_and_names_of_any_kind_are_written(begun):
+    draft, out = begun(ARM, "my arm")
+    assert (draft.name, draft.camera, draft.frame) == ("my arm", "front", None)
+    assert {"shoulder_servo_kp", "shoulder_servo_kv", "elbow_servo_kp"} <= set(draft.calibrated)
+    assert "elbow_servo_kv" not in draft.candidates  # a damping ratio
+    assert load_robot(out).recordings.controls == {"shoulder.servo": "table", "elbow.servo": "table"}
+    assert "# 1 geoms have no name: parameters write to names, or to all of a class (main)" in out.read_text()
+
+
+def test_bounds_lie_around_the_value_with_few_digits(begun):
+    found = candidates(mujoco.MjSpec.from_string(HOPPER), mujoco.MjModel.from_xml_string(HOPPER))
+    damping, mass = found["left_hip_damping"], found["trunk_mass"]
+    assert (damping.lower, damping.upper, damping.log_offset) == (0.01, 0.25, 0.0)
+    assert (mass.lower, mass.upper) == (0.75, 3.0)
+
+
+def test_twins_are_one_parameter_only_where_they_have_one_value():
+    xml = PENDULUM.replace('name="shoulder"', 'name="left_joint"').replace(
+        '<joint name="elbow"', '<joint name="right_joint"'
+    )
+    both = candidates(mujoco.MjSpec.from_string(xml), mujoco.MjModel.from_xml_string(xml))
+    assert both["joint_damping"].writes == ('joint "left_joint", "right_joint" damping',)
+    xml = xml.replace('name="left_joint"', 'name="left_joint" damping="0.1"')
+    each = candidates(mujoco.MjSpec.from_string(xml), mujoco.MjModel.from_xml_string(xml))
+    assert {"left_joint_damping", "right_joint_damping", "joint_stiffness"} <= set(each)
+
+
+def test_names_of_parameters_differ():
+    xml = FINGER.replace('tendon name="x"', "").replace('"flexor"', '"knuckle0"')
+    found = candidates(mujoco.MjSpec.from_string(xml), mujoco.MjModel.from_xml_string(xml))
+    assert found["knuckle_stiffness"].kind == "joint"
+    assert found["knuckle0_stiffness"].kind == "tendon"
+    xml = FINGER.replace('"flexor"', '"knuckle_0"').replace("knuckle0", "knuckle_0").replace("knuckle1", "knuckle_1")
+    xml = xml.replace('tendon name="knuckle_0"', 'tendon name="knuckle"')
+    same = xml.replace('spatial name="knuckle_0"', 'spatial name="knuckle"').replace(
+        'tendon="knuckle_0"', 'tendon="knuckle"'
+    )
+    found = candidates(mujoco.MjSpec.from_string(same.replace('"knuckle_0" sensor', "")),
+                       mujoco.MjModel.from_xml_string(same))  # fmt: skip
+    assert found["knuckle_stiffness"].kind == "joint"
+    assert found["tendon_knuckle_stiffness"].kind == "tendon"
+
+
+def test_ellipsoids_without_a_fluid_are_only_suggested(begun):
+    draft, _ = begun(snake().replace('density="1000" viscosity="0.001"', ""))
+    assert draft.aside["fluid_blunt_drag"] == "option density is 0, so there is no fluid"
+    assert "fluid_density" not in draft.candidates
+
+
+def test_a_bound_that_diverges_is_only_suggested(begun):
+    stiff = PENDULUM.replace('<joint name="elbow"', '<joint name="elbow" stiffness="60"')
+    draft, _ = begun(stiff)
+    assert draft.aside["elbow_stiffness"].startswith("at a bound the model can't be simulated; choose other bounds (")
+
+
+def test_a_file_may_stand_elsewhere(tmp_path):
+    (tmp_path / "models").mkdir()
+    (tmp_path / "robots").mkdir()
+    model, out = tmp_path / "models" / "p.xml", tmp_path / "robots" / "p.toml"
+    model.write_text(PENDULUM)
+    write_draft(draft_robot(model, threads=1), model, out)
+    assert tomllib.loads(out.read_text())["model"] == "../models/p.xml"
+    assert load_robot(out).name == "pendulum"
+
+
+def test_a_model_without_sites_is_told_where_to_put_them(tmp_path):
+    model = tmp_path / "p.xml"
+    model.write_text('<mujoco><worldbody><body name="arm"><joint/><geom size="1"/></body></worldbody></mujoco>')
+    with pytest.raises(RobotError) as caught:
+        draft_robot(model)
+    assert str(caught.value) == (
+        f"model '{model}' has no named site, so it has no markers; add one a marker to the body that carries it, such "
+        f'as <site name="M0" pos="0 0 0"/>; the bodies are: arm'
+    )
+
+
+def test_models_that_cannot_be_begun_with_are_told(tmp_path):
+    model = tmp_path / "p.xml"
+    with pytest.raises(RobotError) as caught:
+        draft_robot(model)
+    assert str(caught.value) == f"model '{model}' is not there; give an MJCF file"
+    model.write_text("<mujoco>")
+    with pytest.raises(RobotError, match=r"^MuJoCo can't read model '.*p\.xml': XML parse error"):
+        draft_robot(model)
+    model.write_text('<mujoco><worldbody><body><joint/><geom size="1"/><site name="M0"/></body></worldbody></mujoco>')
+    with pytest.raises(RobotError) as caught:
+        draft_robot(model)
+    assert str(caught.value) == (
+        f"model '{model}' has nothing that could be calibrated: no joint, tendon or actuator with a name, and no "
+        f"fluid; name its elements"
+    )
+    model.write_text(PENDULUM.replace('timestep="0.002"', 'timestep="0.002" gravity="1e9 0 0"'))
+    with pytest.raises(EngineError, match="can't be simulated with its own values"):
+        draft_robot(model, threads=1)
