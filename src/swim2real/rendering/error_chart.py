@@ -8,7 +8,7 @@ import numpy as np
 
 from swim2real.rendering.drawing import INK, PAGE, Canvas, plain
 from swim2real.rendering.panel import GRID, GROUND, MUTED, START, points
-from swim2real.rendering.playback_view import PlaybackView, length_text
+from swim2real.rendering.playback_view import PlaybackView, length_text, millimeters
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -41,12 +41,11 @@ class ErrorChart:
         self._places = np.stack([shares * (width - 1), level], axis=1)
         self._range, self._size = (head, height - foot), size
         canvas.polyline(points(self._places), INK, 1.6)
-        canvas.text((4, head + 2), length_text(top), MUTED, small)
         canvas.text((0, height - foot / 2), f"{view.times[0]:.2f} s", MUTED, small, (0, 0.5))
         canvas.text((width, height - foot / 2), f"{view.times[-1]:.2f} s", MUTED, small, (1, 0.5))
-        mean = f"mean {1e3 * view.error:.1f} mm" if np.isfinite(view.error) else "no error is known"
-        canvas.text((width, head / 2), mean, MUTED, small, (1, 0.5))
-        self._view = view
+        scale = f"mean {millimeters(view.error)}   full height {length_text(top)}"
+        canvas.text((width / 2, height - foot / 2), scale, MUTED, small, (0.5, 0.5))
+        self._errors = view.errors.tolist()
 
     def at(self, *moments: int, text: str = "distance of the markers, simulated to real") -> Image:
         """The chart with lines at moments; of a single one, its distance is written.
@@ -64,7 +63,6 @@ class ErrorChart:
                 x, y = self._places[moment].tolist()
                 canvas.dot((x, y), _DOT, INK)
         if len(moments) == 1:
-            error = self._view.errors[moments[0]]
-            text += f": {1e3 * error:.1f} mm" if np.isfinite(error) else ""
+            text += f": {millimeters(self._errors[moments[0]])}"
         canvas.text((0, top / 2), text, INK, 0.9 * self._size, (0, 0.5))
         return image

@@ -13,7 +13,14 @@ from swim2real.rendering.labels import draw_heading, gap_of, text_height
 from swim2real.rendering.panel import Panel
 from swim2real.rendering.playback_frame import draw_way
 from swim2real.rendering.playback_panel import plane_panel
-from swim2real.rendering.playback_view import PlaybackLimits, PlaybackView, grid_step, length_text, playback_limits
+from swim2real.rendering.playback_view import (
+    PlaybackLimits,
+    PlaybackView,
+    grid_step,
+    length_text,
+    millimeters,
+    playback_limits,
+)
 from swim2real.rendering.sheet import TEXT, Row, check_tile, stacked, trials_sheet
 
 if TYPE_CHECKING:
@@ -43,7 +50,7 @@ def moments_sheet(
     limits = limits or playback_limits([view])
     panel, samples = Panel(limits.plane, width, grid_step(limits.plane)), view.moments(count).tolist()
     images = [np.asarray(plane_panel(view, k, panel, TEXT)) for k in samples]
-    captions = [f"{view.times[k]:.3f} s   {_apart(float(view.errors[k]))}" for k in samples]
+    captions = [f"{view.times[k]:.3f} s   {millimeters(float(view.errors[k]))}" for k in samples]
     sheet = to_pillow(contact_sheet(images, captions, columns, width))
     heading = draw_heading(view.name, _note(view, panel), sheet.width)
     return stacked([heading, sheet, _foot(view, samples, limits, sheet.width)])
@@ -74,7 +81,7 @@ def trials_overview(
     for view in views:
         samples = view.moments(count).tolist()
         pictures = [plane_panel(view, sample, panel, TEXT) for sample in samples]
-        rows.append(Row(view.name, _apart(view.error), pictures, view.times[samples].tolist()))
+        rows.append(Row(view.name, millimeters(view.error), pictures, view.times[samples].tolist()))
     heads = [f"{100 * k / (count - 1):.0f} %" for k in range(count)]
     image = trials_sheet(rows, "time", heads, width, panel.height)
     return stacked([draw_heading("Each trial from start to end", _note(views[0], panel), image.width), image])
@@ -96,7 +103,3 @@ def _foot(view: PlaybackView, samples: Sequence[int], limits: PlaybackLimits, wi
 
 def _note(view: PlaybackView, panel: Panel) -> str:
     return f"{view.axes}   grid {length_text(panel.step)}"
-
-
-def _apart(error: float) -> str:
-    return f"{1e3 * error:.1f} mm" if np.isfinite(error) else "no error"

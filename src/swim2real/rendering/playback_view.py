@@ -149,6 +149,11 @@ def length_text(length: float) -> str:
     return f"{length:g} m" if length >= 0.1 else f"{1e3 * length:g} mm"
 
 
+def millimeters(distance: float) -> str:
+    """A distance of markers [m], n/a where none is known."""
+    return f"{1e3 * distance:.1f} mm" if math.isfinite(distance) else "n/a"
+
+
 def _box(real: Sequence[Array], simulated: Sequence[Array]) -> Box:
     points = drawn_points(real, simulated)
     if not len(points):
