@@ -19,7 +19,7 @@ from swim2real.robots.file import PLANES, RobotFile, open_robot_file
 from swim2real.robots.idle import why_idle
 from swim2real.robots.robot import Control, Recordings, Robot, Sine
 from swim2real.simulation.misfits import misfits
-from swim2real.simulation.probing import FAINT, FREQUENCY, SECONDS, Probe, Shift, probe
+from swim2real.simulation.probing import FAINT, FREQUENCY, SECONDS, TRIALS, Probe, Shift, probe
 from swim2real.trials import load_reference
 
 
@@ -31,14 +31,14 @@ def check(a: Check) -> int:
     wrong = [] if reference is None else misfits(robot, reference)
     probes = probe(robot, None if wrong else reference, threads(a.threads))
     _parameters(file, probes)
-    _moved(robot, None if wrong or reference is None else reference.names)
+    _moved(robot, None if wrong or reference is None else reference.names[:TRIALS])
     _markers(robot)
     _trials(robot)
     wrong += [sentence for one in probes for sentence in _wrong(file, robot, one)]
     for sentence in (*wrong, *_notes(probes)):
         console.print(sentence, soft_wrap=True, markup=False)
     if reference is not None and not wrong:
-        console.print(f"All {len(reference)} trials of '{a.reference}' fit.", soft_wrap=True, markup=False)
+        console.print(f"All trials of '{a.reference}' fit: {', '.join(reference.names)}.", soft_wrap=True, markup=False)
     _draw(robot, a.out or _beside(a.robot))
     return 1 if wrong else 0
 

@@ -22,7 +22,7 @@ NOISE = 1e-9  # m, by which markers may move where a parameter has no effect
 FAINT = 1e-5  # m, less than which no camera sees
 _STRENGTHS = (1.0, 0.1, 0.01, 0.001)
 _ROOM = 3.0  # of the robot's size that a marker may move; more is a robot that is thrown about
-_TRIALS = 4  # real ones that are tried
+TRIALS = 4  # real ones that are tried, the first
 
 Simulate = Callable[[Sequence[Values]], list[TrialSet]]
 
@@ -116,7 +116,7 @@ def _begun(robot: Robot, reference: TrialSet | None, threads: int | None) -> tup
     if reference is None:
         return _excited(robot, robot.trials, threads)
     player = Player(robot, threads)
-    plays = [player.prepared(trial.cut(SECONDS)) for trial in reference.trials[:_TRIALS]]
+    plays = [player.prepared(trial.cut(SECONDS)) for trial in reference.trials[:TRIALS]]
     return _checked(robot, partial(player.play_many, plays=plays))
 
 
@@ -148,7 +148,7 @@ def _swims(reference: TrialSet | None) -> list[Swim]:
     if reference is None:
         return [Swim("excitation", Actuation(FREQUENCY), SECONDS)]
     return [Swim(trial.name, Actuation(trial.nominal_frequency or FREQUENCY), SECONDS)
-            for trial in reference.trials[:_TRIALS]]  # fmt: skip
+            for trial in reference.trials[:TRIALS]]  # fmt: skip
 
 
 def _size(robot: Robot) -> float:

@@ -103,7 +103,7 @@ class Draft:
         driven = [actuator.name for actuator in self.spec.actuators if actuator.name]
         unnamed = len(self.spec.actuators) - len(driven)
         if unnamed:
-            lines.append(f"# {unnamed} actuators have no name and get 0; name them in {self.title} to drive them")
+            lines.append(f"# actuators without a name: {unnamed}; they get 0, unless they are named in {self.title}")
         if driven:
             lines += [
                 "", "[recordings.controls]",
@@ -125,7 +125,7 @@ class Draft:
             unnamed = sum(not element.name for element in elements)
             if unnamed:
                 classes = ", ".join(sorted({class_name(element) for element in elements}))
-                yield f"# {unnamed} {kind} have no name: parameters write to names, or to all of a class ({classes})\n"
+                yield f"# {kind} without a name: {unnamed}; parameters write to names, or to all of a class ({classes})\n"
         for name in sorted(self.candidates, key=lambda name: name in self.aside):
             yield from self._parameter(name, self.candidates[name])
             yield ""
