@@ -113,7 +113,7 @@ def test_servos_have_their_gains_calibrated_and_names_of_any_kind_are_written(be
     assert {"shoulder_servo_kp", "shoulder_servo_kv", "elbow_servo_kp"} <= set(draft.calibrated)
     assert "elbow_servo_kv" not in draft.candidates  # a damping ratio
     assert load_robot(out).recordings.controls == {"shoulder.servo": "table", "elbow.servo": "table"}
-    assert "# geoms without a name: 1; parameters write to names, or to all of a class (main)" in out.read_text()
+    assert "# geoms without a name: 1; parameters write to names or classes (main)" in out.read_text()
 
 
 def test_bounds_lie_around_the_value_with_few_digits(begun):

@@ -125,7 +125,7 @@ class Draft:
             unnamed = sum(not element.name for element in elements)
             if unnamed:
                 classes = ", ".join(sorted({class_name(element) for element in elements}))
-                yield f"# {kind} without a name: {unnamed}; parameters write to names, or to all of a class ({classes})\n"
+                yield f"# {kind} without a name: {unnamed}; parameters write to names or classes ({classes})\n"
         for name in sorted(self.candidates, key=lambda name: name in self.aside):
             yield from self._parameter(name, self.candidates[name])
             yield ""
