@@ -11,7 +11,7 @@ from swim2real.calibration.ensemble import EnsembleSettings, make_ensemble, writ
 from swim2real.calibration.reopened import reopen
 from swim2real.cli import tables
 from swim2real.cli.calibrate import threads
-from swim2real.cli.identify import between_batches
+from swim2real.cli.interruption import noted_interrupts
 from swim2real.cli.study_arguments import Ensemble
 from swim2real.cli.subject import robot_for
 from swim2real.errors import ArgumentError
@@ -27,12 +27,13 @@ def ensemble(a: Ensemble) -> int:
     runs = [reopen(path, reference, robot_for(path), threads(a.threads)) for path in a.runs]
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     try:
-        with between_batches() as check:
+        with noted_interrupts() as asked:
 
             def told(evaluations: int, most: int, found: int) -> None:
                 if not a.quiet:
                     console.print(f"{evaluations:5d}/{most}  {found} near-best sets")
-                check()
+                if asked():
+                    raise KeyboardInterrupt
 
             content = make_ensemble(runs, settings, told)
     except KeyboardInterrupt:

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
-import threading
-from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Mapping
 from typing import Any
 
 from rich.console import Console
@@ -18,6 +14,7 @@ from swim2real.calibration.identifiability import identify as study
 from swim2real.calibration.reopened import reopen
 from swim2real.cli import tables
 from swim2real.cli.calibrate import threads
+from swim2real.cli.interruption import noted_interrupts
 from swim2real.cli.study_arguments import Identify
 from swim2real.cli.subject import robot_for
 from swim2real.trials import load_reference
@@ -37,11 +34,12 @@ def identify(a: Identify) -> int:
             console.print(_line(progress))
 
     try:
-        with between_batches() as check:
+        with noted_interrupts() as asked:
 
             def told(progress: StudyProgress) -> None:
                 tell(progress)
-                check()
+                if asked():
+                    raise KeyboardInterrupt
 
             found = study(run, settings, a.again, told)
     except KeyboardInterrupt:
@@ -52,34 +50,6 @@ def identify(a: Identify) -> int:
     else:
         _print(found)
     return 0
-
-
-@contextmanager
-def between_batches() -> Generator[Callable[[], None]]:
-    """Gives a function that raises KeyboardInterrupt if Ctrl-C was pressed; a second Ctrl-C raises at once.
-
-    An interrupt in the middle of a call of the engine would come out as some error of its bindings.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: None
-        return
-    asked = False
-
-    def note(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        if asked:
-            raise KeyboardInterrupt
-        asked = True
-
-    def check() -> None:
-        if asked:
-            raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield check
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _line(progress: StudyProgress) -> str:

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -16,7 +15,6 @@ from dataclasses import fields
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from rich.console import Console
@@ -27,6 +25,7 @@ from swim2real.calibration.ensemble import read_ensemble
 from swim2real.calibration.from_rest import backward_from_rest, from_rest
 from swim2real.calibration.provenance import commit, versions
 from swim2real.cli.compare import chosen_seeds
+from swim2real.cli.interruption import noted_interrupts
 from swim2real.cli.rl_arguments import Train
 from swim2real.cli.subject import robot_for, values_of
 from swim2real.errors import ArgumentError
@@ -64,7 +63,7 @@ def train(a: Train) -> int:
         "versions": {**versions(), **{name: metadata.version(name) for name in _LEARNING}}, "commit": commit(),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }  # fmt: skip
-    with _stopped_by_interrupt() as stop, _shown(a.env_steps, a.quiet) as show:
+    with noted_interrupts() as stop, _shown(a.env_steps, a.quiet) as show:
         outcome = run(
             settings, sets, robot, a.out, about=about, disturbances=Disturbances(phases, (0.0, 0.0), a.tendon_friction),
             threads=a.threads, resume=a.resume, on_progress=show, stop=stop,
@@ -146,33 +145,12 @@ def _shown(total: int, quiet: bool) -> Generator[Callable[[Progress], None]]:
             yield update
 
 
-@contextmanager
-def _stopped_by_interrupt() -> Generator[Callable[[], bool]]:
-    """Lets Ctrl-C end a run with a checkpoint; a second Ctrl-C ends it at once."""
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: False
-        return
-    asked = False
-
-    def note(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        if asked:
-            raise KeyboardInterrupt
-        asked = True
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield lambda: asked
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 def _several(a: Train, seeds: list[int]) -> int:
     """Each seed in a process of its own, so many at a time as there are workers."""
     waiting, running, failed = list(seeds), dict[int, subprocess.Popen[bytes]](), list[int]()
     most = a.workers or os.cpu_count() or 1
     a.out.mkdir(parents=True, exist_ok=True)
-    with _stopped_by_interrupt() as stop:
+    with noted_interrupts() as stop:
         told = False
         while running or (waiting and not stop()):
             while waiting and len(running) < most and not stop():

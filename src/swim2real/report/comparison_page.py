@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,16 +13,15 @@ from swim2real.comparison.results import ComparisonResults, load_results
 from swim2real.comparison.statistics import MethodStatistics, best_method, differences, method_statistics
 from swim2real.comparison.statistics_cells import Cell, Table, as_number, mm_cell
 from swim2real.comparison.statistics_tables import tables
-from swim2real.errors import MissingExtraError, RunError
 from swim2real.report.comparison_figures import by_marker, convergence, strip, velocities
 from swim2real.report.comparison_palette import METHOD_DARK_OF_LIGHT, method_styles
 from swim2real.report.page import REPORT
 from swim2real.report.palette import COLORS, Figure
 from swim2real.report.paper_figures import FIGURES
+from swim2real.report.template import fill, write_page
 from swim2real.report.units import duration, listed
 
 COMPARISON = "comparison.html"
-_TEMPLATES = Path(__file__).parent / "templates"
 
 
 @dataclass(frozen=True)
@@ -58,15 +56,7 @@ def write_comparison_report(folder: str | Path, theory: Mapping[str, float] | No
         RunError: There are no results, they are damaged, or the page can't be written.
     """
     place = Path(folder)
-    page = render_comparison(load_results(place), place, theory)
-    path = place / COMPARISON
-    part = path.with_name(COMPARISON + ".part")
-    try:
-        part.write_text(page, encoding="utf-8")
-        os.replace(part, path)
-    except OSError as error:
-        raise RunError(f"can't write '{path}': {error.strerror or error}; make room or allow writing there") from error
-    return path
+    return write_page(place / COMPARISON, render_comparison(load_results(place), place, theory))
 
 
 def render_comparison(results: ComparisonResults, folder: Path, theory: Mapping[str, float] | None = None) -> str:
@@ -75,29 +65,8 @@ def render_comparison(results: ComparisonResults, folder: Path, theory: Mapping[
     Raises:
         MissingExtraError: plotly or jinja2 isn't installed.
     """
-    try:
-        from jinja2 import Environment, FileSystemLoader, StrictUndefined
-        from markupsafe import Markup
-        from plotly.offline import get_plotlyjs  # pyright: ignore[reportMissingTypeStubs]
-    except ImportError as error:
-        raise MissingExtraError(
-            "the report needs plotly and jinja2; install them with: pip install 'swim2real[report]'"
-        ) from error
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
-    )  # fmt: skip
-
-    def own(*names: str) -> Markup:
-        return Markup("\n".join((_TEMPLATES / name).read_text(encoding="utf-8") for name in names))  # ours
-
-    return environment.get_template("comparison.html.j2").render(
-        **comparison_content(results, folder, theory),
-        colors=COLORS,
-        style=own("report.css", "comparison.css"),
-        script=own("report.js", "comparison.js"),
-        plotly=Markup(get_plotlyjs()),
-    )
+    content = {**comparison_content(results, folder, theory), "colors": COLORS}
+    return fill("comparison.html.j2", content, style="report.css comparison.css", script="report.js comparison.js")
 
 
 def comparison_content(

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from swim2real.errors import MissingExtraError, RunError
 from swim2real.report.call_table import call_section
 from swim2real.report.marker_errors import MarkerErrors
 from swim2real.report.palette import COLORS, DARK_OF_LIGHT, Figure
@@ -18,12 +16,11 @@ from swim2real.report.rounds import advisor_rounds
 from swim2real.report.run import ReportedRun, best_losses, incumbent
 from swim2real.report.run_figures import by_marker, convergence
 from swim2real.report.settings_table import settings_rows
+from swim2real.report.template import fill, write_page
 from swim2real.report.units import mm
 from swim2real.robots.robot import Robot
 
 REPORT = "report.html"
-_STYLE, _SCRIPT = "report.css", "report.js"
-_CALLS = ("calls.css", "calls.js")  # only on pages with calls
 
 
 def write_report(run: str | Path, robot: Robot) -> Path:
@@ -41,15 +38,7 @@ def write_report(run: str | Path, robot: Robot) -> Path:
         RunError: Nothing to report, a damaged file, or the page can't be written.
         ParameterError: The run is of another robot.
     """
-    page = render(read_run(run, robot))
-    path = Path(run) / REPORT
-    part = path.with_name(REPORT + ".part")
-    try:
-        part.write_text(page, encoding="utf-8")
-        os.replace(part, path)
-    except OSError as error:
-        raise RunError(f"can't write '{path}': {error.strerror or error}; make room or allow writing there") from error
-    return path
+    return write_page(Path(run) / REPORT, render(read_run(run, robot)))
 
 
 def render(run: ReportedRun) -> str:
@@ -58,35 +47,10 @@ def render(run: ReportedRun) -> str:
     Raises:
         MissingExtraError: plotly or jinja2 isn't installed.
     """
-    try:
-        from jinja2 import Environment, FileSystemLoader, StrictUndefined
-        from markupsafe import Markup
-        from plotly.offline import get_plotlyjs  # pyright: ignore[reportMissingTypeStubs]
-    except ImportError as error:
-        raise MissingExtraError(
-            "the report needs plotly and jinja2; install them with: pip install 'swim2real[report]'"
-        ) from error
-    templates = Path(__file__).parent / "templates"
-    environment = Environment(
-        loader=FileSystemLoader(templates),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-
-    def own(name: str) -> Markup:
-        return Markup((templates / name).read_text(encoding="utf-8"))  # ours, not from a run
-
-    return environment.get_template(run.sections.template).render(
-        **content(run),
-        colors=COLORS,
-        style=own(_STYLE),
-        script=own(_SCRIPT),
-        plotly=Markup(get_plotlyjs()),
-        calls_style=own(_CALLS[0]),
-        calls_script=own(_CALLS[1]),
-    )
+    return fill(
+        run.sections.template, {**content(run), "colors": COLORS}, style="report.css", script="report.js",
+        calls_style="calls.css", calls_script="calls.js",  # used only on pages with calls
+    )  # fmt: skip
 
 
 def content(run: ReportedRun) -> dict[str, Any]:

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import base64
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from swim2real.errors import MissingExtraError, RunError
 from swim2real.report.palette import COLORS, DARK_OF_LIGHT, Figure
+from swim2real.report.template import fill, write_page
 from swim2real.report.training_figures import commands, learning_curve, paths, scan
 from swim2real.report.units import duration, percent, text
 from swim2real.rl import run_files
 from swim2real.rl.assessment import Assessment
 
 PAGE = "training.html"
-_TEMPLATES = Path(__file__).parent / "templates"
 _LOOPS = {
     "nominal": "without disturbance",
     "open": "recorded commands (open loop)",
@@ -41,15 +39,7 @@ def write_training_page(run: str | Path, out: str | Path, found: Assessment) -> 
         MissingExtraError: plotly or jinja2 isn't installed.
         RunError: The run is damaged, or the page can't be written.
     """
-    path = Path(out) / PAGE
-    page = render_training(Path(run), Path(out) / "rollout.mp4", found)
-    part = path.with_name(PAGE + ".part")
-    try:
-        part.write_text(page, encoding="utf-8")
-        os.replace(part, path)
-    except OSError as error:
-        raise RunError(f"can't write '{path}': {error.strerror or error}; make room or allow writing there") from error
-    return path
+    return write_page(Path(out) / PAGE, render_training(Path(run), Path(out) / "rollout.mp4", found))
 
 
 def render_training(run: Path, film: Path, found: Assessment) -> str:
@@ -58,30 +48,9 @@ def render_training(run: Path, film: Path, found: Assessment) -> str:
     Raises:
         MissingExtraError: plotly or jinja2 isn't installed.
     """
-    try:
-        from jinja2 import Environment, FileSystemLoader, StrictUndefined
-        from markupsafe import Markup
-        from plotly.offline import get_plotlyjs  # pyright: ignore[reportMissingTypeStubs]
-    except ImportError as error:
-        raise MissingExtraError(
-            "the report needs plotly and jinja2; install them with: pip install 'swim2real[report]'"
-        ) from error
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
-    )  # fmt: skip
-
-    def own(name: str) -> Markup:
-        return Markup((_TEMPLATES / name).read_text(encoding="utf-8"))  # ours
-
-    return environment.get_template("training.html.j2").render(
-        **training_content(run, found),
-        film=base64.b64encode(film.read_bytes()).decode() if film.is_file() else None,
-        colors=COLORS,
-        style=own("report.css"),
-        script=own("report.js"),
-        plotly=Markup(get_plotlyjs()),
-    )
+    shown = base64.b64encode(film.read_bytes()).decode() if film.is_file() else None
+    content = {**training_content(run, found), "film": shown, "colors": COLORS}
+    return fill("training.html.j2", content, style="report.css", script="report.js")
 
 
 def training_content(run: Path, found: Assessment) -> dict[str, Any]:
