@@ -240,10 +240,10 @@ def test_debug_shows_where_it_went_wrong(tmp_path):
 
 
 def test_a_fault_of_ours_is_a_sentence_unless_debug_is_on(program, pool_folder, monkeypatch):
-    def fail(reference, robot):
+    def fail(reference):
         raise ValueError("no idea")
 
-    monkeypatch.setattr("swim2real.cli.quality.examine", fail)
+    monkeypatch.setattr("swim2real.cli.quality.load_reference", fail)
     assert program("quality", pool_folder).sentence(1) == "unexpected ValueError: no idea; --debug shows where"
     with pytest.raises(ValueError, match="no idea"):
         main(["quality", str(pool_folder), "--debug"])
