@@ -98,7 +98,7 @@ def test_misplaced_markers_have_a_static_offset_each():
 def test_misplaced_head_markers_keep_their_distance_along_the_head():
     track = film(Camera(placement=5e-3)).trials[0].track
     length = np.linalg.norm(track.positions[:, 1] - track.positions[:, 0], axis=1)
-    assert length == pytest.approx(np.full(len(length), FISH.head_length), rel=0.02)
+    assert length == pytest.approx(np.full(len(length), FISH.rest_markers[1, 0]), rel=0.02)
 
 
 def test_another_time_step_makes_nearly_the_same_swim():

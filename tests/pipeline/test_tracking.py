@@ -140,9 +140,9 @@ def test_without_the_cameras_height_raised_markers_are_off_and_a_finding_says_so
 
 def test_a_known_length_sets_the_scale(clip, tmp_path):
     head = clip.filmed.truth.positions[0, :2]
-    write_camera(tmp_path / "camera.json", CameraFile(lengths=(Length("head", head, 2 * FISH.head_length),)))
+    write_camera(tmp_path / "camera.json", CameraFile(lengths=(Length("head", head, 2 * FISH.rest_markers[1, 0]),)))
     trial, _ = tracked(clip, tmp_path / "reference", replace(FAST, camera=tmp_path / "camera.json"))
-    assert np.median(np.linalg.norm(trial.track.body[:, 1], axis=1)) == pytest.approx(2 * FISH.head_length, rel=0.01)
+    assert np.median(np.linalg.norm(trial.track.body[:, 1], axis=1)) == pytest.approx(2 * FISH.rest_markers[1, 0], rel=0.01)
 
 
 # markers that are hidden

@@ -42,7 +42,7 @@ def test_the_markers_rest_where_they_are_mounted(model):
     expected = [0.0, 0.142, 0.357, 0.3765, 0.4065, 0.4385, 0.4675, 0.4885, 0.551]
     np.testing.assert_allclose(FISH.rest_markers[:, 0], expected)
     np.testing.assert_allclose(markers[:, 2], [0.05, 0.05, 0.1, *[0.05] * 5, 0.1])
-    assert FISH.head_length == pytest.approx(0.142)
+    assert FISH.rest_markers[1, 0] == pytest.approx(0.142)
 
 
 def test_its_description_is_true_of_the_model(model):

@@ -186,11 +186,6 @@ class Robot:
     source: Path | None = None
 
     @property
-    def head_length(self) -> float:
-        """Distance of the first two markers, which sets the scale of a video [m]."""
-        return float(np.linalg.norm(self.rest_markers[1] - self.rest_markers[0]))
-
-    @property
     def swims(self) -> SteadySwims:
         """What a trial is, of a robot whose trials are steady swims.
 
