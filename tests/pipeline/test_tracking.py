@@ -142,7 +142,8 @@ def test_a_known_length_sets_the_scale(clip, tmp_path):
     head = clip.filmed.truth.positions[0, :2]
     write_camera(tmp_path / "camera.json", CameraFile(lengths=(Length("head", head, 2 * FISH.rest_markers[1, 0]),)))
     trial, _ = tracked(clip, tmp_path / "reference", replace(FAST, camera=tmp_path / "camera.json"))
-    assert np.median(np.linalg.norm(trial.track.body[:, 1], axis=1)) == pytest.approx(2 * FISH.rest_markers[1, 0], rel=0.01)
+    length = np.median(np.linalg.norm(trial.track.body[:, 1], axis=1))
+    assert length == pytest.approx(2 * FISH.rest_markers[1, 0], rel=0.01)
 
 
 # markers that are hidden
