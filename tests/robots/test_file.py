@@ -94,7 +94,7 @@ def test_building_checks_the_values_and_leaves_no_trace(tmp_path):
     ("camera", "plane", "rest", "heights"),
     [
         ("above", (0, 1), [[0, 0], [1, 2]], [0, 3]),
-        ("side", (0, 2), [[0, 0], [1, 3]], [0, 2]),
+        ("side", (0, 2), [[0, 0], [1, 3]], [0, -2]),
         ("front", (1, 2), [[0, 0], [2, 3]], [0, 1]),
     ],
 )

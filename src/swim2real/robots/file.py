@@ -96,8 +96,9 @@ def load_robot(path: str | Path) -> Robot:
     positions = _rest(builder.build(space.published), sites, table)
     rest = positions[:, plane] - positions[0, plane]
     rest = np.where(np.isfinite(given_rest), given_rest, rest)
-    away = next(axis for axis in range(3) if axis not in plane)
-    rest.flags.writeable = positions.flags.writeable = False
+    right, up = np.eye(3)[list(plane)]
+    heights = positions @ np.cross(right, up)  # toward the camera
+    rest.flags.writeable = heights.flags.writeable = False
     return Robot(
         name=table.text("name"),
         description=" ".join(table.text("description").split()),
@@ -105,7 +106,7 @@ def load_robot(path: str | Path) -> Robot:
         build=builder.build,
         marker_names=marker_names,
         rest_markers=rest,
-        marker_heights=positions[:, away],
+        marker_heights=heights,
         trials=trials,
         plane=plane,
         links=links,
