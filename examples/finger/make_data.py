@@ -16,7 +16,7 @@ from swim2real.trials import Signals
 
 ROBOT = robot_named(Path(__file__).with_name("finger.toml"))
 HIDDEN = {
-    "knuckle_stiffness": 0.27, "middle_stiffness": 0.14, "joint_damping": 0.013, "joint_friction": 0.013,
+    "knuckle_stiffness": 0.27, "middle_stiffness": 0.14, "joint_damping": 0.018, "joint_friction": 0.02,
     "cable_stiffness": 1500.0, "distal_mass": 0.065, "air_density": 1.2,
 }  # fmt: skip
 CAMERA = PoolCamera(
@@ -35,10 +35,10 @@ def differs(spec: mujoco.MjSpec) -> None:
 
 
 def takes() -> list[Take]:
-    """Steps, a chirp from 0.3 to 3 Hz and a slow way there and back."""
+    """Steps, a chirp from 0.3 to 4 Hz and a slow way there and back."""
     times = np.arange(0.0, SECONDS, 0.01)
     steps = np.array([8, 22, 13, 27, 17, 30, 10]) * 1e-3
-    chirp = 0.018 + 0.007 * np.sin(2 * np.pi * (0.3 + (3.0 - 0.3) / (2 * SECONDS) * times) * times)
+    chirp = 0.018 + 0.007 * np.sin(2 * np.pi * (0.3 + (4.0 - 0.3) / (2 * SECONDS) * times) * times)
     ramp = 0.006 + 0.024 * (1 - np.abs(1 - 2 * times / SECONDS))
     commands = {"steps": steps[np.minimum(times // 0.6, 6).astype(int)], "chirp": chirp, "ramp": ramp}
     return [
@@ -46,7 +46,7 @@ def takes() -> list[Take]:
     ]
 
 
-LAB = Lab(ROBOT, HIDDEN, differs, lag=0.002, sensor_noise={"pull": 0.2}, seed=1)
+LAB = Lab(ROBOT, HIDDEN, differs, lag=0.001, sensor_noise={"pull": 0.2}, seed=1)
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "finger-films")
