@@ -110,7 +110,7 @@ def test_the_version_is_told(program):
         "evaluate": ["--reference", "Reads a run folder or parameters file", "writes nothing", "Costs one evaluation"],
         "fetch": ["--from", "--to", "sha256", "write a reference folder"],
         "import-tracks": ["--fps", "--camera", "--frequency", "DeepLabCut", "SLEAP", "Reference folder to add"],
-        "pick": ["--out", "One self-contained HTML file", "download points.json", "Page to write"],
+        "pick": ["--out", "One self-contained HTML file", "download NAME.points.json", "Page to write"],
         "quality": ["--plot", "--allow-lost", "Folder with the real trials", "Exits with 1 when", "Also write an HTML"],
         "report": ["Folder of a run or a comparison", "one self-contained HTML file"],
         "simulate": ["--from-rest", "Run folder or parameters file", "Writes an .npz with times (T,)"],

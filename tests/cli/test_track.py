@@ -270,10 +270,8 @@ def test_a_library_that_isnt_installed_is_named(program, clip, tmp_path, monkeyp
 def test_pick_writes_a_page_and_says_what_to_do(program, clip, tmp_path):
     page = tmp_path / "page.html"
     program("pick", clip.video, "--out", page).done()
-    assert program.text.startswith(f"{page}: open it in a browser, click M0 to M8 in order, ") or (
-        f"{page}: open it in a browser, click M0 to M8, download points.json" in program.text
-    )
-    assert f"swim2real track {clip.video} --markers points.json" in program.text
+    assert f"{page}: open it in a browser, click M0 to M8, download f1_25.points.json" in program.text
+    assert f"swim2real track {clip.video} --markers f1_25.points.json --to REFERENCE" in program.text
     html = page.read_text(encoding="utf-8")
     assert '"width": 640, "height": 360' in html
     assert '"video": "f1_25.mp4"' in html
@@ -282,8 +280,14 @@ def test_pick_writes_a_page_and_says_what_to_do(program, clip, tmp_path):
 
 def test_pick_writes_beside_the_video_unless_told(program, clip, tmp_path):
     video = named(clip, tmp_path, "swim").video
-    program("pick", video).done()
+    other = named(clip, tmp_path, "other").video
+    program("pick", video, other).done()
     assert (tmp_path / "swim.pick.html").is_file()
+    assert (tmp_path / "other.pick.html").is_file()
+    assert f"swim2real track {video} {other} --markers swim.points.json other.points.json" in program.text
+    assert program("pick", video, other, "--out", tmp_path / "page.html").sentence(2) == (
+        f"--out '{tmp_path / 'page.html'}' is one page for 2 videos; leave it out"
+    )
 
 
 def test_pick_refuses_what_is_no_video_and_a_page_that_cant_be_written(program, clip, tmp_path):

@@ -150,7 +150,7 @@ def test_clicks_after_zoom_and_pan_are_points_of_the_frame(play, tmp_path, windo
         """,
         window,
     )
-    assert result["names"] == ["points.json"]
+    assert result["names"] == ["a <swim>.points.json"]
     np.testing.assert_allclose(points_of(result["files"][0], tmp_path / "p.json"), TARGETS, atol=0.5)
     content = json.loads(result["files"][0])
     assert (content["video"], content["width"], content["height"]) == ("a <swim>.mp4", WIDTH, HEIGHT)

@@ -176,15 +176,15 @@ class Track:
 
 @dataclass(frozen=True)
 class Pick:
-    """Write a page on which the markers of a video's first frame are clicked.
+    """Write a page for each video on which the markers of its first frame are clicked.
 
-    One self-contained HTML file: open it in a browser, click the markers in order, download points.json.
+    One self-contained HTML file: open it in a browser, click the markers in order, download NAME.points.json.
     """
 
-    video: Positional[Path]
-    """Video whose first frame is shown."""
+    videos: Positional[tuple[Path, ...]]
+    """Videos whose first frames are shown."""
     out: Path | None = None
-    """Page to write; by default beside the video."""
+    """Page to write, for one video; by default beside each video."""
     robot: str = "fish"
     """Whose markers they are: fish, or a robot file (.toml)."""
 
