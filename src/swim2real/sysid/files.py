@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -43,11 +44,12 @@ def load(folder: str | Path, robot: Robot) -> SysidProblem:
         MissingExtraError: The toolbox isn't installed.
     """
     sysid, place = toolbox(), Path(folder)
-    parameters = _read(place / BEGUN)
-    robot.space.check(_values(parameters, place / BEGUN), where=f"'{place / BEGUN}'")
+    stored = _read(place / BEGUN)
+    values = robot.space.check(_values(stored, place / BEGUN), where=f"'{place / BEGUN}'")
+    parameters = sysid.ParameterDict({name: stored[name] for name in values})  # the file is sorted by name
     for one in parameters.values():
-        one.modifier = None  # which the toolbox doesn't keep
-    model = robot.build(_values(parameters, place / BEGUN)).compile()
+        one.modifier = None  # which the file doesn't keep
+    model = robot.build(values).compile()
     paths = sorted(place.glob("*.npz"))
     if not paths:
         raise ArgumentError(f"'{place}' has no trajectories; name a folder that `swim2real export-sysid` wrote")
@@ -55,7 +57,7 @@ def load(folder: str | Path, robot: Robot) -> SysidProblem:
     for path in paths:
         try:
             one = sysid.SystemTrajectory.load_from_disk(path, model)
-        except (OSError, KeyError, ValueError) as error:
+        except (OSError, EOFError, BadZipFile, KeyError, ValueError) as error:
             raise ArgumentError(f"'{path}' is no trajectory of robot '{robot.name}': {error}") from error
         found.append(
             Trajectory(path.stem, one.initial_state, one.control.data[:-1], one.sensordata.times, one.sensordata.data)

@@ -47,27 +47,22 @@ def _trajectory(
     problem: SwimProblem, model: mujoco.MjModel, swim: Swim, track: MarkerTrack, compared: TrialComparison
 ) -> Trajectory:
     period, speed = swim.actuation.period, 2 * np.pi * swim.actuation.frequency
-    times = track.times - track.times[0]
-
-    def fresh() -> Stepper:
-        return Stepper(model, problem.robot, swim.actuation.start_speed or 0.0, speed, 0.0)
-
-    stepper = fresh()
+    stepper = Stepper(model, problem.robot, swim.actuation.start_speed or 0.0, speed, 0.0)
     turns = np.ceil(SETTLING / period) + compared.phase / (2 * np.pi)
     try:
         settled = run_to(None, stepper, period, turns)
     except DivergedError as error:
         raise EngineError(f"trial '{swim.name}': {error}; export other values") from error
-    stepper = fresh()
-    stepper.run(int(np.abs(settled.turns - turns).argmin()))
     state = stepper.state
     state[0] = 0.0
+    late = (settled.turns[-1] - turns) * period + stepper.timestep  # s after the first frame, a few steps
+    times = track.times - track.times[0] - late
+    positions = np.where(compared.weights[:, :, None] > 0, _registered(track, compared.registration), np.nan)
+    positions, times = positions[times >= 0], times[times >= 0]
     beat = times[times <= period]
     begun = stepper.run(int(np.ceil(period / stepper.timestep)) + 1).markers
-    positions = np.where(compared.weights[:, :, None] > 0, _registered(track, compared.registration), np.nan)
-    real = placed(swim.name, positions, sampled(begun.reshape(len(begun), -1), stepper.timestep, beat).reshape(
-        len(beat), -1, 2
-    ))  # fmt: skip
+    simulated = sampled(begun.reshape(len(begun), -1), stepper.timestep, beat).reshape(len(beat), -1, 2)
+    real = placed(swim.name, positions, simulated)
     steps = int(np.ceil(times[-1] / stepper.timestep - 1e-9)) + 1
     controls = np.full((steps, model.nu), speed)
     return Trajectory(swim.name, state, controls, times, marker_readings(problem.robot, model, real))

@@ -22,7 +22,7 @@ class Trajectory:
         name: Of the trial.
         state: Of the engine at time 0, as `physics_state` has it. Shape (S,).
         controls: Of every physics step. Shape (N, nu).
-        times: Of the readings, from the first frame on [s]. Shape (T,).
+        times: Of the readings, since that state [s]. Shape (T,).
         readings: As the model's sensors give them, NaN where nothing was measured. Shape (T, nsensordata).
     """
 
