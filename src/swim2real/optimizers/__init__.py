@@ -1,6 +1,16 @@
 """Optimizers behind one ask/tell contract. They see the unit cube and losses, and know no physics."""
 
-from swim2real.optimizers.advisor import Advisor, Proposal, Round, ScriptedAdvisor, Situation, Step
+from swim2real.optimizers.advisor import (
+    Advice,
+    Advisor,
+    Measurement,
+    Proposal,
+    Round,
+    ScriptedAdvisor,
+    Situation,
+    Step,
+    recorded_advice,
+)
 from swim2real.optimizers.bayesopt import BayesianOptimization
 from swim2real.optimizers.cma_es import CmaEs
 from swim2real.optimizers.contract import Candidate, Evaluation, Optimizer, first_point, streams
@@ -11,6 +21,7 @@ from swim2real.optimizers.staged import Stage, Staged
 from swim2real.optimizers.warm_start import WarmStart
 
 __all__ = [
+    "Advice",
     "Advisor",
     "BacktrackingLineSearch",
     "BayesianOptimization",
@@ -18,6 +29,7 @@ __all__ = [
     "CmaEs",
     "Evaluation",
     "LeastSquares",
+    "Measurement",
     "Optimizer",
     "Proposal",
     "RandomSearch",
@@ -29,5 +41,6 @@ __all__ = [
     "Step",
     "WarmStart",
     "first_point",
+    "recorded_advice",
     "streams",
 ]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from swim2real.errors import AdvisorError
-from swim2real.optimizers.contract import Array, Evaluation, cube_point
+from swim2real.optimizers.contract import Array, Candidate, Evaluation, cube_point
+
+MEASUREMENT = "measurement"
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,27 @@ class Proposal:
 
 
 @dataclass(frozen=True)
+class Measurement:
+    """A point that an advisor wants evaluated before it proposes; it counts like any other evaluation.
+
+    Attributes:
+        point: In the unit cube. Shape (d,).
+        notes: What is measured, ready for JSON.
+    """
+
+    point: Array
+    notes: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    @property
+    def candidate(self) -> Candidate:
+        """To be evaluated, and in the record told apart by its source."""
+        return Candidate(cube_point(self.point), {"source": MEASUREMENT, **self.notes})
+
+
+Advice = Proposal | Measurement
+
+
+@dataclass(frozen=True)
 class Step:
     """One try along a proposal's direction."""
 
@@ -57,12 +80,14 @@ class Round:
         incumbent: Where the round started.
         steps: As far as they were tried, from the full step on.
         accepted: Whether the last step improved on the incumbent.
+        measurements: That were asked for before the proposal, in order.
     """
 
     proposal: Proposal
     incumbent: Evaluation
     steps: tuple[Step, ...]
     accepted: bool
+    measurements: tuple[Evaluation, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,23 +98,29 @@ class Situation:
         incumbent: Best evaluation so far.
         rounds: Earlier rounds, rejected ones too, in order.
         first: The evaluation that the run began with.
+        measurements: Of the round that begins, as far as they were asked for.
     """
 
     incumbent: Evaluation
     rounds: tuple[Round, ...]
     first: Evaluation
+    measurements: tuple[Evaluation, ...] = ()
 
     @property
     def evaluations(self) -> tuple[Evaluation, ...]:
         """All so far, in order."""
-        return (self.first, *(step.evaluation for r in self.rounds for step in r.steps))
+        earlier = [e for r in self.rounds for e in (*r.measurements, *(step.evaluation for step in r.steps))]
+        return (self.first, *earlier, *self.measurements)
 
 
 class Advisor(Protocol):
-    """Looks at a situation and proposes a point. A pure function of the situation, but for its own random stream."""
+    """Looks at a situation and proposes a point. A pure function of the situation, but for its own random stream.
 
-    def propose(self, situation: Situation) -> Proposal:
-        """Where to go from the incumbent.
+    One that reads residuals has an attribute `needs_residual` that is true.
+    """
+
+    def propose(self, situation: Situation) -> Advice:
+        """Where to go from the incumbent, or what to measure before that is asked again.
 
         Raises:
             AdvisorError: No usable proposal can be had.
@@ -97,23 +128,41 @@ class Advisor(Protocol):
         ...
 
 
-class ScriptedAdvisor:
-    """Gives prepared proposals one after the other, whatever the situation: for tests and for replays."""
+def reads_residuals(advisor: Advisor | None) -> bool:
+    """Whether evaluations need residuals for this advisor."""
+    return bool(getattr(advisor, "needs_residual", False))
 
-    def __init__(self, proposals: Sequence[Proposal | Array], then: Advisor | None = None) -> None:
+
+class ScriptedAdvisor:
+    """Gives prepared advice, whatever the situation: for tests and for replays."""
+
+    def __init__(self, advice: Sequence[Advice | Array], then: Advisor | None = None) -> None:
         """Prepares the script.
 
         Args:
-            proposals: In order; a bare point is a proposal without words.
+            advice: In order; a bare point is a proposal without words.
             then: Asked when the script has ended.
         """
-        self._proposals = [p if isinstance(p, Proposal) else Proposal(cube_point(p)) for p in proposals]
+        self._script = [a if isinstance(a, Advice) else Proposal(cube_point(a)) for a in advice]
         self._then = then
+        self.needs_residual = reads_residuals(then)
 
-    def propose(self, situation: Situation) -> Proposal:
-        number = len(situation.rounds)
-        if number < len(self._proposals):
-            return self._proposals[number]
+    def propose(self, situation: Situation) -> Advice:
+        number = sum(1 + len(r.measurements) for r in situation.rounds) + len(situation.measurements)
+        if number < len(self._script):
+            return self._script[number]
         if self._then is None:
-            raise AdvisorError(f"the script has {len(self._proposals)} proposals; proposal {number + 1} was asked for")
+            raise AdvisorError(f"the script has {len(self._script)} proposals; proposal {number + 1} was asked for")
         return self._then.propose(situation)
+
+
+def recorded_advice(entries: Iterable[Mapping[str, Any]]) -> list[Advice]:
+    """What the advisor of a run has said, from the entries of its record."""
+    found: list[Advice] = []
+    for entry in entries:
+        note = dict(entry["note"])
+        if note.pop("source", None) == MEASUREMENT:
+            found.append(Measurement(cube_point(entry["point"]), note))
+        elif "proposal" in note:
+            found.append(Proposal.from_dict(note["proposal"]))
+    return found

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Integral
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -97,7 +97,7 @@ class Optimizer(ABC):
         needs_residual: Whether it must be told residuals. They aren't on record, so a resumed run simulates again.
     """
 
-    needs_residual: ClassVar[bool] = False
+    needs_residual: bool = False
 
     def __init__(self, dimension: int) -> None:
         self.dimension = dimension

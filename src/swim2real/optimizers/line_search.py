@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from swim2real.errors import OptimizerError
-from swim2real.optimizers.advisor import Advisor, Proposal, Round, Situation, Step
+from swim2real.optimizers.advisor import Advisor, Measurement, Proposal, Round, Situation, Step, reads_residuals
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
 
 
@@ -15,7 +15,8 @@ class BacktrackingLineSearch(Optimizer):
     """Tries an advisor's direction at the full step, then at ever smaller ones, and keeps the first improvement.
 
     From the incumbent θ and the proposal θ′ it evaluates clip(θ + βᵏ (θ′ − θ)) for k = 0 … K − 1. A round without an
-    improvement is rejected; the advisor finds it in the history when it is asked again.
+    improvement is rejected; the advisor finds it in the history when it is asked again. Points that the advisor wants
+    measured first are evaluated as they are.
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class BacktrackingLineSearch(Optimizer):
         if max_steps < 1:
             raise OptimizerError(f"max_steps is {max_steps}; it must be at least 1")
         self._advisor = advisor
+        self.needs_residual = reads_residuals(advisor)
         self._first_point = cube_point(first)
         self._decrease_factor, self._max_steps, self._early_stop = decrease_factor, max_steps, early_stop
         self._first: Evaluation | None = None
@@ -48,6 +50,7 @@ class BacktrackingLineSearch(Optimizer):
         self._rounds: list[Round] = []
         self._proposal: Proposal | None = None
         self._steps: list[Step] = []
+        self._measurements: list[Evaluation] = []
 
     @property
     def rounds(self) -> tuple[Round, ...]:
@@ -58,10 +61,12 @@ class BacktrackingLineSearch(Optimizer):
         if self._incumbent is None or self._first is None:
             return Candidate(self._first_point, {"source": "first point"})
         if self._proposal is None:
-            situation = Situation(self._incumbent, self.rounds, self._first)
-            proposal = self._advisor.propose(situation)
-            cube_point(proposal.point, self.dimension)
-            self._proposal = proposal
+            situation = Situation(self._incumbent, self.rounds, self._first, tuple(self._measurements))
+            advice = self._advisor.propose(situation)
+            if isinstance(advice, Measurement):
+                return advice.candidate
+            cube_point(advice.point, self.dimension)
+            self._proposal = advice
         step_size = self._step_size
         start = self._incumbent.candidate.point
         point = cube_point(np.clip(start + step_size * (self._proposal.point - start), 0.0, 1.0))
@@ -78,13 +83,17 @@ class BacktrackingLineSearch(Optimizer):
         if self._incumbent is None:
             self._first = self._incumbent = evaluation
             return
-        proposal = self._proposal
-        if proposal is None:
-            raise OptimizerError("a step was told without a proposal")
-        self._steps.append(Step(self._step_size, evaluation))
-        accepted = evaluation.loss < self._incumbent.loss and not evaluation.failed
-        if accepted or len(self._steps) == self._max_steps:
-            self._rounds.append(Round(proposal, self._incumbent, tuple(self._steps), accepted))
-            self._proposal, self._steps = None, []
-        if accepted:
+        better = not evaluation.failed and not evaluation.lower_bound
+        better = better and (self._incumbent.failed or evaluation.loss < self._incumbent.loss)
+        if self._proposal is None:
+            self._measurements.append(evaluation)
+        else:
+            self._steps.append(Step(self._step_size, evaluation))
+            if better or len(self._steps) == self._max_steps:
+                self._finish(self._proposal, self._incumbent, accepted=better)
+        if better:
             self._incumbent = evaluation
+
+    def _finish(self, proposal: Proposal, incumbent: Evaluation, accepted: bool) -> None:
+        self._rounds.append(Round(proposal, incumbent, tuple(self._steps), accepted, tuple(self._measurements)))
+        self._proposal, self._steps, self._measurements = None, [], []

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from swim2real.optimizers.advisor import Advisor, Situation
+from typing import Literal
+
+from swim2real.optimizers.advisor import Advisor, Measurement, Situation, reads_residuals
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
 
 
@@ -18,22 +20,29 @@ class WarmStart(Optimizer):
             then: Takes over; it is told what it asked itself, nothing else.
         """
         super().__init__(len(first))
+        self.needs_residual = reads_residuals(advisor) or then.needs_residual
         self._advisor, self._first_point, self._then = advisor, cube_point(first), then
-        self._told = 0
-        self._first: Evaluation | None = None
+        self._told: list[Evaluation] = []  # the first and what was measured
+        self._state: Literal["measuring", "proposed", "handed over"] = "measuring"
 
     def _next(self) -> Candidate:
-        if self._first is None:
+        if not self._told:
             return Candidate(self._first_point, {"source": "first point"})
-        if self._told == 1:
-            proposal = self._advisor.propose(Situation(self._first, (), self._first))
-            note = {"source": "warm start", "round": 1, "step_size": 1.0, "proposal": proposal.as_dict()}
-            return Candidate(cube_point(proposal.point), note)
+        if self._state == "measuring":
+            first, *measured = self._told
+            incumbent = min((e for e in self._told if not e.failed), key=lambda e: e.loss, default=first)
+            advice = self._advisor.propose(Situation(incumbent, (), first, tuple(measured)))
+            if isinstance(advice, Measurement):
+                return advice.candidate
+            self._state = "proposed"
+            note = {"source": "warm start", "round": 1, "step_size": 1.0, "proposal": advice.as_dict()}
+            return Candidate(cube_point(advice.point), note)
         return self._then.ask()
 
     def _learn(self, evaluation: Evaluation) -> None:
-        if self._first is None:
-            self._first = evaluation
-        elif self._told > 1:
+        if self._state == "measuring":
+            self._told.append(evaluation)
+        elif self._state == "proposed":
+            self._state = "handed over"
+        else:
             self._then.tell(evaluation)
-        self._told += 1

@@ -34,7 +34,7 @@ from swim2real.calibration import (
 )
 from swim2real.errors import ArgumentError, OptimizerError, RunError
 from swim2real.objective import Protocol
-from swim2real.optimizers import Proposal, streams
+from swim2real.optimizers import Advice, recorded_advice, streams
 from swim2real.parameters import Scale, from_folder
 from swim2real.pipeline.methods import ADVISED, METHODS, Method, make_optimizer
 from swim2real.robots.fingerprint import fingerprint
@@ -173,7 +173,7 @@ def run(
         else:
             folder.begin({**resolved, **about})
         optimizer = make_optimizer(
-            settings.method, robot, space, settings.seed, settings.budget, advisor, _recorded_proposals(folder),
+            settings.method, robot, space, settings.seed, settings.budget, advisor, _recorded_advice(folder),
             max_steps=settings.max_steps, early_stop=settings.early_stop,
         )  # fmt: skip
         best = calibrate(problem, space, optimizer, settings.budget, folder, on_progress)
@@ -181,10 +181,9 @@ def run(
         return conclude(folder, problem, held_out, best["values"], effects)
 
 
-def _recorded_proposals(folder: RunFolder) -> list[Proposal]:
+def _recorded_advice(folder: RunFolder) -> list[Advice]:
     try:
-        notes = [entry["note"] for entry in folder.record()]
-        return [Proposal.from_dict(note["proposal"]) for note in notes if "proposal" in note]
+        return recorded_advice(folder.record())
     except (KeyError, TypeError) as error:
         raise RunError(f"the record of '{folder.path}' is damaged: {error!r}; begin a new run") from error
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import (
+    Advice,
     Advisor,
     BacktrackingLineSearch,
     BayesianOptimization,
     CmaEs,
     LeastSquares,
     Optimizer,
-    Proposal,
     RandomSearch,
     ScriptedAdvisor,
     Stage,
@@ -40,7 +40,7 @@ ADVISED = ("line-search", "warm-start")  # by an advisor
 
 def make_optimizer(
     method: Method, robot: Robot, space: ParameterSpace, seed: int, budget: int, advisor: Advisor | None = None,
-    proposals: Sequence[Proposal] = (), *, max_steps: int = 3, early_stop: bool = False,
+    advice: Sequence[Advice] = (), *, max_steps: int = 3, early_stop: bool = False,
 ) -> Optimizer:  # fmt: skip
     """The optimizer of a name, fresh.
 
@@ -51,7 +51,7 @@ def make_optimizer(
         seed: Of the run.
         budget: Of the run, which stages are planned by.
         advisor: Who proposes, where the method is advised.
-        proposals: Of the rounds on record, which aren't asked again.
+        advice: On record, which isn't asked for again.
         max_steps: Of the line search.
         early_stop: Whether the line search lets evaluations stop once a step is certain to be rejected.
 
@@ -79,8 +79,8 @@ def make_optimizer(
             pass
     if advisor is None:
         raise ArgumentError(f"method {method} needs an advisor")
-    if proposals:
-        advisor = ScriptedAdvisor(proposals, then=advisor)
+    if advice:
+        advisor = ScriptedAdvisor(advice, then=advisor)
     if method == "warm-start":
         return WarmStart(advisor, first, RandomSearch(dimension, rng))
     return BacktrackingLineSearch(advisor, first, max_steps=max_steps, early_stop=early_stop)
