@@ -148,7 +148,7 @@ def test_lengths_that_disagree_are_told_with_each_one_s_estimate():
     camera = see(MarkerTrack(swim().times, positions), heights=LEVEL)
     assert camera.scale.spread == pytest.approx((1 - 215 / (357 * 1.04 - 142)) * 1.04)
     assert camera.findings() == [
-        "the scale is doubtful: known lengths disagree by 6.5 % (1 % is 6 mm at the tail tip); mm per pixel by "
+        "the scale is doubtful: known lengths disagree by 6.5 % (1 % is 6 mm at the last marker); mm per pixel by "
         "M0–M1 1.0000, M0–M2 0.9615, M1–M2 0.9377; used is 0.9615; measure a length in the pool and add it to the "
         "camera file"
     ]
@@ -191,7 +191,7 @@ def test_without_a_head_there_is_no_scale_but_a_length_helps():
     positions[:, 1] = np.nan
     headless = MarkerTrack(track.times, positions)
     assert refusal(see, headless) == (
-        "there is no scale: the head's markers coincide or are never seen together; "
+        "there is no scale: of the markers that keep their distances no two are seen together; "
         "add a known length to the camera file"
     )
     tape = Length("tape", Eye().pixels(np.array([[0.0, 0.0], [0.0, 0.5]])), 0.5)

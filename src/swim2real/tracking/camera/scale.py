@@ -38,7 +38,7 @@ class Scale:
         if self.spread <= DISAGREEMENT:
             return []
         listed = ", ".join(f"{name} {1e3 * value:.4f}" for name, value in self.estimates)
-        meaning = f" (1 % is {10 * self.body_length:.0f} mm at the tail tip)" if self.body_length > 0 else ""
+        meaning = f" (1 % is {10 * self.body_length:.0f} mm at the last marker)" if self.body_length > 0 else ""
         return [
             f"the scale is doubtful: known lengths disagree by {100 * self.spread:.1f} %{meaning}; "
             f"mm per pixel by {listed}; used is {1e3 * self.meters_per_pixel:.4f}; "
@@ -69,7 +69,7 @@ def make_scale(
         trusted = [value for _, value in lengths] or [value for _, value, level in markers if level]
         if not trusted:
             raise TrackingError(
-                "there is no scale: the head's markers coincide or are never seen together; "
+                "there is no scale: of the markers that keep their distances no two are seen together; "
                 "add a known length to the camera file"
             )
         used = float(np.median(trusted))
