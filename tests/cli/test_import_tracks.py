@@ -118,3 +118,18 @@ def test_two_tables_of_one_name_are_refused(tmp_path):
         film(tmp_path / folder / "swim.csv")
     with pytest.raises(ArgumentError, match=r"^two tables would make a trial of the same name \(swim\); rename one$"):
         import_tracks(arguments(tmp_path, tmp_path / "a" / "swim.csv", tmp_path / "b" / "swim.csv"))
+
+
+def test_tables_that_were_recorded_beside_the_tracks_go_with_them(tmp_path, capsys):
+    for name in ("swim.csv", "other.csv"):
+        film(tmp_path / name)
+    commands = [tmp_path / "first.csv", tmp_path / "second.csv"]
+    for speed, table in enumerate(commands):
+        table.write_text(f"time_s,motor\n0,{speed}\n", encoding="utf-8")
+    tracks = (tmp_path / "swim.csv", tmp_path / "other.csv")
+    assert import_tracks(arguments(tmp_path, *tracks, controls=tuple(commands))) == 0
+    trials = load_reference(tmp_path / "reference")
+    assert [float(trials[name].controls.values[0, 0]) for name in ("swim", "other")] == [0.0, 1.0]
+    assert trials["swim"].sensors is None
+    with pytest.raises(ArgumentError, match="--sensors has 1 tables for 2 tracks; give one for each, or none"):
+        import_tracks(arguments(tmp_path, *tracks, sensors=tuple(commands[:1])))

@@ -300,6 +300,12 @@ def test_pick_refuses_what_is_no_video_and_a_page_that_cant_be_written(program, 
     )
 
 
+@pytest.mark.parametrize("option", ["controls", "sensors"])
+def test_tables_are_one_for_each_video(program, clip, tmp_path, option):
+    sentence = program("track", clip.video, "--to", tmp_path / "reference", f"--{option}", "a.csv", "b.csv").sentence(2)
+    assert sentence == f"--{option} has 2 tables for 1 videos; give one for each video in order, or none"
+
+
 def test_a_track_in_pixels_can_be_imported_again(program, clip, tmp_path):
     """What `track` writes for other programs is what `import-tracks` reads, and makes the same trial."""
     height = 2.45
