@@ -15,6 +15,7 @@ from swim2real.errors import ArgumentError, RunError, TrialError
 from swim2real.optimizers import (
     BacktrackingLineSearch,
     BayesianOptimization,
+    CallbackSolver,
     CmaEs,
     LeastSquares,
     RandomSearch,
@@ -31,7 +32,8 @@ PHYSICS = PhysicsAdvisor(FISH, LOGARITHMIC, 0)
 
 KINDS = {
     "line-search": BacktrackingLineSearch, "random": RandomSearch, "warm-start": WarmStart, "cma-es": CmaEs,
-    "bayesopt": BayesianOptimization, "least-squares": LeastSquares, "staged": Staged,
+    "bayesopt": BayesianOptimization, "least-squares": LeastSquares, "mujoco-sysid": CallbackSolver,
+    "staged": Staged,
 }  # fmt: skip
 
 
@@ -52,7 +54,8 @@ def without_seconds(path) -> list[dict]:
         ({"budget": 0}, "budget is 0; it must be at least 1"),
         (
             {"method": "guessing"},
-            "method is 'guessing'; there are line-search, random, warm-start, cma-es, bayesopt, least-squares, staged",
+            "method is 'guessing'; there are line-search, random, warm-start, cma-es, bayesopt, least-squares, "
+            "mujoco-sysid, staged",
         ),
         (
             {"advisor": "oracle"},

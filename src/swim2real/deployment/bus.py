@@ -12,6 +12,7 @@ from swim2real.deployment.control_table import MotorError, Register
 from swim2real.errors import ArgumentError, MissingExtraError
 
 USABLE_BAUDS = tuple(rate for rate in ct.BAUD_RATES.values() if 57_600 <= rate <= 4_000_000)
+_PINGS = 30  # about a second
 _TRIES = 10  # of what isn't bound to a time; a busy computer misses some answers
 
 _ERRORS = {
@@ -96,7 +97,7 @@ class Bus:
             self._check("a ping", result, error)
             return int(number)
 
-        return _several(once)
+        return _several(once, _PINGS)
 
     def read(self, register: Register, despite_alert: bool = False) -> int:
         """A register's value."""
