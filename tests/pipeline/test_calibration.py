@@ -15,7 +15,6 @@ from swim2real.errors import ArgumentError, RunError, TrialError
 from swim2real.optimizers import (
     BacktrackingLineSearch,
     BayesianOptimization,
-    CallbackSolver,
     CmaEs,
     LeastSquares,
     RandomSearch,
@@ -23,6 +22,7 @@ from swim2real.optimizers import (
     WarmStart,
     first_point,
 )
+from swim2real.optimizers.callback import CallbackSolver
 from swim2real.parameters import read_parameters
 from swim2real.pipeline import METHODS, Settings, make_optimizer, run
 from swim2real.robots.fish import FISH
