@@ -1,0 +1,118 @@
+"""The worked examples: robots of one's own, whose parameters are hidden in a lab, from films to values."""
+
+import importlib.util
+import json
+import os
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from swim2real.calibration import Problem, pose_problem
+from swim2real.calibration.local import local
+from swim2real.calibration.refit import Evaluator, jacobian
+from swim2real.pipeline import Settings, run
+
+PROJECT = Path(__file__).resolve().parents[2]
+# what each example's trials can't tell
+UNTOLD = {"finger": {"air_density"}, "snake": {"joint_damping", "servo_damping"}}
+BAR = 0.05  # of a parameter that they tell
+
+
+@dataclass(frozen=True)
+class Example:
+    """An example with its recordings, as markers."""
+
+    name: str
+    code: ModuleType
+    problem: Problem
+
+    @property
+    def told(self) -> list[str]:
+        return [name for name in self.code.HIDDEN if name not in UNTOLD[self.name]]
+
+    def off(self, values) -> dict[str, float]:
+        """By how much values that the trials tell are off, as a share of the hidden ones."""
+        return {name: abs(values[name] / self.code.HIDDEN[name] - 1) for name in self.told}
+
+
+def code_of(name: str) -> ModuleType:
+    place = PROJECT / "examples" / name / "make_data.py"
+    spec = importlib.util.spec_from_file_location(f"example_{name}", place)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module", params=UNTOLD)
+def example(request) -> Example:
+    code = code_of(request.param)
+    return Example(request.param, code, pose_problem(code.ROBOT, code.LAB.record(code.takes()), horizon=1.2))
+
+
+def test_hidden_parameters_explain_the_recordings_but_for_what_the_model_lacks(example):
+    hidden, drawing = example.problem.evaluate_many([example.code.HIDDEN, example.code.ROBOT.space.published])
+    noise = example.code.LAB.marker_noise
+    assert noise < hidden.loss < 2e-3
+    assert drawing.loss > 5 * hidden.loss
+
+
+def test_what_the_trials_cant_tell_is_the_sloppiest_direction(example):
+    space = example.code.ROBOT.space
+    evaluate = Evaluator(example.problem, space)
+    (at,) = evaluate([space.to_cube(example.code.HIDDEN)])
+    sloppiest, next_one, *_ = local(jacobian(evaluate, at)[0], at.residual, example.problem.blocks()).directions(
+        space.names
+    )
+    assert set(sloppiest["parameters"]) == UNTOLD[example.name]
+    assert sloppiest["slope"] < next_one["slope"] / 20
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_the_trials_tell_is_found_within_sixty_evaluations(example, tmp_path, seed):
+    settings = Settings(method="least-squares", budget=60, seed=seed)
+    recordings = example.code.LAB.record(example.code.takes())
+    run(recordings, example.code.ROBOT, settings, tmp_path / "run")
+    found = json.loads((tmp_path / "run" / "best.json").read_text())
+    assert max(example.off(found["parameters"]).values()) < BAR
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_from_films_to_parameters_as_the_page_says(example, tmp_path):
+    """Runs all commands of the README, and holds it to its numbers."""
+    (tmp_path / "examples").symlink_to(PROJECT / "examples")
+    page = (PROJECT / "examples" / example.name / "README.md").read_text(encoding="utf-8")
+    commands = "\n".join(re.findall(r"```sh\n(.*?)```", page, re.DOTALL))
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-e", "-c", commands], cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    folder = tmp_path / "lab" / "run"
+    found = json.loads((folder / "best.json").read_text())
+    assert len((folder / "record.jsonl").read_text().splitlines()) <= 60
+    assert max(example.off(found["parameters"]).values()) < BAR
+    profiles = json.loads((folder / "identifiability.json").read_text())["profiles"]
+    assert {name for name, one in profiles.items() if one["verdict"] != "identified"} == UNTOLD[example.name]
+    for name in UNTOLD[example.name] if len(UNTOLD[example.name]) > 1 else ():
+        assert set(profiles[name]["made_up_by"]) == UNTOLD[example.name] - {name}
+
+
+def test_six_commands_lead_from_a_model_to_a_first_calibration():
+    page = (PROJECT / "examples" / "finger" / "README.md").read_text(encoding="utf-8")
+    first = re.findall(r"```sh\n(.*?)```", page, re.DOTALL)[1]
+    commands = re.findall(r"^swim2real (\w+)", first, re.MULTILINE)
+    assert (commands[0], commands[-1]) == ("init", "calibrate")
+    assert len(commands) <= 6
+    assert "python" not in first
+    assert np.all([line.startswith("swim2real ") or line.startswith("  ") for line in first.splitlines()])
