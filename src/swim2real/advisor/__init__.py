@@ -2,7 +2,7 @@
 
 from swim2real.advisor.briefing.detail import BriefingSettings
 from swim2real.advisor.choice import Surroundings, asks_a_vlm, check_advisor, make_advisor, replayed_run
-from swim2real.advisor.physics import PhysicsAdvisor
+from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
 from swim2real.advisor.vlm.access import Access
 from swim2real.advisor.vlm.events import AdvisorEvent
 
@@ -11,6 +11,7 @@ __all__ = [
     "AdvisorEvent",
     "BriefingSettings",
     "PhysicsAdvisor",
+    "SensitivityAdvisor",
     "Surroundings",
     "asks_a_vlm",
     "check_advisor",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from swim2real.advisor.briefing.briefing import Briefing
 from swim2real.advisor.briefing.detail import BriefingSettings
-from swim2real.advisor.physics import PhysicsAdvisor
+from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
 from swim2real.advisor.vlm.access import Access
 from swim2real.advisor.vlm.advisor import REPAIRS, Limits, VlmAdvisor
 from swim2real.advisor.vlm.client import make_client
@@ -23,7 +23,7 @@ from swim2real.errors import ArgumentError
 from swim2real.objective import Comparison
 from swim2real.optimizers import Advisor
 from swim2real.parameters import ParameterSpace, Values
-from swim2real.robots.robot import Robot
+from swim2real.robots.robot import Robot, SteadySwims
 
 PHYSICS, FILES, REPLAY = "physics", "files", "replay:"
 
@@ -83,7 +83,8 @@ def make_advisor(
     """The advisor of a name.
 
     Args:
-        name: `physics`, `files`, `replay:RUN`, or `PROVIDER:MODEL`.
+        name: `physics`, `files`, `replay:RUN`, or `PROVIDER:MODEL`. The first begins with the robot's measured response
+            where there is one, and measures sensitivities itself where there is none.
         robot: Whose simulator is calibrated.
         space: Of its parameters, on the run's scale.
         seed: Of the physics advisor's random choices.
@@ -95,7 +96,8 @@ def make_advisor(
     """
     check_advisor(name)
     if name == PHYSICS:
-        return PhysicsAdvisor(robot, space, seed)
+        known = isinstance(robot.trials, SteadySwims) and robot.trials.response is not None
+        return PhysicsAdvisor(robot, space, seed) if known else SensitivityAdvisor(space, seed)
     if (source := replayed_run(name)) is not None:
         return ReplayAdvisor(source, space)
     if surroundings is None:

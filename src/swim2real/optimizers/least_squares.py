@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Generator
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from swim2real.errors import OptimizerError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
+from swim2real.optimizers.linear_model import box_step, updated
 
 _DAMPING = 1e-3  # of the mean curvature: parameters without effect stay where they are
 _CONVERGED = 1e-3  # promised relative gain below which a start is given up
@@ -40,8 +40,6 @@ class LeastSquares(Optimizer):
     Differences are wide since the residual changes fast near good fits: there, steps of 0.004 in the cube changed the
     loss by 5 mm. Where it is smooth they cost precision at the end. Which width is best isn't settled: on that one seed
     0.05 led after 60 evaluations (30 mm, with 0.02 35 mm) and 0.02 after 80 (17 mm against 23 mm).
-
-    Sums over the residual avoid BLAS, whose order of summation hangs on the number of threads.
     """
 
     needs_residual = True
@@ -93,7 +91,7 @@ class LeastSquares(Optimizer):
             base = best
             while in_vain < (_WORN_TRIES if useful else _FRESH_TRIES):
                 residual, squares = _residual(base), _squares(base)
-                step, promised = _box_step(gradients, residual, base.candidate.point, radius)
+                step, promised = box_step(gradients, residual, base.candidate.point, radius, _DAMPING)
                 if promised <= _CONVERGED * squares or radius < _SMALLEST_RADIUS:
                     break
                 point = cube_point(np.clip(base.candidate.point + step, 0.0, 1.0))
@@ -101,7 +99,7 @@ class LeastSquares(Optimizer):
                 gained = -np.inf
                 if not told.failed:
                     gained = squares - _squares(told)
-                    gradients = _updated(gradients, residual, _residual(told), point - base.candidate.point)
+                    gradients = updated(gradients, _residual(told) - residual, point - base.candidate.point)
                 if gained < 0.25 * promised:
                     radius = float(np.abs(step).max()) / 2
                 elif gained > 0.75 * promised:
@@ -125,26 +123,6 @@ class LeastSquares(Optimizer):
                 gradients[k] = (_residual(told) - residual) / change
                 best = told if _squares(told) < _squares(best) else best
         return gradients, best
-
-
-def _box_step(gradients: Array, residual: Array, point: Array, radius: float) -> tuple[Array, float]:
-    """The step that minimizes the linear model's squares within the box and the cube, and what it promises to gain."""
-    curvature = np.einsum("in,jn->ij", gradients, gradients)
-    slope = np.einsum("in,n->i", gradients, residual)
-    damping = _DAMPING * float(np.trace(curvature)) / point.size
-    if damping == 0:
-        return np.zeros(point.size), 0.0
-    root = np.linalg.cholesky(curvature + damping * np.eye(point.size))
-    bounds = (np.maximum(-point, -radius), np.minimum(1 - point, radius))
-    found = lsq_linear(root.T, -np.linalg.solve(root, slope), bounds, method="bvls")
-    step = np.clip(found.x, *bounds)
-    return step, -float(2 * slope @ step + step @ curvature @ step)
-
-
-def _updated(gradients: Array, residual: Array, there: Array, step: Array) -> Array:
-    """Broyden's update: the smallest change by which the model would have foretold the step's residual."""
-    missed = there - residual - np.einsum("in,i->n", gradients, step)
-    return gradients + np.multiply.outer(step, missed) / float(step @ step)
 
 
 def _squares(evaluation: Evaluation) -> float:

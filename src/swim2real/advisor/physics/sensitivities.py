@@ -1,0 +1,92 @@
+"""What a run has shown of how the residual answers to each parameter: a linear model around the incumbent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import AdvisorError
+from swim2real.optimizers import Evaluation
+from swim2real.optimizers.linear_model import box_step, updated
+
+Array = NDArray[np.float64]
+
+_DAMPING = 1e-6  # of the mean curvature
+_ROBUST = 0.2  # of the root mean square: residuals well below it weigh by their squares, well above by their size
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """How the residual changes over each parameter's whole range, were it linear.
+
+    Attributes:
+        gradients: Around the incumbent, as far as all evaluations have shown [m]. Shape (d, n).
+        measured: From the last steps along a single parameter each, 0 without any [m]. Shape (d, n).
+        widths: Of those steps, in the unit cube. Shape (d,).
+    """
+
+    gradients: Array
+    measured: Array
+    widths: Array
+
+    def step(self, residual: Array, point: Array, radius: float) -> Array:
+        """The step that the model expects most of, within a box around the point and the unit cube. Shape (d,)."""
+        root = np.sqrt(_weights(residual))
+        return box_step(self.gradients * root, residual * root, point, radius, _DAMPING)[0]
+
+    def remaining(self, residual: Array, steps: Array) -> Array:
+        """The share of the loss that the model expects to be left after each step. Shapes (n,), (N, d) to (N,)."""
+        weights = _weights(residual)
+        after = residual + np.einsum("ki,in->kn", steps, self.gradients)
+        before = float(np.einsum("n,n,n->", weights, residual, residual))
+        return np.sqrt(np.einsum("n,kn,kn->k", weights, after, after) / max(before, 1e-300))
+
+    def slopes(self, residual: Array) -> Array:
+        """Which way each parameter makes the residual larger. Shapes (n,) to (d,)."""
+        return np.einsum("in,n,n->i", self.gradients, _weights(residual), residual)
+
+
+def usable(evaluation: Evaluation) -> bool:
+    """Whether an evaluation tells how the residual answers: one that diverged or stopped early doesn't."""
+    return not evaluation.failed and not evaluation.lower_bound
+
+
+def residual_of(evaluation: Evaluation) -> Array:
+    """Of a usable evaluation [m]. Shape (n,).
+
+    Raises:
+        AdvisorError: It wasn't told.
+    """
+    if evaluation.residual is None:
+        raise AdvisorError("an evaluation has no residual, which measured sensitivities need; tell it with the loss")
+    return evaluation.residual
+
+
+def learned(evaluations: Sequence[Evaluation]) -> Sensitivities:
+    """Learns from each evaluation against the best one before it.
+
+    Args:
+        evaluations: Usable ones in the order of the run, at least one.
+    """
+    base, *others = evaluations
+    gradients = np.zeros((base.candidate.point.size, residual_of(base).size))
+    measured, widths = np.zeros_like(gradients), np.zeros(len(gradients))
+    for evaluation in others:
+        step = evaluation.candidate.point - base.candidate.point
+        change = residual_of(evaluation) - residual_of(base)
+        moved = np.flatnonzero(step)
+        if moved.size == 1:
+            measured[moved], widths[moved] = change / step[moved], np.abs(step[moved])
+        gradients = updated(gradients, change, step)
+        if evaluation.loss < base.loss:
+            base = evaluation
+    return Sensitivities(gradients, measured, widths)
+
+
+def _weights(residual: Array) -> Array:
+    """What squares must be weighed by so that less of them is a lower loss, which is a mean of lengths. Shape (n,)."""
+    size = _ROBUST * float(np.sqrt(np.mean(residual**2))) + 1e-15
+    return 1 / np.sqrt(residual**2 + size**2)

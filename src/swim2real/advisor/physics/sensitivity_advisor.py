@@ -1,0 +1,125 @@
+"""The physics advisor of any robot: it measures what each parameter does, and steps to where the error is least.
+
+It knows no robot. It has single parameters changed one after the other, keeps a linear model of the residual that
+learns from every evaluation since, and proposes what the model promises most of within a trust that grows and shrinks
+with its successes. When that fails it measures again, in smaller steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.advisor.physics.sensitivities import Sensitivities, learned, residual_of, usable
+from swim2real.advisor.physics.sensitivity_words import diagnose
+from swim2real.advisor.physics.unseen import unseen
+from swim2real.advisor.physics.words import reason
+from swim2real.optimizers import Advice, Evaluation, Measurement, Proposal, Round, Situation
+from swim2real.parameters import ParameterSpace
+
+Array = NDArray[np.float64]
+
+TRUST_START, TRUST_LEAST, TRUST_MOST = 0.4, 1e-4, 1.0  # half width of the trusted box, in the unit cube
+GROW, SHRINK = 2.0, 0.5
+DIFFERENCE, LEAST_DIFFERENCE = 0.03, 1e-3  # change of a parameter that is measured, in the unit cube
+_TRIES = 2  # at measuring a parameter: to one side, and where that diverges to the other
+
+
+class SensitivityAdvisor:
+    """Proposes parameters from sensitivities that it has measured in the run."""
+
+    needs_residual = True
+
+    def __init__(self, space: ParameterSpace, seed: int) -> None:
+        """Prepares the advisor.
+
+        Args:
+            space: As the optimizer uses it.
+            seed: Of the run.
+        """
+        self._space, self._seed = space, seed
+
+    def propose(self, situation: Situation) -> Advice:
+        """What to measure before the next proposal, or the point that promises most within its trust."""
+        incumbent = situation.incumbent
+        if not usable(incumbent):
+            return self._elsewhere(situation)
+        sensitivities = learned([e for e in situation.evaluations if usable(e)])
+        trust = trust_radius(situation.rounds)
+        next_one = self._next_to_measure(situation)
+        if next_one is not None:
+            return self._measurement(next_one, situation, sensitivities, trust)
+        return self._proposal(incumbent, sensitivities, trust)
+
+    def _elsewhere(self, situation: Situation) -> Measurement:
+        """Nothing has gone well yet: a random point near the middle, where simulations are safer."""
+        rng = np.random.default_rng([self._seed, len(situation.measurements)])
+        return Measurement(0.5 + TRUST_START * rng.uniform(-1, 1, len(self._space)))
+
+    def _next_to_measure(self, situation: Situation) -> int | None:
+        """A parameter, None when a proposal is due."""
+        tried = [e for e in situation.measurements if "parameter" in e.candidate.note]
+        last = situation.rounds[-1] if situation.rounds else None
+        worn = last is not None and not last.accepted and not last.measurements
+        if last is not None and not worn and not tried:
+            return None
+        for i, name in enumerate(self._space.names):
+            mine = [usable(e) for e in tried if e.candidate.note["parameter"] == name]
+            if not any(mine) and len(mine) < _TRIES:
+                return i
+        return None
+
+    def _measurement(self, i: int, situation: Situation, sensitivities: Sensitivities, trust: float) -> Measurement:
+        """A step of one parameter: downhill where that is known, and the other way where that has diverged."""
+        here = situation.incumbent
+        point, name = np.array(here.candidate.point), self._space.names[i]
+        width = min(DIFFERENCE, max(trust / 2, LEAST_DIFFERENCE))
+        slope = sensitivities.slopes(residual_of(here))[i]
+        side = -np.sign(slope) if slope else 1.0 if point[i] <= 0.5 else -1.0
+        if any(e.candidate.note.get("parameter") == name for e in situation.measurements):
+            side = -side
+        if not 0 <= point[i] + side * width <= 1:
+            side = -side
+        point[i] += side * width
+        return Measurement(point, {"parameter": name})
+
+    def _proposal(self, incumbent: Evaluation, sensitivities: Sensitivities, trust: float) -> Proposal:
+        here, residual = incumbent.candidate.point, residual_of(incumbent)
+        step = sensitivities.step(residual, here, trust)
+        point = np.clip(here + step, 0.0, 1.0)
+        all_but_one = np.where(np.eye(len(step), dtype=bool), 0.0, step)
+        left, *without = incumbent.loss * sensitivities.remaining(residual, np.vstack([step, all_but_one]))
+        blind = unseen(sensitivities, residual)
+        effects = np.linalg.norm(sensitivities.measured, axis=1)
+        missing = {i for one in blind for i in one.members}
+        notes = {
+            "trust": round(trust, 4),
+            "expected_loss": float(left),
+            "not_identified": [name for i, name in enumerate(self._space.names) if i in missing],
+        }
+        return Proposal(
+            point,
+            diagnose(self._space, here, incumbent.loss, effects, blind, incumbent.detail),
+            reason(self._space, here, point, np.array(without) - left),
+            notes,
+        )
+
+
+def trust_radius(rounds: Sequence[Round]) -> float:
+    """Half width of the box around the incumbent that a proposal stays in, from how far the steps so far were good."""
+    trust = TRUST_START
+    for one in rounds:
+        full, last = (
+            float(np.abs(step.evaluation.candidate.point - one.incumbent.candidate.point).max())
+            for step in (one.steps[0], one.steps[-1])
+        )
+        if not one.accepted:
+            trust = SHRINK * last
+        elif len(one.steps) == 1:
+            trust = max(trust, GROW * full)
+        else:
+            trust = last
+        trust = float(np.clip(trust, TRUST_LEAST, TRUST_MOST))
+    return trust
