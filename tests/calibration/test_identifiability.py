@@ -1,5 +1,6 @@
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ import toy
 
 from swim2real.calibration.identifiability import IDENTIFIABILITY, StudySettings, identify, read_study
 from swim2real.calibration.local import autocorrelation, local
-from swim2real.calibration.profile import ProfilePoint, judge
+from swim2real.calibration.profile import ProfilePoint, judge, profile
 from swim2real.calibration.refit import Evaluator, Fitted, jacobian, refit
 from swim2real.calibration.reopened import reopen
 from swim2real.errors import ArgumentError, RunError
@@ -275,3 +276,21 @@ def test_verdicts(losses, verdict, interval):
 def test_who_makes_up_is_told_with_its_move():
     found = judge(_points((10.5, 10.1, 10.0, 10.1, 10.4)), 0, ("one", "other"), 1.0)
     assert found["made_up_by"] == {"other": pytest.approx(0.5)}
+
+
+def test_a_profile_keeps_the_lowest_loss_where_a_refit_lowers_the_misfit_alone(reference, run_path):
+    run = reopen(run_path, reference, toy.ROBOT, 2)
+    (best,) = Evaluator(run.problem, run.space)([np.array(run.best["point"])])
+    slopes, _ = jacobian(Evaluator(run.problem, run.space), best)
+
+    class Elsewhere(Evaluator):
+        """The misfit is lowest where `lift` is another, the loss where it is."""
+
+        def __call__(self, points):
+            away = 0.1 * slopes[:, NAMES.index("lift")]
+            return [replace(one, residual=one.residual - best.residual + away) for one in super().__call__(points)]
+
+    evaluate = Elsewhere(run.problem, run.space)
+    flat = profile(evaluate, evaluate([best.point])[0], slopes, NAMES.index("nothing"), 1e-4, 2)
+    assert (flat[0].at, flat[-1].at) == (0.0, 1.0)
+    assert max(point.loss for point in flat) == pytest.approx(best.loss, rel=1e-6)

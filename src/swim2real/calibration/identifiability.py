@@ -56,7 +56,7 @@ class StudySettings:
         """An upper limit for a study of this many parameters that needn't begin again."""
         values = 2 * len(DISTANCES)
         polish = _POLISH_ROUNDS * (2 * dimension + 3 * self.polish) if self.polish else 0
-        return 2 + polish + 2 * dimension + dimension * values * (4 + 3 * self.steps)
+        return 2 + polish + 2 * dimension + dimension * values * (5 + 3 * self.steps)
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,10 @@ class ProfilePoint:
 
     Attributes:
         at: The parameter's coordinate in the cube.
-        loss: After the re-fit [m].
+        loss: The lowest that was seen, after the re-fit or before it. A re-fit lowers the misfit, a sum of squares, and
+            may leave a loss, a mean of distances, that was lower [m].
         fixed_loss: With the others where they were at the value before [m].
-        point: The re-fitted point. Shape (d,).
+        point: That with the lowest loss. Shape (d,).
     """
 
     at: float
@@ -65,9 +66,10 @@ def profile(
     for sign in (-1.0, 1.0):
         at, mending = best, slopes
         for value in _values(float(best.point[index]), sign):
-            at, mending, fixed_loss = _fixed(evaluate, at, mending, index, value, free, rise, steps)
-            found.append(ProfilePoint(value, at.loss, fixed_loss, at.point))
-            if at.loss > best.loss + ENOUGH * rise:
+            at, mending, alone = _fixed(evaluate, at, mending, index, value, free, rise, steps)
+            lowest = min((at, alone, *evaluate([_with(best.point, index, value)])), key=lambda one: one.loss)
+            found.append(ProfilePoint(value, lowest.loss, alone.loss, lowest.point))
+            if lowest.loss > best.loss + ENOUGH * rise:
                 break
     return sorted(found, key=lambda point: point.at)
 
@@ -84,17 +86,26 @@ def _values(start: float, sign: float) -> list[float]:
 def _fixed(
     evaluate: Evaluator, before: Fitted, slopes: Array, index: int, value: float, free: NDArray[np.bool_],
     rise: float, steps: int,
-) -> tuple[Fitted, Array, float]:  # fmt: skip
-    """One value: the others as they were, then as the slopes foresee them, then re-fitted."""
+) -> tuple[Fitted, Array, Fitted]:  # fmt: skip
+    """One value: the others as they were, then as the slopes foresee them, then re-fitted.
+
+    Returns:
+        The last, the mended slopes, and the first.
+    """
     shift = value - before.point[index]
-    alone = before.point.copy()
-    alone[index] = value
+    alone = _with(before.point, index, value)
     foreseen = -(before.residual + slopes[:, index] * shift)
     first = evaluate([alone, *(moved(alone, foreseen, slopes, free, abs(shift) * k) for k in (3.0, 1.0, 1 / 3))])
     best = min(first, key=lambda one: one.misfit)
     slopes = mended(slopes, before, [one for one in first if abs(shift) < 0.2])
     best, slopes = refit(evaluate, best, slopes, free, steps, min(abs(shift), 0.1), enough=0.02 * rise)
-    return best, slopes, first[0].loss
+    return best, slopes, first[0]
+
+
+def _with(point: Array, index: int, value: float) -> Array:
+    out = point.copy()
+    out[index] = value
+    return out
 
 
 def judge(points: Sequence[ProfilePoint], index: int, names: Sequence[str], rise: float) -> dict[str, Any]:
