@@ -52,7 +52,7 @@ def test_its_candidates_are_those_of_the_toolbox_left_alone():
     parameters = sysid.ParameterDict()
     for name, place in zip(SPACE.names, first, strict=True):
         parameters.add(sysid.Parameter(name, place, 0.0, 1.0))
-    best, _ = sysid.optimize(parameters, residual, verbose=False, eps=0.02, output=io.StringIO())
+    best, _ = sysid.optimize(parameters, residual, verbose=False, output=io.StringIO())
     np.testing.assert_allclose(best.as_vector(), GOAL, atol=1e-6)
     points = drive(make(), len(seen) + 1)
     np.testing.assert_array_equal(points[:-1], seen)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from typing import Any
 
-from swim2real.calibration.refit import STEP
 from swim2real.optimizers.callback import Residuals, Solve
 from swim2real.optimizers.contract import Array
 from swim2real.parameters import ParameterSpace
@@ -13,14 +12,10 @@ from swim2real.sysid.toolbox import toolbox
 
 
 def least_squares(space: ParameterSpace) -> Solve:
-    """`mujoco.sysid.optimize` with its default solver, MuJoCo's own.
+    """`mujoco.sysid.optimize` with its default solver, MuJoCo's own, and with its own settings.
 
     Its parameters have the names of the space and places in the unit cube for values. It takes Levenberg-Marquardt
-    steps within the cube, and for each that it accepts a Jacobian of forward differences.
-
-    Its settings are its own but for the width of the differences, which is that of our studies. Its own, 1.5e-8, sees
-    where the search for a phase ends: at seed 1's first point it takes eight of the fish's 16 slopes for 140 m, which
-    are 0.002 to 0.03 m.
+    steps within the cube, and for each that it accepts a Jacobian of forward differences, 1.5e-8 wide.
 
     Its sums go through BLAS, whose last digits may change with the number of threads; the command line sets one.
 
@@ -37,6 +32,6 @@ def least_squares(space: ParameterSpace) -> Solve:
         def residual(columns: Array, _: Any) -> tuple[list[Array], list[Any], list[Any]]:
             return [residuals(columns.T).T], [], []
 
-        sysid.optimize(parameters, residual, verbose=False, eps=STEP, output=io.StringIO())
+        sysid.optimize(parameters, residual, verbose=False, output=io.StringIO())
 
     return solve

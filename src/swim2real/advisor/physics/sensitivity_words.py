@@ -19,14 +19,14 @@ _NUDGE = 1e-4  # of the cube
 
 
 def diagnose(
-    space: ParameterSpace, place: Array, loss: float, effects: Array, blind: Sequence[Unseen], evidence: Any
+    space: ParameterSpace, point: Array, loss: float, effects: Array, blind: Sequence[Unseen], evidence: Any
 ) -> str:
     """How far off the simulation is, and which parameters the trials tell.
 
     Args:
-        space: On the scale of the place.
-        place: Where the effects were measured. Shape (d,).
-        loss: Of the incumbent [m].
+        space: On the scale of the point.
+        point: Incumbent. Shape (d,).
+        loss: There [m].
         effects: By how much each parameter changes the residual over its whole range [m]. Shape (d,).
         blind: Directions that aren't seen.
         evidence: Of the incumbent; the worst trial is read from it, where it has any.
@@ -40,9 +40,9 @@ def diagnose(
     if alone:
         names = listed([space.names[i] for i in sorted(alone)])
         sentences.append(
-            f"It hardly answers to {names}: these trials don't tell {'it' if len(alone) == 1 else 'them'} so far."
+            f"It hardly answers to {names}: these trials can't tell {'it' if len(alone) == 1 else 'them'}."
         )
-    return " ".join(sentences + [_combination(space, place, one) for one in blind if len(one.members) > 1])
+    return " ".join(sentences + [_combination(space, point, one) for one in blind if len(one.members) > 1])
 
 
 def listed(names: Sequence[str]) -> str:
@@ -62,15 +62,15 @@ def _worst(evidence: Any) -> list[str]:
     return [f"The worst trial is {worst} with {1e3 * known[worst]:.3g} mm."]
 
 
-def _combination(space: ParameterSpace, place: Array, one: Unseen) -> str:
+def _combination(space: ParameterSpace, point: Array, one: Unseen) -> str:
     names = listed([space.names[i] for i in one.members])
-    kind = _kind(space, place, one) if len(one.members) == 2 else None
+    kind = _kind(space, point, one) if len(one.members) == 2 else None
     return f"Of {names} only {f'the {kind}' if kind else 'a combination'} is seen."
 
 
-def _kind(space: ParameterSpace, place: Array, one: Unseen) -> str | None:
+def _kind(space: ParameterSpace, point: Array, one: Unseen) -> str | None:
     """What of two parameters stays the same along an unseen direction; None if nothing simple does."""
-    members, there = list(one.members), np.clip(place, _NUDGE, 1 - _NUDGE)
+    members, there = list(one.members), np.clip(point, _NUDGE, 1 - _NUDGE)
     slopes = space.to_array(there + _NUDGE) - space.to_array(there - _NUDGE)
     changes = slopes[members] * one.direction
     values = space.to_array(there)[members]
