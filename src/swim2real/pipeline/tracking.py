@@ -14,6 +14,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, Literal
 
 import numpy as np
@@ -267,9 +268,8 @@ def _done(place: Path, mark: str, folder: Path, name: str) -> dict[str, Any] | N
 def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        trial = folder / ".part"
-        trial.touch()
-        trial.unlink(missing_ok=True)  # videos of the same folder may be tracked at the same time
+        with TemporaryFile(dir=folder):  # without a name, so that an interruption leaves nothing
+            pass
     except OSError as error:
         raise TrackingError(
             f"can't write folder '{folder}': {error.strerror or error}; choose another with --to"
