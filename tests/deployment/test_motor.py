@@ -220,6 +220,16 @@ def test_nobody_at_that_id(emulated):
         bus.ping()
 
 
+def test_a_line_that_takes_too_long_is_no_lost_port(emulated):
+    with Bus(emulated.port) as bus:
+        line = bus._port.ser
+        line.write_timeout = 1e-9  # as after a halt of the whole program
+        with pytest.raises(NoAnswerError, match="didn't answer a ping"):
+            bus.ping()
+        line.write_timeout = 1.0
+        assert bus.ping() == 1180
+
+
 @pytest.mark.parametrize(
     ("device", "baud", "sentence"),
     [(253, 57_600, "motor id 253 is not allowed; ids are 0 to 252"), (1, 9600, "9600 baud can't be used for 50")],

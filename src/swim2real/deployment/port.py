@@ -10,6 +10,7 @@ import time
 from typing import Any
 
 from dynamixel_sdk import PortHandler
+from serial import SerialTimeoutException
 
 WRITE_TIMEOUT = 0.1  # s
 _ONE_READ = 0.001  # s that one look for bytes waits
@@ -41,8 +42,11 @@ class Port(PortHandler):  # pyright: ignore[reportUntypedBaseClass]
             self._latency = _LOW_LATENCY
 
     def writePort(self, packet: list[int]) -> int:  # noqa: N802 - the library's name
-        """Sends a packet."""
-        written = int(super().writePort(packet) or 0)
+        """Sends a packet. Returns how many bytes, 0 when time ran out: the line is full, or the program was halted."""
+        try:
+            written = int(super().writePort(packet) or 0)
+        except SerialTimeoutException:
+            written = 0
         self.written_at = time.monotonic()
         return written
 
