@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from swim2real.trials import load_reference
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -25,6 +27,7 @@ def test_the_example_calibrates_and_goes_on(tmp_path):
     assert json.loads((out / "best.json").read_text())["loss"] == min(entry["loss"] for entry in record)
 
 
+@pytest.mark.slow
 def test_the_example_tracks_films(tmp_path):
     done = subprocess.run([sys.executable, str(TRACKING), str(tmp_path)], capture_output=True, text=True, timeout=240)
     assert done.returncode == 0, done.stderr

@@ -87,6 +87,7 @@ def _shaking(values):
     return spec
 
 
+@pytest.mark.slow
 def test_cycles_instead_of_full_lengths_accept_the_same_steps(reference, in_full, tmp_path, new_fluid_law):
     if new_fluid_law:
         pytest.skip("with the fluid law of this engine swims don't repeat exactly")

@@ -62,6 +62,7 @@ def test_every_member_is_within_the_loss_that_is_stated(run, made):
     assert losses == sorted(losses)
 
 
+@pytest.mark.slow
 def test_it_is_the_same_for_the_same_seed_and_another_for_another(run, made):
     again = make_ensemble([run], SETTINGS)
     assert again["members"] == made["members"]

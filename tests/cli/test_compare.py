@@ -112,6 +112,7 @@ def test_the_same_again_reads_and_json_is_json_alone(program, finished, pool_fol
     assert [run["method"] for run in program.json["runs"]] == list(METHODS)
 
 
+@pytest.mark.slow
 def test_on_a_terminal_there_is_a_bar(program, finished, pool_folder, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "160")
@@ -138,6 +139,7 @@ def test_runs_that_fail_are_told_together_and_leave_with_1(program, pool_folder,
     assert "Calibration performance over 2 seeds" in program.out
 
 
+@pytest.mark.slow
 def test_a_vlm_takes_part_with_what_it_is_shown_and_what_it_costs(program, vlm, pool_folder, tmp_path):
     content = {"diagnosis": "slow", "reasoning": "drag", "parameters": {"fluid_slender_drag": 5.0}}
     vlm.script(then=replies(json.dumps(content), tokens=(1000, 50)))

@@ -45,6 +45,7 @@ def test_identify_refuses_what_it_cannot_use(program, run_folder, pool_folder, t
     assert "is no run folder" in program.sentence(2)
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_a_study_that_goes_on(run_folder, pool_folder):
     words = ("identify", run_folder, "--reference", pool_folder, "--steps", 0, "--polish", 0)
     begun = process(*words)

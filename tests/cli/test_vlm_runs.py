@@ -51,7 +51,14 @@ def kept(path: Path) -> list[dict]:
     return [json.loads(one.read_text()) for one in sorted((path / "advisor").glob("call_*.json"))]
 
 
-@pytest.mark.parametrize(("provider", "kind"), [("google", "video/mp4"), ("openai", "image/png"), ("anthropic", "png")])
+@pytest.mark.parametrize(
+    ("provider", "kind"),
+    [
+        ("google", "video/mp4"),
+        pytest.param("openai", "image/png", marks=pytest.mark.slow),
+        pytest.param("anthropic", "png", marks=pytest.mark.slow),
+    ],
+)
 def test_a_run_with_each_provider_shows_films_or_pictures(program, words, vlm, tmp_path, provider, kind):
     vlm.script(then=thoughtful)
     program(*words(provider=provider)).done()
@@ -88,6 +95,7 @@ def test_a_replay_is_the_same_to_the_last_bit_without_a_network(program, words, 
     assert "a budget up to that run's replays without it" in said
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on_and_ends_like_one_that_was_not(program, words, vlm, tmp_path):
     vlm.script(then=thoughtful)
     program(*words("whole")).done()
@@ -127,6 +135,7 @@ def test_three_failures_in_a_row_stop_the_run_and_it_can_go_on(program, words, v
     assert len(record(tmp_path / "run")) == 5
 
 
+@pytest.mark.slow
 def test_numbers_alone_and_pictures_alone_are_ablations(program, words, vlm):
     vlm.script(then=thoughtful)
     program(*words("numbers", "--show", "numbers", "--budget", 2)).done()

@@ -76,6 +76,7 @@ def test_work_whose_process_is_lost_is_done_again_and_other_work_is_not_disturbe
         assert team.submit(where, 7).result()[0] == 7
 
 
+@pytest.mark.slow
 def test_an_error_ends_processes_at_once(tmp_path):
     began = time.monotonic()
 

@@ -158,6 +158,7 @@ def test_the_same_again_only_reads(copy, pool):
     assert told[-1].best == {m: min(r.best_loss for r in load_results(copy).of(m, "aligned")) for m in METHODS}
 
 
+@pytest.mark.slow
 def test_methods_are_added_to_the_seeds_that_are_there(copy, pool):
     before = rows(copy)
     states: dict[str, str] = {}
@@ -194,6 +195,7 @@ def test_every_trial_is_left_out_once(pool, tmp_path):
     assert rows(tmp_path)[0]["held_out_loss"] == ""
 
 
+@pytest.mark.slow
 def test_a_higher_budget_goes_on_and_an_outcome_of_the_lower_one_isnt_taken_for_it(copy, pool):
     folder = RunFolder(copy / "runs/aligned/random/seed-1")
     old = folder.outcome()
@@ -210,6 +212,7 @@ def test_a_higher_budget_goes_on_and_an_outcome_of_the_lower_one_isnt_taken_for_
     assert folder.outcome() == new
 
 
+@pytest.mark.slow
 def test_stages_are_planned_by_the_budget_so_they_begin_anew_with_another(work):
     job, shared = work
     staged = [replace(job, settings=replace(job.settings, method="staged", budget=budget)) for budget in (2, 3)]

@@ -267,6 +267,7 @@ def test_a_folder_that_cant_be_made_is_told(tmp_path):
     assert file.read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_an_interrupted_demo_goes_on_with_what_is_missing(short_demo, tmp_path):
     out, heard = Path(shutil.copytree(short_demo.out, tmp_path / "out")), Heard()
     for gone in ("videos/f1_50.mp4", "reference/tracks/f1_50.json"):

@@ -116,6 +116,7 @@ def test_settings_out_of_range_are_refused(settings, message):
     assert str(caught.value) == message
 
 
+@pytest.mark.slow
 def test_the_unit_of_the_loss_decides_what_the_hedge_draws():
     """The models are the same but for rounding, so until the hedge has gains, suggestions are, too."""
     meters, millimeters = (points(drive(make(initial=4, loss_factor=factor), 9)) for factor in (1.0, 1000.0))

@@ -193,6 +193,7 @@ def test_the_report_tells_what_was_lost(glared):
 # other ways to track
 
 
+@pytest.mark.slow
 def test_smoothing_takes_noise_out_of_the_trial_and_not_of_the_table(tmp_path):
     made = shoot(tmp_path, seconds=0.6, camera=replace(CAMERA, fps=60.0, noise=6.0))
     rough, _ = tracked(made, tmp_path / "rough")
@@ -241,6 +242,7 @@ def test_a_frequency_that_is_none_is_refused(clip, tmp_path, frequency):
 # other videos
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_held_upright_gives_the_same_track(tmp_path):
     camera = replace(CAMERA, width=360, height=640, view=0.5625)
     plain = shoot(tmp_path / "plain", seconds=0.4, camera=camera, turn=np.pi / 2)
@@ -419,6 +421,7 @@ def films(*shots: Shot, **options):
     return track_films([shot.video for shot in shots], points, FISH, settings, folder, **options)
 
 
+@pytest.mark.slow
 def test_one_and_two_processes_write_the_same_files_and_answer_in_the_order_of_the_videos(shot, clip, tmp_path):
     bad = replace(clip, video=tmp_path / "bad.mp4")
     bad.video.write_text("these are words\n" * 40)

@@ -339,6 +339,7 @@ def test_a_replay_has_no_calls_of_its_own(run: VlmRun) -> None:
     assert without_calls(replayed) == replayed
 
 
+@pytest.mark.slow
 def test_a_real_run_shows_its_calls(vlm, pool_folder: Path, tmp_path: Path) -> None:
     vlm.script(replies("no"), then=replies('{"diagnosis": "<b>slow</b>", "parameters": {"motor_arm_length": 0.2}}'))
     words = ["--advisor", "openai:m-1", "--base-url", vlm.url("openai"), "--detail", "low", "--budget", "2", "--quiet"]

@@ -185,7 +185,7 @@ CLICKS = """
 });</script></body>"""
 
 
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("dark", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["light", "dark"])
 def test_a_browser_draws_the_page_and_sorts_on_a_click(tmp_path: Path, dark: bool) -> None:
     browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if browser is None:

@@ -63,6 +63,7 @@ def test_every_figure_is_there_as_vector_and_as_pixels(written) -> None:
     assert all(path.stat().st_size > 5000 for path in paths)
 
 
+@pytest.mark.slow
 def test_the_same_results_give_the_same_files(written, tmp_path: Path) -> None:
     paths = written[1]
     put_swims(tmp_path, two_methods())
@@ -164,6 +165,7 @@ def test_a_protocol_without_runs_is_said(tmp_path: Path, caplog) -> None:
     assert "no figures for protocol paper" in caplog.text
 
 
+@pytest.mark.slow
 def test_many_methods_with_long_names_fit(tmp_path: Path) -> None:
     names = [*KNOWN, "line-search@google:a-model-with-a-long-name", "line-search@openai:another"]
     made = made_results(*(made_run(m, s, [0.2] * 7 + [0.02 + 0.01 * i]) for i, m in enumerate(names) for s in range(2)))

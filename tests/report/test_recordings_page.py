@@ -278,7 +278,9 @@ LOOK = """
 
 
 @pytest.mark.parametrize(
-    ("width", "dark"), [(1200, False), (1200, True), (500, False)], ids=["light", "dark", "narrow"]
+    ("width", "dark"),
+    [pytest.param(1200, False, marks=pytest.mark.slow), pytest.param(1200, True, marks=pytest.mark.slow), (500, False)],
+    ids=["light", "dark", "narrow"],
 )
 def test_a_browser_draws_every_figure(pendulum: Path, tmp_path: Path, width: int, dark: bool) -> None:
     browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -422,7 +422,7 @@ def test_numbers_for_a_person() -> None:
     assert text(2.0, 2) == "2.00"
 
 
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("dark", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["light", "dark"])
 def test_a_browser_draws_every_figure(run: Run, tmp_path: Path, dark: bool) -> None:
     browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if browser is None:

@@ -68,7 +68,9 @@ def test_a_run_is_on_record(finished):
     assert settings["updates"] == 1
 
 
-@pytest.mark.parametrize("blocks", [3, 5])  # between checkpoints, in the middle of episodes
+@pytest.mark.parametrize(
+    "blocks", [3, pytest.param(5, marks=pytest.mark.slow)]
+)  # between checkpoints, in the middle of episodes
 def test_a_resumed_run_is_the_run_that_was_left_alone(finished, tmp_path, blocks):
     out, whole, _ = finished
     values = [FISH.space.published]
@@ -84,6 +86,7 @@ def test_a_resumed_run_is_the_run_that_was_left_alone(finished, tmp_path, blocks
         assert run_files.read_lines(tmp_path / "run" / name) == run_files.read_lines(out / name)
 
 
+@pytest.mark.slow
 def test_a_target_run_resumes_within_its_long_episodes(tmp_path):
     settings = TrainingSettings("target", 600, exploration=200, updates=1, batch=32, layers=(16, 16), environments=4)
     values = [FISH.space.published]

@@ -142,6 +142,7 @@ def rough_swims():
     return synthetic_reference(FISH_EXTENDED, values, FREQUENCIES, 3.0, Camera(), seed=0)
 
 
+@pytest.mark.slow
 def test_a_calibration_of_the_extended_fish_is_one_like_any_other(rough_swims, tmp_path):
     settings = Settings(budget=5, seed=0, threads=1)
     outcome = run(rough_swims, FISH_EXTENDED, settings, tmp_path / "run", sensitivity=True)

@@ -51,6 +51,7 @@ def test_markers_are_followed():
     np.testing.assert_array_equal(confidence, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opencv")
 def test_a_crop_gives_the_same_positions():
     for step in (STEP, -STEP):

@@ -118,6 +118,7 @@ def test_never_wrong_in_many_frames(least, more):
     assert counts["right"] >= least * 20
 
 
+@pytest.mark.slow
 def test_a_4k_frame_is_labeled():
     image, points, scale = frame(2, width=3840, height=2160)
     found = label_markers(image, REST)
@@ -141,6 +142,7 @@ def test_a_robot_that_is_the_same_from_both_ends_is_ambiguous():
         label_blobs(as_blobs(points, rng), even)
 
 
+@pytest.mark.slow
 def test_a_mirrored_frame_is_labeled_the_same():
     image, _, _ = frame(0)
     found = label_markers(image, REST)
@@ -214,6 +216,7 @@ def test_a_poor_fit_is_refused():
         label_blobs(as_blobs(points, rng), REST)
 
 
+@pytest.mark.slow
 def test_a_frame_full_of_look_alikes_is_refused():
     rng = np.random.default_rng(4)
     x, y = np.meshgrid(np.arange(18) * 14.0, np.arange(18) * 14.0)
