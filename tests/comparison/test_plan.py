@@ -46,6 +46,17 @@ def test_recordings_have_one_protocol_and_the_units_of_their_sensors(pool):
         make_plan(contestants(["random"]), [0], ["paper"], 3, pendulum_reference(), PENDULUM)
 
 
+def test_swims_begin_at_rest_under_protocol_aligned_only(pool, plan):
+    one = make_plan(contestants(["random"]), [0], [], 3, pool, FISH, start="rest")
+    assert [(job.settings.protocol, job.settings.start) for job in one.jobs("out")] == [
+        ("aligned", "rest"), ("paper", "speed"),
+    ]  # fmt: skip
+    with pytest.raises(ArgumentError, match="start is 'rest', which is for steady swims under protocol aligned; this"):
+        make_plan(contestants(["random"]), [0], ["paper"], 3, pool, FISH, start="rest")
+    with pytest.raises(RunError, match="can't go on with another start: it was speed and is now rest"):
+        replace(plan, start="rest").extending(plan)
+
+
 def test_an_advisor_and_a_scale_are_part_of_a_name():
     one = contestant("no-line-search@google:gemini-3-pro+linear")
     assert (one.method, one.advisor, one.max_steps, one.scale) == ("line-search", "google:gemini-3-pro", 1, "linear")

@@ -39,7 +39,7 @@ def compare(a: Compare) -> int:
     plan = make_plan(
         methods, seeds, a.protocols, a.budget, reference, robot, leave_one_out=a.leave_one_out,
         horizon=horizon(a.horizon), briefing=BriefingSettings(a.vlm.show, a.vlm.media, a.vlm.detail),
-        source=str(a.reference),
+        source=str(a.reference), start=a.start,
     )  # fmt: skip
     try:
         with comparison_shown(a.quiet or a.json) as show:

@@ -38,6 +38,8 @@ class Compare:
     """Simulation evaluations of a run, the first included."""
     protocols: tuple[Literal["aligned", "paper"], ...] = ()
     """As for calibrate; by default both. Recordings have but one."""
+    start: Literal["speed", "rest"] = "speed"
+    """As for calibrate: where steady swims begin under protocol aligned."""
     scale: tuple[Literal["auto", "log", "linear"], ...] = ("auto",)
     """Scales of the parameters, each a contestant of its own; auto: linear under protocol paper, log otherwise.
     METHOD+log and METHOD+linear choose it for one method."""

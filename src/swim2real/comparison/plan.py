@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from swim2real.advisor import BriefingSettings, asks_a_vlm
-from swim2real.calibration import HORIZON, protocol_for, reference_fingerprint, versions
+from swim2real.calibration import HORIZON, Start, protocol_for, reference_fingerprint, versions
 from swim2real.comparison.contestants import Contestant, folder_name
 from swim2real.comparison.files import write_json
 from swim2real.errors import ArgumentError, RunError
@@ -70,6 +70,7 @@ class Plan:
         versions: Of what the numbers depend on.
         robot_fingerprint: Of the robot file; None for a robot known by its name.
         sensors: Units of the sensors that are compared, by name.
+        start: Of steady swims under protocol aligned.
     """
 
     contestants: tuple[Contestant, ...]
@@ -88,12 +89,18 @@ class Plan:
     versions: Mapping[str, str] = field(default_factory=versions)
     robot_fingerprint: str | None = None
     sensors: Mapping[str, str] = field(default_factory=dict[str, str])
+    start: Start = "speed"
 
     def __post_init__(self) -> None:
         if not self.contestants or not self.seeds or not self.protocols:
             raise ArgumentError("a comparison needs at least one method, one seed and one protocol")
         if self.leave_one_out and len(self.trials) < 2:
             raise ArgumentError(f"leave-one-out needs at least 2 trials; the reference has {', '.join(self.trials)}")
+        if self.start != "speed" and "aligned" not in self.protocols:
+            raise ArgumentError(
+                f"start is '{self.start}', which is for steady swims under protocol aligned; "
+                f"this comparison has {', '.join(self.protocols)}"
+            )
         self.jobs(".")  # settings that can't be are refused here
 
     def jobs(self, root: str | Path) -> list[Job]:
@@ -111,6 +118,7 @@ class Plan:
                         settings = Settings(
                             method=one.method, advisor=one.advisor, protocol=protocol, budget=self.budget, seed=seed,
                             scale=one.scale, max_steps=one.max_steps, horizon=self.horizon,
+                            start=self.start if protocol == "aligned" else "speed",
                             hold_out=() if trial is None else (trial,), briefing=self.briefing, threads=1,
                         )  # fmt: skip
                         found[key] = Job(key, runs / key, label, settings)
@@ -141,6 +149,7 @@ class Plan:
             ("robot file", before.robot_fingerprint, self.robot_fingerprint),
             ("engine", _named_engine(before.engine), _named_engine(self.engine)),
             ("horizon", before.horizon, self.horizon),
+            ("start", before.start, self.start),
         ]
         if any(asks_a_vlm(one.advisor) for one in (*before.contestants, *self.contestants)):
             fixed.append(("briefing", asdict(before.briefing), asdict(self.briefing)))
@@ -176,7 +185,7 @@ class Plan:
 def make_plan(
     contestants: Sequence[Contestant], seeds: Sequence[int], protocols: Sequence[Protocol], budget: int,
     reference: TrialSet, robot: Robot, *, leave_one_out: bool = False, horizon: float | None = HORIZON,
-    briefing: BriefingSettings | None = None, source: str = "",
+    briefing: BriefingSettings | None = None, source: str = "", start: Start = "speed",
 ) -> Plan:  # fmt: skip
     """The plan of a comparison of contestants on a reference, as `Plan` describes it.
 
@@ -194,7 +203,7 @@ def make_plan(
         reference.names, robot.marker_names, reference_fingerprint(reference), Engine.of(robot).as_dict(),
         leave_one_out, horizon, briefing or BriefingSettings(), source,
         robot_fingerprint=None if robot.source is None else fingerprint(robot.source),
-        sensors={sensor.name: sensor.unit for sensor in about.sensors} if recordings else {},
+        sensors={sensor.name: sensor.unit for sensor in about.sensors} if recordings else {}, start=start,
     )  # fmt: skip
 
 
