@@ -14,6 +14,7 @@ from swim2real.optimizers.linear_model import box_step, updated
 
 Array = NDArray[np.float64]
 
+NO_EFFECT = 1e-3  # of the largest effect
 _DAMPING = 1e-6  # of the mean curvature
 _ROBUST = 0.2  # of the root mean square: residuals well below it weigh by their squares, well above by their size
 
@@ -26,11 +27,13 @@ class Sensitivities:
         gradients: Around the incumbent, as far as all evaluations have shown [m]. Shape (d, n).
         measured: From the last steps along a single parameter each, 0 without any [m]. Shape (d, n).
         widths: Of those steps, in the unit cube. Shape (d,).
+        place: Where the last of them began. Shape (d,).
     """
 
     gradients: Array
     measured: Array
     widths: Array
+    place: Array
 
     def step(self, residual: Array, point: Array, radius: float) -> Array:
         """The step that the model expects most of, within a box around the point and the unit cube. Shape (d,)."""
@@ -68,22 +71,28 @@ def residual_of(evaluation: Evaluation) -> Array:
 def learned(evaluations: Sequence[Evaluation]) -> Sensitivities:
     """Learns from each evaluation against the best one before it.
 
+    A step of a single parameter is that parameter's doing. Others are put down to the parameters that had an effect.
+
     Args:
         evaluations: Usable ones in the order of the run, at least one.
     """
     base, *others = evaluations
     gradients = np.zeros((base.candidate.point.size, residual_of(base).size))
-    measured, widths = np.zeros_like(gradients), np.zeros(len(gradients))
+    measured, widths, place = np.zeros_like(gradients), np.zeros(len(gradients)), base.candidate.point
+    effects = np.zeros(len(gradients))
     for evaluation in others:
         step = evaluation.candidate.point - base.candidate.point
         change = residual_of(evaluation) - residual_of(base)
         moved = np.flatnonzero(step)
         if moved.size == 1:
-            measured[moved], widths[moved] = change / step[moved], np.abs(step[moved])
+            measured[moved], widths[moved], place = change / step[moved], np.abs(step[moved]), base.candidate.point
+            effects = np.linalg.norm(measured, axis=1)
+        else:
+            step = np.where(effects > NO_EFFECT * effects.max(), step, 0.0)
         gradients = updated(gradients, change, step)
         if evaluation.loss < base.loss:
             base = evaluation
-    return Sensitivities(gradients, measured, widths)
+    return Sensitivities(gradients, measured, widths, place)
 
 
 def _weights(residual: Array) -> Array:

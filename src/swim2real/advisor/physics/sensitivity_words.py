@@ -14,19 +14,19 @@ from swim2real.parameters import ParameterSpace
 Array = NDArray[np.float64]
 
 _NAMED = 3  # parameters that the residual answers to most
-_ALIKE = 1.25  # two changes whose ratio is less are the same
+_ALIKE = 1.25  # two changes whose ratio is less may be the same
 _NUDGE = 1e-4  # of the cube
 
 
 def diagnose(
-    space: ParameterSpace, point: Array, loss: float, effects: Array, blind: Sequence[Unseen], evidence: Any
+    space: ParameterSpace, place: Array, loss: float, effects: Array, blind: Sequence[Unseen], evidence: Any
 ) -> str:
     """How far off the simulation is, and which parameters the trials tell.
 
     Args:
-        space: On the scale of the point.
-        point: Incumbent. Shape (d,).
-        loss: There [m].
+        space: On the scale of the place.
+        place: Where the effects were measured. Shape (d,).
+        loss: Of the incumbent [m].
         effects: By how much each parameter changes the residual over its whole range [m]. Shape (d,).
         blind: Directions that aren't seen.
         evidence: Of the incumbent; the worst trial is read from it, where it has any.
@@ -40,9 +40,9 @@ def diagnose(
     if alone:
         names = listed([space.names[i] for i in sorted(alone)])
         sentences.append(
-            f"It hardly answers to {names}: these trials can't tell {'it' if len(alone) == 1 else 'them'}."
+            f"It hardly answers to {names}: these trials don't tell {'it' if len(alone) == 1 else 'them'} so far."
         )
-    return " ".join(sentences + [_combination(space, point, one) for one in blind if len(one.members) > 1])
+    return " ".join(sentences + [_combination(space, place, one) for one in blind if len(one.members) > 1])
 
 
 def listed(names: Sequence[str]) -> str:
@@ -62,28 +62,29 @@ def _worst(evidence: Any) -> list[str]:
     return [f"The worst trial is {worst} with {1e3 * known[worst]:.3g} mm."]
 
 
-def _combination(space: ParameterSpace, point: Array, one: Unseen) -> str:
+def _combination(space: ParameterSpace, place: Array, one: Unseen) -> str:
     names = listed([space.names[i] for i in one.members])
-    kind = _kind(space, point, one) if len(one.members) == 2 else None
+    kind = _kind(space, place, one) if len(one.members) == 2 else None
     return f"Of {names} only {f'the {kind}' if kind else 'a combination'} is seen."
 
 
-def _kind(space: ParameterSpace, point: Array, one: Unseen) -> str | None:
+def _kind(space: ParameterSpace, place: Array, one: Unseen) -> str | None:
     """What of two parameters stays the same along an unseen direction; None if nothing simple does."""
-    members, there = list(one.members), np.clip(point, _NUDGE, 1 - _NUDGE)
+    members, there = list(one.members), np.clip(place, _NUDGE, 1 - _NUDGE)
     slopes = space.to_array(there + _NUDGE) - space.to_array(there - _NUDGE)
     changes = slopes[members] * one.direction
     values = space.to_array(there)[members]
     opposite = changes[0] * changes[1] < 0
-    units = {space.parameters[i].unit for i in members}
-    alike = len(units) == 1 and _same(changes)
-    if alike and opposite:
-        return "sum"
-    if np.all(values != 0) and _same(changes / values):
-        return "product" if opposite else "ratio"
-    return "difference" if alike else None
+    unlike = {}
+    if len({space.parameters[i].unit for i in members}) == 1:
+        unlike["sum" if opposite else "difference"] = _unlike(changes)
+    if np.all(values != 0):
+        unlike["product" if opposite else "ratio"] = _unlike(changes / values)
+    kind = min(unlike, key=lambda one: unlike[one], default=None)
+    return kind if kind is not None and unlike[kind] <= _ALIKE else None
 
 
-def _same(pair: Array) -> bool:
+def _unlike(pair: Array) -> float:
+    """How many times as large one is as the other."""
     small, large = np.sort(np.abs(pair))
-    return bool(0 < large <= _ALIKE * small)
+    return float(large / small) if small > 0 else np.inf

@@ -7,19 +7,17 @@ seen best.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.advisor.physics.sensitivities import Sensitivities
+from swim2real.advisor.physics.sensitivities import NO_EFFECT, Sensitivities
 
 Array = NDArray[np.float64]
 
 _UNEXPLAINED = 0.2  # of the residual that no change explains: errors of neighboring samples are alike, so not all of it
 _CURVED = 0.5  # of a difference's width: by how much of itself it may be wrong
-_LEAST = 1e-3  # of the best seen direction
 _MEMBER = 0.2  # of a direction's largest component: below, a parameter has no part in it
 
 
@@ -48,19 +46,8 @@ def unseen(sensitivities: Sensitivities, residual: Array) -> tuple[Unseen, ...]:
     squares, directions = np.linalg.eigh(curvature)
     seen = np.sqrt(np.maximum(squares, 0.0))
     wrong = np.sqrt(directions.T**2 @ (sensitivities.widths**2 * np.diag(curvature)))
-    limit = np.maximum(_CURVED * wrong, max(_UNEXPLAINED * _unexplained(measured, residual), _LEAST * seen[-1]))
+    limit = np.maximum(_CURVED * wrong, max(_UNEXPLAINED * _unexplained(measured, residual), NO_EFFECT * seen[-1]))
     return tuple(_named(row) for row in _sparse(directions.T[seen <= limit]))
-
-
-def without(gradients: Array, blind: Sequence[Unseen]) -> Array:
-    """Gradients that know of no change along directions that aren't seen. Shape (d, n)."""
-    if not blind:
-        return gradients
-    rows = np.zeros((len(blind), len(gradients)))
-    for row, one in zip(rows, blind, strict=True):
-        row[list(one.members)] = one.direction
-    basis = np.linalg.qr(rows.T)[0]
-    return gradients - basis @ np.einsum("ik,in->kn", basis, gradients)
 
 
 def _unexplained(measured: Array, residual: Array) -> float:
