@@ -9,7 +9,7 @@ import pytest
 EXTRAS = (
     "plotly", "jinja2", "pooch", "requests", "torch", "av", "cv2", "PIL", "pydantic_ai", "openai", "anthropic",
     "google", "genai_prices", "cma", "skopt", "sklearn", "matplotlib", "distributed", "dask", "gymnasium",
-    "stable_baselines3", "dynamixel_sdk",
+    "stable_baselines3", "dynamixel_sdk", "imageio", "tabulate",
 )  # fmt: skip
 HEAVY = ("mujoco", "scipy", "numpy", "numba", *EXTRAS)
 
@@ -41,6 +41,7 @@ def test_videos_and_tracking_need_no_physics_engine():
         "swim2real.pipeline",
         "swim2real.demo",
         "swim2real.comparison, swim2real.report, swim2real.advisor, swim2real.cli.compare",
+        "swim2real.sysid, swim2real.cli.sysid",
         "swim2real.video, swim2real.rendering.pool, swim2real.rendering.overlay",
         "swim2real.cli.track, swim2real.cli.pick, swim2real.cli.import_tracks, swim2real.cli.demo",
     ],
