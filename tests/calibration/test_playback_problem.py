@@ -92,6 +92,22 @@ def test_a_reference_that_isnt_the_robots_is_refused(pendulum):
     assert refusal(TrialSet((still,), pendulum.marker_names)).startswith("trial 'b' has no controls; actuator 'torque'")
 
 
+def test_what_the_controls_dont_reach_is_told(pendulum):
+    def findings(times, robot=PENDULUM):
+        table = Signals(times, ["torque"], np.zeros((len(times), 1)))
+        trial = replace(pendulum["a"], controls=table)  # 2.5 to 5 s
+        return pose_problem(robot, TrialSet((trial,), pendulum.marker_names), threads=1).examined()["a"]["findings"]
+
+    assert findings(np.arange(2.0, 5.0, 0.05)) == findings([2.5]) == findings([0.0, 2.6]) == []
+    late, short = findings(np.arange(3.0, 4.01, 0.05))
+    assert late == "its controls begin at 3 s, its frames at 2.5 s; the first value is held until then"
+    assert short == "its controls end at 4 s, its frames at 5 s; the last value is held from there on"
+    constant = telling(PENDULUM, controls={"torque": 0.1})
+    assert findings([9.0], constant) == []  # nothing reads the table
+    with pytest.raises(TrialError, match="the controls don't drive actuator 'torque': its rows are from 9 s to 9 s"):
+        findings([9.0])
+
+
 # evaluation
 
 

@@ -151,8 +151,9 @@ def test_what_cant_be_compared_is_named():
     )
     early = Signals([0.5], ["force"], [[0.0]])
     assert refusal(beside={"sensors": early}) == (
-        "trial 'a': sensor 'force' can't be compared: there is no row between 2 s and 4 s; the rows are from 0.5 s to "
-        "0.5 s"
+        "trial 'a': sensor 'force' can't be compared: its rows are from 0.5 s to 0.5 s, and the frames that are "
+        "compared from 2 s to 4 s; give time_s on the clock of the track, which `track` counts in seconds since the "
+        "video's first frame"
     )
     beside = {"sensors": table(np.zeros((41, 2)))}
     assert refusal(beside=beside, sensors=table(np.zeros((41, 2)))) == (

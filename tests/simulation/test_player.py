@@ -73,8 +73,8 @@ def test_a_table_is_a_command_that_holds_until_the_next():
 
 
 def test_before_the_first_command_the_first_one_holds():
-    late = Signals([1.5], ["torque"], [[0.1]])
-    early = Signals([-1.0], ["torque"], [[0.1]])
+    late = Signals([0.5], ["torque"], [[0.1]])
+    early = Signals([0.0], ["torque"], [[0.1]])
     first, second = (played(AT_REST, blank(AT_REST, "a", 1.0, controls=table)) for table in (late, early))
     assert np.array_equal(first.track.positions, second.track.positions)
 

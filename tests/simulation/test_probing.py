@@ -159,6 +159,15 @@ def test_what_does_not_fit_a_robot_is_told(robot_of):
         "trial 'excitation' has no readings of angle; it has none; add columns of these names to its table of sensors, "
         "or take the sensors out of the robot file",
     ]
+    later = {
+        kind: Signals(1e3 + signals.times, signals.names, signals.values)
+        for kind, signals in (("controls", trial.controls), ("sensors", trial.sensors))
+    }
+    first, second = misfits(robot, TrialSet((replace(trial, **later),), robot.marker_names))
+    assert first.startswith(
+        "trial 'excitation': the controls don't drive actuator 'servo': its rows are from 1000 s to 1"
+    )
+    assert second.startswith("trial 'excitation': its sensors can't be compared: its rows are from 1000 s to 1")
     assert misfits(robot, TrialSet(reference.trials, ("base", "tip", "elbow"))) == [
         "the reference has the markers base, tip, elbow; robot 'arm' has base, elbow, tip; name them alike, in the "
         "same order"

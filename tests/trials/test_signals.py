@@ -75,6 +75,16 @@ def test_rows_between_two_times():
     )
 
 
+def test_a_table_on_another_clock_is_refused_with_both_spans():
+    assert refusal(Signals([1.7e9, 1.7e9 + 5], ["a"], [[1.0], [2.0]]).check_clock, 0.0, 5.0) == (
+        "its rows are from 1700000000 s to 1700000005 s, and the frames that are compared from 0 s to 5 s; give time_s "
+        "on the clock of the track, which `track` counts in seconds since the video's first frame"
+    )
+    assert refusal(torques().check_clock, 0.4, 5.0) == refusal(torques().between, 0.4, 5.0)
+    torques().check_clock(0.3, 5.0)
+    torques().check_clock(0.21, 0.3)  # between two rows the first of them holds
+
+
 def test_a_cut_trial_keeps_what_was_recorded():
     trial = filmed(controls=torques(), start={"hip": 0.1})
     cut = trial.cut(0.1)

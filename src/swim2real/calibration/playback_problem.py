@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from typing import Any
 
+import numpy as np
+
 from swim2real.calibration.problem import HORIZON, Problem
 from swim2real.calibration.recording_pairs import save_recordings
 from swim2real.calibration.run_folder import RunFolder
@@ -16,6 +18,8 @@ from swim2real.robots.robot import Robot
 from swim2real.simulation import Engine, Play, Player
 from swim2real.tracking import unseen
 from swim2real.trials import Trial, TrialSet
+
+_ROUNDING = 1e-3  # s, of a table's time stamps
 
 
 class PlaybackProblem(Problem):
@@ -65,6 +69,7 @@ class PlaybackProblem(Problem):
         return found
 
     def examined(self) -> dict[str, dict[str, Any]]:
+        commanded = "table" in self.robot.recordings.controls.values()
         return {
             trial.name: rounded(
                 {
@@ -77,7 +82,7 @@ class PlaybackProblem(Problem):
                     "lost_share": lost.lost_share,
                     "left_out_share": lost.left_out_share,
                     "usable": lost.usable,
-                    "findings": lost.findings(self.robot.marker_names),
+                    "findings": lost.findings(self.robot.marker_names) + (_uncommanded(trial) if commanded else []),
                 }
             )
             for trial, lost in zip(self.trials, self.lost, strict=True)
@@ -101,6 +106,22 @@ class PlaybackProblem(Problem):
 
     def _compared(self, index: int, simulated: Trial) -> PlaybackComparison:
         return compare_playback(self.targets[index], simulated)
+
+
+def _uncommanded(trial: Trial) -> list[str]:
+    """A sentence for each end of a trial that its controls don't reach, where they hold longer than between rows."""
+    if trial.controls is None:
+        return []
+    rows, frames, found = trial.controls.times, trial.track.times, list[str]()
+    if rows[0] > frames[1]:
+        found.append(
+            f"its controls begin at {rows[0]:g} s, its frames at {frames[0]:g} s; the first value is held until then"
+        )
+    if len(rows) > 1 and frames[-1] - rows[-1] > np.diff(rows).max() + _ROUNDING:
+        found.append(
+            f"its controls end at {rows[-1]:g} s, its frames at {frames[-1]:g} s; the last value is held from there on"
+        )
+    return found
 
 
 def _check_markers(reference: TrialSet, robot: Robot) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from swim2real.errors import Swim2RealError
+from swim2real.errors import Swim2RealError, TrialError
 from swim2real.robots.robot import Recordings, Robot
 from swim2real.simulation.playback import Player
 from swim2real.trials import Trial, TrialSet
@@ -31,6 +31,7 @@ def _of(player: Player, about: Recordings, trial: Trial) -> list[str]:
         player.prepared(trial)
     except Swim2RealError as error:
         found.append(str(error))
+    track = trial.track
     columns = () if trial.sensors is None else trial.sensors.names
     missing = [sensor.name for sensor in about.sensors if sensor.name not in columns]
     if missing:
@@ -39,4 +40,9 @@ def _of(player: Player, about: Recordings, trial: Trial) -> list[str]:
             f"trial '{trial.name}' has no readings of {', '.join(missing)}; it has {there}; add columns of these "
             f"names to its table of sensors, or take the sensors out of the robot file"
         )
+    elif trial.sensors is not None and about.sensors:
+        try:
+            trial.sensors.between(track.times[0], track.times[-1])
+        except TrialError as error:
+            found.append(f"trial '{trial.name}': its sensors can't be compared: {error}")
     return found

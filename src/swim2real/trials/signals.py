@@ -74,12 +74,31 @@ class Signals:
         rows = np.searchsorted(self.times[known], times + _ROUNDING, side="right") - 1
         return values[known][np.maximum(rows, 0)]
 
+    def check_clock(self, first: float, last: float) -> None:
+        """Whether the rows are on the clock of a track, as far as that can be told.
+
+        Args:
+            first: Time stamp of the track's first frame [s].
+            last: Of its last.
+
+        Raises:
+            TrialError: All rows are after the track, or before it.
+        """
+        if self.times[0] <= last + _ROUNDING and self.times[-1] >= first - _ROUNDING:
+            return
+        raise TrialError(
+            f"its rows are from {self.times[0]:.10g} s to {self.times[-1]:.10g} s, and the frames that are compared "
+            f"from {first:.10g} s to {last:.10g} s; give time_s on the clock of the track, which `track` counts in "
+            f"seconds since the video's first frame"
+        )
+
     def between(self, first: float, last: float) -> Signals:
         """The rows from one time to another, both included [s].
 
         Raises:
             TrialError: There are none.
         """
+        self.check_clock(first, last)
         kept = (self.times >= first - _ROUNDING) & (self.times <= last + _ROUNDING)
         if not kept.any():
             raise TrialError(
