@@ -1,5 +1,41 @@
+from pathlib import Path
+
 import pytest
 from program import Program
+
+from recorded import PENDULUM_HIDDEN, PENDULUM_SPACE, PENDULUM_XML, pendulum_reference
+from swim2real.trials import save_reference
+
+PENDULUM = """
+format = 1
+name = "pendulum"
+description = "A damped double pendulum with a motor at its shoulder."
+model = "pendulum.xml"
+camera = "side"
+markers = ["pivot", "middle", "end"]
+[recordings]
+start = "markers"
+[recordings.controls]
+torque = "table"
+[recordings.sensors]
+"gyro[1]" = {unit = "rad/s", worth = 0.001}
+[[parameters]]
+name = "shoulder_damping"
+unit = "N·m·s/rad"
+lower = 0.0005
+upper = 0.02
+scale = "log"
+meaning = "Damping of the shoulder."
+writes = 'joint "shoulder" damping'
+[[parameters]]
+name = "elbow_damping"
+unit = "N·m·s/rad"
+lower = 0.0002
+upper = 0.01
+scale = "log"
+meaning = "Damping of the elbow."
+writes = 'joint "elbow" damping'
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -11,3 +47,14 @@ def no_terminal(monkeypatch):
 @pytest.fixture
 def program(capsys) -> Program:
     return Program(capsys)
+
+
+@pytest.fixture(scope="session")
+def pendulum_folder(tmp_path_factory) -> Path:
+    """With a robot file and a reference. Don't write into it."""
+    folder = tmp_path_factory.mktemp("pendulum")
+    values = {**PENDULUM_SPACE.published, "lower_mass": PENDULUM_HIDDEN["lower_mass"]}
+    (folder / "pendulum.xml").write_text(PENDULUM_XML.format(**values))
+    (folder / "pendulum.toml").write_text(PENDULUM, encoding="utf-8")
+    save_reference(pendulum_reference(1e-3), folder / "tracks")
+    return folder

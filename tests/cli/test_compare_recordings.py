@@ -2,60 +2,15 @@
 
 import csv
 import re
-from pathlib import Path
 
 import pytest
 
-from recorded import PENDULUM_HIDDEN, PENDULUM_SPACE, PENDULUM_XML, pendulum_reference
-from swim2real.trials import save_reference
-
-ROBOT = """
-format = 1
-name = "pendulum"
-description = "A damped double pendulum with a motor at its shoulder."
-model = "pendulum.xml"
-camera = "side"
-markers = ["pivot", "middle", "end"]
-[recordings]
-start = "markers"
-[recordings.controls]
-torque = "table"
-[recordings.sensors]
-"gyro[1]" = {unit = "rad/s", worth = 0.001}
-[[parameters]]
-name = "shoulder_damping"
-unit = "N·m·s/rad"
-lower = 0.0005
-upper = 0.02
-scale = "log"
-meaning = "Damping of the shoulder."
-writes = 'joint "shoulder" damping'
-[[parameters]]
-name = "elbow_damping"
-unit = "N·m·s/rad"
-lower = 0.0002
-upper = 0.01
-scale = "log"
-meaning = "Damping of the elbow."
-writes = 'joint "elbow" damping'
-"""
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
-    """With a robot file and a reference. Don't write into it."""
-    folder = tmp_path_factory.mktemp("pendulum")
-    values = {**PENDULUM_SPACE.published, "lower_mass": PENDULUM_HIDDEN["lower_mass"]}
-    (folder / "pendulum.xml").write_text(PENDULUM_XML.format(**values))
-    (folder / "pendulum.toml").write_text(ROBOT, encoding="utf-8")
-    save_reference(pendulum_reference(1e-3), folder / "tracks")
-    return folder
-
 
 @pytest.mark.slow
-def test_a_comparison_on_a_robot_file_gives_results_tables_figures_and_a_page(program, folder, tmp_path):
+def test_a_comparison_on_a_robot_file_gives_results_tables_figures_and_a_page(program, pendulum_folder, tmp_path):
     out = tmp_path / "comparison"
-    command = ["compare", folder / "tracks", "--robot", folder / "pendulum.toml", "--out", out, "--budget", 3]
+    tracks, robot = pendulum_folder / "tracks", pendulum_folder / "pendulum.toml"
+    command = ["compare", tracks, "--robot", robot, "--out", out, "--budget", 3]
     program(
         *command, "--methods", "random", "least-squares", "--seeds", 1, "--leave-one-out", "--horizon", 0.5,
         "--workers", 1,
@@ -89,8 +44,9 @@ def test_a_comparison_on_a_robot_file_gives_results_tables_figures_and_a_page(pr
     assert (out / "comparison.html").read_text(encoding="utf-8") == page
 
 
-def test_the_papers_protocol_is_refused(program, folder, tmp_path):
-    command = ["compare", folder / "tracks", "--robot", folder / "pendulum.toml", "--out", tmp_path / "out"]
+def test_the_papers_protocol_is_refused(program, pendulum_folder, tmp_path):
+    tracks, robot = pendulum_folder / "tracks", pendulum_folder / "pendulum.toml"
+    command = ["compare", tracks, "--robot", robot, "--out", tmp_path / "out"]
     assert program(*command, "--protocols", "paper").sentence(2) == (
         "protocol is 'paper'; the trials of robot 'pendulum' are recordings, which are compared by protocol playback"
     )

@@ -10,6 +10,7 @@ from typing import Any
 
 from swim2real.advisor import Access, BriefingSettings
 from swim2real.calibration import RunFolder
+from swim2real.calibration.convergence import still_falling
 from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.cli import tables
 from swim2real.cli.arguments import Calibrate
@@ -73,9 +74,10 @@ def finish(work: Callable[[Watch], dict[str, Any]], budget: int, folder: Path, q
         print(json.dumps(outcome, indent=2))
     elif not quiet:
         _print(outcome)
-    warning = backward_from_rest(outcome.get("from_rest", {}))
-    if warning:
-        print(f"swim2real: warning: {warning}", file=sys.stderr)
+    run = RunFolder(folder)
+    for warning in (backward_from_rest(outcome.get("from_rest", {})), still_falling(run.record(), run.settings())):
+        if warning:
+            print(f"swim2real: warning: {warning}", file=sys.stderr)
     page = write_report(folder)
     if not as_json and not quiet:
         tables.console.print(f"Parameters: {folder / 'best.json'}   Report: {page or 'not written'}", soft_wrap=True)

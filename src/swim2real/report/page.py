@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from swim2real.calibration.convergence import best_losses
 from swim2real.report.call_table import call_section
 from swim2real.report.marker_errors import MarkerErrors
 from swim2real.report.palette import COLORS, DARK_OF_LIGHT, Figure
 from swim2real.report.parameter_table import parameter_rows
 from swim2real.report.reading import read_run
 from swim2real.report.rounds import advisor_rounds
-from swim2real.report.run import ReportedRun, best_losses, incumbent
+from swim2real.report.run import ReportedRun, incumbent
 from swim2real.report.run_figures import by_marker, convergence
 from swim2real.report.settings_table import settings_rows
 from swim2real.report.template import fill, write_page

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
+from swim2real.calibration.convergence import still_falling
 from swim2real.parameters import ParameterSpace
 from swim2real.report.recorded_calls import RecordedCalls
 from swim2real.robots.robot import Robot
@@ -111,6 +112,11 @@ class ReportedRun:
         return incumbent(self.entries) or self.entries[0]
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before the best parameters are used."""
+        return tuple(one for one in (self.sections.warning, still_falling(self.entries, self.settings)) if one)
+
+    @property
     def paper_protocol(self) -> bool:
         return self.settings.get("protocol") == "paper"
 
@@ -128,14 +134,3 @@ def incumbent(entries: tuple[Json, ...]) -> Json | None:
     """The entry with the lowest loss of those that didn't fail, the earliest of equals; None when all failed."""
     proper = [entry for entry in entries if not entry["failed"]]
     return min(proper, key=lambda entry: entry["loss"]) if proper else None
-
-
-def best_losses(entries: tuple[Json, ...]) -> list[float]:
-    """Loss of the incumbent after each evaluation [m]; that of a failure as long as all failed."""
-    found: list[float] = []
-    best: float | None = None
-    for entry in entries:
-        if not entry["failed"]:
-            best = entry["loss"] if best is None else min(best, entry["loss"])
-        found.append(entry["loss"] if best is None else best)
-    return found

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from swim2real.calibration.convergence import best_losses
 from swim2real.report.marker_errors import MarkerErrors
 from swim2real.report.palette import LIGHT, Figure, framed, label
 from swim2real.report.rounds import accepted_steps
-from swim2real.report.run import ReportedRun, best_losses
+from swim2real.report.run import ReportedRun
 from swim2real.report.units import mm, to_mm
 
 
