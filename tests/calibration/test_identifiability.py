@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import toy
 
-from swim2real.calibration.identifiability import IDENTIFIABILITY, StudySettings, identify, read_study
+from swim2real.calibration.identifiability import IDENTIFIABILITY, IDENTIFIED, StudySettings, identify, read_study
 from swim2real.calibration.local import autocorrelation, local
 from swim2real.calibration.profile import ProfilePoint, judge, profile
 from swim2real.calibration.refit import Evaluator, Fitted, jacobian, refit
 from swim2real.calibration.reopened import reopen
 from swim2real.errors import ArgumentError, RunError
+from swim2real.parameters import read_parameters
 from swim2real.robots.fish import FISH
 
 SETTINGS = StudySettings(rise=0.1, steps=2, polish=3)
@@ -100,6 +101,18 @@ def test_the_cost_is_counted_and_bounded(studied):
     assert read_study(folder / IDENTIFIABILITY) == found
 
 
+def test_the_lowest_point_is_a_parameters_file(studied):
+    found, _, folder = studied
+    kept = read_parameters(folder / IDENTIFIED, "toy", toy.SPACE)
+    lowest = min((found["fit"], found["lowest"]), key=lambda one: one["loss"])
+    assert kept.values == toy.SPACE.to_values(lowest["point"])
+    best = json.loads((folder / "best.json").read_text())
+    written = json.loads((folder / IDENTIFIED).read_text())
+    assert best.pop("evaluation") >= 0
+    assert written == {**best, "parameters": kept.values, "loss": lowest["loss"]}
+    assert written["loss"] < best["loss"]
+
+
 def test_an_interrupted_study_goes_on_and_ends_the_same(run, run_path, reference, tmp_path):
     shutil.copytree(run_path, tmp_path / "whole")
     whole = identify(reopen(tmp_path / "whole", reference, toy.ROBOT, 2), QUICK)
@@ -113,11 +126,18 @@ def test_an_interrupted_study_goes_on_and_ends_the_same(run, run_path, reference
     kept = read_study(run.folder.path / IDENTIFIABILITY)
     assert list(kept["profiles"]) == ["lift", "arm_a"]
     assert not kept["complete"]
+    part = json.loads((run.folder.path / IDENTIFIED).read_text())
+    assert part["loss"] == min(kept["fit"]["loss"], kept["lowest"]["loss"])
     stages = []
     found = identify(run, QUICK, on_progress=lambda p: stages.append(p.stage))
     assert not {"improving the fit", "lift", "arm_a"} & set(stages)
     for key in ("fit", "local", "profiles", "lowest"):
         assert found[key] == whole[key]
+    ended = (run.folder.path / IDENTIFIED).read_bytes()
+    assert ended == (tmp_path / "whole" / IDENTIFIED).read_bytes()
+    (run.folder.path / IDENTIFIED).unlink()  # as after a study by an earlier version
+    identify(run, QUICK)
+    assert (run.folder.path / IDENTIFIED).read_bytes() == ended
 
 
 def test_a_finished_study_is_read_and_not_made_again(studied, reference):

@@ -1,8 +1,10 @@
 """A robot file and its recordings, from `calibrate` on."""
 
+import json
 import shutil
 from pathlib import Path
 
+import mujoco
 import pytest
 from program import process
 
@@ -30,3 +32,21 @@ def test_a_run_that_has_not_converged_is_told_and_so_is_its_page(calibrated):
     assert warning
     assert err == f"swim2real: warning: {warning}\n"
     assert f"Warning: {warning}." in (run / "report.html").read_text(encoding="utf-8")
+
+
+def test_identify_leaves_values_that_other_commands_take(program, calibrated, tmp_path):
+    run, _ = calibrated
+    words = ("identify", run, "--reference", run.parent / "tracks", "--steps", 0, "--polish", 1, "--quiet")
+    program(*words).done()
+    found = run / "identified.json"
+    said = (
+        f"The values at the lowest loss: {found}; export-model, evaluate and train take this file in place of the run."
+    )
+    assert program.out.endswith(f"{said}\n")
+    values = json.loads(found.read_text())
+    assert values["loss"] < json.loads((run / "best.json").read_text())["loss"]
+    program("evaluate", found, "--reference", run.parent / "tracks", "--horizon", 0.5, "--json").done()
+    assert program.json["loss"] == pytest.approx(values["loss"])
+    program("export-model", found, "--out", tmp_path / "model.xml").done()
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    assert model.joint("elbow").damping[0] == pytest.approx(values["parameters"]["elbow_damping"], rel=1e-5)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.calibration.local import Local, local
+from swim2real.calibration.loop import write_found
 from swim2real.calibration.profile import DISTANCES, ProfilePoint, judge, profile
 from swim2real.calibration.provenance import commit, versions
 from swim2real.calibration.refit import STEP, Evaluator, Fitted, jacobian, refit
@@ -26,6 +27,7 @@ from swim2real.errors import ArgumentError, RunError
 
 FORMAT = 1
 IDENTIFIABILITY = "identifiability.json"
+IDENTIFIED = "identified.json"  # the parameters file of the lowest point that was seen
 _POLISH_ROUNDS = 2
 _RECENTERS = 3  # times that a study begins again at a clearly better fit that a profile came upon
 _BETTER = 0.5  # of the rise that counts, by which a fit is clearly better
@@ -82,6 +84,8 @@ def identify(
 ) -> dict[str, Any]:  # fmt: skip
     """Studies a run's best fit, or goes on with the study that is there, into identifiability.json of its folder.
 
+    The lowest point that is on record there is also a parameters file, identified.json.
+
     Args:
         run: Its folder is locked meanwhile.
         settings: Of the study.
@@ -124,6 +128,7 @@ class _Study:
         if there is None:
             state = {**self._begun, "complete": False, "evaluations": 0, "recentered": 0}
         if state["complete"]:
+            self._write_lowest(state)
             return state
         self._before = state["evaluations"]
         if "fit" not in state:
@@ -218,6 +223,15 @@ class _Study:
     def _write(self, state: dict[str, Any]) -> None:
         state["evaluations"] = self._before + self._evaluate.count
         self._run.folder.write_json(self._path, state)
+        self._write_lowest(state)
+
+    def _write_lowest(self, state: dict[str, Any]) -> None:
+        found = min((state[key] for key in ("start", "fit", "lowest") if key in state), key=lambda one: one["loss"])
+        place = self._run.folder.path / IDENTIFIED
+        try:
+            write_found(place, self._run.problem, self._run.space.to_values(found["point"]), loss=found["loss"])
+        except OSError as error:
+            raise RunError(f"can't write '{place}': {error.strerror or error}; the same command goes on") from error
 
 
 def _value(run: Reopened, index: int, at: float) -> float:

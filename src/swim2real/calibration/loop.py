@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from swim2real.calibration.run_folder import RunFolder
 from swim2real.errors import RunError
 from swim2real.objective import Comparison, evidence
 from swim2real.optimizers import Candidate, Evaluation, Optimizer
-from swim2real.parameters import ParameterSpace, write_parameters
+from swim2real.parameters import ParameterSpace, Values, write_parameters
 
 
 @dataclass(frozen=True)
@@ -137,11 +138,17 @@ def _check_replay(entry: Mapping[str, Any], candidate: Candidate, index: int, fo
 
 def write_best(folder: RunFolder, problem: Problem, entry: Mapping[str, Any]) -> None:
     """Writes the incumbent as the run's parameters file."""
-    engine = problem.engine
     try:
-        write_parameters(
-            folder.best_path, problem.robot.name, entry["values"], engine.name, engine.as_dict(),
-            problem.robot.source, loss=entry["loss"], evaluation=entry["index"],
-        )  # fmt: skip
+        write_found(folder.best_path, problem, entry["values"], loss=entry["loss"], evaluation=entry["index"])
     except OSError as error:
         raise RunError(f"can't write '{folder.best_path}': {error.strerror or error}; --resume goes on") from error
+
+
+def write_found(path: Path, problem: Problem, values: Values, **notes: Any) -> None:
+    """Writes values as a parameters file of the problem's robot and physics, whole or not at all.
+
+    Raises:
+        OSError: It can't be written.
+    """
+    robot, engine = problem.robot, problem.engine
+    write_parameters(path, robot.name, values, engine.name, engine.as_dict(), robot.source, **notes)

@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from swim2real.calibration.identifiability import StudyProgress, StudySettings
+from swim2real.calibration.identifiability import IDENTIFIED, StudyProgress, StudySettings
 from swim2real.calibration.identifiability import identify as study
 from swim2real.calibration.reopened import reopen
 from swim2real.cli import tables
@@ -49,6 +49,11 @@ def identify(a: Identify) -> int:
         print(json.dumps(found, indent=2))
     else:
         _print(found)
+        tables.console.print(
+            f"The values at the lowest loss: {a.run / IDENTIFIED}; export-model, evaluate and train take this file in "
+            f"place of the run.",
+            soft_wrap=True,
+        )
     return 0
 
 
