@@ -104,7 +104,7 @@ def test_what_the_controls_dont_reach_is_told(pendulum):
     assert short == "its controls end at 4 s, its frames at 5 s; the last value is held from there on"
     constant = telling(PENDULUM, controls={"torque": 0.1})
     assert findings([9.0], constant) == []  # nothing reads the table
-    with pytest.raises(TrialError, match="the controls don't drive actuator 'torque': its rows are from 9 s to 9 s"):
+    with pytest.raises(TrialError, match="trial 'a': its controls don't drive it: its rows are from 9 s to 9 s"):
         findings([9.0])
 
 

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, parameter
@@ -10,7 +11,7 @@ from small_models import PENDULUM
 from swim2real.robots.file import load_robot
 from swim2real.simulation.excitation import excitation
 from swim2real.simulation.playback import Player
-from swim2real.trials import TrialSet, save_reference
+from swim2real.trials import MarkerTrack, TrialSet, save_reference
 
 PNG = b"\x89PNG\r\n\x1a\n"
 DRIVEN = '[recordings.controls]\nservo = "table"\ntorque = {amplitude = 0.5, phase = -1, offset = 0.1}\nmotor = 0.2\n'
@@ -33,6 +34,7 @@ def test_a_robot_file_is_begun_and_passes_its_check(program, model):
     )
     program("check", out, "--threads", 1).done()
     assert re.search(r'shoulder_damping N·m·s/rad 0 to 0.1 0 0 [0-9.]+ joint "shoulder" damping', rows(program))
+    assert "Markers at rest, seen from the side, from the model's origin, which must be the camera" in rows(program)
     assert "tip 0.0 -400.0 0.0" in rows(program)
     assert "Moved for 2 s from a pose off its rest." in program.text
     assert "Trials are recordings that start where the markers are and are compared in the world." in program.text
@@ -115,6 +117,7 @@ def test_what_drives_a_trial_is_told(program, tmp_path):
     assert "motor 0.2 in every trial" in told
     assert "damped nothing, so 0" in told
     assert "angle rad 100" in told
+    assert "Markers at rest, seen from the side, from marker base [mm]" in told
     assert "recordings that start in keyframe 'up' and are compared in the frame of base and tip." in told
     assert "with sines for tables, from where trials start." in told
     assert (tmp_path / "picture.png").read_bytes().startswith(PNG)
@@ -131,6 +134,15 @@ def test_real_trials_are_used_and_must_fit(program, tmp_path):
     program("check", place, "--reference", folder).done()
     assert "Moved for 2 s as in the trials of the reference (a)." in program.text
     assert f"All trials of '{folder}' fit: a." in program.text
+    assert "Warning" not in program.text
+    track = MarkerTrack(seen.track.times, seen.track.positions + np.array([0.6, 0.0]))
+    away = TrialSet((replace(seen, name="a", controls=trial.controls, track=track),), robot.marker_names)
+    save_reference(away, tmp_path / "away")
+    program("check", place, "--reference", tmp_path / "away").done()
+    assert "Warning: trial 'a' begins 6" in program.text
+    quick = ("--method", "random", "--budget", 1, "--threads", 1, "--quiet")
+    program("calibrate", tmp_path / "away", "--robot", place, "--out", tmp_path / "run", *quick)
+    assert program.err.startswith("swim2real: warning: trial 'a' begins 6")
     made(tmp_path, ROBOT, RECORDINGS, DRIVEN.replace("servo", "law"), DAMPING)
     program("check", place, "--reference", folder)
     assert program.code == 1

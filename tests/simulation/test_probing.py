@@ -9,7 +9,7 @@ from swim2real.errors import EngineError
 from swim2real.robots.file import load_robot
 from swim2real.robots.fish import FISH
 from swim2real.simulation.excitation import SECONDS, excitation
-from swim2real.simulation.misfits import misfits
+from swim2real.simulation.misfits import misfits, misplaced
 from swim2real.simulation.playback import Player
 from swim2real.simulation.probing import NOISE, moved, probe
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
@@ -164,14 +164,37 @@ def test_what_does_not_fit_a_robot_is_told(robot_of):
         for kind, signals in (("controls", trial.controls), ("sensors", trial.sensors))
     }
     first, second = misfits(robot, TrialSet((replace(trial, **later),), robot.marker_names))
-    assert first.startswith(
-        "trial 'excitation': the controls don't drive actuator 'servo': its rows are from 1000 s to 1"
-    )
+    assert first.startswith("trial 'excitation': its controls don't drive it: its rows are from 1000 s to 1")
     assert second.startswith("trial 'excitation': its sensors can't be compared: its rows are from 1000 s to 1")
     assert misfits(robot, TrialSet(reference.trials, ("base", "tip", "elbow"))) == [
         "the reference has the markers base, tip, elbow; robot 'arm' has base, elbow, tip; name them alike, in the "
         "same order"
     ]
+
+
+def test_a_recording_that_begins_elsewhere_is_told(robot_of):
+    robot = robot_of(parameter("'joint \"link0\" damping'"))
+    reference = recorded(robot)
+    trial = reference.trials[0]
+
+    def shifted(name: str, *meters: float):
+        track = MarkerTrack(trial.track.times, trial.track.positions + meters)
+        return replace(trial, name=name, track=track)
+
+    assert misplaced(robot, reference) is None
+    near, far, farther = shifted("near", 0.06, 0.0), shifted("far", -0.3, 0.4), shifted("farther", -0.6, 0.8)
+    assert misplaced(robot, TrialSet((near,), robot.marker_names)) is None  # of 0.2 m less than a third
+    told = misplaced(robot, TrialSet((near, far, farther), robot.marker_names))
+    assert told == (
+        "trial 'farther' (and 1 more) begins 1000 mm from where its simulation starts (x -600 mm, z +800 mm); check "
+        "the camera file's origin and axes, which must be the model's, or take start = \"markers\" in the robot file"
+    )
+    alone = TrialSet((far,), robot.marker_names)
+    fitted = replace(robot, trials=replace(robot.recordings, start="markers"))
+    assert misplaced(fitted, alone).endswith("origin and axes, which must be the model's")
+    framed = replace(robot, trials=replace(robot.recordings, frame=(0, 1)))
+    assert misplaced(framed, alone) is None
+    assert misplaced(robot, TrialSet((far,), ("base", "tip", "elbow"))) is None
 
 
 def test_a_swimmers_trials_need_its_markers_only():

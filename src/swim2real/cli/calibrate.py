@@ -19,6 +19,7 @@ from swim2real.cli.progress import Watch, interruptible, shown
 from swim2real.errors import ArgumentError
 from swim2real.pipeline import Settings, run
 from swim2real.robots import robot_named
+from swim2real.simulation.misfits import misplaced
 from swim2real.trials import load_reference
 
 
@@ -36,6 +37,9 @@ def calibrate(a: Calibrate) -> int:
     )  # fmt: skip
     robot = robot_named(a.robot)
     reference = load_reference(a.reference)
+    far = misplaced(robot, reference)
+    if far is not None:
+        print(f"swim2real: warning: {far}", file=sys.stderr)
 
     def work(watch: Watch) -> dict[str, Any]:
         return run(

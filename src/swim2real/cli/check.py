@@ -18,7 +18,8 @@ from swim2real.robots import ROBOTS, robot_file, robot_named
 from swim2real.robots.file import PLANES, RobotFile, open_robot_file
 from swim2real.robots.idle import why_idle
 from swim2real.robots.robot import Control, Recordings, Robot, Sine
-from swim2real.simulation.misfits import misfits
+from swim2real.simulation.marker_view import MarkerView
+from swim2real.simulation.misfits import misfits, misplaced
 from swim2real.simulation.probing import FAINT, FREQUENCY, SECONDS, TRIALS, Probe, Shift, probe
 from swim2real.trials import load_reference
 
@@ -38,6 +39,9 @@ def check(a: Check) -> int:
     for sentence in (*wrong, *_notes(probes)):
         console.print(sentence, soft_wrap=True, markup=False)
     if reference is not None and not wrong:
+        far = misplaced(robot, reference)
+        if far is not None:
+            console.print(f"Warning: {far}.", soft_wrap=True, markup=False)
         console.print(f"All trials of '{a.reference}' fit: {', '.join(reference.names)}.", soft_wrap=True, markup=False)
     _draw(robot, a.out or _beside(a.robot))
     return 1 if wrong else 0
@@ -71,13 +75,19 @@ def _moved(robot: Robot, trials: tuple[str, ...] | None) -> None:
 
 
 def _markers(robot: Robot) -> None:
+    """Where they are compared in the world, from its origin; else from the first one."""
     right, up = ("xyz"[axis] for axis in robot.plane)
+    places, origin = robot.rest_markers, f"marker {robot.marker_names[0]}"
+    if isinstance(robot.trials, Recordings) and robot.trials.frame is None:
+        model = robot.build(robot.space.published).compile()
+        places = MarkerView(model, len(robot.marker_names), robot.plane).at(model.qpos0).markers
+        origin = "the model's origin, which must be the camera file's"
     rows = [
         (name, f"{1e3 * x:.1f}", f"{1e3 * y:.1f}", millimeters(float(height)))
-        for name, (x, y), height in zip(robot.marker_names, robot.rest_markers, robot.marker_heights, strict=True)
+        for name, (x, y), height in zip(robot.marker_names, places, robot.marker_heights, strict=True)
     ]
     table(
-        f"Markers at rest, seen from {_side(robot)} [mm]",
+        f"Markers at rest, seen from {_side(robot)}, from {origin} [mm]",
         ("marker", f"{right} to the right", f"{up} up", "height"),
         rows,
     )

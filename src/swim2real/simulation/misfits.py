@@ -1,11 +1,18 @@
-"""Where real trials don't fit a robot: its markers, what drives it, its sensors."""
+"""Where real trials don't fit a robot: its markers, what drives it, its sensors, the place in which they begin."""
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from swim2real.errors import Swim2RealError, TrialError
 from swim2real.robots.robot import Recordings, Robot
+from swim2real.simulation.marker_view import MarkerView
 from swim2real.simulation.playback import Player
+from swim2real.simulation.start import MARKERS
 from swim2real.trials import Trial, TrialSet
+
+_FAR = 1 / 3  # of the robot's size
 
 
 def misfits(robot: Robot, reference: TrialSet) -> list[str]:
@@ -23,6 +30,44 @@ def misfits(robot: Robot, reference: TrialSet) -> list[str]:
         return []
     player = Player(robot)
     return [sentence for trial in reference for sentence in _of(player, robot.trials, trial)]
+
+
+def misplaced(robot: Robot, reference: TrialSet) -> str | None:
+    """A warning where recordings that are compared in the world begin far from where their simulations do.
+
+    Far is more than a third of the largest distance between two markers of the robot at rest, on average over the
+    markers that are seen in the first frame: so far off are a camera file's origin, or a start that isn't the robot's.
+
+    Raises:
+        TrialError: A trial can't be played back.
+        EngineError: The robot itself can't be simulated.
+    """
+    about = robot.trials
+    if not isinstance(about, Recordings) or about.frame is not None or reference.marker_names != robot.marker_names:
+        return None
+    player, model = Player(robot), robot.build(robot.space.published).compile()
+    view = MarkerView(model, len(robot.marker_names), robot.plane)
+    apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2).max()
+    limit = _FAR * float(apart or model.stat.extent)
+    found: dict[str, tuple[float, NDArray[np.float64]]] = {}
+    for trial in reference:
+        shift = trial.track.positions[0] - view.at(player.begun(model, player.prepared(trial))[0].qpos).markers
+        shift = shift[np.isfinite(shift).all(axis=1)]
+        distance = float(np.linalg.norm(shift, axis=1).mean()) if len(shift) else 0.0
+        if distance > limit:
+            found[trial.name] = distance, shift.mean(axis=0)
+    if not found:
+        return None
+    worst = max(found, key=lambda name: found[name][0])
+    distance, (right, up) = found[worst][0], 1e3 * found[worst][1]
+    first, second = ("xyz"[axis] for axis in robot.plane)
+    others = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    start = "" if about.start == MARKERS else ', or take start = "markers" in the robot file'
+    return (
+        f"trial '{worst}'{others} begins {1e3 * distance:.0f} mm from where its simulation starts "
+        f"({first} {right:+.0f} mm, {second} {up:+.0f} mm); check the camera file's "
+        f"origin and axes, which must be the model's{start}"
+    )
 
 
 def _of(player: Player, about: Recordings, trial: Trial) -> list[str]:

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import EngineError
+from swim2real.errors import EngineError, TrialError
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.drive import driven
@@ -85,10 +85,17 @@ class Player:
             weights: 0 where a marker isn't believed, for the start; None believes all that are seen. Shape (T, M).
 
         Raises:
-            TrialError: It lacks a control, its start is another model's, or no marker shows where it starts.
+            TrialError: It lacks a control, its controls are on another clock, its start is another model's, or no
+                marker shows where it starts.
             EngineError: The model has no such actuator.
         """
-        driven(self._published, self._about.controls, trial, trial.track.times)
+        times = trial.track.times
+        driven(self._published, self._about.controls, trial, times)
+        if trial.controls is not None and "table" in self._about.controls.values():
+            try:
+                trial.controls.check_clock(times[0], times[-1])
+            except TrialError as error:
+                raise TrialError(f"trial '{trial.name}': its controls don't drive it: {error}") from error
         start_at_joints(self._published, mujoco.MjData(self._published), trial)
         if self._about.start != MARKERS or trial.start or trial.start_velocities:
             return Play(trial)

@@ -116,7 +116,7 @@ def _begun(robot: Robot, reference: TrialSet | None, threads: int | None) -> tup
     if reference is None:
         return _excited(robot, robot.trials, threads)
     player = Player(robot, threads)
-    plays = [player.prepared(trial.cut(SECONDS)) for trial in reference.trials[:TRIALS]]
+    plays = [replace(player.prepared(trial), trial=trial.cut(SECONDS)) for trial in reference.trials[:TRIALS]]
     return _checked(robot, partial(player.play_many, plays=plays))
 
 
