@@ -50,3 +50,16 @@ def test_identify_leaves_values_that_other_commands_take(program, calibrated, tm
     program("export-model", found, "--out", tmp_path / "model.xml").done()
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
     assert model.joint("elbow").damping[0] == pytest.approx(values["parameters"]["elbow_damping"], rel=1e-5)
+
+
+def test_a_parameters_file_that_has_left_its_robot_file_is_named_with_what_to_do(program, calibrated, tmp_path):
+    run, _ = calibrated
+    copy = Path(shutil.copy(run / "best.json", tmp_path))
+    assert program("export-model", copy, "--out", tmp_path / "model.xml").sentence(2) == (
+        f"parameters file '{copy}': its robot file '../pendulum.toml', looked up from the folder of the parameters "
+        f"file, is not there; leave the parameters file where it was, or give the robot file's place as its "
+        f"'robot_file'"
+    )
+    content = {**json.loads(copy.read_text()), "robot_file": str(run.parent / "pendulum.toml")}
+    copy.write_text(json.dumps(content))
+    program("export-model", copy, "--out", tmp_path / "model.xml").done()

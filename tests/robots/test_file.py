@@ -390,8 +390,8 @@ def test_what_is_wrong_with_a_file_is_a_sentence(tmp_path, old, new, says):
         ("upper = 1.0", "upper = inf", "FILE, parameter 'damping': upper is inf; it must be a finite number"),
         ("upper = 1.0", "upper = 0.02\nvalue = 0.03", "FILE, parameter 'damping': parameter 'damping' is 0.03, out of "
          "bounds; allowed is 0.001 to 0.02 N·m·s/rad"),
-        ("upper = 1.0", "upper = 1e-4", "FILE, parameter 'damping': parameter 'damping': bounds 0.001 to 0.0001 must "
-         "be finite and rise"),
+        ("upper = 1.0", "upper = 1e-4", "FILE, parameter 'damping': parameter 'damping': lower bound 0.001 is "
+         "above upper bound 0.0001; swap them"),
         ("lower = 1e-3", "lower = 0", "FILE, parameter 'damping': parameter 'damping': lower bound 0.0 plus log offset "
          "0.0 must be above 0"),
         ("lower = 1e-3", "lower = -1", "FILE, parameter 'damping': -1 would write -1 to joint \"link*\" damping, which "
@@ -411,7 +411,8 @@ def test_what_is_wrong_with_a_file_is_a_sentence(tmp_path, old, new, says):
         ("joint \"link*\" damping", 'joint "link*" stiffness', "FILE, parameter 'damping': the model has several "
          "numbers there (2, 3), so the parameter needs value = …"),
         ("joint \"link*\" damping", 'joint "link0" range[1]', "FILE, parameter 'damping': parameter 'damping' is 60, "
-         "out of bounds; allowed is 0.001 to 1 N·m·s/rad"),
+         "out of bounds; allowed is 0.001 to 1 N·m·s/rad; this is the model's own value, so widen the bounds, change "
+         "it in the model, or say value = …"),
         ("joint \"link*\" damping'", "joint \"link0\" range[1]'\nvalue = 0.001", None),
     ],
 )  # fmt: skip

@@ -37,14 +37,22 @@ def robot_of(path: str | Path) -> str:
     """The robot that a parameters file, or a run folder's best parameters, are for: its robot file, or its name.
 
     Raises:
-        ParameterError: Not there, not JSON, another format, or no name.
+        ParameterError: Not there, not JSON, another format, or no name; or the robot file isn't there.
     """
     place, content = _read(path)
     name = content.get("robot")
     if not isinstance(name, str):
         raise ParameterError(f"parameters file '{place}': 'robot' is {name!r}; it must be a robot's name")
     file = content.get("robot_file")
-    return name if file is None else str(place.parent / str(file))
+    if file is None:
+        return name
+    source = place.parent / str(file)
+    if not source.is_file():
+        raise ParameterError(
+            f"parameters file '{place}': its robot file '{file}', looked up from the folder of the parameters file, is "
+            f"not there; leave the parameters file where it was, or give the robot file's place as its 'robot_file'"
+        )
+    return str(source)
 
 
 def read_parameters(path: str | Path, robot: str, space: ParameterSpace) -> ParametersFile:

@@ -44,10 +44,13 @@ class Parameter:
     log_offset: float | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.lower) and np.isfinite(self.upper) and self.lower < self.upper):
-            raise ParameterError(
-                f"parameter '{self.name}': bounds {self.lower} to {self.upper} must be finite and rise"
-            )
+        bounds = f"parameter '{self.name}': lower bound {self.lower:g}"
+        if not (np.isfinite(self.lower) and np.isfinite(self.upper)):
+            raise ParameterError(f"{bounds} and upper bound {self.upper:g} must be finite numbers")
+        if self.lower > self.upper:
+            raise ParameterError(f"{bounds} is above upper bound {self.upper:g}; swap them")
+        if self.lower == self.upper:
+            raise ParameterError(f"{bounds} is the upper bound, too; give a range, or leave the parameter out")
         if self.log_offset is not None and self.lower + self.log_offset <= 0:
             raise ParameterError(
                 f"parameter '{self.name}': lower bound {self.lower} plus log offset {self.log_offset} must be above 0"

@@ -63,11 +63,23 @@ def _calibrated(table: Table, index: int, entry: Any, spec: mujoco.MjSpec) -> Ca
             name, part.text("unit", "-"), lower, upper, " ".join(part.text("meaning").split()), value,
             part.number("log_offset", 0.0) if log else None,
         )  # fmt: skip
-        parameter.check(value)
+        if "value" in entry:
+            parameter.check(value)
+        else:
+            _check_own(parameter)
     except (RobotError, ParameterError) as error:
         text = str(error)
         raise RobotError(text if text.startswith(part.where) else f"{part.where}: {text}") from error
     return Calibrated(parameter, writes)
+
+
+def _check_own(parameter: Parameter) -> None:
+    try:
+        parameter.check(parameter.published)
+    except ParameterError as error:
+        raise RobotError(
+            f"{error}; this is the model's own value, so widen the bounds, change it in the model, or say value = …"
+        ) from error
 
 
 def _current(writes: tuple[Write, ...], spec: mujoco.MjSpec) -> float:
