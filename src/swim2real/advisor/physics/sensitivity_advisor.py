@@ -1,8 +1,8 @@
 """The physics advisor of any robot: it measures what each parameter does, and steps to where the error is least.
 
-It knows no robot. It looks around, and at the best place has single parameters changed one after the other. It keeps
-a linear model of the residual that learns from every evaluation, and proposes what the model promises most of within
-a trust that grows and shrinks with its successes. When that fails it measures again, in smaller steps.
+It knows no robot. It has single parameters changed one after the other, keeps a linear model of the residual that
+learns from every evaluation, and proposes what the model promises most of within a trust that grows and shrinks with
+its successes. When that fails it measures again, in smaller steps.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from swim2real.parameters import ParameterSpace
 
 Array = NDArray[np.float64]
 
-SCOUTS, SCOUTED = 4, 0.4  # points looked at before anything else, and their half range around the middle
 TRUST_START, TRUST_LEAST, TRUST_MOST = 0.4, 1e-4, 1.0  # half width of the trusted box, in the unit cube
 GROW, SHRINK = 2.0, 0.5
 DIFFERENCE, LEAST_DIFFERENCE = 0.03, 1e-3  # change of a parameter that is measured, in the unit cube
@@ -45,9 +44,8 @@ class SensitivityAdvisor:
     def propose(self, situation: Situation) -> Advice:
         """What to measure before the next proposal, or the point that promises most within its trust."""
         incumbent = situation.incumbent
-        scouted = sum("parameter" not in e.candidate.note for e in situation.measurements)
-        if not usable(incumbent) or (not situation.rounds and scouted < SCOUTS):
-            return self._scout(scouted)
+        if not usable(incumbent):
+            return self._elsewhere(situation)
         sensitivities = learned([e for e in situation.evaluations if usable(e)])
         trust = trust_radius(situation.rounds)
         next_one = self._next_to_measure(situation)
@@ -55,10 +53,10 @@ class SensitivityAdvisor:
             return self._measurement(next_one, situation, sensitivities, trust)
         return self._proposal(incumbent, sensitivities, trust)
 
-    def _scout(self, number: int) -> Measurement:
-        """A random point near the middle, where simulations are safer: the first one may be far from any good one."""
-        rng = np.random.default_rng([self._seed, number])
-        return Measurement(0.5 + SCOUTED * rng.uniform(-1, 1, len(self._space)))
+    def _elsewhere(self, situation: Situation) -> Measurement:
+        """Nothing has gone well yet: a random point near the middle, where simulations are safer."""
+        rng = np.random.default_rng([self._seed, len(situation.measurements)])
+        return Measurement(0.5 + TRUST_START * rng.uniform(-1, 1, len(self._space)))
 
     def _next_to_measure(self, situation: Situation) -> int | None:
         """A parameter, None when a proposal is due."""
