@@ -59,7 +59,7 @@ def test_pose_tables_become_trials_in_meters(tmp_path, capsys):
     assert check_track(slow.track, FISH.rest_markers).usable
     said = capsys.readouterr().out
     assert f"slow: 121 frames, 2.00 s, {1e3 * slow.meters_per_pixel:.4f} mm per pixel" in said
-    assert "slow: M2 and M8 stand up to 50 mm above" in said
+    assert "slow: M2 and M8 stand up to 50 mm nearer to the camera than M0" in said
     assert f"swim2real quality {tmp_path / 'reference'}" in said
 
 

@@ -82,7 +82,7 @@ def test_json_is_json_alone(program, clip, tmp_path):
 def test_without_points_and_camera_markers_are_found_and_findings_are_told(program, clip, tmp_path):
     program("track", clip.video, "--to", tmp_path, "--no-overlay").done()
     assert "What to know" in program.text
-    assert "M2 and M8 stand up to 50 mm above" in program.text
+    assert "M2 and M8 stand up to 50 mm nearer to the camera than M0" in program.text
     assert load_reference(tmp_path).names == ("f1_25",)
 
 

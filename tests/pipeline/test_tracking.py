@@ -135,7 +135,7 @@ def test_without_the_cameras_height_raised_markers_are_off_and_a_finding_says_so
     known, _ = tracked(clip, tmp_path)
     corrected = clip.errors(known).mean(axis=0)
     assert (errors[raised] > 2 * corrected[raised]).all()
-    assert any("M2 and M8 stand up to 50 mm above" in line for line in found.report["findings"])
+    assert any("M2 and M8 stand up to 50 mm nearer to the camera than M0" in line for line in found.report["findings"])
 
 
 def test_a_known_length_sets_the_scale(clip, tmp_path):

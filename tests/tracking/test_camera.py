@@ -227,8 +227,8 @@ def test_without_the_camera_s_height_they_drift_and_this_is_said():
     # M8 begins 0.551 m from the middle, and is seen 0.05 / (2 - 0.05) of that too far out
     assert off.max() == pytest.approx(np.linalg.norm(true.positions[:, 8], axis=1).max() * 0.05 / 1.95)
     assert camera.notes == (
-        "M2 and M8 stand up to 50 mm above the head's markers and seem to lie up to 14 mm too far out "
-        "(estimated for a camera 2.0 m high, as the track suggests); give camera_height in the camera file to "
+        "M2 and M8 stand up to 50 mm nearer to the camera than M0 and seem to lie up to 14 mm too far out "
+        "(estimated for a camera 2.0 m away, as the track suggests); give camera_height in the camera file to "
         "correct it",
     )
 
@@ -246,27 +246,27 @@ def test_the_camera_s_height_doesnt_show_in_a_fish_that_stays():
     noisy = eye.track(swim(speed=0.0)).positions
     noisy = noisy + np.random.default_rng(0).normal(0, 3.0, noisy.shape)
     assert camera_height_seen(noisy, ABOVE, np.array(eye.center), RIGID) is None
-    assert "(estimated for a camera 3.8 m high, as high as its picture is wide)" in see(
+    assert "(estimated for a camera 3.8 m away, as far as its picture is wide)" in see(
         MarkerTrack(swim().times, noisy)
     ).notes[0]  # fmt: skip
 
 
 def test_without_the_picture_s_size_no_number_is_made_up():
     assert see(Eye().track(swim()), size=None).notes == (
-        "M2 and M8 stand up to 50 mm above the head's markers and seem to lie farther from the picture's center than "
-        "they do; give camera_height in the camera file to correct it, with principal_point",
+        "M2 and M8 stand up to 50 mm nearer to the camera than M0 and seem to lie farther from the picture's center "
+        "than they do; give camera_height in the camera file to correct it, with principal_point",
     )
 
 
 def test_a_camera_height_that_cant_be_used_is_refused():
     track = Eye().track(swim())
     assert refusal(see, track, CameraFile(camera_height=2.0), size=None) == (
-        "the camera file gives camera_height 2 m, but nothing tells the pixel straight below the camera; "
-        "add principal_point"
+        "the camera file gives camera_height 2 m, but nothing tells the pixel straight below the camera "
+        "(straight ahead of one that looks from the side); add principal_point"
     )
     assert refusal(see, track, CameraFile(camera_height=0.05)) == (
-        "the camera file's camera_height 0.05 m is not above the highest marker, which stands 0.05 m over the "
-        "head's; measure from the head's markers up to the camera"
+        "the camera file's camera_height 0.05 m doesn't reach beyond marker M2, which stands 0.05 m nearer to the "
+        "camera than M0; measure from M0 to the camera"
     )
 
 

@@ -51,7 +51,8 @@ class Calibrate:
     """What is calibrated. fish: the paper's 16 parameters. fish-extended: dry friction at the water's surface, too.
     FILE.toml: your robot; `swim2real init` writes such a file."""
     protocol: Literal["aligned", "paper"] = "aligned"
-    """aligned: identified frequency, steady swim, phase, registration, lost tracks left out. paper: none of these."""
+    """aligned: identified frequency, steady swim, phase, registration, lost tracks left out. paper: none of these.
+    Only for steady swims: recordings have a protocol of their own, playback, which needs no choice."""
     start: Literal["speed", "rest"] = "speed"
     """Where steady swims begin under protocol aligned. speed: at the real speed. rest: at rest, as the robot did, so
     that no fit swims tail first from there; takes about half as long again."""

@@ -112,12 +112,13 @@ def camera_for(
         if center is None:
             raise TrackingError(
                 f"the camera file gives camera_height {given.camera_height:g} m, but nothing tells the pixel straight "
-                f"below the camera; add principal_point"
+                f"below the camera (straight ahead of one that looks from the side); add principal_point"
             )
         if given.camera_height <= above.max():
             raise TrackingError(
-                f"the camera file's camera_height {given.camera_height:g} m is not above the highest marker, "
-                f"which stands {above.max():g} m over the head's; measure from the head's markers up to the camera"
+                f"the camera file's camera_height {given.camera_height:g} m doesn't reach beyond marker "
+                f"{names[int(above.argmax())]}, which stands {above.max():g} m nearer to the camera than {names[0]}; "
+                f"measure from {names[0]} to the camera"
             )
 
     plane, residual = _plane(given, pixels)
@@ -195,5 +196,5 @@ def _middle(heads: Array) -> Array:
     seen = heads.reshape(-1, 2)
     seen = seen[np.isfinite(seen).all(axis=1)]
     if not len(seen):
-        raise TrackingError("the head's markers are never seen, so the track can't be turned into meters")
+        raise TrackingError("the first two markers are never seen, so the track can't be turned into meters")
     return np.median(seen, axis=0)

@@ -86,16 +86,17 @@ def height_note(
     """
     raised = np.flatnonzero(np.abs(above) > LEVEL)
     which = " and ".join(names[m] for m in raised.tolist())
-    begin = f"{which} stand up to {1e3 * above[raised].max():.0f} mm above the head's markers and seem to lie"
+    nearer = f"{1e3 * above[raised].max():.0f} mm nearer to the camera than {names[0]}"
+    begin = f"{which} stand up to {nearer} and seem to lie"
     advice = "give camera_height in the camera file to correct it"
     if center is None:
         return f"{begin} farther from the picture's center than they do; {advice}, with principal_point"
     height = camera_height_seen(pixels, above, center, rigid) if flat else None
     if height is not None:
-        basis = f"{height:.1f} m high, as the track suggests"
+        basis = f"{height:.1f} m away, as the track suggests"
     elif size is not None:
         height = max(size) * scale
-        basis = f"{height:.1f} m high, as high as its picture is wide"
+        basis = f"{height:.1f} m away, as far as its picture is wide"
     else:
         return f"{begin} farther from the picture's center than they do; {advice}"
     share = above[raised] / height
