@@ -568,7 +568,7 @@ def test_a_reference_of_another_robot_is_left_alone(clip, tmp_path):
 
 def test_a_camera_file_that_contradicts_the_robot_is_told(clip, tmp_path):
     write_camera(tmp_path / "camera.json", CameraFile(camera_height=0.01))
-    with pytest.raises(TrackingError, match=r"camera_height 0\.01 m is not above the highest marker"):
+    with pytest.raises(TrackingError, match=r"camera_height 0\.01 m doesn't reach beyond marker M"):
         tracked(clip, tmp_path / "reference", replace(FAST, camera=tmp_path / "camera.json"))
     assert not (tmp_path / "reference" / "reference.json").exists()
 
