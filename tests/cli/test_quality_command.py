@@ -100,3 +100,18 @@ def test_recordings_are_checked_by_what_was_seen_and_what_was_recorded(tmp_path,
     content = json.loads(capsys.readouterr().out)
     assert not content["whole"]["usable"]
     assert "error" in content["blind"]
+
+
+def test_controls_of_another_clock_are_refused_and_those_that_end_early_told(tmp_path, capsys):
+    robot, times = robot_named(FINGER), np.arange(61) / 60
+    track = MarkerTrack(times, robot.rest_markers + [-0.065, 0.0] + 1e-4 * np.arange(61)[:, None, None])
+    pulled = Signals(times, ["pull"], times[:, None])
+    trials = [
+        Trial(name, track, controls=Signals(stamps, ["winch"], 0.01 * times[: len(stamps), None]), sensors=pulled)
+        for name, stamps in (("epoch", 1.7e9 + times), ("short", times[:31]))
+    ]
+    save_reference(TrialSet(tuple(trials), robot.marker_names), tmp_path)
+    assert quality(arguments(tmp_path, robot=str(FINGER))) == 1
+    text = said(capsys)
+    assert "trial 'epoch': its controls don't drive it: its rows are from 1700000000 s to 1700000001 s" in text
+    assert "short: its controls end at 0.5 s, its frames at 1 s; the last value is held from there on" in text
