@@ -90,6 +90,13 @@ def new_fluid_law() -> bool:
 
 
 @pytest.fixture(scope="session")
+def repeatable_swims(new_fluid_law) -> None:
+    """Skips a test of what a fit finds where swims hang on the last digit of their start."""
+    if new_fluid_law:
+        pytest.skip("with the fluid law of this engine swims hang on the last digit of their start")
+
+
+@pytest.fixture(scope="session")
 def pool_folder(tmp_path_factory) -> Path:
     """A reference folder with two short swims of a fish with hidden parameters. Don't write into it."""
     folder = tmp_path_factory.mktemp("pool") / "reference"

@@ -70,6 +70,7 @@ def test_it_is_the_same_for_the_same_seed_and_another_for_another(run, made):
     assert other["members"] != made["members"]
 
 
+@pytest.mark.usefixtures("repeatable_swims")
 def test_what_nothing_tells_spreads_and_what_counts_does_not(made):
     ranges = made["ranges"]
     assert ranges["nothing"]["max"] - ranges["nothing"]["min"] > 0.4

@@ -47,6 +47,7 @@ def studied(run_path, reference, tmp_path_factory):
     return found, told, folder
 
 
+@pytest.mark.usefixtures("repeatable_swims")
 def test_the_polish_finds_what_the_run_missed(studied):
     found, _, _ = studied
     assert found["fit"]["loss"] < 0.9 * found["start"]["loss"]
@@ -64,6 +65,7 @@ def test_a_parameter_that_counts_is_identified_with_an_interval_around_the_truth
     assert one["largest_rise"] > 3 * studied[0]["local"]["rise"]
 
 
+@pytest.mark.usefixtures("repeatable_swims")
 @pytest.mark.parametrize(("one", "other"), [("arm_a", "arm_b"), ("arm_b", "arm_a")])
 def test_two_that_make_up_for_one_another_have_flat_profiles_and_say_who(studied, one, other):
     found = studied[0]["profiles"][one]
@@ -82,6 +84,7 @@ def test_a_parameter_without_effect_is_not_identified(studied):
     assert studied[0]["local"]["standard_errors"]["nothing"]["cube"] is None
 
 
+@pytest.mark.usefixtures("repeatable_swims")
 def test_the_neighborhood_names_the_sloppy_pair_and_its_errors(studied):
     found = studied[0]["local"]
     errors = {name: one["cube"] for name, one in found["standard_errors"].items()}
@@ -94,6 +97,7 @@ def test_the_neighborhood_names_the_sloppy_pair_and_its_errors(studied):
     assert found["directions"][-1]["slope"] > 1e-2
 
 
+@pytest.mark.usefixtures("repeatable_swims")
 def test_the_cost_is_counted_and_bounded(studied):
     found, told, folder = studied
     assert told[-1].evaluations == found["evaluations"] <= SETTINGS.most_evaluations(4) == told[0].most
@@ -193,6 +197,7 @@ def test_a_run_without_a_result_is_refused(run, reference):
         reopen(run.folder.path, reference, toy.ROBOT)
 
 
+@pytest.mark.usefixtures("repeatable_swims")
 def test_the_slopes_are_central_and_one_sided_at_a_bound(run):
     evaluate = Evaluator(run.problem, run.space)
     at = evaluate([np.array([0.5, 1.0, 0.0, 0.0])])[0]

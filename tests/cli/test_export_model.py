@@ -30,6 +30,7 @@ writes = 'joint "j" damping'
 """
 
 
+@pytest.mark.usefixtures("repeatable_swims")
 def test_the_published_fish_moves_alike(program, tmp_path):
     out = tmp_path / "fish.xml"
     said = program("export-model", "published", "--out", out)
