@@ -3,50 +3,15 @@ from pathlib import Path
 
 import pytest
 
-from recorded import PENDULUM, PENDULUM_XML, pendulum_reference
-from swim2real.trials import save_reference
 from swim2real.video import VideoReader
 
-PENDULUM_FILE = """
-format = 1
-name = "pendulum"
-description = "A pendulum."
-model = "pendulum.xml"
-camera = "side"
-markers = ["pivot", "middle", "end"]
 
-[recordings]
-start = "markers"
-[recordings.controls]
-torque = "table"
-[recordings.sensors]
-"gyro[1]" = {unit = "rad/s", worth = 0.001}
-
-[[parameters]]
-name = "elbow_damping"
-unit = "N·m·s/rad"
-lower = 2e-4
-upper = 1e-2
-scale = "log"
-meaning = "Damping of the elbow."
-writes = 'joint "elbow" damping'
-"""
-
-
-@pytest.fixture
-def pendulum(tmp_path) -> Path:
-    """A parameters file of a robot whose trials are recordings, beside its robot file, and a reference."""
-    (tmp_path / "pendulum.toml").write_text(PENDULUM_FILE, encoding="utf-8")
-    (tmp_path / "pendulum.xml").write_text(PENDULUM_XML.format(**PENDULUM.space.published))
-    content = {"format": 1, "robot": "pendulum", "robot_file": "pendulum.toml", "parameters": {"elbow_damping": 0.001}}
-    (tmp_path / "parameters.json").write_text(json.dumps(content))
-    save_reference(pendulum_reference(), tmp_path / "reference")
-    return tmp_path
-
-
-def test_overlays_of_recordings_are_written(program, pendulum):
-    out = pendulum / "out"
-    words = ["overlay", pendulum / "parameters.json", "--reference", pendulum / "reference", "--out", out]
+def test_overlays_of_recordings_are_written(program, pendulum_folder, tmp_path):
+    values, out = tmp_path / "parameters.json", tmp_path / "out"
+    robot = {"robot": "pendulum", "robot_file": str(pendulum_folder / "pendulum.toml")}
+    dampings = {"shoulder_damping": 0.004, "elbow_damping": 0.001}
+    values.write_text(json.dumps({"format": 1, **robot, "parameters": dampings}))
+    words = ["overlay", values, "--reference", pendulum_folder / "tracks", "--out", out]
     program(*words, "--fps", 10, "--width", 320, "--horizon", 0.5).done()
     assert sorted(path.name for path in out.iterdir()) == ["a.mp4", "a.png", "all.png", "b.mp4", "b.png"]
     with VideoReader(out / "a.mp4") as film:

@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+from watching import Watching
 
 from swim2real.errors import AdvisorError, OptimizerError
 from swim2real.optimizers import (
@@ -10,25 +11,12 @@ from swim2real.optimizers import (
     Proposal,
     RandomSearch,
     ScriptedAdvisor,
-    Situation,
     WarmStart,
 )
 
 FIRST = np.array([0.2, 0.8])
 TO = np.array([1.0, 0.4])
 DIRECTION = TO - FIRST
-
-
-class Watching(ScriptedAdvisor):
-    """A scripted advisor that keeps what it was shown."""
-
-    def __init__(self, proposals):
-        super().__init__(proposals)
-        self.shown: list[Situation] = []
-
-    def propose(self, situation):
-        self.shown.append(situation)
-        return super().propose(situation)
 
 
 def feed(optimizer, losses, failed=()):

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from watching import Watching
 
 from swim2real.errors import OptimizerError
 from swim2real.optimizers import (
@@ -21,18 +22,6 @@ FIRST = np.array([0.2, 0.8])
 BESIDE = Measurement(np.array([0.3, 0.8]), {"parameter": "a"})
 ABOVE = Measurement(np.array([0.2, 0.9]))
 TO = np.array([1.0, 0.4])
-
-
-class Watching(ScriptedAdvisor):
-    """A scripted advisor that keeps what it was shown."""
-
-    def __init__(self, advice):
-        super().__init__(advice)
-        self.shown = []
-
-    def propose(self, situation):
-        self.shown.append(situation)
-        return super().propose(situation)
 
 
 def feed(optimizer, losses, failed=()):
