@@ -1,0 +1,142 @@
+"""What comes from outside is checked against a model; what is wrong is said in one sentence.
+
+A model is a pydantic model or a dataclass. The sentence names the key, its value, what is allowed, and what to do.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from swim2real.errors import Swim2RealError
+from swim2real.store import read_json
+
+Model = TypeVar("Model")
+
+_LONGEST = 60  # characters of a value that are shown
+_ALLOWED = {
+    "missing": "it must be given",
+    "int_type": "it must be a whole number",
+    "int_parsing": "it must be a whole number",
+    "int_from_float": "it must be a whole number",
+    "float_type": "it must be a number",
+    "float_parsing": "it must be a number",
+    "finite_number": "it must be finite",
+    "string_type": "it must be a text",
+    "bool_type": "it must be true or false",
+    "bool_parsing": "it must be true or false",
+    "list_type": "it must be a list",
+    "tuple_type": "it must be a list",
+    "dict_type": "it must be a table of names and values",
+    "model_type": "it must be a table of names and values",
+    "dataclass_type": "it must be a table of names and values",
+}
+
+
+def check(model: type[Model], content: Any, what: str, error: type[Swim2RealError], remedy: str = "") -> Model:
+    """Content as an object of a model.
+
+    Args:
+        model: What is allowed.
+        content: Plain lists, dictionaries, texts and numbers, as JSON or TOML has them.
+        what: The thing that is checked, such as "camera file 'pool.json'".
+        error: That is raised.
+        remedy: What to do, without a full stop; empty where the sentence says it already.
+
+    Raises:
+        Swim2RealError: Of the type `error`, on the first thing that isn't allowed.
+    """
+    try:
+        return TypeAdapter(model).validate_python(content)
+    except ValidationError as found:
+        told = explained(found.errors(include_url=False)[0])
+        raise error(f"{what}: {told}" + (f"; {remedy}" if remedy else "")) from None
+
+
+def read(model: type[Model], path: str | Path, what: str, error: type[Swim2RealError], remedy: str = "") -> Model:
+    """A JSON file as an object of a model.
+
+    Args:
+        model: What is allowed.
+        path: Of the file.
+        what: What the file is, such as "camera file"; its path is added.
+        error: That is raised.
+        remedy: As for `check`.
+
+    Raises:
+        Swim2RealError: Of the type `error`: not there, not readable, no JSON, or not as the model has it.
+    """
+    named, end = f"{what} '{path}'", f"; {remedy}" if remedy else ""
+    try:
+        content = read_json(path)
+    except FileNotFoundError:
+        raise error(f"{named} is not there{end}") from None
+    except (OSError, ValueError) as found:
+        raise error(f"{named} can't be read as JSON: {found}{end}") from found
+    return check(model, content, named, error, remedy)
+
+
+def explained(detail: ErrorDetails) -> str:
+    """One finding of pydantic in words: the key, its value, what is allowed."""
+    kind, context = detail["type"], detail.get("ctx", {})
+    place = key_path(detail["loc"])
+    if kind == "missing":
+        return f"'{place}' is missing; it must be given"
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        return f"there is no '{place}'; remove it or correct its name"
+    if kind in ("value_error", "assertion_error"):
+        reason = str(context.get("error", detail["msg"]))
+        return f"'{place}': {reason}" if place else reason
+    value = shown(detail["input"])
+    return f"'{place}' is {value}; {_allowed(kind, context, detail['msg'])}" if place else f"{value}: {detail['msg']}"
+
+
+def key_path(location: Sequence[str | int]) -> str:
+    """Where something stands in nested tables and lists, such as `markers.M0[1]`."""
+    path = ""
+    for key in location:
+        path += f"[{key}]" if isinstance(key, int) else f".{key}" if path else key
+    return path
+
+
+def shown(value: Any) -> str:
+    """A value as JSON would have it, cut off where it gets long."""
+    try:
+        text = json.dumps(value, ensure_ascii=False)
+    except (TypeError, ValueError):
+        text = repr(value)
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
+
+
+def did_you_mean(name: str, known: Sequence[str]) -> str:
+    """A hint at the known name that is nearest to one that isn't known; empty where none is near."""
+    near = difflib.get_close_matches(name, known, n=1)
+    return f"; did you mean '{near[0]}'?" if near else ""
+
+
+def _allowed(kind: str, context: Mapping[str, Any], message: str) -> str:
+    if kind in _ALLOWED:
+        return _ALLOWED[kind]
+    match kind:
+        case "literal_error" | "enum":
+            return f"there are {context['expected']}"
+        case "greater_than":
+            return f"it must be above {context['gt']:g}"
+        case "greater_than_equal":
+            return f"it must be at least {context['ge']:g}"
+        case "less_than":
+            return f"it must be below {context['lt']:g}"
+        case "less_than_equal":
+            return f"it must be at most {context['le']:g}"
+        case "too_short":
+            return f"it must have at least {context['min_length']} entries"
+        case "too_long":
+            return f"it must have at most {context['max_length']} entries"
+        case _:
+            return message[:1].lower() + message[1:]

@@ -1,0 +1,144 @@
+"""Files on the disk: written whole or not at all, appended line by line, locked while a process works on them.
+
+A reader never sees half of a file, and a process that is killed at any moment leaves the old content or the new one.
+Every function raises the `OSError` of the system; those who know what the file is for turn it into a sentence.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from filelock import FileLock, Timeout
+
+PART = ".part"  # suffix of a file that is still being written
+LOCK = ".lock"
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Generator[Path]:
+    """Gives a path beside a file to write to; it takes the file's place at a clean end and is removed after an error.
+
+    Args:
+        path: Of the file that is written or replaced.
+    """
+    place = Path(path)
+    part = place.with_name(place.name + PART)
+    try:
+        yield part
+        part.replace(place)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Writes a text file in UTF-8, whole or not at all."""
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def write_bytes(path: str | Path, content: bytes) -> None:
+    """Writes a binary file, whole or not at all."""
+    with whole_file(path) as part:
+        part.write_bytes(content)
+
+
+def write_json(path: str | Path, content: Any, *, indent: int | None = 2) -> None:
+    """Writes a JSON file, whole or not at all.
+
+    Args:
+        path: Where to.
+        content: Plain lists, dictionaries, texts and numbers; finite ones, for NaN is no JSON.
+        indent: Spaces a level; None writes one line.
+    """
+    write_text(path, json.dumps(content, indent=indent, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
+    """Writes a compressed .npz file, whole or not at all."""
+    with whole_file(path) as part, part.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def read_json(path: str | Path) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        FileNotFoundError: It isn't there.
+        OSError: It can't be read.
+        ValueError: It isn't JSON in UTF-8; the message says where.
+    """
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def read_arrays(path: str | Path) -> dict[str, Any]:
+    """The arrays of an .npz file, by name.
+
+    Raises:
+        FileNotFoundError: It isn't there.
+        OSError: It can't be read.
+        ValueError: It is damaged.
+    """
+    try:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            return dict(stored)
+    except (EOFError, KeyError, BadZipFile) as error:
+        raise ValueError(str(error)) from error
+
+
+def append_line(path: str | Path, entry: Mapping[str, Any]) -> None:
+    """Adds an entry to a record of JSON lines; it is on the disk when this returns."""
+    line = json.dumps(entry, allow_nan=False) + "\n"
+    with Path(path).open("ab") as file:
+        file.write(line.encode())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_lines(path: str | Path) -> list[bytes]:
+    """The whole lines of a record, none where there is no file. What a crash left of a last line doesn't count."""
+    place = Path(path)
+    return place.read_bytes().split(b"\n")[:-1] if place.is_file() else []
+
+
+def drop_cut_line(path: str | Path) -> None:
+    """Removes what a crash left of the last line of a record, so that appending is safe."""
+    place = Path(path)
+    if not place.is_file():
+        return
+    with place.open("r+b") as file:
+        content = file.read()
+        end = content.rfind(b"\n") + 1
+        if end < len(content):
+            file.truncate(end)
+
+
+@contextmanager
+def locked(folder: str | Path) -> Generator[None]:
+    """Makes a folder where there is none and keeps other processes out of it.
+
+    Raises:
+        BlockingIOError: Another process has it.
+        OSError: The folder can't be made or locked.
+    """
+    place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(place / LOCK, timeout=0)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise BlockingIOError(f"another process is working on '{place}'") from None
+    try:
+        yield
+    finally:
+        lock.release()
