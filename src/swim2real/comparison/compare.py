@@ -19,6 +19,7 @@ from swim2real.comparison.plan import RUNS, Job, Plan, read_plan
 from swim2real.comparison.reading import read_results, write_results
 from swim2real.comparison.results import ComparisonResults
 from swim2real.comparison.session import alone, judge, probe, session
+from swim2real.processes import ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.trials import TrialSet
 
@@ -89,7 +90,7 @@ def compare(
 
 def _team(root: Path, token: str, workers: int | None, cluster: str | None) -> AbstractContextManager[Executor]:
     if cluster is None:
-        return executors.processes(workers)
+        return ProcessPool(workers)
     return executors.dask(cluster, partial(probe, root, token), partial(judge, root=root))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from swim2real.demo.synthetic import placed_by_hand, steady_swims, turned
 from swim2real.errors import RunError
 from swim2real.parameters import Values
-from swim2real.pipeline.workers import workers as team_of
+from swim2real.processes import ProcessPool
 from swim2real.rendering.pool import PoolCamera, film
 from swim2real.robots.robot import Robot
 from swim2real.tracking.picking import save_points
@@ -64,8 +64,8 @@ def film_swims(
         if not paths[-1].exists():
             track = MarkerTrack(swim.track.times[kept], positions[kept])
             jobs.append((track, robot, camera, paths[-1], seed + number))
-    with team_of(min(max(len(jobs), 1), workers or os.cpu_count() or 1)) as team:
-        for made in [team.submit(_film, job) for job in jobs]:
+    with ProcessPool(min(max(len(jobs), 1), workers or os.cpu_count() or 1), tries=1) as pool:
+        for made in [pool.submit(_film, job) for job in jobs]:
             on_done(made.result())
     return paths
 

@@ -7,13 +7,12 @@ import os
 import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
 from swim2real.errors import ArgumentError, Swim2RealError, TrackingError
 from swim2real.pipeline.tracking import Filmed, FilmSettings, FrameProgress, track_film
-from swim2real.pipeline.workers import workers
+from swim2real.processes import ProcessDiedError, ProcessPool
 from swim2real.robots.robot import Robot
 
 _LOOK = 0.2  # s between two looks at what the processes say
@@ -91,9 +90,9 @@ def _in_processes(
     told: Any = multiprocessing.get_context("spawn").Queue()
     results: dict[str, Filmed | Swim2RealError] = {}
     try:
-        with workers(processes, _listen, (told,)) as team:
+        with ProcessPool(processes, tries=1, initializer=_listen, initargs=(told,)) as pool:
             futures: dict[Future[Filmed], str] = {
-                team.submit(_job, job): name for name, job in zip(names, jobs, strict=True)
+                pool.submit(_job, job): name for name, job in zip(names, jobs, strict=True)
             }
             left = set(futures)
             while left:
@@ -129,7 +128,7 @@ def _drain(told: Any, on_progress: Callable[[FrameProgress], None]) -> None:
 def _result(future: Future[Filmed]) -> Filmed | Swim2RealError:
     try:
         return future.result()
+    except ProcessDiedError as error:
+        return TrackingError(str(error))
     except Swim2RealError as error:
         return error
-    except BrokenProcessPool:
-        return TrackingError("the process died, perhaps for want of memory; run again with --workers 1")
