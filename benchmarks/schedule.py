@@ -17,8 +17,8 @@ from math import pi, sin
 from swim2real.deployment import RATE, XW540_T140, CommandTable
 from swim2real.deployment.bus import Bus
 from swim2real.deployment.motor import Motor
-from swim2real.deployment.priority import undisturbed
-from swim2real.deployment.sending import Sent, send
+from swim2real.deployment.schedule import real_time_priority
+from swim2real.deployment.sending import SendingResult, send
 
 
 @contextlib.contextmanager
@@ -29,13 +29,13 @@ def emulated_motor(baud: int) -> Iterator[str]:
         program.stdin.close()
 
 
-def measure(seconds: float, baud: int, real_time: bool) -> tuple[Sent, bool]:
+def measure(seconds: float, baud: int, real_time: bool) -> tuple[SendingResult, bool]:
     # a beat of 0.8 Hz on top of 4 rad/s
     table = CommandTable.of([4 + 2 * sin(2 * pi * 0.8 * k / RATE) for k in range(round(seconds * RATE))]).ramped(20.0)
     with emulated_motor(baud) as port, Bus(port, baud=baud) as bus, Motor(bus) as motor:
         motor.identify()
         motor.start(table.within(XW540_T140), XW540_T140)
-        with undisturbed() if real_time else contextlib.nullcontext(False) as granted:
+        with real_time_priority() if real_time else contextlib.nullcontext(False) as granted:
             return send(motor, bus, table), granted
 
 

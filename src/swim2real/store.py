@@ -2,6 +2,8 @@
 
 A reader never sees half of a file, and a process that is killed at any moment leaves the old content or the new one.
 Every function raises the `OSError` of the system; those who know what the file is for turn it into a sentence.
+
+A motor's computer writes files as well, without NumPy and filelock: these are imported by the functions that need them.
 """
 
 from __future__ import annotations
@@ -13,9 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
-
-import numpy as np
-from filelock import FileLock, Timeout
 
 PART = ".part"  # suffix of a file that is still being written
 LOCK = ".lock"
@@ -63,6 +62,8 @@ def write_json(path: str | Path, content: Any, *, indent: int | None = 2) -> Non
 
 def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
     """Writes a compressed .npz file, whole or not at all."""
+    import numpy as np
+
     with whole_file(path) as part, part.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
@@ -89,6 +90,8 @@ def read_arrays(path: str | Path) -> dict[str, Any]:
         OSError: It can't be read.
         ValueError: It is damaged.
     """
+    import numpy as np
+
     try:
         with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return dict(stored)
@@ -131,6 +134,8 @@ def locked(folder: str | Path) -> Generator[None]:
         BlockingIOError: Another process has it.
         OSError: The folder can't be made or locked.
     """
+    from filelock import FileLock, Timeout
+
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     lock = FileLock(place / LOCK, timeout=0)

@@ -4,7 +4,7 @@ import math
 import re
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swim2real.deployment import RATE, XW540_T140, CommandTable, Limits, read_table, write_table
@@ -29,6 +29,7 @@ def refusal(path) -> str:
     return str(refused.value)
 
 
+@settings(max_examples=25)
 @given(speeds)
 def test_what_is_written_is_read(tmp_path_factory, velocities):
     path = tmp_path_factory.mktemp("table") / "commands.csv"
@@ -113,6 +114,7 @@ def test_limits_must_be_limits(speed, acceleration, name):
         Limits(speed, acceleration)
 
 
+@settings(max_examples=25)
 @given(speeds, st.floats(0.5, 10), st.floats(10, 500))
 def test_clipping_gives_what_can_be_followed_and_leaves_the_rest_alone(velocities, speed, acceleration):
     limits = Limits(speed, acceleration)
@@ -121,6 +123,7 @@ def test_clipping_gives_what_can_be_followed_and_leaves_the_rest_alone(velocitie
     assert clipped.within(limits).clipped(limits) == clipped
 
 
+@settings(max_examples=25)
 @given(speeds, st.floats(1, 500))
 def test_ramps_go_from_and_to_rest_around_the_same_commands(velocities, acceleration):
     table = CommandTable.of(velocities)

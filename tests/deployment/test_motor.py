@@ -1,5 +1,6 @@
 """The motor through the maker's library, against the emulated one."""
 
+import importlib
 import re
 import sys
 import time
@@ -8,11 +9,11 @@ import pytest
 
 from swim2real.deployment import XW540_T140, CommandTable, MotorError
 from swim2real.deployment import control_table as ct
-from swim2real.deployment.bus import Bus, NoAnswerError
-from swim2real.deployment.emulated_motor import EmulatedMotor
+from swim2real.deployment.bus import Bus
+from swim2real.deployment.control_table import NoAnswerError
+from swim2real.deployment.emulated_motor import PING, WRITE, EmulatedMotor
 from swim2real.deployment.emulator import Emulator
 from swim2real.deployment.motor import Motor
-from swim2real.deployment.packets import PING, WRITE
 from swim2real.errors import ArgumentError, MissingExtraError
 
 TABLE = CommandTable.of([0.0, 2.0, 4.0])
@@ -60,8 +61,8 @@ def test_a_value_that_looks_like_a_header_arrives(emulated):
     ],
 )
 def test_a_refusal_is_a_sentence(emulated, register, value, reason):
-    said = f"motor 1 on {emulated.port} refused writing {value} to {register}: {reason}"
-    with Bus(emulated.port) as bus, pytest.raises(MotorError, match=re.escape(said)):
+    sentence = f"motor 1 on {emulated.port} refused writing {value} to {register}: {reason}"
+    with Bus(emulated.port) as bus, pytest.raises(MotorError, match=re.escape(sentence)):
         bus.write(register, value)
 
 
@@ -69,14 +70,14 @@ def test_identity():
     motor = EmulatedMotor(device=7)
     motor.set(ct.DRIVE_MODE, ct.REVERSE)
     motor.set(ct.VELOCITY_LIMIT, 200)
-    with Emulator(motor) as emulator, Bus(emulator.port, 7, 1_000_000) as bus, Motor(bus) as ours:
-        identity = ours.identify()
+    with Emulator(motor) as emulator, Bus(emulator.port, 7, 1_000_000) as bus, Motor(bus) as driver:
+        identity = driver.identify()
     assert identity.velocity_limit == pytest.approx(4.796, abs=0.001)
     assert (identity.voltage, identity.temperature, identity.temperature_limit) == (12.0, 30, 80)
     assert identity.reversed
 
 
-def test_it_is_started_told_read_and_stopped(emulated):
+def test_it_is_started_commanded_read_and_stopped(emulated):
     with Bus(emulated.port) as bus, Motor(bus) as motor:
         motor.identify()
         motor.start(TABLE, XW540_T140)
@@ -134,10 +135,10 @@ def test_eeprom_isnt_worn_by_setting_a_mode_that_is_set(emulated):
 def test_a_motor_that_was_told_to_keep_silent_is_made_to_answer(level):
     motor = EmulatedMotor()
     motor.set(ct.STATUS_RETURN_LEVEL, level)
-    with Emulator(motor) as emulator, Bus(emulator.port) as bus, Motor(bus) as ours:
-        ours.identify()
-        ours.start(TABLE, XW540_T140)
-        ours.command(1.0)
+    with Emulator(motor) as emulator, Bus(emulator.port) as bus, Motor(bus) as driver:
+        driver.identify()
+        driver.start(TABLE, XW540_T140)
+        driver.command(1.0)
 
 
 def test_a_motor_whose_watchdog_had_tripped_is_started(emulated):
@@ -184,9 +185,9 @@ def test_a_time_based_profile_is_refused():
         Emulator(motor) as emulator,
         Bus(emulator.port) as bus,
         pytest.raises(MotorError, match="Drive Mode 4, with a time-based profile; switch it"),
-        Motor(bus) as ours,
+        Motor(bus) as driver,
     ):
-        ours.identify()
+        driver.identify()
 
 
 def test_the_motors_own_limit_is_respected(emulated):
@@ -248,7 +249,8 @@ def test_ports_that_cant_be_opened(tmp_path, emulated):
         Bus(emulated.port)
 
 
-def test_without_the_makers_library(emulated, monkeypatch):
+def test_without_the_makers_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "dynamixel_sdk", None)
+    monkeypatch.delitem(sys.modules, "swim2real.deployment.bus")
     with pytest.raises(MissingExtraError, match=re.escape("pip install 'swim2real[deploy]'")):
-        Bus(emulated.port)
+        importlib.import_module("swim2real.deployment.bus")

@@ -13,12 +13,13 @@ from swim2real.cli.deployment_arguments import Deploy
 from swim2real.deployment.bus import Bus
 from swim2real.deployment.commands import XW540_T140, CommandTable, Limits, read_table
 from swim2real.deployment.control_table import MODEL, MotorError
-from swim2real.deployment.interruption import Interruption
 from swim2real.deployment.motor import Identity, Motor
-from swim2real.deployment.priority import undisturbed
-from swim2real.deployment.schedule import ON_TIME
-from swim2real.deployment.sending import Sent, log_file, send
+from swim2real.deployment.schedule import ON_TIME, real_time_priority
+from swim2real.deployment.sending import SendingResult, log_file, send
 from swim2real.errors import ArgumentError
+from swim2real.interruption import Interruption
+
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # SIGHUP: the connection to the fish is lost
 
 
 def deploy(a: Deploy) -> int:
@@ -31,46 +32,51 @@ def deploy(a: Deploy) -> int:
         XW540_T140.speed if a.max_speed is None else a.max_speed,
         XW540_T140.acceleration if a.max_acceleration is None else a.max_acceleration,
     )
-    table, notes = _prepared(a, limits)
-    say = _silent if a.quiet or a.json else print
-    say(
+    table, notes = _prepare(a, limits)
+    show = _print_nothing if a.quiet or a.json else print
+    show(
         f"{a.commands}: {len(table.times)} commands, {table.duration:.2f} s at 50 Hz; "
         f"fastest {table.speed:.2f} rad/s (limit {limits.speed:.2f}), "
         f"steepest {table.acceleration:.1f} rad/s² (limit {limits.acceleration:.0f})"
     )
     for note in notes:
-        say(note)
-    with Interruption() as interruption, log_file(a.log) as log, _port(a) as port, Bus(port, a.id, a.baud) as bus:
+        show(note)
+    with (
+        Interruption(_SIGNALS, raise_second=False) as interruption,
+        log_file(a.log) as log,
+        _port(a) as port,
+        Bus(port, a.id, a.baud) as bus,
+    ):
         with Motor(bus) as motor:
             identity = motor.identify()
-            say(_words(identity, a, port))
+            show(_describe(identity, a, port))
             if not interruption:
                 motor.start(table, limits)
-            with undisturbed() as real_time:
-                done = send(motor, bus, table, log, lambda: bool(interruption))
+            with real_time_priority() as real_time:
+                result = send(motor, bus, table, log, lambda: bool(interruption))
         name = interruption.name
     if a.json:
-        print(json.dumps(_content(done, identity, table, real_time, a), indent=2))
-    say(_report(done, real_time))
+        print(json.dumps(_as_dict(result, identity, table, real_time, a), indent=2))
+    show(_summary(result, real_time))
     if a.log:
-        say(f"Log: {a.log}")
-    if not done.complete:
-        at = f"after {done.seconds:.2f} s of {table.duration:.2f} s"
+        show(f"Log: {a.log}")
+    if not result.complete:
+        at = f"after {result.seconds:.2f} s of {table.duration:.2f} s"
         print(f"swim2real: {name or 'interruption'} {at}; the motor was stopped", file=sys.stderr)
-    return 0 if done.complete else 1
+    return 0 if result.complete else 1
 
 
-def _silent(*_: object) -> None:
+def _print_nothing(*_: object) -> None:
     pass
 
 
-def _prepared(a: Deploy, limits: Limits) -> tuple[CommandTable, list[str]]:
-    """The table as it will be sent, and what was changed."""
+def _prepare(a: Deploy, limits: Limits) -> tuple[CommandTable, list[str]]:
+    """The table as it will be sent, and notes on what was changed in it."""
     notes: list[str] = []
     table = read_table(a.commands).repeated(a.repeat)
     if a.clip:
         clipped = table.clipped(limits)
-        changed = sum(one != other for one, other in zip(table.velocities, clipped.velocities, strict=True))
+        changed = sum(before != after for before, after in zip(table.velocities, clipped.velocities, strict=True))
         notes.append(f"Clipping changed {changed} commands")
         table = clipped
     table.within(limits)
@@ -101,7 +107,7 @@ def _port(a: Deploy) -> Generator[str]:
                 stdin.close()  # which ends it
 
 
-def _words(identity: Identity, a: Deploy, port: str) -> str:
+def _describe(identity: Identity, a: Deploy, port: str) -> str:
     reverse = ", counts in reverse (Drive Mode)" if identity.reversed else ""
     return (
         f"{'Emulated motor' if a.dry_run else 'Motor'} {a.id} on {port}: {MODEL}, firmware {identity.firmware}, "
@@ -110,34 +116,36 @@ def _words(identity: Identity, a: Deploy, port: str) -> str:
     )
 
 
-def _report(done: Sent, real_time: bool) -> str:
-    p = done.punctuality
+def _summary(result: SendingResult, real_time: bool) -> str:
+    p = result.punctuality
     text = (
         f"Sent {p.sent} commands, skipped {p.skipped}: {100 * p.on_time_share:.2f} % within {1e3 * ON_TIME:.0f} ms "
         f"of their time, 99th percentile {1e3 * p.percentile_99:.2f} ms, worst {1e3 * p.worst:.2f} ms"
         f"{'' if real_time else ' (without real-time priority)'}; "
-        f"{done.unanswered} commands and {done.unread} readings unanswered"
+        f"{result.unanswered} commands and {result.unread} readings unanswered"
     )
-    if done.temperature is not None and done.voltage is not None:
-        text += f"; at most {done.temperature} °C, at least {done.voltage:.1f} V"
+    if result.temperature is not None and result.voltage is not None:
+        text += f"; at most {result.temperature} °C, at least {result.voltage:.1f} V"
     return text
 
 
-def _content(done: Sent, identity: Identity, table: CommandTable, real_time: bool, a: Deploy) -> dict[str, object]:
+def _as_dict(
+    result: SendingResult, identity: Identity, table: CommandTable, real_time: bool, a: Deploy
+) -> dict[str, object]:
     return {
-        "complete": done.complete,
-        "seconds": done.seconds,
+        "complete": result.complete,
+        "seconds": result.seconds,
         "commands": len(table.times),
-        "sent": done.punctuality.sent,
-        "skipped": done.punctuality.skipped,
-        "on_time_share": done.punctuality.on_time_share,
+        "sent": result.punctuality.sent,
+        "skipped": result.punctuality.skipped,
+        "on_time_share": result.punctuality.on_time_share,
         "lateness": {
-            "median": done.punctuality.median,
-            "percentile_99": done.punctuality.percentile_99,
-            "worst": done.punctuality.worst,
+            "median": result.punctuality.median,
+            "percentile_99": result.punctuality.percentile_99,
+            "worst": result.punctuality.worst,
         },
-        "unanswered": done.unanswered,
-        "unread": done.unread,
+        "unanswered": result.unanswered,
+        "unread": result.unread,
         "real_time_priority": real_time,
         "emulated": a.dry_run,
         "motor": asdict(identity),

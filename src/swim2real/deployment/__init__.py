@@ -1,7 +1,7 @@
 """Motor commands and the motor: a table of speeds at 50 Hz, sent to a Dynamixel on time.
 
-Only the standard library is imported, and the motor maker's library where a motor is spoken to: this room runs on the
-computer in the fish, without NumPy and MuJoCo.
+Everything here imports the standard library only, and `bus` the motor maker's library: this room runs on the computer
+in the fish, without NumPy and MuJoCo.
 """
 
 from swim2real.deployment.commands import (

@@ -1,19 +1,38 @@
-"""Reading and writing a motor's registers through the maker's library, with its errors as sentences."""
+"""Reading and writing a motor's registers through the maker's library, whose errors become sentences.
+
+The serial port is the maker's, changed so that commands keep the 50 Hz.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import time
+from collections.abc import Callable
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 from swim2real.deployment import control_table as ct
-from swim2real.deployment.control_table import MotorError, Register
+from swim2real.deployment.control_table import HardwareAlertError, MotorError, NoAnswerError, Register
 from swim2real.errors import ArgumentError, MissingExtraError
 
+try:
+    import dynamixel_sdk
+    from serial import SerialTimeoutException
+except ModuleNotFoundError as error:
+    raise MissingExtraError(
+        "the motor needs dynamixel-sdk; install it with: pip install 'swim2real[deploy]'"
+    ) from error
+
+Answer = TypeVar("Answer")
+
 USABLE_BAUDS = tuple(rate for rate in ct.BAUD_RATES.values() if 57_600 <= rate <= 4_000_000)
-_PINGS = 30  # about a second
-_TRIES = 10  # of what isn't bound to a time; a busy computer misses some answers
+WRITE_TIMEOUT = 0.1  # s
+_PING_ATTEMPTS = 30  # about a second
+_ATTEMPTS = 10  # at exchanges that aren't bound to a time; a busy computer misses some answers
+_READ_TIMEOUT = 0.001  # s that one look for bytes waits
+_LOW_LATENCY = 8.0  # ms that an answer may take beyond its bytes when the adapter passes bytes on at once
+_ADAPTER_LATENCY = 34.0  # ms when the adapter may gather bytes for 16 ms, as the library allows for
 
 _ERRORS = {
     ct.RESULT_FAIL: "it failed to do so",
@@ -26,46 +45,39 @@ _ERRORS = {
 }
 
 
-class NoAnswerError(MotorError):
-    """No answer came, or none that can be read. The next one may."""
-
-
-class HardwareAlertError(MotorError):
-    """The motor reports a hardware error with its answer."""
-
-
 class Bus:
     """One motor on a serial port. A context manager, which closes the port.
 
-    Raises:
-        MissingExtraError: The maker's library isn't installed.
-        ArgumentError: The baud rate can't be used.
-        MotorError: The port can't be opened.
+    Attributes:
+        name: Name of the port.
+        device: Id of the motor.
+        baud: Baud rate.
     """
 
     def __init__(self, port: str, device: int = 1, baud: int = 57_600) -> None:
+        """Opens the port.
+
+        Args:
+            port: Name of the port, such as /dev/ttyUSB0.
+            device: Id of the motor.
+            baud: Baud rate.
+
+        Raises:
+            ArgumentError: The id isn't allowed, or the baud rate can't be used.
+            MotorError: The port can't be opened.
+        """
         if baud not in USABLE_BAUDS:
             usable = ", ".join(map(str, USABLE_BAUDS))
             raise ArgumentError(f"{baud} baud can't be used for 50 commands a second; one of {usable} can")
         if not 0 <= device <= 252:
             raise ArgumentError(f"motor id {device} is not allowed; ids are 0 to 252")
-        try:
-            import dynamixel_sdk
-
-            from swim2real.deployment.port import Port
-        except ModuleNotFoundError as error:
-            raise MissingExtraError(
-                "the motor needs dynamixel-sdk; install it with: pip install 'swim2real[deploy]'"
-            ) from error
-        self._sdk: Any = dynamixel_sdk
         self.name, self.device, self.baud = port, device, baud
         self._packets: Any = dynamixel_sdk.PacketHandler(2.0)
-        self._port = Port(port, baud)
+        self._port = _Port(port, baud)
         try:
             self._port.open()
-        except self._lost() as error:
-            with contextlib.suppress(Exception):
-                self._port.closePort()
+        except _PORT_ERRORS as error:
+            self.close()
             raise MotorError(
                 f"serial port {port} can't be opened ({_reason(error)}); is the U2D2 plugged in, the name right "
                 f"(ls /dev/ttyUSB*), nobody else using it, and are you in the group dialout?"
@@ -86,35 +98,40 @@ class Bus:
 
     @property
     def written_at(self) -> float:
-        """When the last packet had been handed to the operating system [s of time.monotonic]."""
+        """Time at which the last packet had been handed to the operating system [s of time.monotonic]."""
         return self._port.written_at
 
     def ping(self) -> int:
         """The model number of the motor."""
 
-        def once() -> int:
-            number, result, error = self._talk("a ping", self._packets.ping, self.device)
+        def exchange() -> int:
+            number, result, error = self._call("a ping", self._packets.ping, self.device)
             self._check("a ping", result, error)
             return int(number)
 
-        return _several(once, _PINGS)
+        return _repeat(exchange, _PING_ATTEMPTS)
 
-    def read(self, register: Register, despite_alert: bool = False) -> int:
-        """A register's value."""
-        return self.read_block(register, register, despite_alert=despite_alert)[register]
+    def read(self, register: Register, ignore_alert: bool = False) -> int:
+        """The value of a register.
+
+        Args:
+            register: Register to read.
+            ignore_alert: Whether to read it although the motor reports a hardware error.
+        """
+        return self.read_block(register, register, ignore_alert=ignore_alert)[register]
 
     def read_block(
-        self, first: Register, last: Register, tries: int = _TRIES, despite_alert: bool = False
+        self, first: Register, last: Register, attempts: int = _ATTEMPTS, ignore_alert: bool = False
     ) -> dict[Register, int]:
-        """All registers from one to another, in one packet."""
+        """The values of all registers from `first` to `last`, in one packet."""
         size = last.address + last.size - first.address
         what = f"reading {first}"
 
-        def once() -> dict[Register, int]:
-            data, result, error = self._talk(what, self._packets.readTxRx, self.device, first.address, size)
-            self._check(what, result, error & ~ct.ALERT if despite_alert else error)
+        def exchange() -> dict[Register, int]:
+            data, result, error = self._call(what, self._packets.readTxRx, self.device, first.address, size)
+            self._check(what, result, error & ~ct.ALERT if ignore_alert else error)
             if len(data) != size:  # a late answer to another question
-                raise NoAnswerError(f"{self._who}: {what} got {len(data)} bytes instead of {size}")
+                raise NoAnswerError(f"{self._motor}: {what} got {len(data)} bytes instead of {size}")
             cells = bytes(data)
             return {
                 r: int.from_bytes(cells[r.address - first.address :][: r.size], "little", signed=r.signed)
@@ -122,77 +139,130 @@ class Bus:
                 if first.address <= r.address <= last.address
             }
 
-        return _several(once, tries)
+        return _repeat(exchange, attempts)
 
-    def write(self, register: Register, value: int, tries: int = _TRIES) -> None:
-        """Sets a register and waits for the motor's word that it is set."""
+    def write(self, register: Register, value: int, attempts: int = _ATTEMPTS) -> None:
+        """Sets a register and waits until the motor confirms it."""
         what = f"writing {value} to {register}"
         cells = list(value.to_bytes(register.size, "little", signed=register.signed))
 
-        def once() -> None:
-            result, error = self._talk(
+        def exchange() -> None:
+            result, error = self._call(
                 what, self._packets.writeTxRx, self.device, register.address, register.size, cells
             )
             self._check(what, result, error)
 
-        _several(once, tries)
+        _repeat(exchange, attempts)
 
     def write_unanswered(self, register: Register, value: int) -> None:
         """Sets a register of a motor that may not answer writes."""
         cells = list(value.to_bytes(register.size, "little", signed=register.signed))
         what = f"writing {value} to {register}"
-        self._talk(what, self._packets.writeTxOnly, self.device, register.address, register.size, cells)
+        self._call(what, self._packets.writeTxOnly, self.device, register.address, register.size, cells)
 
     @property
-    def _who(self) -> str:
+    def _motor(self) -> str:
         return f"motor {self.device} on {self.name}"
 
-    def _talk(self, what: str, call: Any, *details: Any) -> Any:
+    def _call(self, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Calls a function of the library, whose exceptions become sentences."""
         self._port.is_using = False  # an exchange that was cut short leaves it set
         try:
-            return call(self._port, *details)
-        except self._lost() as error:
+            return function(self._port, *arguments)
+        except _PORT_ERRORS as error:
             raise MotorError(
                 f"serial port {self.name} was lost while {what} ({_reason(error)}); "
                 f"is the cable still in? Without packets the motor's watchdog stops it"
             ) from error
         except IndexError:  # the library stumbles over some damaged answers
-            raise NoAnswerError(f"{self._who}: {what} got a damaged answer") from None
+            raise NoAnswerError(f"{self._motor}: {what} got a damaged answer") from None
 
     def _check(self, what: str, result: int, error: int) -> None:
-        if result == self._sdk.COMM_RX_CORRUPT:
-            raise NoAnswerError(f"{self._who}: {what} got a damaged answer; check cable, ground and baud rate")
-        if result != self._sdk.COMM_SUCCESS:
+        """Raises what the result of the library and the error of a status packet say."""
+        if result == dynamixel_sdk.COMM_RX_CORRUPT:
+            raise NoAnswerError(f"{self._motor}: {what} got a damaged answer; check cable, ground and baud rate")
+        if result != dynamixel_sdk.COMM_SUCCESS:
             raise NoAnswerError(
-                f"{self._who} didn't answer {what} at {self.baud} baud; "
+                f"{self._motor} didn't answer {what} at {self.baud} baud; "
                 f"check power, cable, id and baud rate (Dynamixel Wizard finds them)"
             )
         number = error & ~ct.ALERT
-        if number == ct.CRC_ERROR:  # it was damaged on the way there, so the next one may not be
-            raise NoAnswerError(f"{self._who} refused {what}: {_ERRORS[number]}")
+        if number == ct.CRC_ERROR:  # it was damaged on the way there, so the next exchange may succeed
+            raise NoAnswerError(f"{self._motor} refused {what}: {_ERRORS[number]}")
         if number:
-            raise MotorError(f"{self._who} refused {what}: {_ERRORS.get(number, f'unknown error {number}')}")
+            raise MotorError(f"{self._motor} refused {what}: {_ERRORS.get(number, f'unknown error {number}')}")
         if error & ct.ALERT:
-            raise HardwareAlertError(f"{self._who} reports a hardware error")
+            raise HardwareAlertError(f"{self._motor} reports a hardware error")
 
-    def _lost(self) -> tuple[type[BaseException], ...]:
-        """What is raised when a port goes away: pyserial's are OSErrors, termios has its own."""
+
+class _Port(dynamixel_sdk.PortHandler):  # pyright: ignore[reportUntypedBaseClass]
+    """The library's port, but it waits in the operating system instead of spinning, and no longer than needed.
+
+    Its clock is one that nobody sets.
+
+    Attributes:
+        written_at: Time at which the last packet had been handed to the operating system [s of time.monotonic].
+    """
+
+    def __init__(self, name: str, baud: int) -> None:
+        super().__init__(name)
+        self.baudrate = baud
+        self.written_at = 0.0
+        self._latency = _ADAPTER_LATENCY
+
+    def open(self) -> None:
+        """Opens the port for this program alone, and asks the adapter to pass bytes on at once."""
+        self.setBaudRate(self.baudrate)
+        line: Any = self.ser
+        line.exclusive = True
+        line.timeout = _READ_TIMEOUT
+        line.write_timeout = WRITE_TIMEOUT
+        with contextlib.suppress(ValueError, NotImplementedError, OSError):  # a pseudo-terminal has no such mode
+            line.set_low_latency_mode(True)
+            self._latency = _LOW_LATENCY
+
+    def writePort(self, packet: list[int]) -> int:  # noqa: N802 - the library's name
+        """Sends a packet and returns how many bytes were sent.
+
+        They are 0 when time ran out: the line is full, or the program was halted.
+        """
         try:
-            import termios
-        except ModuleNotFoundError:  # Windows
-            return (OSError,)
-        return (OSError, termios.error)
+            written = int(super().writePort(packet) or 0)
+        except SerialTimeoutException:
+            written = 0
+        self.written_at = time.monotonic()
+        return written
+
+    def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
+        """Starts to wait for an answer of this many bytes."""
+        self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + self._latency)
+
+    def getCurrentTime(self) -> float:  # noqa: N802
+        """Milliseconds of a clock that only goes forward."""
+        return 1e3 * time.monotonic()
 
 
-def _several(action: Any, tries: int = _TRIES) -> Any:
-    """What it gives, at the latest of so many tries; only a missing answer is tried again."""
-    for left in reversed(range(tries)):
+def _port_errors() -> tuple[type[BaseException], ...]:
+    """What is raised when a port goes away: pyserial's errors are OSErrors, termios has its own."""
+    try:
+        import termios
+    except ModuleNotFoundError:  # Windows
+        return (OSError,)
+    return (OSError, termios.error)
+
+
+_PORT_ERRORS = _port_errors()
+
+
+def _repeat(exchange: Callable[[], Answer], attempts: int) -> Answer:
+    """The result of an exchange; only a missing answer leads to another attempt."""
+    for left in reversed(range(attempts)):
         try:
-            return action()
+            return exchange()
         except NoAnswerError:
             if not left:
                 raise
-    raise ValueError(f"{tries} tries")
+    raise ValueError(f"{attempts} attempts")
 
 
 def _reason(error: BaseException) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from swim2real.deployment.control_table import VELOCITY_LIMIT, VELOCITY_UNIT
 from swim2real.errors import ArgumentError
+from swim2real.store import write_text
 
 RATE = 50  # Hz
 HEADER = ("time_s", "velocity_rad_s")
@@ -19,7 +20,12 @@ _ROUNDING = 1e-9  # rad/s
 
 @dataclass(frozen=True)
 class Limits:
-    """What a motor is asked for at most: speed [rad/s] and acceleration [rad/s²]."""
+    """Limits of the commands.
+
+    Attributes:
+        speed: Greatest speed, either way [rad/s].
+        acceleration: Greatest change of the speed [rad/s²].
+    """
 
     speed: float
     acceleration: float
@@ -43,7 +49,9 @@ of Profile Acceleration (108), to 12,271 rad/s², which no load follows.
 class CommandTable:
     """Motor speeds at 50 Hz. The speed of row k holds from its time to that of the next row.
 
-    `times` are k/50 s from 0 on; `velocities` [rad/s], positive as the motor counts.
+    Attributes:
+        times: Times k/50 from 0 on [s].
+        velocities: Speeds, positive as the motor counts [rad/s].
     """
 
     times: tuple[float, ...]
@@ -60,27 +68,27 @@ class CommandTable:
 
     @staticmethod
     def of(velocities: Iterable[float]) -> CommandTable:
-        """The table of these speeds, from time 0 on."""
+        """The table of these speeds [rad/s], from time 0 on."""
         speeds = tuple(float(v) for v in velocities)
         return CommandTable(tuple(k / RATE for k in range(len(speeds))), speeds)
 
     @property
     def duration(self) -> float:
-        """How long the commands hold [s], the last one included."""
+        """Length of the table [s], the last command included."""
         return len(self.times) / RATE
 
     @property
     def speed(self) -> float:
-        """The greatest speed [rad/s], whichever way."""
+        """Greatest speed, either way [rad/s]."""
         return max(map(abs, self.velocities))
 
     @property
     def acceleration(self) -> float:
-        """The greatest change from one row to the next [rad/s²]. From and to rest is the ramps' part."""
+        """Greatest change from one row to the next [rad/s²], without those from and to rest."""
         return max((abs(b - a) * RATE for a, b in zip(self.velocities, self.velocities[1:], strict=False)), default=0.0)
 
     def within(self, limits: Limits) -> CommandTable:
-        """The table itself.
+        """Checks the table and returns it.
 
         Raises:
             ArgumentError: A row asks for more than the limits; the message names the first one.
@@ -117,7 +125,7 @@ class CommandTable:
         return CommandTable.of((*start, *self.velocities, *end))
 
     def repeated(self, times: int) -> CommandTable:
-        """The commands several times over."""
+        """The commands several times, one after the other."""
         if times < 1:
             raise ArgumentError(f"a table can't be repeated {times} times; it must be 1 or more")
         return CommandTable.of(self.velocities * times)
@@ -165,18 +173,16 @@ def write_table(path: str | Path, times: Sequence[float], velocities: Sequence[f
         ArgumentError: They don't make a table, or the file can't be written.
     """
     table = CommandTable(tuple(float(t) for t in times), tuple(float(v) for v in velocities))
+    lines = [",".join(HEADER), *(f"{k / RATE:.2f},{velocity!r}" for k, velocity in enumerate(table.velocities))]
     try:
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
-            file.write(",".join(HEADER) + "\n")
-            for k, velocity in enumerate(table.velocities):
-                file.write(f"{k / RATE:.2f},{velocity!r}\n")
+        write_text(path, "\n".join(lines) + "\n")
     except OSError as error:
         raise ArgumentError(f"command table '{path}' can't be written: {error.strerror or error}") from error
     return table
 
 
 def _problem(k: int, time: float, velocity: float) -> tuple[str, str] | None:
-    """The column and what is wrong in it."""
+    """The column of row k that is wrong, and what is wrong in it; None where nothing is."""
     if not abs(time - k / RATE) <= _TIME_TOLERANCE:
         return HEADER[0], f"the time is {time:g} s; it must be {k / RATE:g}, since rows are 0.02 s apart from 0 on"
     if not math.isfinite(velocity):

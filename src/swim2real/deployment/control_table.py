@@ -1,4 +1,4 @@
-"""The control table of a Dynamixel XW540-T140-R: addresses, units, error bits.
+"""The control table of a Dynamixel XW540-T140-R: addresses, units, error bits, and the errors that are raised.
 
 Source: ROBOTIS e-Manual, XW540-T140 (emanual.robotis.com/docs/en/dxl/x/xw540-t140) and Protocol 2.0
 (emanual.robotis.com/docs/en/dxl/protocol2).
@@ -45,9 +45,27 @@ class MotorError(Swim2RealError):
     """The motor can't be reached, refuses a command or reports an error."""
 
 
+class NoAnswerError(MotorError):
+    """No answer came, or none that can be read. The next exchange may succeed."""
+
+
+class HardwareAlertError(MotorError):
+    """The motor reports a hardware error with its answer."""
+
+
 @dataclass(frozen=True)
 class Register:
-    """One entry of the control table. Values are unsigned unless their lowest is below 0."""
+    """One entry of the control table. Values are unsigned unless `low` is below 0.
+
+    Attributes:
+        name: Name in the manual.
+        address: First byte.
+        size: Number of bytes.
+        low: Lowest value that can be written; None for any.
+        high: Highest value that can be written; None for any.
+        writable: Whether it can be written at all.
+        default: Value of a motor as it is sold.
+    """
 
     name: str
     address: int
@@ -63,7 +81,7 @@ class Register:
 
     @property
     def in_eeprom(self) -> bool:
-        """Kept without power, and locked while torque is on."""
+        """Whether it is kept without power, and locked while torque is on."""
         return self.address < TORQUE_ENABLE.address
 
     def __str__(self) -> str:
@@ -106,7 +124,7 @@ REGISTERS = (
 
 
 def hardware_errors(status: int) -> str:
-    """What the bits of the hardware error status say."""
+    """The meaning of the bits of the hardware error status, in words."""
     known = [text for bit, text in HARDWARE_ERRORS.items() if status & bit]
     unknown = status & ~sum(HARDWARE_ERRORS)
     return ", ".join([*known, *([f"unknown bits 0x{unknown:02x}"] if unknown else [])]) or "none"

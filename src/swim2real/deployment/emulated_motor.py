@@ -1,8 +1,11 @@
-"""An emulated Dynamixel XW540-T140-R: its control table, the rules of writing to it, and how it turns.
+"""An emulated Dynamixel XW540-T140-R: its packets, its control table, the rules of writing to it, and how it turns.
 
-What it leaves out: position, current and PWM modes (they are accepted, but nothing turns), indirect addresses, reg
-write, action, sync and bulk packets (answered with an instruction error), load. It accelerates as fast as it is told,
-but no faster than `STEEPEST`, and reaches no speed beyond the data sheet's no load speed at 12 V.
+The packets are those of Dynamixel's protocol 2.0, with byte stuffing and CRC-16 (ROBOTIS e-Manual, Protocol 2.0 and CRC
+calculation). The program itself speaks through the maker's library, so each side checks the other.
+
+Not emulated: position, current and PWM modes (they are accepted, but nothing turns), indirect addresses, reg write,
+action, sync and bulk packets (answered with an instruction error), load. The motor accelerates as its profile says, but
+no faster than `STEEPEST`, and reaches no speed beyond the data sheet's no load speed at 12 V.
 """
 
 from __future__ import annotations
@@ -10,11 +13,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.control_table import Register
-from swim2real.deployment.packets import PING, READ, REBOOT, STATUS, WRITE, Packet, build
 
+HEADER = b"\xff\xff\xfd\x00"
+PING, READ, WRITE, REBOOT, STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
+_LONGEST = 1024  # bytes after the header's length field; longer ones are noise
 STEEPEST = 300.0  # rad/s², what it can do at most
 COASTING = 60.0  # rad/s², how it slows down without torque
 NO_LOAD_SPEED = 72 * 2 * math.pi / 60  # rad/s at 12.0 V, e-Manual
@@ -22,12 +28,90 @@ _SIZE = 662  # bytes of the control table
 _GOALS = range(100, 120)  # read-only once the watchdog has tripped
 
 
+@dataclass(frozen=True)
+class Packet:
+    """An instruction as it was received.
+
+    Attributes:
+        id: Id of the motor that it is for.
+        instruction: One of `PING`, `READ`, `WRITE`, `REBOOT`, `STATUS`, or one that isn't emulated.
+        parameters: Its content without byte stuffing.
+        intact: Whether its CRC was right.
+    """
+
+    id: int
+    instruction: int
+    parameters: bytes
+    intact: bool = True
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/BUYPASS: polynomial 0x8005, start 0, no reflection."""
+    crc = 0
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1) ^ 0x8005 if crc & 0x8000 else crc << 1
+        crc &= 0xFFFF
+    return crc
+
+
+def build_packet(device: int, instruction: int, parameters: bytes = b"") -> bytes:
+    """The bytes of a packet. A status packet's first parameter is its error."""
+    body = bytes([instruction]) + parameters
+    stuffed = body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
+    packet = HEADER + bytes([device]) + (len(stuffed) + 2).to_bytes(2, "little") + stuffed
+    return packet + crc16(packet).to_bytes(2, "little")
+
+
+class PacketParser:
+    """Finds packets in a stream of bytes that arrives in pieces; other bytes are skipped."""
+
+    def __init__(self) -> None:
+        self._waiting = bytearray()
+
+    def feed(self, data: bytes) -> list[Packet]:
+        """Adds bytes and returns the packets that are complete now."""
+        self._waiting += data
+        packets: list[Packet] = []
+        while True:
+            start = self._waiting.find(HEADER)
+            if start < 0:
+                del self._waiting[: max(0, len(self._waiting) - len(HEADER) + 1)]
+                return packets
+            del self._waiting[:start]
+            if len(self._waiting) < 7:
+                return packets
+            length = int.from_bytes(self._waiting[5:7], "little")
+            if not 3 <= length <= _LONGEST:
+                del self._waiting[:1]
+                continue
+            if len(self._waiting) < 7 + length:
+                return packets
+            whole = bytes(self._waiting[: 7 + length])
+            del self._waiting[: 7 + length]
+            body = whole[7:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+            intact = crc16(whole[:-2]) == int.from_bytes(whole[-2:], "little")
+            packets.append(Packet(whole[4], body[0], body[1:], intact))
+
+
 class EmulatedMotor:
-    """Answers packets as the motor would, and turns. `clock` gives seconds."""
+    """Answers packets as the motor would, and turns.
+
+    Attributes:
+        temperature: Present temperature [°C].
+    """
 
     def __init__(
         self, device: int = 1, model_number: int = ct.MODEL_NUMBER, clock: Callable[[], float] = time.monotonic
     ) -> None:
+        """Makes a motor as it is sold.
+
+        Args:
+            device: Id of the motor.
+            model_number: Number that it answers a ping with.
+            clock: Returns the time [s].
+        """
         self._table = bytearray(_SIZE)
         self._clock = clock
         self._now = clock()
@@ -41,24 +125,24 @@ class EmulatedMotor:
         self._set(ct.MODEL_REGISTER, model_number)
 
     def get(self, register: Register) -> int:
-        """What a register holds now; reading it this way isn't a packet."""
+        """The value of a register now; reading it this way doesn't count as a packet."""
         self._advance()
         return self._get(register)
 
     def set(self, register: Register, value: int) -> None:
-        """Sets a register, past all rules: how the motor was left by somebody else."""
+        """Sets a register without any check, as somebody else may have left it."""
         self._advance()
         self._set(register, value)
 
     @property
     def velocity(self) -> float:
-        """How fast it turns now [rad/s]."""
+        """Present speed [rad/s]."""
         self._advance()
         return self._speed
 
     @property
     def angle(self) -> float:
-        """How far it has turned [rad]."""
+        """Angle that it has turned through [rad]."""
         self._advance()
         return self._angle
 
@@ -67,19 +151,19 @@ class EmulatedMotor:
         return self.get(ct.BUS_WATCHDOG) == ct.WATCHDOG_TRIPPED
 
     def answer(self, packet: Packet) -> bytes | None:
-        """The bytes of the status packet; None where the motor keeps silent."""
+        """The bytes of the status packet; None where the motor doesn't answer."""
         if packet.id != self._get(ct.ID):
             return None
         self._advance()
         self._last_packet = self._now
-        error, data = self._act(packet)
+        error, data = self._execute(packet)
         if not self._answers(packet.instruction):
             return None
         if self._get(ct.HARDWARE_ERROR):
             error |= ct.ALERT
-        return build(packet.id, STATUS, bytes([error]) + data)
+        return build_packet(packet.id, STATUS, bytes([error]) + data)
 
-    def _act(self, packet: Packet) -> tuple[int, bytes]:
+    def _execute(self, packet: Packet) -> tuple[int, bytes]:
         if not packet.intact:
             return ct.CRC_ERROR, b""
         if packet.instruction == PING:
@@ -118,7 +202,7 @@ class EmulatedMotor:
             if len(data) < register.size:
                 return ct.LENGTH_ERROR
             value = int.from_bytes(data[: register.size], "little", signed=register.signed)
-            if error := self._refusal(register, value):
+            if error := self._write_error(register, value):
                 return error
             changes.append((register, value))
             address, data = address + register.size, data[register.size :]
@@ -126,7 +210,7 @@ class EmulatedMotor:
             self._apply(register, value)
         return 0
 
-    def _refusal(self, register: Register, value: int) -> int:
+    def _write_error(self, register: Register, value: int) -> int:
         if register.in_eeprom and self._get(ct.TORQUE_ENABLE):
             return ct.ACCESS_ERROR
         if register.address in _GOALS and self._get(ct.BUS_WATCHDOG) == ct.WATCHDOG_TRIPPED:
@@ -151,7 +235,7 @@ class EmulatedMotor:
                 self._set(register, register.default)
 
     def _advance(self) -> None:
-        """Lets it turn until now; the watchdog may trip on the way."""
+        """Turns the motor until now; the watchdog may trip on the way."""
         until = self._clock()
         period = self._get(ct.BUS_WATCHDOG)
         if self._get(ct.TORQUE_ENABLE) and 0 < period < ct.WATCHDOG_TRIPPED:

@@ -1,4 +1,4 @@
-"""The fish's motor: checked, switched to velocity mode, told speeds, read back, and always stopped."""
+"""The fish's motor: checked, switched to velocity mode, sent speeds, read back, and always stopped."""
 
 from __future__ import annotations
 
@@ -8,33 +8,52 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from swim2real.deployment import control_table as ct
-from swim2real.deployment.bus import Bus, HardwareAlertError, NoAnswerError
 from swim2real.deployment.commands import CommandTable, Limits
-from swim2real.deployment.control_table import MotorError
+from swim2real.deployment.control_table import HardwareAlertError, MotorError, NoAnswerError
+
+if TYPE_CHECKING:
+    from swim2real.deployment.bus import Bus  # needs the maker's library
 
 WATCHDOG = 0.2  # s without a packet after which the motor stops by itself
 _STOPPED = 0.05  # rad/s, about two units
-_SLOW_DOWN = 1.0  # s that it is given to stop before its torque goes
+_SLOW_DOWN = 1.0  # s that the motor is given to stop before its torque is switched off
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Identity:
-    """What the motor said of itself before it was started."""
+    """What the motor reports of itself before it is started.
+
+    Attributes:
+        firmware: Version of its firmware.
+        velocity_limit: Its own limit of the speed [rad/s].
+        voltage: Input voltage [V].
+        temperature: Present temperature [°C].
+        temperature_limit: Temperature at which it switches off [°C].
+        reversed: Whether it counts angles in reverse.
+    """
 
     firmware: int
-    velocity_limit: float  # rad/s
-    voltage: float  # V
-    temperature: int  # °C
-    temperature_limit: int  # °C
+    velocity_limit: float
+    voltage: float
+    temperature: int
+    temperature_limit: int
     reversed: bool
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What was read back: speed [rad/s], angle [rad], and now and then voltage [V] and temperature [°C]."""
+    """What was read back.
+
+    Attributes:
+        velocity: Speed [rad/s].
+        position: Angle [rad].
+        voltage: Input voltage [V]; None in a short reading.
+        temperature: Temperature [°C]; None in a short reading.
+    """
 
     velocity: float
     position: float
@@ -49,9 +68,15 @@ class Motor:
     """
 
     def __init__(self, bus: Bus, watchdog: float = WATCHDOG) -> None:
+        """Takes the bus.
+
+        Args:
+            bus: Bus that the motor is on.
+            watchdog: Time without a packet after which the motor stops by itself [s].
+        """
         self._bus = bus
         self._watchdog = max(1, min(127, math.ceil(watchdog / ct.WATCHDOG_UNIT - 1e-9)))
-        self._ours = False  # until it is known to be the right model, nothing is written to it
+        self._identified = False  # until it is known to be the right model, nothing is written to it
 
     def __enter__(self) -> Motor:
         return self
@@ -66,10 +91,10 @@ class Motor:
             _log.warning("%s", problems)
 
     def identify(self) -> Identity:
-        """Checks that it is the right motor and fit to turn; its torque goes off.
+        """Checks that the motor is the right model and fit to turn, and switches its torque off.
 
         Raises:
-            MotorError: It doesn't answer, is another model, or has a hardware error.
+            MotorError: The motor doesn't answer, is another model, or has a hardware error.
         """
         bus = self._bus
         try:
@@ -79,8 +104,8 @@ class Motor:
                     f"motor {bus.device} on {bus.name} has model number {model}, not {ct.MODEL_NUMBER} "
                     f"({ct.MODEL}); its limits are others: nothing was sent to it"
                 )
-            self._ours = True
-            self._make_it_answer()
+            self._identified = True
+            self._enable_answers()
             bus.write(ct.TORQUE_ENABLE, 0)
             bus.write(ct.BUS_WATCHDOG, 0)
             settings = bus.read_block(ct.MODEL_REGISTER, ct.SHUTDOWN)
@@ -102,7 +127,7 @@ class Motor:
         )
 
     def start(self, table: CommandTable, limits: Limits) -> None:
-        """Velocity mode, goal 0, acceleration no steeper than the limit, watchdog on, torque on.
+        """Sets velocity mode, goal 0, an acceleration within the limit and the watchdog, and switches the torque on.
 
         Raises:
             MotorError: The table asks for more than the motor's own limit, or the motor refuses.
@@ -127,7 +152,7 @@ class Motor:
             raise self._alert() from error
 
     def command(self, velocity: float) -> float:
-        """Sends a speed [rad/s] once; gives it as the motor counts it, in steps of 0.024 rad/s.
+        """Sends a speed [rad/s] once and returns it as the motor counts it, in steps of 0.024 rad/s.
 
         Raises:
             NoAnswerError: No answer came.
@@ -135,7 +160,7 @@ class Motor:
         """
         units = to_units(velocity)
         try:
-            self._bus.write(ct.GOAL_VELOCITY, units, tries=1)
+            self._bus.write(ct.GOAL_VELOCITY, units, attempts=1)
         except HardwareAlertError as error:
             raise self._alert() from error
         except NoAnswerError:
@@ -150,7 +175,7 @@ class Motor:
         return units * ct.VELOCITY_UNIT
 
     def read(self, whole: bool = False) -> Reading:
-        """What it does; with voltage and temperature where `whole`. One try.
+        """Reads speed and angle in one attempt, and voltage and temperature too where `whole` is set.
 
         Raises:
             NoAnswerError: No answer came.
@@ -158,36 +183,40 @@ class Motor:
         """
         last = ct.PRESENT_TEMPERATURE if whole else ct.PRESENT_POSITION
         try:
-            found = self._bus.read_block(ct.PRESENT_VELOCITY, last, tries=1)
+            values = self._bus.read_block(ct.PRESENT_VELOCITY, last, attempts=1)
         except HardwareAlertError as error:
             raise self._alert() from error
         return Reading(
-            velocity=found[ct.PRESENT_VELOCITY] * ct.VELOCITY_UNIT,
-            position=found[ct.PRESENT_POSITION] * ct.POSITION_UNIT,
-            voltage=found[ct.PRESENT_VOLTAGE] * ct.VOLTAGE_UNIT if whole else None,
-            temperature=found[ct.PRESENT_TEMPERATURE] if whole else None,
+            velocity=values[ct.PRESENT_VELOCITY] * ct.VELOCITY_UNIT,
+            position=values[ct.PRESENT_POSITION] * ct.POSITION_UNIT,
+            voltage=values[ct.PRESENT_VOLTAGE] * ct.VOLTAGE_UNIT if whole else None,
+            temperature=values[ct.PRESENT_TEMPERATURE] if whole else None,
         )
 
     def stop(self) -> str:
-        """Goal 0, torque off, watchdog off; each is tried even where the one before failed. Gives what failed.
+        """Sets goal 0 and switches torque and watchdog off, each even where the step before failed.
 
-        The watchdog stays on where the torque may be: then it is what stops the motor.
+        The watchdog stays on where the torque may still be on: then the watchdog is what stops the motor.
+
+        Returns:
+            What failed, as a sentence; empty where nothing did.
         """
-        if not self._ours:
+        if not self._identified:
             return ""
-        self._tried(lambda: self._bus.write(ct.GOAL_VELOCITY, 0))  # refused where the watchdog has stopped it already
-        self._tried(self._slow_down)
-        failed = self._tried(lambda: self._bus.write(ct.TORQUE_ENABLE, 0))
-        failed = failed or self._tried(lambda: self._bus.write(ct.BUS_WATCHDOG, 0))
+        self._attempt(lambda: self._bus.write(ct.GOAL_VELOCITY, 0))  # refused where the watchdog has stopped it already
+        self._attempt(self._slow_down)
+        failed = self._attempt(lambda: self._bus.write(ct.TORQUE_ENABLE, 0))
+        failed = failed or self._attempt(lambda: self._bus.write(ct.BUS_WATCHDOG, 0))
         return f"stopping the motor failed: {failed}; cut its power if it still turns" if failed else ""
 
     @staticmethod
-    def _tried(step: Callable[[], None]) -> str:
+    def _attempt(step: Callable[[], None]) -> str:
+        """Makes a step, at most twice, and returns why it failed; empty where it didn't."""
         problem = ""
         for _ in range(2):  # the first answer may be a late one to something else
             try:
                 step()
-            except HardwareAlertError:  # it did what it was told, and has said so
+            except HardwareAlertError:  # the step was made; the alert comes with its answer
                 return ""
             except MotorError as error:
                 problem = str(error)
@@ -198,12 +227,12 @@ class Motor:
     def _slow_down(self) -> None:
         until = time.monotonic() + _SLOW_DOWN
         while time.monotonic() < until:
-            if abs(self._bus.read(ct.PRESENT_VELOCITY, despite_alert=True)) * ct.VELOCITY_UNIT < _STOPPED:
+            if abs(self._bus.read(ct.PRESENT_VELOCITY, ignore_alert=True)) * ct.VELOCITY_UNIT < _STOPPED:
                 return
             time.sleep(0.01)
 
-    def _make_it_answer(self) -> None:
-        """A motor can be set to answer reads only, or pings only."""
+    def _enable_answers(self) -> None:
+        """Makes a motor answer that was set to answer reads only, or pings only."""
         try:
             answers = self._bus.read(ct.STATUS_RETURN_LEVEL) == 2
         except NoAnswerError:
@@ -213,8 +242,9 @@ class Motor:
             time.sleep(0.05)
 
     def _alert(self) -> MotorError:
+        """The hardware error that the motor reports, as an exception."""
         try:
-            status = self._bus.read(ct.HARDWARE_ERROR, despite_alert=True)
+            status = self._bus.read(ct.HARDWARE_ERROR, ignore_alert=True)
         except MotorError as error:
             return MotorError(f"the motor reports a hardware error, and doesn't say which: {error}")
         return MotorError(

@@ -1,23 +1,36 @@
-"""An absolute schedule: command k is due k/50 s after the start, whatever happened to the ones before."""
+"""An absolute schedule: command k is due k/50 s after the start, whatever happened to the ones before.
+
+Also real-time priority, which keeps the schedule on a busy machine.
+"""
 
 from __future__ import annotations
 
+import gc
 import math
+import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from swim2real.deployment.commands import RATE
 
 ON_TIME = 0.002  # s
 _SPIN = 0.0005  # s before a deadline from which on the clock is watched; a sleep may end this late
+_PRIORITY = 10  # of 99 for real-time tasks
 
 
 @dataclass(frozen=True)
 class Punctuality:
-    """How punctual commands were. Times in seconds; `skipped` were so late that the next one was sent instead.
+    """How punctual commands were; all figures are 0 where nothing was sent.
 
-    All are 0 where nothing was sent.
+    Attributes:
+        sent: Commands that were sent.
+        skipped: Commands that were so late that the next one was sent instead.
+        on_time_share: Share of all commands that were sent within `ON_TIME` of their time.
+        median: Median lateness [s].
+        percentile_99: 99th percentile of the lateness [s].
+        worst: Greatest lateness [s].
     """
 
     sent: int
@@ -29,7 +42,7 @@ class Punctuality:
 
     @staticmethod
     def of(lateness: Sequence[float], skipped: int = 0) -> Punctuality:
-        """From the lateness of each command that was sent [s]. Skipped ones count as not on time."""
+        """Figures of the lateness of each command that was sent [s]. Skipped commands count as not on time."""
         ordered = sorted(lateness)
         due = len(ordered) + skipped
 
@@ -39,7 +52,7 @@ class Punctuality:
         return Punctuality(
             sent=len(ordered),
             skipped=skipped,
-            on_time_share=sum(one <= ON_TIME for one in ordered) / due if due else 0.0,
+            on_time_share=sum(late <= ON_TIME for late in ordered) / due if due else 0.0,
             median=quantile(0.5),
             percentile_99=quantile(0.99),
             worst=ordered[-1] if ordered else 0.0,
@@ -47,10 +60,14 @@ class Punctuality:
 
 
 class Schedule:
-    """Waits for one deadline after the other. `start` is the time of command 0 [s of the clock].
+    """Waits for one deadline after the other.
 
     A deadline that passed more than half a period ago is skipped, and commands are never sent closer together than
     half a period: late ones don't bunch up.
+
+    Attributes:
+        start: Time of command 0 [s of the clock].
+        skipped: Number of commands skipped so far.
     """
 
     def __init__(
@@ -76,12 +93,12 @@ class Schedule:
         return self.due(k) - self._clock()
 
     def sent(self, k: int, at: float) -> float:
-        """Notes when command k was sent [s of the clock]; gives how late that was [s]."""
+        """Notes when command k was sent [s of the clock] and returns how late that was [s]."""
         self._last = at
         return at - self.due(k)
 
     def ticks(self, count: int, stop: Callable[[], bool] = lambda: False) -> Iterator[int]:
-        """The numbers of the commands, each when it is due; fewer when `stop` says so."""
+        """Yields the number of each command when it is due, until `count` are reached or `stop` returns true."""
         k = 0
         while k < count:
             while k + 1 < count and self.left(k) < -self._half:  # the last one is sent, however late
@@ -99,3 +116,29 @@ class Schedule:
             self._sleep(left - _SPIN)
         while self._clock() < then:
             pass
+
+
+@contextmanager
+def real_time_priority() -> Generator[bool]:
+    """Takes real-time priority where the system allows it, and switches garbage collection off.
+
+    Linux allows it to root and with CAP_SYS_NICE. Threads that are started within the context have it too.
+
+    Yields:
+        Whether the priority was given.
+    """
+    before: tuple[int, os.sched_param] | None = None
+    try:
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    except (OSError, AttributeError):  # not allowed, or not Linux
+        before = None
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield before is not None
+    finally:
+        if collecting:
+            gc.enable()
+        if before:
+            os.sched_setscheduler(0, *before)

@@ -1,4 +1,4 @@
-"""Sends a table to a started motor on schedule, reads back and keeps a log."""
+"""Sends a table of commands to a started motor on schedule, reads back what it does, and keeps a log."""
 
 from __future__ import annotations
 
@@ -6,28 +6,40 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
-from swim2real.deployment.bus import Bus, NoAnswerError
 from swim2real.deployment.commands import RATE, CommandTable
-from swim2real.deployment.control_table import MotorError
+from swim2real.deployment.control_table import MotorError, NoAnswerError
 from swim2real.deployment.motor import Motor, Reading
 from swim2real.deployment.schedule import Punctuality, Schedule
 from swim2real.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from swim2real.deployment.bus import Bus  # needs the maker's library
 
 LOG_HEADER = (
     "due_s", "sent_s", "command_rad_s", "answered", "read_s", "velocity_rad_s", "position_rad", "voltage_v",
     "temperature_c",
 )  # fmt: skip
-_LOST_IN_A_ROW = 10  # commands without an answer before they are given up; the watchdog is as quick
-_WHOLE_EVERY = RATE // 2  # readings, one of which has voltage and temperature
+_MOST_UNANSWERED = 10  # commands in a row without an answer before sending ends; the watchdog is as quick
+_WHOLE_EVERY = RATE // 2  # readings; the first of them has voltage and temperature
 _READING_BYTES = 14 + 11 + 19  # the question, and the longest answer
 _READING_EXTRA = 0.004  # s: the adapter, the motor's return delay
 
 
 @dataclass(frozen=True)
-class Sent:
-    """What became of a table: punctuality, answers that didn't come, highest temperature [°C], lowest voltage [V]."""
+class SendingResult:
+    """How the commands of a table were sent.
+
+    Attributes:
+        punctuality: Lateness of the commands.
+        unanswered: Commands that the motor didn't answer.
+        unread: Readings that the motor didn't answer.
+        seconds: Time of the table that was sent [s].
+        complete: Whether all of the table was sent.
+        temperature: Highest temperature [°C]; None without a reading of it.
+        voltage: Lowest voltage [V]; None without a reading of it.
+    """
 
     punctuality: Punctuality
     unanswered: int
@@ -41,8 +53,15 @@ class Sent:
 def send(
     motor: Motor, bus: Bus, table: CommandTable,
     log: TextIO | None = None, stop: Callable[[], bool] = lambda: False,
-) -> Sent:  # fmt: skip
+) -> SendingResult:  # fmt: skip
     """Sends each command when it is due. The motor must have been started.
+
+    Args:
+        motor: Motor that turns.
+        bus: Bus that it is on.
+        table: Commands.
+        log: File that gets a line a command, as `LOG_HEADER` says.
+        stop: Called before every command; sending ends when it returns true.
 
     Raises:
         MotorError: The motor refused, failed, or didn't answer ten commands in a row.
@@ -65,7 +84,7 @@ def send(
             answered = False
             unanswered += 1
             in_a_row += 1
-            if in_a_row == _LOST_IN_A_ROW:
+            if in_a_row == _MOST_UNANSWERED:
                 raise MotorError(f"{in_a_row} commands in a row without an answer: {error}") from error
         lateness.append(schedule.sent(k, bus.written_at))
         sent_at = bus.written_at - schedule.start
@@ -80,11 +99,11 @@ def send(
             temperatures.append(reading.temperature)
             voltages.append(reading.voltage)
         if log:
-            log.write(_line(k, sent_at, wanted, answered, bus.written_at - schedule.start, reading))
+            log.write(_log_line(k, sent_at, wanted, answered, bus.written_at - schedule.start, reading))
     complete = last == len(table.velocities) - 1
     if complete:
         schedule.wait_until(schedule.due(last + 1))  # the last command holds as long as the others
-    return Sent(
+    return SendingResult(
         Punctuality.of(lateness, schedule.skipped), unanswered, unread, (last + 1) / RATE, complete,
         max(temperatures, default=None), min(voltages, default=None),
     )  # fmt: skip
@@ -92,7 +111,7 @@ def send(
 
 @contextmanager
 def log_file(path: Path | None) -> Generator[TextIO | None]:
-    """A log that is written line by line, so that it is there whatever happens; None without a path."""
+    """Opens a log that is written line by line, so that it is complete whatever happens; yields None without a path."""
     if path is None:
         yield None
         return
@@ -105,7 +124,7 @@ def log_file(path: Path | None) -> Generator[TextIO | None]:
         yield file
 
 
-def _line(k: int, sent_at: float, command: float, answered: bool, read_at: float, reading: Reading | None) -> str:
+def _log_line(k: int, sent_at: float, command: float, answered: bool, read_at: float, reading: Reading | None) -> str:
     cells = [f"{k / RATE:.2f}", f"{sent_at:.6f}", f"{command:.6f}", "1" if answered else "0"]
     if reading is None:
         cells += [""] * 5

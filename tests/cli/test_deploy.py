@@ -1,0 +1,149 @@
+"""`swim2real deploy`: what it prints, refuses, logs; and how its end stops the motor."""
+
+import csv
+import os
+import signal
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+from program import process
+
+from swim2real.deployment import RATE, control_table, write_table
+from swim2real.deployment.emulator import Emulator, Fault
+from swim2real.deployment.sending import LOG_HEADER
+
+
+@pytest.fixture
+def table(tmp_path):
+    def write(speeds):
+        path = tmp_path / "commands.csv"
+        write_table(path, [k / RATE for k in range(len(speeds))], speeds)
+        return path
+
+    return write
+
+
+def wait_until_it_turns(emulator):
+    give_up = time.monotonic() + 30
+    while emulator.velocity() < 2.5 and time.monotonic() < give_up:
+        time.sleep(0.02)
+    assert emulator.velocity() > 2.5
+
+
+@contextmanager
+def swimming(path):
+    """A motor, and a program of its own that sends it commands, once the motor turns."""
+    with Emulator() as emulator:
+        program = process("deploy", path, "--port", emulator.port)
+        try:
+            wait_until_it_turns(emulator)
+            yield emulator, program
+        finally:
+            program.kill()
+            program.communicate()
+
+
+def test_a_dry_run(program, table, tmp_path):
+    log = tmp_path / "log.csv"
+    path = table([2.0] * 20)
+    out = program("deploy", path, "--dry-run", "--log", log, "--repeat", 2).done().out
+    assert "50 commands, 1.00 s at 50 Hz; fastest 2.00 rad/s (limit 7.29), steepest 20.0 rad/s² (limit 100)" in out
+    assert "Ramps from and to rest added 10 commands, 0.20 s" in out
+    assert "Emulated motor 1 on /dev/pts/" in out
+    assert "XW540-T140-R, firmware 45, 12.0 V, 30 °C (limit 80), own limit 7.29 rad/s" in out
+    assert "of their time, 99th percentile" in out
+    with log.open() as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == LOG_HEADER
+    sent = [row for row in rows if row["answered"] == "1"]
+    assert [float(row["due_s"]) for row in rows] == sorted({float(row["due_s"]) for row in rows})
+    assert all(float(row["sent_s"]) >= float(row["due_s"]) for row in rows)
+    assert max(float(row["command_rad_s"]) for row in sent) == pytest.approx(2.0, abs=0.012)
+    read = [row for row in rows if row["velocity_rad_s"]]
+    assert max(float(row["velocity_rad_s"]) for row in read) == pytest.approx(2.0, abs=0.03)
+    assert (read[0]["voltage_v"], read[0]["temperature_c"]) == ("12.0", "30")
+
+
+def test_json(program, table):
+    figures = program("deploy", table([0.0, 1.0, 0.0]), "--dry-run", "--json", "--id", 3).done().json
+    assert figures["complete"]
+    assert figures["emulated"]
+    assert figures["commands"] == figures["sent"] + figures["skipped"] == 3
+    assert figures["motor"]["velocity_limit"] == pytest.approx(7.29, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("speeds", "words", "code", "sentence"),
+    [
+        ([0.0], [], 2, "give either --port (as /dev/ttyUSB0) or --dry-run"),
+        ([0.0], ["--dry-run", "--port", "x"], 2, "give either --port"),
+        ([0.0], ["--dry-run", "--repeat", "0"], 2, "--repeat is 0; it must be 1 or above"),
+        ([0.0], ["--dry-run", "--baud", "1200"], 2, "1200 baud can't be used"),
+        ([0.0, 8.0], ["--dry-run"], 2, "the command at 0.02 s is 8 rad/s; the limit is 7.29 rad/s"),
+        ([0.0, 2.5], ["--dry-run"], 2, "125 rad/s²; the limit is 100 rad/s²"),
+        ([3.0, 2.0], ["--dry-run", "--max-speed", "2.5"], 2, "the command at 0.00 s is 3 rad/s; the limit is 2.5"),
+        ([0.0], ["--port", "/dev/none"], 1, "serial port /dev/none can't be opened (No such file or directory)"),
+        ([0.0], ["--dry-run", "--log", "/none/log.csv"], 2, "log '/none/log.csv' can't be written: No such file"),
+    ],
+)
+def test_refusals(program, table, speeds, words, code, sentence):
+    assert sentence in program("deploy", table(speeds), *words, "--quiet").sentence(code)
+
+
+def test_clipping_must_be_asked_for(program, table):
+    assert "Clipping changed 1 commands" in program("deploy", table([0.0, 9.0, 0.0]), "--dry-run", "--clip").done().out
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_signals_stop_the_motor(program, table, name):
+    with Emulator() as emulator:
+
+        def send_signal():
+            wait_until_it_turns(emulator)
+            os.kill(os.getpid(), getattr(signal, name))
+
+        sender = threading.Thread(target=send_signal)
+        sender.start()
+        program("deploy", table([3.0] * 1000), "--port", emulator.port)
+        sender.join()
+        assert program.code == 1
+        assert f"swim2real: {name} after" in program.err
+        assert "the motor was stopped" in program.err
+        assert "Sent" in program.out
+        assert emulator.velocity() == 0
+        assert emulator.motor.get(control_table.TORQUE_ENABLE) == 0
+        assert not emulator.motor.watchdog_tripped  # it was stopped by a command, not by its watchdog
+
+
+def test_killed_the_watchdog_stops_the_motor(table):
+    with swimming(table([3.0] * 1000)) as (emulator, program):
+        program.kill()
+        killed = time.monotonic()
+        while emulator.velocity() > 0 and time.monotonic() < killed + 10:
+            time.sleep(0.01)
+        assert emulator.velocity() == 0
+        assert emulator.motor.watchdog_tripped
+
+
+@pytest.mark.slow
+def test_halted_and_continued_it_says_what_happened(table):
+    with swimming(table([3.0] * 1000)) as (emulator, program):
+        program.send_signal(signal.SIGSTOP)
+        time.sleep(0.5)
+        assert emulator.velocity() == 0
+        program.send_signal(signal.SIGCONT)
+        _, err = program.communicate(timeout=20)
+        assert program.returncode == 1
+        assert "the motor's watchdog has stopped it" in err
+        assert emulator.velocity() == 0
+
+
+def test_an_error_in_the_middle_is_one_sentence_and_the_log_is_there(program, table, tmp_path):
+    log = tmp_path / "log.csv"
+    with Emulator(faults=[Fault("overheated", 60)]) as emulator:
+        program("deploy", table([3.0] * 200), "--port", emulator.port, "--log", log, "--quiet")
+        assert "the motor reports overheating" in program.sentence(1)
+        assert emulator.velocity() == 0
+    assert len(log.read_text().splitlines()) > 10
