@@ -7,11 +7,11 @@ import sys
 import pytest
 
 EXTRAS = (
-    "plotly", "jinja2", "pooch", "requests", "torch", "av", "cv2", "PIL", "pydantic_ai", "openai", "anthropic",
-    "google", "genai_prices", "cma", "skopt", "sklearn", "matplotlib", "distributed", "dask", "gymnasium",
-    "stable_baselines3", "dynamixel_sdk", "imageio", "tabulate",
+    "plotly", "torch", "cv2", "pydantic_ai", "openai", "anthropic", "google", "genai_prices", "cma", "skopt", "sklearn",
+    "distributed", "dask", "gymnasium", "stable_baselines3", "dynamixel_sdk", "imageio", "tabulate",
 )  # fmt: skip
-HEAVY = ("mujoco", "scipy", "numpy", "numba", *EXTRAS)
+CORE = ("mujoco", "scipy", "numpy", "numba", "jinja2", "matplotlib", "PIL", "av", "pooch", "requests")
+HEAVY = (*CORE, *EXTRAS)
 
 
 def loaded_by(statement: str) -> set[str]:

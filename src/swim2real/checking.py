@@ -9,15 +9,19 @@ import difflib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from swim2real.errors import Swim2RealError
 from swim2real.store import read_json
 
 Model = TypeVar("Model")
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+"""A finite number; a text or a truth value isn't one."""
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+"""A finite number above 0."""
 
 _LONGEST = 60  # characters of a value that are shown
 _ALLOWED = {
@@ -125,7 +129,7 @@ def _allowed(kind: str, context: Mapping[str, Any], message: str) -> str:
         return _ALLOWED[kind]
     match kind:
         case "literal_error" | "enum":
-            return f"there are {context['expected']}"
+            return f"it must be {context['expected']}"
         case "greater_than":
             return f"it must be above {context['gt']:g}"
         case "greater_than_equal":

@@ -126,9 +126,21 @@ def drop_cut_line(path: str | Path) -> None:
             file.truncate(end)
 
 
+def path_from(folder: Path, file: Path) -> str:
+    """The relative path from a folder to a file, so that both can be moved together; absolute on another drive."""
+    try:
+        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # on another drive
+        return file.resolve().as_posix()
+
+
 @contextmanager
-def locked(folder: str | Path) -> Generator[None]:
+def locked(folder: str | Path, timeout: float = 0.0) -> Generator[None]:
     """Makes a folder where there is none and keeps other processes out of it.
+
+    Args:
+        folder: The folder.
+        timeout: Time to wait for another process to leave it [s].
 
     Raises:
         BlockingIOError: Another process has it.
@@ -138,7 +150,7 @@ def locked(folder: str | Path) -> Generator[None]:
 
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(place / LOCK, timeout=0)
+    lock = FileLock(place / LOCK, timeout=timeout)
     try:
         lock.acquire()
     except Timeout:

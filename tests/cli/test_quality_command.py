@@ -10,7 +10,7 @@ from swim2real.errors import ArgumentError
 from swim2real.robots import robot_named
 from swim2real.robots.fish import FISH
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, save_reference
-from swim2real.trials.files import add_trial
+from swim2real.trials.reference import add_trial
 from swimmers import Swimmer
 
 

@@ -7,7 +7,7 @@ import pytest
 from swim2real.errors import TrialError
 from swim2real.robots.fish import FISH
 from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
-from swim2real.trials.files import add_trial
+from swim2real.trials.reference import add_trial
 from swimmers import Swimmer
 
 NAMES = FISH.marker_names

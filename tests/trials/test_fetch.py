@@ -4,15 +4,15 @@ import gc
 import hashlib
 import re
 import shutil
-import sys
 import threading
 import warnings
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import numpy as np
+import pooch
 import pytest
 
-from swim2real.errors import MissingExtraError, TrialError
+from swim2real.errors import TrialError
 from swim2real.trials import fetch as room
 from swim2real.trials import load_reference
 from swim2real.trials.fetch import PAGE, SHA256, SOURCE, fetch
@@ -66,12 +66,12 @@ class Server:
 
     def __init__(self):
         self.files: dict[str, bytes] = {}
-        self.asked: list[str] = []
+        self.requests: list[str] = []
         server = self
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self):
-                server.asked.append(self.path)
+                server.requests.append(self.path)
                 content = server.files.get(self.path)
                 self.send_response(404 if content is None else 200)
                 self.send_header("Content-Length", str(len(content or b"")))
@@ -94,7 +94,6 @@ class Server:
 
 @pytest.fixture
 def server(tables, monkeypatch):
-    pooch = pytest.importorskip("pooch")
     monkeypatch.setenv("NO_PROXY", "*")
     monkeypatch.setattr(pooch.core.time, "sleep", lambda seconds: None)  # between its tries
     one = Server()
@@ -210,7 +209,7 @@ def test_all_are_downloaded_and_become_a_reference(server, folder, tmp_path):
     seen = {}
     found = fetch(tmp_path / "reference", f"{server.address}/tracks", seen.__setitem__)
     assert seen == dict.fromkeys(SHA256, "downloaded")
-    assert sorted(server.asked) == sorted(server.files)
+    assert sorted(server.requests) == sorted(server.files)
     raw = load_reference(folder)
     for trials in (found, load_reference(tmp_path / "reference")):
         assert trials.names == raw.names
@@ -249,9 +248,3 @@ def test_without_a_server_the_message_says_how_to_do_it_by_hand(server, tmp_path
 @pytest.mark.parametrize("source", ["ftp://127.0.0.1/tracks", "file:///tracks", "://", "http://", "http://[::1"])
 def test_an_address_of_another_kind_is_refused(source, tmp_path):
     assert refusal(tmp_path / "reference", source).startswith(f"'{source}' is no address to download from; ")
-
-
-def test_without_its_library_a_download_says_what_to_install(tables, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pooch", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'swim2real\[fetch\]', or use --from FOLDER"):
-        fetch(tmp_path / "reference", "http://127.0.0.1:9")

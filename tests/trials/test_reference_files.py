@@ -7,7 +7,7 @@ import pytest
 
 from swim2real.errors import TrialError
 from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
-from swim2real.trials.files import read_published
+from swim2real.trials.reference import read_published
 from swimmers import REST, Swimmer
 
 SCALE = 0.142 / 180.0  # m per pixel
@@ -266,27 +266,30 @@ def test_a_folder_that_cant_be_made_is_refused(tmp_path, trials):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda i: i.update(format=2), "format is 2; this version reads format 1"),
-        (lambda i: i.pop("format"), "format is None; this version reads format 1"),
-        (lambda i: i.update(trials=[]), "'trials' must be a list with at least one trial"),
-        (lambda i: i.pop("markers"), "'markers' must be a list of marker names"),
-        (lambda i: i["trials"].append("more"), "every trial needs a 'name'"),
-        (lambda i: i["trials"][0].update(video=3), "video of trial 'slow' is 3; it must be a path"),
-        (lambda i: i["trials"][0].update(name=3), "every trial needs a 'name'"),
-        (lambda i: i["trials"][0].update(fps=-60), "fps of trial 'slow' is -60; it must be a number above 0"),
+        (lambda i: i.update(format=2), "'format' is 2; it must be 1"),
+        (lambda i: i.pop("format"), "'format' is missing"),
+        (lambda i: i.update(trials=[]), "'trials' is []; it must have at least 1"),
+        (lambda i: i.pop("markers"), "'markers' is missing"),
+        (lambda i: i["trials"].append("more"), "'trials[2]' is \"more\""),
+        (lambda i: i["trials"][0].update(video=3), "'trials[0].video' is 3; it must be a text"),
+        (lambda i: i["trials"][0].update(name=3), "'trials[0].name' is 3; it must be a text"),
+        (lambda i: i["trials"][0].update(fps=-60), "'trials[0].fps' is -60; it must be above 0"),
+        (lambda i: i["trials"][0].update(fps=True), "'trials[0].fps' is true; it must be a number"),
         (
             lambda i: i["trials"][0].update(nominal_frequency_hz="fast"),
-            "nominal_frequency_hz of trial 'slow' is 'fast'; it must be a number above 0",
+            "'trials[0].nominal_frequency_hz' is \"fast\"; it must be a number",
         ),
         (
             lambda i: i["trials"][0].update(meters_per_pixel=float("nan")),
-            "meters_per_pixel of trial 'slow' is nan; it must be a number above 0",
+            "'trials[0].meters_per_pixel' is NaN; it must be finite",
         ),
     ],
 )
 def test_a_damaged_index_is_refused(folder, change, message):
     edit_index(folder, change)
-    assert refusal(load_reference, folder) == f"{folder / 'reference.json'}: {message}"
+    text = refusal(load_reference, folder)
+    assert str(folder / "reference.json") in text
+    assert message in text
 
 
 def test_an_index_with_one_trial_twice_is_refused(folder):
@@ -297,7 +300,7 @@ def test_an_index_with_one_trial_twice_is_refused(folder):
 @pytest.mark.parametrize("text", ["", "{", "[]", "3"])
 def test_an_index_that_is_no_object_is_refused(folder, text):
     (folder / "reference.json").write_text(text)
-    assert refusal(load_reference, folder).startswith(f"{folder / 'reference.json'}: ")
+    assert str(folder / "reference.json") in refusal(load_reference, folder)
 
 
 def test_a_missing_table_is_named(folder):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
 
 import av
@@ -27,6 +28,7 @@ def picture(index: int = 0, width: int = WIDTH, height: int = HEIGHT) -> NDArray
     return image
 
 
+@cache
 def noisy(index: int) -> NDArray[np.uint8]:
     """A picture that takes many bytes."""
     grain = np.random.default_rng(index).integers(-20, 20, (HEIGHT, WIDTH, 1))

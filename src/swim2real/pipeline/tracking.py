@@ -33,9 +33,9 @@ from swim2real.tracking.picking import label_markers, load_points
 from swim2real.tracking.quality import LostMarkers, check_track, unseen
 from swim2real.tracking.tracker import Tracker
 from swim2real.trials import MarkerTrack, Trial
-from swim2real.trials.files import add_trial, check_folder, load_reference, nominal_frequency
 from swim2real.trials.pose_tables import write_dlc
-from swim2real.trials.tables import read_signals
+from swim2real.trials.reference import add_trial, check_folder, load_reference, nominal_frequency
+from swim2real.trials.signals import read_signals
 from swim2real.video import Frame, VideoReader
 
 Array = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """Trials: one swim at one frequency or one recording, real or simulated, with its time stamps."""
 
-from swim2real.trials.files import load_reference, save_reference
+from swim2real.trials.reference import load_reference, save_reference
 from swim2real.trials.signals import Signals
 from swim2real.trials.trial import Actuation, MarkerTrack, Trial, TrialSet
 

@@ -8,8 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from swim2real.errors import MissingExtraError, TrialError
-from swim2real.trials.files import INDEX, read_published, save_reference
+import pooch
+
+from swim2real.errors import TrialError
+from swim2real.trials.reference import INDEX, read_published, save_reference
 from swim2real.trials.trial import TrialSet
 
 COMMIT = "08880b6ed0ac60a03fa37df9b9a85ea07746f381"
@@ -43,7 +45,6 @@ def fetch(
 
     Raises:
         TrialError: No network, no file, a file that differs from the published one, or a folder in the way.
-        MissingExtraError: Downloading needs pooch.
     """
     target = Path(to)
     if (target / INDEX).exists():
@@ -69,10 +70,10 @@ def _from_folder(folder: Path, on_file: Callable[[str, str], None]) -> list[Path
         if not path.is_file():
             on_file(name, "not there")
             continue
-        found = hashlib.sha256(path.read_bytes()).hexdigest()
-        if found != expected:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        if digest != expected:
             raise TrialError(
-                f"{path} isn't the published file: its sha256 is {found[:12]}…, expected {expected[:12]}…; "
+                f"{path} isn't the published file: its sha256 is {digest[:12]}…, expected {expected[:12]}…; "
                 f"get it again from {PAGE}"
             )
         on_file(name, "taken")
@@ -93,12 +94,6 @@ def _is_address(text: str) -> bool:
 def _download(source: str, cache: Path, on_file: Callable[[str, str], None]) -> list[Path]:
     if not _is_address(source):
         raise TrialError(f"'{source}' is no address to download from; give one with http:// or https://, or a folder")
-    try:
-        import pooch
-    except ImportError:
-        raise MissingExtraError(
-            "downloading needs pooch; install it with: pip install 'swim2real[fetch]', or use --from FOLDER"
-        ) from None
     pooch.get_logger().setLevel("ERROR")
     registry = {name: f"sha256:{digest}" for name, digest in SHA256.items()}
     downloads = pooch.create(path=cache, base_url=source.rstrip("/") + "/", registry=registry, retry_if_failed=2)

@@ -6,13 +6,13 @@ Pixels, y down. Read by DeepLabCut, movement and napari; no library of theirs is
 from __future__ import annotations
 
 import csv
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from swim2real.errors import TrialError
+from swim2real.store import whole_file
 from swim2real.trials.trial import MarkerTrack
 
 _COORDS = ("x", "y", "likelihood")
@@ -23,10 +23,10 @@ def write_dlc(track: MarkerTrack, names: Sequence[str], path: str | Path, scorer
     """Writes a track as a DeepLabCut table; time stamps become the number of the frame, NaN an empty cell.
 
     Args:
-        track: In pixels. Confidences become likelihoods.
-        names: Of its M markers.
-        path: Where to; the file is written at once, so that a reader never sees half of it.
-        scorer: Who tracked it.
+        track: Track in pixels. Confidences become likelihoods.
+        names: Names of its M markers.
+        path: Path of the table, which is written whole or not at all.
+        scorer: Name of the tracker, for the first header row.
 
     Raises:
         TrialError: The names aren't the track's, or the file can't be written.
@@ -37,16 +37,14 @@ def write_dlc(track: MarkerTrack, names: Sequence[str], path: str | Path, scorer
         )
     cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
     place = Path(path)
-    part = place.with_name(place.name + ".part")
     try:
-        with part.open("w", newline="", encoding="utf-8") as file:
+        with whole_file(place) as part, part.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["scorer", *[scorer] * cells.shape[1]])
             writer.writerow(["bodyparts", *(name for name in names for _ in _COORDS)])
             writer.writerow(["coords", *_COORDS * len(names)])
             for frame, row in enumerate(cells.tolist()):
                 writer.writerow([frame, *("" if value != value else repr(value) for value in row)])
-        os.replace(part, place)
     except OSError as error:
         raise TrialError(f"can't write '{place}': {error.strerror or error}") from error
 
@@ -55,14 +53,14 @@ def read_dlc(path: str | Path, fps: float) -> tuple[MarkerTrack, tuple[str, ...]
     """Reads a DeepLabCut table of one animal.
 
     Args:
-        path: The table.
+        path: Path of the table.
         fps: Frames a second of its video.
 
     Returns:
         The track in pixels, its time 0 at the first frame of the table, and the names of its markers.
 
     Raises:
-        TrialError: Not there, or not such a table; the message names the line.
+        TrialError: The file isn't there or isn't such a table; the message names the line.
     """
     table = Path(path)
     if not (np.isfinite(fps) and fps > 0):

@@ -1,17 +1,21 @@
-"""Numbers over time that were recorded beside a film: commands of a controller, readings of sensors."""
+"""Numbers over time that were recorded beside a video: commands of a controller, readings of sensors; CSV tables."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
+from swim2real.store import whole_file
 
 Array = NDArray[np.float64]
 
+TIME = "time_s"  # header of the first column of a table
 _ROUNDING = 1e-9  # s
 
 
@@ -21,7 +25,7 @@ class Signals:
 
     Attributes:
         times: Time stamps, rising [s]. Shape (R,).
-        names: Of the columns, each in its own unit.
+        names: Names of the columns, each in its own unit.
         values: NaN where nothing was recorded. Shape (R, K).
     """
 
@@ -48,7 +52,7 @@ class Signals:
         object.__setattr__(self, "values", columns)
 
     def column(self, name: str) -> Array:
-        """The values of a name. Shape (R,).
+        """Values of the column with a name. Shape (R,).
 
         Raises:
             TrialError: There is no such column.
@@ -61,8 +65,8 @@ class Signals:
         """A column at any times: each value holds until the next one, the first one also before its time.
 
         Args:
-            name: Of the column.
-            times: [s]. Shape (N,).
+            name: Name of the column.
+            times: Times [s]. Shape (N,).
 
         Raises:
             TrialError: There is no such column, or no value in it.
@@ -75,14 +79,14 @@ class Signals:
         return values[known][np.maximum(rows, 0)]
 
     def check_clock(self, first: float, last: float) -> None:
-        """Whether the rows are on the clock of a track, as far as that can be told.
+        """Checks that the rows overlap a track in time, as they do when they are on its clock.
 
         Args:
             first: Time stamp of the track's first frame [s].
-            last: Of its last.
+            last: Time stamp of its last frame [s].
 
         Raises:
-            TrialError: All rows are after the track, or before it.
+            TrialError: All rows are after the track, or all are before it.
         """
         if self.times[0] <= last + _ROUNDING and self.times[-1] >= first - _ROUNDING:
             return
@@ -96,7 +100,7 @@ class Signals:
         """The rows from one time to another, both included [s].
 
         Raises:
-            TrialError: There are none.
+            TrialError: There is no such row.
         """
         self.check_clock(first, last)
         kept = (self.times >= first - _ROUNDING) & (self.times <= last + _ROUNDING)
@@ -106,3 +110,75 @@ class Signals:
                 f"{self.times[-1]:g} s"
             )
         return Signals(self.times[kept], self.names, self.values[kept])
+
+
+def read_signals(table: Path) -> Signals:
+    """Reads a CSV table with the header `time_s,NAME,…`; empty cells are NaN.
+
+    Raises:
+        TrialError: The table can't be read; the message names the file, and where it can line and column.
+    """
+    lines = read_lines(table)
+    header = next(csv.reader(lines[:1]), [])
+    if header[:1] != [TIME] or len(header) < 2:
+        raise TrialError(f"{table}, line 1: the header must be {TIME},NAME,…, with a name for each column")
+    rows = read_numbers(table, lines[1:], first_line=2)
+    if len(rows) == 0 or rows.shape[1] != len(header):
+        width = rows.shape[1] if len(rows) else 0
+        raise TrialError(f"{table}: {width} columns of numbers; expected {len(header)} columns, as the header")
+    try:
+        return Signals(rows[:, 0], header[1:], rows[:, 1:])
+    except TrialError as error:
+        raise TrialError(f"{table}: {error}") from error
+
+
+def write_signals(signals: Signals, path: Path) -> None:
+    """Writes a CSV table that `read_signals` reads back to the last digit, whole or not at all."""
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([TIME, *signals.names])
+        for time, row in zip(signals.times, signals.values, strict=True):
+            writer.writerow([repr(float(time)), *("" if np.isnan(value) else repr(float(value)) for value in row)])
+
+
+def read_lines(table: Path) -> list[str]:
+    """The lines of a text file in UTF-8.
+
+    Raises:
+        TrialError: The file isn't there or isn't text.
+    """
+    try:
+        return table.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise TrialError(f"{table}: not readable as text ({error})") from error
+
+
+def read_numbers(table: Path, lines: list[str], first_line: int) -> NDArray[np.float64]:
+    """Rows of comma-separated numbers; empty and infinite cells become NaN.
+
+    Args:
+        table: File of the lines, for messages.
+        lines: Lines of the file.
+        first_line: Number of the first of them in the file, from 1.
+
+    Returns:
+        Numbers. Shape (R, K), or (0, 0) without a row.
+
+    Raises:
+        TrialError: A cell is no number, or a row has another number of columns; the message names line and column.
+    """
+    rows: list[list[float]] = []
+    for line, cells in enumerate(csv.reader(lines), start=first_line):
+        if not cells:
+            continue
+        row: list[float] = []
+        for column, cell in enumerate(cells, start=1):
+            try:
+                row.append(float(cell) if cell.strip() else float("nan"))
+            except ValueError:
+                raise TrialError(f"{table}, line {line}, column {column}: '{cell}' is not a number") from None
+        if rows and len(row) != len(rows[0]):
+            raise TrialError(f"{table}, line {line}: {len(row)} columns, the rows above have {len(rows[0])}")
+        rows.append(row)
+    numbers = np.array(rows, dtype=float) if rows else np.empty((0, 0))
+    return np.where(np.isinf(numbers), np.nan, numbers)

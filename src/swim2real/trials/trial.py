@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.checking import did_you_mean
 from swim2real.errors import TrialError
 from swim2real.trials import frames
 from swim2real.trials.signals import Signals
@@ -106,7 +106,7 @@ class Actuation:
     """What drives a trial: the motor turns at a constant speed.
 
     Attributes:
-        frequency: Turns of the motor a second [Hz].
+        frequency: Frequency of the motor [Hz].
         phase: Motor angle at the first time stamp [rad].
         start_speed: Forward speed at which a simulation starts [m/s]; None starts from rest and is not
             brought to a steady cycle.
@@ -131,17 +131,18 @@ class Trial:
     """One swim at one frequency, or one recording.
 
     Attributes:
-        name: Unique within its set.
-        track: The markers.
-        nominal_frequency: The frequency that was asked of the motor [Hz]; None where nobody wrote it down.
+        name: Name, unique within its set.
+        track: Positions of the markers over time.
+        nominal_frequency: Frequency that the motor was commanded to turn at [Hz]; None if it isn't known.
         meters_per_pixel: Scale of the video [m]; None for a simulation.
-        provenance: Where it comes from, in words.
-        divergence: Why and when a simulation failed; None when it didn't.
-        video: That it was tracked in; None where there is none. It may have been moved away since.
-        controls: What drove it, a column an actuator; each row is a command that holds until the next.
-        sensors: What was measured beside the markers.
-        start: Positions of joints at the first time stamp [m or rad]; empty where nobody wrote them down.
-        start_velocities: Likewise; a joint that isn't named is at rest [m/s or rad/s].
+        provenance: Where the trial comes from, in words.
+        divergence: Why and when a simulation failed; None if it didn't.
+        video: Video that the trial was tracked in; None without one. The file may have been moved since.
+        controls: Commands that drove the robot, one column per actuator; each row holds until the next.
+        sensors: Readings that were recorded beside the markers.
+        start: Positions of joints at the first time stamp [m or rad]; empty if they aren't known.
+        start_velocities: Velocities of joints at the first time stamp [m/s or rad/s]; a joint that isn't named is at
+            rest.
     """
 
     name: str
@@ -205,8 +206,7 @@ class TrialSet:
         for trial in self.trials:
             if trial.name == name:
                 return trial
-        near = difflib.get_close_matches(name, self.names, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
+        hint = did_you_mean(name, self.names)
         raise TrialError(f"no trial is named '{name}'; there are {', '.join(self.names)}{hint}")
 
     @property

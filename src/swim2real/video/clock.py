@@ -6,11 +6,11 @@ from fractions import Fraction
 
 RESTART = Fraction(1, 2)  # s: a time stamp that falls back by more begins a new count
 GAP = Fraction(1)  # s without a frame that a person should know of
-NAMED = 4  # times that are listed one by one
+LISTED = 4  # times that are listed one by one
 
 
 class Tally:
-    """Counts what happened, and keeps a few of the times at which it did."""
+    """Counts events, and keeps the first few of their times for a message."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -20,13 +20,13 @@ class Tally:
     def add(self, time: float) -> None:
         self.count += 1
         self._last = time
-        if len(self._times) < NAMED:
+        if len(self._times) < LISTED:
             self._times.append(time)
 
     @property
     def when(self) -> str:
-        """In words, such as `at 0.200 and 0.433 s`."""
-        if self.count > NAMED:
+        """When they happened, in words, such as `at 0.200 and 0.433 s`."""
+        if self.count > LISTED:
             return f"from {self._times[0]:.3f} to {self._last:.3f} s"
         *others, last = (f"{time:.3f}" for time in self._times)
         return f"at {', '.join(others)} and {last} s" if others else f"at {last} s"
@@ -42,9 +42,9 @@ class Clock:
     Attributes:
         interval: Usual time from one frame to the next [s].
         missing: Frames without a stamp.
-        mended: Frames whose stamp did not come after the last one.
-        restarts: Where the stamps began anew.
-        gaps: Where stretches without frames begin.
+        mended: Frames whose stamp does not come after the one before.
+        restarts: Times at which the stamps began anew.
+        gaps: Times at which stretches without frames begin.
     """
 
     def __init__(self, interval: Fraction) -> None:
@@ -57,7 +57,7 @@ class Clock:
         """Time of the next frame [s].
 
         Args:
-            stamp: Of the frame [s]; None where the file has none.
+            stamp: Time stamp of the frame [s]; None if the file has none.
         """
         self._last = self._next(stamp)
         return float(self._last)
@@ -74,7 +74,7 @@ class Clock:
         return -float(self.interval) if self._origin is None else float(stamp - self._origin)
 
     def notes(self) -> list[str]:
-        """A sentence for each thing that was mended or found."""
+        """A sentence for each irregularity of the time stamps."""
         notes: list[str] = []
         if self.missing.count:
             notes.append(

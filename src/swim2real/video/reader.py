@@ -3,14 +3,103 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from typing import Self
 
-from swim2real.errors import VideoError
-from swim2real.video.frame import Frame, VideoInfo
-from swim2real.video.playback import Playback
+import numpy as np
+from av import VideoFrame
+from av.container import InputContainer
+from av.video.stream import VideoStream
+from numpy.typing import NDArray
 
-__all__ = ["Frame", "VideoInfo", "VideoReader", "first_frame"]
+from swim2real.errors import VideoError
+from swim2real.video.clock import Clock, Tally, frames
+from swim2real.video.decoding import Decoder, open_stream
+
+Image = NDArray[np.uint8]
+
+USUAL_RATE = Fraction(30)  # frames a second, where a file doesn't say
+SOUND_SLACK = 0.5  # s by which sound may outlast the pictures
+
+
+@dataclass(frozen=True)
+class VideoInfo:
+    """What a file states about itself.
+
+    Attributes:
+        path: Path of the file.
+        width: Width of the upright picture [px].
+        height: Height of the upright picture [px].
+        fps: Mean number of frames a second.
+        frame_count: Number of frames as the file states it, or from its duration; None if it states neither.
+        duration: Duration as the file states it [s]; None if it doesn't.
+        rotation: Angle by which stored pictures are turned clockwise to be upright [degrees]: 0, 90, 180 or 270.
+        codec: Name of the codec, such as `h264`.
+    """
+
+    path: Path
+    width: int
+    height: int
+    fps: float
+    frame_count: int | None
+    duration: float | None
+    rotation: int
+    codec: str
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame. Its picture is converted when it is asked for; a frame that is kept keeps its picture in memory.
+
+    Attributes:
+        index: Number of the frame among those that are delivered, from 0.
+        time: Time since the first frame, strictly rising [s].
+        intact: False after a broken frame, up to the next key frame: the picture may be smeared, since it was
+            predicted from one that isn't there.
+    """
+
+    index: int
+    time: float
+    intact: bool
+    _stored: VideoFrame = field(repr=False, compare=False)
+    _size: tuple[int, int] = field(repr=False, compare=False)  # of the stored picture: width, height
+    _rotation: int = field(repr=False, compare=False)  # clockwise [degrees]
+
+    @cached_property
+    def image(self) -> Image:
+        """The upright picture, RGB, read-only. A turned picture is a view. Shape (H, W, 3)."""
+        image = self._convert(*self._size, "BILINEAR")
+        image.flags.writeable = False
+        return image
+
+    def scaled(self, width: int) -> Image:
+        """The upright picture in another size, RGB: cheaper than scaling `image`.
+
+        Args:
+            width: Width of the result [px]. The height keeps the proportions, rounded to an even number.
+
+        Returns:
+            A writable picture. Shape (height, width, 3).
+
+        Raises:
+            VideoError: The width is below 2 px.
+        """
+        if width < 2:
+            raise VideoError(f"a picture can't be scaled to a width of {width} px; it must be at least 2")
+        sideways = self._rotation in (90, 270)
+        stored_width, stored_height = self._size
+        share = stored_width / stored_height if sideways else stored_height / stored_width
+        height = max(2, 2 * round(width * share / 2))
+        return np.ascontiguousarray(self._convert(*((height, width) if sideways else (width, height)), "AREA"))
+
+    def _convert(self, width: int, height: int, interpolation: str) -> Image:
+        stored = self._stored.to_ndarray(
+            format="rgb24", width=width, height=height, interpolation=interpolation, threads=1
+        )
+        return np.rot90(np.asarray(stored, dtype=np.uint8), -(self._rotation // 90))
 
 
 class VideoReader:
@@ -19,7 +108,7 @@ class VideoReader:
     Iterating again starts at the first frame. Broken frames are left out; `notes` says which.
 
     Attributes:
-        info: What the file says about itself.
+        info: What the file states about itself.
     """
 
     info: VideoInfo
@@ -28,19 +117,18 @@ class VideoReader:
         """Opens the video and decodes its first frame.
 
         Args:
-            path: Of the video.
-            threads: That decode; 0 for as many as the machine has cores.
+            path: Path of the video.
+            threads: Number of threads that decode; 0 for as many as the machine has cores.
 
         Raises:
-            VideoError: It can't be read, or not one frame can be decoded.
-            MissingExtraError: PyAV isn't installed.
+            VideoError: The file can't be read, or not one frame can be decoded.
         """
         if threads < 0:
             raise VideoError(f"threads is {threads}; it must be 0 (as many as there are cores) or more")
-        self._playback = Playback(Path(path), threads)
+        self._pass = _Pass(Path(path), threads)
         self._threads = threads
         self._used = self._closed = False
-        self.info = self._playback.info
+        self.info = self._pass.info
 
     def __enter__(self) -> Self:
         return self
@@ -50,29 +138,169 @@ class VideoReader:
 
     def close(self) -> None:
         self._closed = True
-        self._playback.close()
+        self._pass.close()
 
     def __iter__(self) -> Iterator[Frame]:
         if self._closed:
             raise VideoError(f"'{self.info.path}' is closed; read it within its `with` block")
         if self._used:
-            self._playback.close()
-            self._playback = Playback(self.info.path, self._threads)
+            self._pass.close()
+            self._pass = _Pass(self.info.path, self._threads)
         self._used = True
-        return self._playback.frames()
+        return self._pass.frames()
 
     @property
     def notes(self) -> list[str]:
         """A sentence for each thing that a person should know; complete after the last frame."""
-        return self._playback.notes()
+        return self._pass.notes()
 
 
 def first_frame(path: str | Path) -> Frame:
     """The first frame of a video.
 
     Raises:
-        VideoError: It can't be read, or not one frame can be decoded.
-        MissingExtraError: PyAV isn't installed.
+        VideoError: The file can't be read, or not one frame can be decoded.
     """
     with VideoReader(path, threads=1) as reader:
         return next(iter(reader))
+
+
+class _Pass:
+    """One pass through a video, from its first frame to its last.
+
+    Attributes:
+        info: What the file states about itself.
+    """
+
+    info: VideoInfo
+
+    def __init__(self, path: Path, threads: int) -> None:
+        """Opens the file and decodes the first frame.
+
+        Raises:
+            VideoError: The file can't be read, or not one frame can be decoded.
+        """
+        self._container, stream = open_stream(path, threads)
+        rate = stream.average_rate or stream.guessed_rate or USUAL_RATE
+        self._clock = Clock(1 / rate)
+        self._decoder = Decoder(self._container, stream)
+        self._pictures = self._decoder.pictures()
+        self._first = next(self._pictures, None)
+        if self._first is None:
+            self._container.close()
+            raise VideoError(f"not one frame of '{path}' can be decoded; it is cut off or damaged")
+        stored = self._first.stored
+        self._size = (stored.width, stored.height)
+        self._tilt = -stored.rotation % 360  # clockwise; PyAV's angle isn't
+        self._base = stream.time_base or Fraction(1)
+        self._pixel_shape = stream.sample_aspect_ratio
+        self._slack = SOUND_SLACK if len(self._container.streams) > 1 else float(2 / rate)
+        self._stated_count = _stated_count(self._container, stream)
+        self._closed = False
+        self._delivered = 0
+        self._end: float | None = None  # time of the last frame, once all are through
+        self._smeared = Tally()
+        self._resized = Tally()
+        self.info = self._describe(path, rate, stream)
+
+    def close(self) -> None:
+        self._closed = True
+        self._pictures.close()
+        self._container.close()
+
+    def frames(self) -> Iterator[Frame]:
+        """All frames, once."""
+        picture, self._first = self._first, None
+        time = 0.0
+        while picture is not None:
+            for _ in range(picture.lost):
+                self._clock.skip()
+            time = self._clock.tick(self._seconds(picture.stamp))
+            stored, intact = picture.stored, picture.intact
+            if (stored.width, stored.height) != self._size:
+                self._resized.add(time)
+            if not intact:
+                self._smeared.add(time)
+            self._delivered += 1
+            yield Frame(self._delivered - 1, time, intact, stored, self._size, self.info.rotation)
+            if self._closed:
+                raise VideoError(
+                    f"'{self.info.path}' was closed before its last frame; read it within its `with` block"
+                )
+            picture = next(self._pictures, None)
+        self._end = time
+
+    def notes(self) -> list[str]:
+        """A sentence for each thing that a person should know; complete after the last frame."""
+        notes = [*self._shape_notes(), *self._loss_notes(), *self._clock.notes()]
+        if self._resized.count:
+            notes.append(
+                f"{frames(self._resized.count)} of another size, {self._resized.when}; scaled to that of the first"
+            )
+        return notes
+
+    def _shape_notes(self) -> list[str]:
+        notes: list[str] = []
+        shape = self._pixel_shape
+        if shape and shape != 1:
+            notes.append(f"the pixels aren't square ({shape.numerator}:{shape.denominator}); lengths are distorted")
+        if self._tilt % 90:
+            notes.append(f"the file asks for a turn of {self._tilt} degrees; turned by {self.info.rotation}")
+        return notes
+
+    def _loss_notes(self) -> list[str]:
+        notes: list[str] = []
+        early, lost = 0, Tally()
+        for stamp in sorted(self._decoder.left_out):
+            time = self._clock.place(stamp * self._base)
+            if time < 0:
+                early += 1
+            else:
+                lost.add(time)
+        if early:
+            notes.append(f"{frames(early)} before the first whole one left out")
+        if lost.count:
+            notes.append(f"{frames(lost.count)} broken and left out, {lost.when}")
+        if self._decoder.unstamped:
+            notes.append(f"{frames(self._decoder.unstamped)} broken and left out")
+        if self._smeared.count:
+            notes.append(f"{frames(self._smeared.count)} after a broken one may be smeared, {self._smeared.when}")
+        if self._decoder.failure:
+            notes.append(self._decoder.failure)
+        return notes + self._end_notes()
+
+    def _end_notes(self) -> list[str]:
+        if self._end is None:
+            return []
+        decoder = self._decoder
+        count = self._delivered + len(decoder.left_out) + decoder.unstamped + decoder.hidden
+        if self._stated_count:
+            if count < self._stated_count:
+                return [f"the video ends early: the file says {frames(self._stated_count)}, {count} came"]
+            return []
+        duration = self.info.duration
+        if duration is not None and self._end + 1 / self.info.fps < duration - self._slack:
+            return [f"the video ends early: the file says {duration:.3f} s, the last frame is at {self._end:.3f} s"]
+        return []
+
+    def _seconds(self, stamp: int | None) -> Fraction | None:
+        return None if stamp is None else stamp * self._base
+
+    def _describe(self, path: Path, rate: Fraction, stream: VideoStream) -> VideoInfo:
+        duration: float | None = None
+        if stream.duration is not None:
+            duration = float(stream.duration * self._base)
+        elif self._container.duration is not None:
+            duration = self._container.duration / 1e6  # FFmpeg counts microseconds there
+        rotation = round(self._tilt / 90) * 90 % 360
+        width, height = self._size if rotation in (0, 180) else self._size[::-1]
+        count = self._stated_count or (None if duration is None else round(duration * rate))
+        codec = stream.codec_context.codec.canonical_name
+        return VideoInfo(path, width, height, float(rate), count, duration, rotation, codec)
+
+
+def _stated_count(container: InputContainer, stream: VideoStream) -> int:
+    """Number of frames that the file states; 0 if it doesn't."""
+    if "mp4" in container.format.name:  # what an edit list cuts away isn't in the index
+        return min(stream.frames, len(stream.index_entries))
+    return stream.frames

@@ -6,17 +6,18 @@ import contextlib
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, cast
+from typing import Self, cast
 
+import av
 import numpy as np
+from av import VideoFrame
+from av.error import FFmpegError
+from av.video.reformatter import VideoReformatter
+from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
 from swim2real.errors import VideoError
-from swim2real.video.opening import require_av
-
-if TYPE_CHECKING:
-    from av import VideoFrame
-    from av.video.stream import VideoStream
+from swim2real.store import PART
 
 FORMATS = {".mp4": "mp4", ".mov": "mov", ".m4v": "mp4", ".mkv": "matroska", ".avi": "avi", ".ts": "mpegts"}
 QUICKTIME = (".mp4", ".m4v", ".mov")
@@ -43,26 +44,21 @@ class VideoWriter:
         """Opens the file.
 
         Args:
-            path: Of the video; its ending chooses the format.
-            width: Of the pictures [px].
-            height: Of the pictures [px].
+            path: Path of the video; its ending chooses the format.
+            width: Width of the pictures [px].
+            height: Height of the pictures [px].
             fps: Frames a second, for pictures without a time.
             codec: `h264`, `hevc` or `mjpeg`.
             crf: Quality from 0 (best) to 51, for H.264 and HEVC.
-            rotation: By which players turn the pictures clockwise [degrees]: 0, 90, 180 or 270. The pictures are stored
-                as they are given.
+            rotation: Angle by which players turn the pictures clockwise [degrees]: 0, 90, 180 or 270. The pictures are
+                stored as they are given.
 
         Raises:
             VideoError: A value is not allowed, or the file can't be written.
-            MissingExtraError: PyAV isn't installed.
         """
         self._path = Path(path)
         _check(self._path, width, height, fps, codec, crf, rotation)
-        require_av()
-        import av
-        from av.video.reformatter import VideoReformatter
-
-        self._part = self._path.with_name(self._path.name + ".part")
+        self._part = self._path.with_name(self._path.name + PART)
         self._size = (width, height)
         self._mjpeg = codec == "mjpeg"
         self._pixels = "yuvj420p" if self._mjpeg else "yuv420p"
@@ -114,7 +110,7 @@ class VideoWriter:
 
         Args:
             image: RGB, 8 bits. Shape (H, W, 3).
-            time: Since the start of the video [s], later than the last one's; None for one frame interval after it.
+            time: Time since the start of the video [s], later than the last one's; None for one interval after it.
 
         Raises:
             VideoError: The picture or its time is not allowed, or the disk is full.
@@ -126,8 +122,6 @@ class VideoWriter:
                 "of uint8"
             )
         stamp = self._stamp(time)
-        from av import VideoFrame
-
         if width % 2 or height % 2:
             image = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
         given = VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
@@ -173,8 +167,6 @@ class VideoWriter:
         self._guard(lambda: self._container.mux(self._stream.encode(frame)))
 
     def _guard(self, action: Callable[[], object]) -> None:
-        from av.error import FFmpegError
-
         try:
             action()
         except (FFmpegError, OSError) as error:
@@ -183,8 +175,6 @@ class VideoWriter:
 
     def _abandon(self) -> None:
         """Closes and removes the unfinished file."""
-        from av.error import FFmpegError
-
         if not self._closed:
             self._closed = True
             with contextlib.suppress(FFmpegError, OSError):

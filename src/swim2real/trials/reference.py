@@ -8,33 +8,85 @@ A folder of the prior work's raw CSVs (pixels, two columns a marker, 60 fps, no 
 from __future__ import annotations
 
 import csv
-import json
-import os
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
-from filelock import FileLock, Timeout
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 
+from swim2real.checking import Number, Positive, read
 from swim2real.errors import TrialError
-from swim2real.trials.recorded import RECORDED, SIGNALS, recorded_entry, recorded_tables, with_recorded
-from swim2real.trials.tables import TIME, read_lines, read_numbers
+from swim2real.store import locked, path_from, whole_file, write_json
+from swim2real.trials.signals import TIME, Signals, read_lines, read_numbers, read_signals, write_signals
 from swim2real.trials.trial import MarkerTrack, Trial, TrialSet
 
-FORMAT = 1
-INDEX, LOCK = "reference.json", ".lock"
-_LOCK_TIMEOUT = 60  # s, longer than anybody writes a trial
+INDEX = "reference.json"
 PUBLISHED_FPS = 60.0
 PUBLISHED_MARKERS = 9
 PUBLISHED_HEAD_LENGTH = 0.142  # m, distance of the first two markers on the robot
+_LOCK_TIMEOUT = 60  # s, longer than anybody writes a trial
 _PUBLISHED_NAME = re.compile(r"(?:markers_)?(f(\d+)_(\d+))$")
+_RECORDED = ("controls", "sensors", "start", "start_velocities")  # kept when the video is tracked again
+
+
+class TrialEntry(BaseModel):
+    """What the index of a reference folder says of a trial. Other keys are kept as they are.
+
+    Attributes:
+        name: Name of the trial.
+        table: File with its track, in the same folder; by default `NAME.csv`.
+        nominal_frequency_hz: Frequency that the motor was commanded to turn at [Hz].
+        fps: Frames a second, for a person who reads the file.
+        meters_per_pixel: Scale of the video [m].
+        provenance: Where the trial comes from, in words.
+        video: Path of its video, from the folder.
+        controls: File with the commands that drove the robot, in the same folder.
+        sensors: File with what sensors measured, in the same folder.
+        start: Positions of joints at the first time stamp [m or rad].
+        start_velocities: Velocities of joints at the first time stamp [m/s or rad/s].
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    name: str
+    table: str | None = None
+    nominal_frequency_hz: Positive | None = None
+    fps: Positive | None = None
+    meters_per_pixel: Positive | None = None
+    provenance: str = ""
+    video: str | None = None
+    controls: str | None = None
+    sensors: str | None = None
+    start: dict[str, Number] = Field(default_factory=dict)
+    start_velocities: dict[str, Number] = Field(default_factory=dict)
+
+    @property
+    def tables(self) -> set[str]:
+        """Names of the trial's files in the folder."""
+        return {self.table or f"{self.name}.csv", *(name for name in (self.controls, self.sensors) if name)}
+
+
+class Index(BaseModel):
+    """The content of `reference.json`.
+
+    Attributes:
+        format: Version of the format.
+        markers: Names of the M markers.
+        trials: The trials.
+    """
+
+    format: Literal[1]
+    markers: list[str]
+    trials: list[TrialEntry] = Field(min_length=1)
 
 
 def load_reference(folder: str | Path) -> TrialSet:
-    """Trials of a reference folder, or of a folder of raw published CSVs, sorted by name.
+    """Reads the trials of a reference folder, or of a folder of raw published CSVs, sorted by name.
+
+    Args:
+        folder: Path of the folder.
 
     Raises:
         TrialError: The folder or a file in it is missing, or can't be read; the message names file and line.
@@ -44,7 +96,7 @@ def load_reference(folder: str | Path) -> TrialSet:
         kind = "a file, not a folder" if path.exists() else "not there"
         raise TrialError(f"reference '{path}' is {kind}; give a folder with {INDEX} or with published CSVs")
     if (path / INDEX).is_file():
-        return _load_folder(path)
+        return _load_folder(path, _read_index(path))
     tables = sorted(path.glob("*.csv"))
     if not tables:
         raise TrialError(
@@ -54,9 +106,16 @@ def load_reference(folder: str | Path) -> TrialSet:
 
 
 def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
-    """One raw published CSV: pixels with y down, x and y of nine markers a row, to meters with y up.
+    """Reads a raw published CSV: pixels with y down, x and y of nine markers a row, to meters with y up.
 
     The scale is the median distance of the first two markers, which are 0.142 m apart on the robot.
+
+    Args:
+        path: Path of the table.
+        fps: Frames a second of its video.
+
+    Raises:
+        TrialError: The table can't be read, or shows no scale or no motion.
     """
     table = Path(path)
     if not (np.isfinite(fps) and fps > 0):
@@ -72,9 +131,9 @@ def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
         raise TrialError(f"{table.name}: the first two markers coincide or are never seen, so there is no scale")
     scale = PUBLISHED_HEAD_LENGTH / head_px
     times = np.arange(len(rows)) / fps
-    found = _PUBLISHED_NAME.match(table.stem)
+    published = _PUBLISHED_NAME.match(table.stem)
     trial = Trial(
-        name=found.group(1) if found else table.stem,
+        name=published.group(1) if published else table.stem,
         track=MarkerTrack(times, pixels * scale * [1.0, -1.0]),
         nominal_frequency=nominal_frequency(table.stem),
         meters_per_pixel=scale,
@@ -85,8 +144,8 @@ def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
 
 def nominal_frequency(name: str) -> float | None:
     """The frequency in a trial's name [Hz], such as 1.5 in `f1_50`; None for other names."""
-    found = _PUBLISHED_NAME.match(name)
-    return (float(f"{found.group(2)}.{found.group(3)}") or None) if found else None  # in f0_00 the motor stands still
+    match = _PUBLISHED_NAME.match(name)
+    return (float(f"{match.group(2)}.{match.group(3)}") or None) if match else None  # in f0_00 the motor stands still
 
 
 def save_reference(trials: TrialSet, folder: str | Path) -> None:
@@ -105,13 +164,13 @@ def save_reference(trials: TrialSet, folder: str | Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
         for trial in trials:
             _write_tables(path, trial, trials.marker_names)
-        _write_index(path, list(trials.marker_names), entries)
+        _write_index(path, trials.marker_names, entries)
     except OSError as error:
         raise TrialError(f"can't write reference folder '{path}': {error.strerror or error}") from error
 
 
 def check_folder(folder: str | Path, name: str, marker_names: tuple[str, ...]) -> None:
-    """Whether a trial of this name and with these markers can be added to a folder.
+    """Checks that a trial of this name and with these markers can be added to a folder.
 
     Raises:
         TrialError: The folder holds something else, or trials with other markers.
@@ -131,8 +190,8 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
 
     Args:
         folder: A reference folder, an empty one, or one to make.
-        trial: In meters.
-        marker_names: Of its M markers; the same as of the trials that are there.
+        trial: The trial, in meters.
+        marker_names: Names of its M markers; the same as of the trials that are there.
 
     Raises:
         TrialError: The folder holds something else or other markers, the trial couldn't be read back, or the folder
@@ -144,36 +203,39 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
     table = f"{trial.name}.csv"
     _check_motion(trial, path / table)
     try:
-        path.mkdir(parents=True, exist_ok=True)
-        with FileLock(path / LOCK, timeout=_LOCK_TIMEOUT):
+        with locked(path, timeout=_LOCK_TIMEOUT):
             entries = _entries(path, marker_names, table)
-            old = next((entry for entry in entries if entry["name"] == trial.name), {})
-            new = {**{key: old[key] for key in RECORDED if key in old}, **_entry(trial, path)}
-            entries = [*(entry for entry in entries if entry is not old), new]
-            _check_files(new, entries, path)
-            entries.sort(key=lambda entry: str(entry["name"]))  # whoever was added first
+            entry = _entry(trial, path)
+            old = next((other for other in entries if other.name == trial.name), None)
+            if old is not None:
+                kept = [key for key in _RECORDED if key in old.model_fields_set - entry.model_fields_set]
+                entry = entry.model_copy(update={key: getattr(old, key) for key in kept})
+            entries = [*(other for other in entries if other is not old), entry]
+            _check_files(entry, entries, path)
+            entries.sort(key=lambda other: other.name)  # whoever was added first
             _write_tables(path, trial, marker_names)
-            _write_index(path, list(marker_names), entries)
-    except Timeout:
+            _write_index(path, marker_names, entries)
+    except BlockingIOError:
         raise TrialError(f"another process has been writing to '{path}' for {_LOCK_TIMEOUT} s; try again") from None
     except OSError as error:
         raise TrialError(f"can't write reference folder '{path}': {error.strerror or error}") from error
 
 
-def _entries(path: Path, marker_names: tuple[str, ...], table: str) -> list[dict[str, Any]]:
+def _entries(path: Path, marker_names: tuple[str, ...], table: str) -> list[TrialEntry]:
     """Entries of the trials that a folder's index lists; none in a new folder."""
     if not (path / INDEX).is_file():
         others = sorted(other.name for other in path.glob("*.csv") if other.name != table)
         if others:
             raise TrialError(f"'{path}' holds {others[0]} but no {INDEX}, so it is no reference folder; choose another")
         return []
-    there = _load_folder(path)
+    index = _read_index(path)
+    there = _load_folder(path, index)
     if there.marker_names != marker_names:
         raise TrialError(
             f"reference '{path}' has the markers {', '.join(there.marker_names)}; the new trial has "
             f"{', '.join(marker_names)}; choose another folder"
         )
-    return json.loads((path / INDEX).read_text(encoding="utf-8"))["trials"]
+    return index.trials
 
 
 def _check_name(name: str) -> None:
@@ -181,79 +243,54 @@ def _check_name(name: str) -> None:
         raise TrialError(f"trial name {name!r} can't be the name of a file; give it another")
 
 
-def _check_files(entry: dict[str, Any], entries: list[dict[str, Any]], path: Path) -> None:
-    """Whether no other trial has a table of the same name."""
+def _check_files(entry: TrialEntry, entries: list[TrialEntry], path: Path) -> None:
+    """Checks that no other trial has a table of the same name."""
     for other in entries:
-        shared = sorted(_tables(entry) & _tables(other))
-        if other["name"] != entry["name"] and shared:
-            raise TrialError(f"table '{shared[0]}' in '{path}' is trial '{other['name']}'; choose another name")
+        shared = sorted(entry.tables & other.tables)
+        if other.name != entry.name and shared:
+            raise TrialError(f"table '{shared[0]}' in '{path}' is trial '{other.name}'; choose another name")
 
 
-def _tables(entry: dict[str, Any]) -> set[str]:
-    return {entry.get("table", f"{entry['name']}.csv"), *(entry[kind] for kind in SIGNALS if kind in entry)}
-
-
-def _entry(trial: Trial, folder: Path) -> dict[str, Any]:
-    video = {} if trial.video is None else {"video": _from(folder, trial.video)}
-    return {
-        "name": trial.name,
-        "table": f"{trial.name}.csv",
-        "nominal_frequency_hz": trial.nominal_frequency,
-        "fps": round(trial.fps, 6),
-        "meters_per_pixel": trial.meters_per_pixel,
-        "provenance": trial.provenance,
-        **video,
-        **recorded_entry(trial),
+def _entry(trial: Trial, folder: Path) -> TrialEntry:
+    """What the index says of a trial; keys of what it doesn't have aren't set."""
+    optional = {
+        "video": None if trial.video is None else path_from(folder, trial.video),
+        **{kind: _signals_file(trial, kind) for kind in _signals(trial)},
+        "start": dict(trial.start),
+        "start_velocities": dict(trial.start_velocities),
     }
+    return TrialEntry(
+        name=trial.name, table=f"{trial.name}.csv", nominal_frequency_hz=trial.nominal_frequency,
+        fps=round(trial.fps, 6), meters_per_pixel=trial.meters_per_pixel, provenance=trial.provenance,
+        **{key: value for key, value in optional.items() if value},
+    )  # fmt: skip
 
 
-def _from(folder: Path, video: Path) -> str:
-    """The way from the folder, so that both can be moved together; the whole path where there is none."""
-    try:
-        return Path(os.path.relpath(video.resolve(), folder.resolve())).as_posix()
-    except ValueError:  # on another drive
-        return video.resolve().as_posix()
+def _signals(trial: Trial) -> dict[str, Signals]:
+    """The trial's tables of signals that there are, by kind."""
+    kinds = {"controls": trial.controls, "sensors": trial.sensors}
+    return {kind: signals for kind, signals in kinds.items() if signals is not None}
 
 
-def _write_index(path: Path, markers: list[str], entries: list[dict[str, Any]]) -> None:
-    part = path / f"{INDEX}.part"
-    part.write_text(
-        json.dumps({"format": FORMAT, "markers": markers, "trials": entries}, indent=2) + "\n", encoding="utf-8"
-    )
-    part.replace(path / INDEX)
+def _signals_file(trial: Trial, kind: str) -> str:
+    return f"{trial.name}.{kind}.csv"
 
 
-def _load_folder(path: Path) -> TrialSet:
-    where = path / INDEX
-    try:
-        index = json.loads(where.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise TrialError(f"{where}: not readable as JSON ({error})") from error
-    if not isinstance(index, dict) or index.get("format") != FORMAT:
-        found = index.get("format") if isinstance(index, dict) else type(index).__name__
-        raise TrialError(f"{where}: format is {found!r}; this version reads format {FORMAT}")
-    entries = index.get("trials")
-    if not isinstance(entries, list) or not entries:
-        raise TrialError(f"{where}: 'trials' must be a list with at least one trial")
-    names = index.get("markers")
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise TrialError(f"{where}: 'markers' must be a list of marker names")
-    return TrialSet(tuple(_load_trial(path, entry, names) for entry in entries), tuple(names))
+def _read_index(path: Path) -> Index:
+    return read(Index, path / INDEX, "reference", TrialError)
 
 
-def _load_trial(folder: Path, entry: Any, markers: list[str]) -> Trial:
-    where = folder / INDEX
-    if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
-        raise TrialError(f"{where}: every trial needs a 'name'")
-    name = entry["name"]
-    for key in ("nominal_frequency_hz", "fps", "meters_per_pixel"):
-        value = entry.get(key)
-        if value is not None and not (isinstance(value, int | float) and np.isfinite(value) and value > 0):
-            raise TrialError(f"{where}: {key} of trial '{name}' is {value!r}; it must be a number above 0")
-    file_name = entry.get("table", f"{name}.csv")
-    table = folder / str(file_name)
-    if not table.is_file() or table.parent != folder:
-        raise TrialError(f"{where}: table '{file_name}' of trial '{name}' is not in {folder}")
+def _write_index(path: Path, markers: tuple[str, ...], entries: list[TrialEntry]) -> None:
+    write_json(path / INDEX, Index(format=1, markers=list(markers), trials=entries).model_dump(exclude_unset=True))
+
+
+def _load_folder(path: Path, index: Index) -> TrialSet:
+    trials = tuple(_load_trial(path, entry, index.markers) for entry in index.trials)
+    return TrialSet(trials, tuple(index.markers))
+
+
+def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
+    table = _file(folder, entry, "table", entry.table or f"{entry.name}.csv")
     lines = read_lines(table)
     columns = _columns(markers)
     header = next(csv.reader(lines[:1]), [])
@@ -266,15 +303,31 @@ def _load_trial(folder: Path, entry: Any, markers: list[str]) -> Trial:
         track = MarkerTrack(rows[:, 0], cells[:, :, :2], np.nan_to_num(cells[:, :, 2]))
     except TrialError as error:
         raise TrialError(f"{table}: {error}") from error
-    video = entry.get("video")
-    if not isinstance(video, str | None):
-        raise TrialError(f"{where}: video of trial '{name}' is {video!r}; it must be a path")
     trial = Trial(
-        name, track, entry.get("nominal_frequency_hz"), entry.get("meters_per_pixel"), str(entry.get("provenance", "")),
-        video=None if video is None else folder / video,
-    )  # fmt: skip
-    trial = with_recorded(trial, entry, folder, where)
+        name=entry.name,
+        track=track,
+        nominal_frequency=entry.nominal_frequency_hz,
+        meters_per_pixel=entry.meters_per_pixel,
+        provenance=entry.provenance,
+        video=None if entry.video is None else folder / entry.video,
+        controls=_load_signals(folder, entry, "controls", entry.controls),
+        sensors=_load_signals(folder, entry, "sensors", entry.sensors),
+        start=entry.start,
+        start_velocities=entry.start_velocities,
+    )
     return _check_motion(trial, table)
+
+
+def _load_signals(folder: Path, entry: TrialEntry, kind: str, name: str | None) -> Signals | None:
+    return None if name is None else read_signals(_file(folder, entry, kind, name))
+
+
+def _file(folder: Path, entry: TrialEntry, kind: str, name: str) -> Path:
+    """Path of a trial's file, which must lie in the folder itself."""
+    path = folder / name
+    if not path.is_file() or path.parent != folder:
+        raise TrialError(f"{folder / INDEX}: {kind} '{name}' of trial '{entry.name}' is not in {folder}")
+    return path
 
 
 def _columns(markers: tuple[str, ...] | list[str]) -> list[str]:
@@ -282,18 +335,15 @@ def _columns(markers: tuple[str, ...] | list[str]) -> list[str]:
 
 
 def _write_tables(folder: Path, trial: Trial, markers: tuple[str, ...]) -> None:
-    """The trial's tables, each whole or not at all."""
-    written: dict[str, Callable[[Path], None]] = {
-        f"{trial.name}.csv": lambda path: _write_track(path, trial.track, markers), **recorded_tables(trial)
-    }  # fmt: skip
-    for name, write in written.items():
-        write(folder / f"{name}.part")
-        (folder / f"{name}.part").replace(folder / name)
+    """Writes the trial's tables, each whole or not at all."""
+    _write_track(folder / f"{trial.name}.csv", trial.track, markers)
+    for kind, signals in _signals(trial).items():
+        write_signals(signals, folder / _signals_file(trial, kind))
 
 
 def _write_track(path: Path, track: MarkerTrack, markers: tuple[str, ...]) -> None:
     cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(_columns(markers))
         for time, row in zip(track.times, cells, strict=True):

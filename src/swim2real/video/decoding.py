@@ -1,19 +1,97 @@
-"""Decodes a stream, leaves broken pictures out and tells which others lean on them."""
+"""Opens a video file and decodes its stream; broken pictures are left out, and those that depend on them are marked."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-if TYPE_CHECKING:
-    from av import VideoFrame
-    from av.container import InputContainer
-    from av.packet import Packet
-    from av.video.stream import VideoStream
+import av
+from av import VideoFrame
+from av.container import InputContainer
+from av.error import FFmpegError
+from av.packet import Packet
+from av.stream import Disposition
+from av.video.stream import VideoStream
 
+from swim2real.errors import VideoError
+
+TOP_BOXES = {b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"}  # with which MP4 and QuickTime files begin
+NOT_VIDEO = {"tty"}  # the format that FFmpeg takes text for
 MOST_HELD = 16  # pictures that may wait for one that is shown later, as many as H.264 and HEVC can refer to
+
+
+def open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]:
+    """Opens a file and its best video stream, ready to decode.
+
+    Args:
+        path: Path of the video.
+        threads: Number of threads that decode; 0 for as many as the machine has cores.
+
+    Raises:
+        VideoError: The file isn't there, is a folder or no video, is cut off, or there is no decoder for it.
+    """
+    if path.is_dir():
+        raise VideoError(f"'{path}' is a folder; give the path of a video file")
+    if not path.exists():
+        raise VideoError(f"no video '{path}'; check the path")
+    if path.stat().st_size == 0:
+        raise VideoError(f"'{path}' is empty (0 bytes); copy it again")
+    if _lacks_index(path):
+        raise VideoError(
+            f"'{path}' ends before its index (the 'moov' box): the recording or the copy was cut off; copy it again, "
+            "or repair it with a tool that has an intact video of the same camera"
+        )
+    try:
+        container = av.open(str(path.absolute()))
+    except FFmpegError as error:
+        if isinstance(error, PermissionError):
+            raise VideoError(f"'{path}' can't be read: permission denied") from None
+        raise VideoError(f"'{path}' is not a video that FFmpeg can read ({error.strerror})") from None
+    try:
+        return container, _video_stream(container, path, threads)
+    except VideoError:
+        container.close()
+        raise
+
+
+def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoStream:
+    if container.format.name in NOT_VIDEO:
+        raise VideoError(f"'{path}' is a text file, not a video")
+    stream = container.streams.best("video")
+    if (
+        not isinstance(stream, VideoStream) or stream.disposition & Disposition.attached_pic
+    ):  # the cover of a sound file
+        held = ", ".join(sorted({other.type for other in container.streams})) or "nothing"
+        raise VideoError(f"'{path}' has no video in it, only {held}")
+    # without a decoder PyAV has no codec context, whatever its stubs say
+    if getattr(stream, "codec_context", None) is None:
+        raise VideoError(f"no decoder for the video in '{path}'; convert it to H.264, for example")
+    stream.thread_type = "AUTO"
+    stream.thread_count = threads
+    return stream
+
+
+def _lacks_index(path: Path) -> bool:
+    """Whether this is an MP4 or QuickTime file without a whole 'moov' box (a photo has a 'meta' box instead)."""
+    with path.open("rb") as file:
+        end = path.stat().st_size
+        place = 0
+        while place + 8 <= end:
+            file.seek(place)
+            head = file.read(16)
+            size, kind = int.from_bytes(head[:4], "big"), head[4:8]
+            if (place == 0 and kind not in TOP_BOXES) or kind == b"meta":
+                return False
+            if size == 1:
+                size = int.from_bytes(head[8:16], "big")
+            if kind == b"moov":
+                return place + size > end
+            if size < 8:  # 0: up to the end of the file
+                break
+            place += size
+        return place > 0 or end >= 8
 
 
 @dataclass(frozen=True)
@@ -21,10 +99,10 @@ class Picture:
     """A decoded picture.
 
     Attributes:
-        stored: As it is stored: not turned, in the camera's colors.
-        stamp: In units of the stream's time base; None where the file has none.
+        stored: Picture as it is stored: not turned, in the camera's colors.
+        stamp: Time stamp in units of the stream's time base; None if the file has none.
         intact: Whether all pictures since the last key frame that are stored before this one are whole.
-        lost: Pictures without a stamp that were left out just before.
+        lost: Number of pictures without a stamp that were left out just before.
     """
 
     stored: VideoFrame
@@ -41,10 +119,10 @@ class Decoder:
     lean on one that is stored before it and shown after it; it waits until that one has come.
 
     Attributes:
-        left_out: Stamps of the pictures that are left out.
-        unstamped: Pictures without a stamp that are left out.
-        hidden: Packets that aren't for showing, as the file says.
-        failure: Why reading stopped before the end; empty where it didn't.
+        left_out: Stamps of the pictures that are left out, as keys.
+        unstamped: Number of pictures without a stamp that are left out.
+        hidden: Number of packets that the file marks as not to be shown.
+        failure: Why reading stopped before the end; empty if it didn't.
     """
 
     def __init__(self, container: InputContainer, stream: VideoStream) -> None:
@@ -80,16 +158,12 @@ class Decoder:
         yield from self._release()
 
     def _packets(self) -> Iterator[Packet[VideoStream]]:
-        from av.error import FFmpegError
-
         try:
             yield from self._container.demux(self._stream)
         except FFmpegError as error:
             self.failure = f"reading stopped before the end ({error.strerror})"
 
     def _decode(self, packet: Packet[VideoStream]) -> list[VideoFrame]:
-        from av.error import FFmpegError
-
         self._packet += 1
         tracked = packet.pts is not None and self._stamped
         if packet.is_discard:
