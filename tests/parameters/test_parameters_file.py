@@ -1,6 +1,7 @@
 import json
 import os
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -36,19 +37,19 @@ def refusal(place) -> str:
 
 def test_what_was_written_is_read_back_to_the_last_bit(place):
     write_parameters(place, "fish", VALUES, "mujoco 3.13.0", PHYSICS, loss=0.04, evaluation=3)
-    found = read(place)
-    assert found.values == VALUES
-    assert found.engine == "mujoco 3.13.0"
-    assert found.physics == PHYSICS
-    assert found.path == place
+    content = read(place)
+    assert content.values == VALUES
+    assert content.engine == "mujoco 3.13.0"
+    assert content.physics == PHYSICS
+    assert content.path == place
     assert json.loads(place.read_text())["loss"] == 0.04
 
 
 def test_the_documented_minimum_is_enough(place, content):
     place.write_text(json.dumps(content))
-    found = read(place)
-    assert found.values == VALUES
-    assert found.physics is None
+    file = read(place)
+    assert file.values == VALUES
+    assert file.physics is None
 
 
 def test_a_run_folder_stands_for_its_best_parameters(tmp_path):
@@ -78,11 +79,11 @@ def test_bytes_that_are_no_text_are_refused(place):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": 2}, "format is 2; this version reads format 1"),
-        ({"format": None}, "format is None; this version reads format 1"),
+        ({"format": 2}, "'format' is 2; it must be 1"),
+        ({"format": None}, "'format' is null; it must be 1"),
         ({"robot": "eel"}, "is for robot 'eel', not 'fish'"),
-        ({"robot": None}, "is for robot None, not 'fish'"),
-        ({"parameters": [1, 2]}, "'parameters' must map names to numbers"),
+        ({"robot": None}, "'robot' is null; it must be a text"),
+        ({"parameters": [1, 2]}, "'parameters' is [1, 2]; it must be a table of names and values"),
         ({"parameters": {"drag": 1.0}}, "missing parameter in '{place}': arm"),
         ({"parameters": {**VALUES, "arn": 0.03}}, "unknown parameter 'arn'; did you mean 'arm'? in '{place}'"),
         (
@@ -106,7 +107,7 @@ def test_wrong_contents_are_refused_in_words(place, content, change, message):
 
 def test_a_list_is_no_parameters_file(place):
     place.write_text("[1]")
-    assert refusal(place) == f"parameters file '{place}': format is [1]; this version reads format 1"
+    assert refusal(place).startswith(f"parameters file '{place}': [1]")
 
 
 def test_a_reader_never_sees_half_a_file(place):
@@ -114,7 +115,7 @@ def test_a_reader_never_sees_half_a_file(place):
     done = threading.Event()
 
     def keep_writing() -> None:
-        for k in range(300):
+        for k in range(60):
             write_parameters(place, "fish", {"drag": k / 100, "arm": 0.03}, "mujoco", PHYSICS, padding="x" * 5000)
         done.set()
 
@@ -125,7 +126,7 @@ def test_a_reader_never_sees_half_a_file(place):
         read(place)
         reads += 1
     writer.join()
-    assert read(place).values["drag"] == 2.99
+    assert read(place).values["drag"] == 0.59
     assert os.listdir(place.parent) == [place.name]
 
 
@@ -135,7 +136,7 @@ def test_a_write_that_fails_leaves_the_old_file_whole(place, monkeypatch):
     def no_space(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "replace", no_space)
+    monkeypatch.setattr(Path, "replace", no_space)
     with pytest.raises(OSError, match="No space left"):
         write_parameters(place, "fish", {"drag": 1.0, "arm": 0.03}, "mujoco", PHYSICS)
     assert read(place).values == VALUES

@@ -363,7 +363,7 @@ def test_a_track_that_cant_be_replaced_stays(clip, there, tmp_path):
     (there / "reference.json").write_text("{}")
     moved = tmp_path / "moved.json"
     save_points(moved, clip.filmed.truth.positions[0] + 1.0, NAMES, clip.video.name, 640, 360)
-    with pytest.raises(TrialError, match="format is None; this version reads format 1"):
+    with pytest.raises(TrialError, match="'format' is missing"):
         tracked(replace(clip, points=moved), there)
     (there / "reference.json").write_bytes(index)
     assert tracked(clip, there)[1].again

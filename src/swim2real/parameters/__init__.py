@@ -1,6 +1,6 @@
 """The simulator parameters that are calibrated: bounds, units, meaning, the unit cube, and their file."""
 
-from swim2real.parameters.file import ParametersFile, from_folder, read_parameters, robot_of, write_parameters
+from swim2real.parameters.file import ParametersFile, read_parameters, robot_of, write_parameters
 from swim2real.parameters.space import Parameter, ParameterSpace, Scale, Values
 
 __all__ = [
@@ -9,7 +9,6 @@ __all__ = [
     "ParametersFile",
     "Scale",
     "Values",
-    "from_folder",
     "read_parameters",
     "robot_of",
     "write_parameters",

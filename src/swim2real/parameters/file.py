@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from pydantic import BaseModel
+
+from swim2real.checking import read
 from swim2real.errors import ParameterError
 from swim2real.parameters.space import ParameterSpace, Values
+from swim2real.store import path_from, write_json
 
 FORMAT = 1
 BEST = "best.json"  # the parameters file of a run folder
+
+
+class _Content(BaseModel):
+    """What a parameters file says; other keys, such as the loss, are for people."""
+
+    format: Literal[1]
+    robot: str
+    robot_file: str | None = None
+    parameters: dict[str, Any]
+    engine: str | None = None
+    physics: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -21,10 +34,10 @@ class ParametersFile:
     """What a parameters file holds.
 
     Attributes:
-        values: Checked, in the order of the space.
-        engine: The engine's name, or None.
-        physics: Integrator, time step and fluid fingerprint as recorded, or None.
-        path: Where it was read from.
+        values: Checked values, in the order of the space.
+        engine: Name and version of the engine; None if the file doesn't say.
+        physics: Integrator, time step and fluid fingerprint as recorded; None if the file doesn't say.
+        path: Path of the file.
     """
 
     values: dict[str, float]
@@ -34,95 +47,75 @@ class ParametersFile:
 
 
 def robot_of(path: str | Path) -> str:
-    """The robot that a parameters file, or a run folder's best parameters, are for: its robot file, or its name.
+    """The robot that a parameters file is for: the path of its robot file, or its name.
+
+    Args:
+        path: Path of the file, or of a run folder, which stands for its best parameters.
 
     Raises:
-        ParameterError: Not there, not JSON, another format, or no name; or the robot file isn't there.
+        ParameterError: The file isn't there or isn't a parameters file, or its robot file isn't there.
     """
     place, content = _read(path)
-    name = content.get("robot")
-    if not isinstance(name, str):
-        raise ParameterError(f"parameters file '{place}': 'robot' is {name!r}; it must be a robot's name")
-    file = content.get("robot_file")
-    if file is None:
-        return name
-    source = place.parent / str(file)
+    if content.robot_file is None:
+        return content.robot
+    source = place.parent / content.robot_file
     if not source.is_file():
         raise ParameterError(
-            f"parameters file '{place}': its robot file '{file}', looked up from the folder of the parameters file, is "
-            f"not there; leave the parameters file where it was, or give the robot file's place as its 'robot_file'"
+            f"parameters file '{place}': its robot file '{content.robot_file}', looked up from the folder of the "
+            f"parameters file, is not there; leave the parameters file where it was, or give the robot file's place as "
+            f"its 'robot_file'"
         )
     return str(source)
 
 
 def read_parameters(path: str | Path, robot: str, space: ParameterSpace) -> ParametersFile:
-    """Reads a parameters file, or the best parameters of a run folder.
+    """Reads a parameters file.
+
+    Args:
+        path: Path of the file, or of a run folder, which stands for its best parameters.
+        robot: Name of the robot that the values must be for.
+        space: Parameters of this robot.
 
     Raises:
-        ParameterError: Not there, not JSON, another format or robot, or a value that is not allowed.
+        ParameterError: The file isn't there, isn't a parameters file or is for another robot, or a value is not
+            allowed.
     """
     place, content = _read(path)
-    if content.get("robot") != robot:
-        raise ParameterError(f"parameters file '{place}' is for robot {content.get('robot')!r}, not '{robot}'")
-    values = content.get("parameters")
-    if not isinstance(values, dict):
-        raise ParameterError(f"parameters file '{place}': 'parameters' must map names to numbers")
-    physics = content.get("physics")
-    return ParametersFile(
-        space.check(values, where=f"'{place}'"),
-        content.get("engine"),
-        physics if isinstance(physics, dict) else None,
-        place,
-    )
+    if content.robot != robot:
+        raise ParameterError(
+            f"parameters file '{place}' is for robot '{content.robot}', not '{robot}'; give a file of this robot"
+        )
+    return ParametersFile(space.check(content.parameters, where=f"'{place}'"), content.engine, content.physics, place)
 
 
-def _read(path: str | Path) -> tuple[Path, dict[str, Any]]:
+def _read(path: str | Path) -> tuple[Path, _Content]:
     place = Path(path)
     if place.is_dir():
         if not (place / BEST).is_file():
             raise ParameterError(f"'{place}' is no run folder with a result: it has no {BEST}")
         place = place / BEST
-    try:
-        content = json.loads(place.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ParameterError(f"parameters file '{place}' is not there") from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ParameterError(f"parameters file '{place}' can't be read as JSON: {error}") from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        found = content.get("format") if isinstance(content, dict) else content
-        raise ParameterError(f"parameters file '{place}': format is {found!r}; this version reads format {FORMAT}")
-    return place, content
+    return place, read(_Content, place, "parameters file", ParameterError)
 
 
 def write_parameters(
     path: str | Path, robot: str, values: Values, engine: str, physics: Mapping[str, Any],
     robot_file: Path | None = None, **notes: Any,
 ) -> None:  # fmt: skip
-    """Writes a parameters file at once, so that a reader never sees half of it.
+    """Writes a parameters file, whole or not at all.
 
     Args:
-        path: Where to.
+        path: Path of the file.
         robot: Name of the robot.
         values: Checked values.
         engine: Name and version of the engine.
         physics: Integrator, time step and fluid fingerprint.
-        robot_file: That describes the robot, for one that isn't known by its name.
-        notes: What else the file should tell, such as the loss.
+        robot_file: File that describes the robot, for one that isn't known by its name.
+        notes: What else the file should say, such as the loss.
     """
     place = Path(path)
-    file = {} if robot_file is None else {"robot_file": from_folder(place.parent, robot_file)}
+    file = {} if robot_file is None else {"robot_file": path_from(place.parent, robot_file)}
     content = {
         "format": FORMAT, "robot": robot, **file, "parameters": dict(values), "engine": engine,
         "physics": dict(physics), **notes,
     }  # fmt: skip
-    part = place.with_name(place.name + ".part")
-    part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-    os.replace(part, place)
-
-
-def from_folder(folder: Path, file: Path) -> str:
-    """The way from a folder to a file, so that both can be moved together; the whole path where there is none."""
-    try:
-        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
-    except ValueError:  # on another drive
-        return file.resolve().as_posix()
+    write_json(place, content)

@@ -6,7 +6,6 @@ or logarithmic with a small offset, which spreads out the low end where a parame
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swim2real.checking import did_you_mean
 from swim2real.errors import ParameterError
 
 Scale = Literal["log", "linear"]
@@ -27,12 +27,12 @@ class Parameter:
 
     Attributes:
         name: Identifier, as in parameters files.
-        unit: SI unit, `-` when there is none.
+        unit: SI unit; `-` for a number without one.
         lower: Smallest allowed value [unit].
         upper: Largest allowed value [unit].
         meaning: One or two sentences on what it does, for a person or a VLM.
         published: Value that the prior work publishes for this robot [unit].
-        log_offset: Offset c [unit] of the logarithmic scale log(value + c); None keeps this parameter linear.
+        log_offset: Offset c of the logarithmic scale log(value + c) [unit]; None keeps this parameter linear.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Parameter:
         """The value as a float.
 
         Raises:
-            ParameterError: Not a number, not finite, or out of bounds.
+            ParameterError: The value is not a number, not finite, or out of bounds.
         """
         place = f" in {where}" if where else ""
         allowed = f"allowed is {self.lower:g} to {self.upper:g} {self.unit}".removesuffix(" -")
@@ -130,10 +130,10 @@ class ParameterSpace:
         """Physical values at a point of the unit cube.
 
         Args:
-            point: Shape (d,), each in [0, 1].
+            point: Coordinates, each in [0, 1]. Shape (d,).
 
         Raises:
-            ParameterError: Wrong length, not finite, or outside the cube.
+            ParameterError: The point has another length, isn't finite, or lies outside the cube.
         """
         cube = np.asarray(point, dtype=float)
         if cube.shape != (len(self),):
@@ -182,6 +182,4 @@ class ParameterSpace:
 
 def unknown_name(name: str, known: tuple[str, ...]) -> str:
     """A sentence on an unknown parameter, with the nearest known name."""
-    near = difflib.get_close_matches(name, known, n=1)
-    hint = f"; did you mean '{near[0]}'?" if near else f"; known are {', '.join(known)}"
-    return f"unknown parameter '{name}'{hint}"
+    return f"unknown parameter '{name}'" + (did_you_mean(name, known) or f"; known are {', '.join(known)}")

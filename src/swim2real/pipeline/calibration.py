@@ -35,10 +35,11 @@ from swim2real.calibration import (
 from swim2real.errors import ArgumentError, OptimizerError, RunError
 from swim2real.objective import Protocol
 from swim2real.optimizers import Advice, recorded_advice, streams
-from swim2real.parameters import Scale, from_folder
+from swim2real.parameters import Scale
 from swim2real.pipeline.methods import ADVISED, METHODS, Method, make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
+from swim2real.store import path_from
 from swim2real.trials import TrialSet
 
 
@@ -150,7 +151,7 @@ def run(
         "engine": problem.engine.as_dict(),
     }
     about = {
-        **({} if robot.source is None else {"robot_file": from_folder(folder.path, robot.source)}),
+        **({} if robot.source is None else {"robot_file": path_from(folder.path, robot.source)}),
         "reference": source, "versions": versions(), "commit": commit(),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }  # fmt: skip

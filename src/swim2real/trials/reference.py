@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import re
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -253,7 +253,7 @@ def _check_files(entry: TrialEntry, entries: list[TrialEntry], path: Path) -> No
 
 def _entry(trial: Trial, folder: Path) -> TrialEntry:
     """What the index says of a trial; keys of what it doesn't have aren't set."""
-    optional = {
+    optional: dict[str, Any] = {
         "video": None if trial.video is None else path_from(folder, trial.video),
         **{kind: _signals_file(trial, kind) for kind in _signals(trial)},
         "start": dict(trial.start),
