@@ -8,7 +8,7 @@ import numpy as np
 
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots.robot import Recordings, Robot, Sensor, Sine
-from swim2real.simulation import Player
+from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 
 PENDULUM_XML = """
@@ -153,9 +153,10 @@ def recorded(
     robot: Robot, values: Mapping[str, float], blanks: list[Trial], noise: float = 0.0, seed: int = 0
 ) -> TrialSet:
     """What a robot of these values does in recordings, seen with noise [m]."""
-    player = Player(telling(robot, start="rest") if robot.recordings.start == "markers" else robot, threads=2)
+    placed = telling(robot, start="rest") if robot.recordings.start == "markers" else robot
+    player = PlaybackSimulator(placed, threads=2)
     rng = np.random.default_rng(seed)
-    found = player.play(values, [player.prepared(one) for one in blanks])
+    found = player.simulate(values, [player.request(one) for one in blanks])
     trials = []
     for real, made in zip(blanks, found, strict=True):
         assert made.divergence is None

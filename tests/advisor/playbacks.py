@@ -64,8 +64,8 @@ def compared(
         trial = real.trial(name, robot)
         weights = np.ones(trial.track.confidence.shape)
         weights[:, list(lost)] = 0.0
-        worths = {sensor.name: sensor.worth for sensor in about.sensors}
-        target = PlaybackTarget(trial, weights, about.frame, about.travels, worths)
+        worths = {sensor.name: sensor.meters_per_unit for sensor in about.sensors}
+        target = PlaybackTarget(trial, weights, about.frame, about.score_progress, worths)
         made = real.trial(name, robot, simulated) if isinstance(simulated, str) else simulated.trial(name, robot)
         found.append(compare_playback(target, made))
     return Comparison(tuple(found), "playback", None, skipped)

@@ -33,7 +33,7 @@ from swim2real.errors import ArgumentError, RunError, TrialError
 from swim2real.objective import evidence
 from swim2real.optimizers import RandomSearch, streams
 from swim2real.robots.fish import FISH
-from swim2real.simulation import Player
+from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import MarkerTrack, Signals, TrialSet
 from swimmers import Swimmer, trial_set
 
@@ -120,7 +120,7 @@ def test_the_hidden_values_leave_the_noise(problem, floater):
 
 def test_only_the_horizon_is_simulated_and_compared(pendulum):
     short = pose_problem(PENDULUM, pendulum, horizon=0.5, threads=1)
-    assert [play.trial.track.duration for play in short.plays] == pytest.approx([0.5, 0.5], abs=0.01)
+    assert [rollout.trial.track.duration for rollout in short.rollouts] == pytest.approx([0.5, 0.5], abs=0.01)
     trial = short.evaluate(PENDULUM_HIDDEN).trials[0]
     assert len(trial.times) == 31
     assert trial.sensors[0].times[-1] <= trial.times[-1] + 1e-9
@@ -223,7 +223,7 @@ def test_a_diverged_recording_is_kept_as_such(problem, tmp_path):
         spec.option.gravity = (0, 0, 1e9)
         return spec
 
-    player = Player(replace(PENDULUM, build=build), 1)
+    player = PlaybackSimulator(replace(PENDULUM, build=build), 1)
     bad = PlaybackProblem(TrialSet(problem.trials, PENDULUM.marker_names), player)
     comparison = bad.evaluate(PENDULUM_HIDDEN)
     assert comparison.loss == 1.0

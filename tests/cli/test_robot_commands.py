@@ -10,7 +10,7 @@ from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, parameter
 from small_models import PENDULUM
 from swim2real.robots.file import load_robot
 from swim2real.simulation.excitation import excitation
-from swim2real.simulation.playback import Player
+from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.trials import MarkerTrack, TrialSet, save_reference
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -127,8 +127,8 @@ def test_what_drives_a_trial_is_told(program, tmp_path):
 def test_real_trials_are_used_and_must_fit(program, tmp_path):
     place = made(tmp_path, ROBOT, RECORDINGS, DRIVEN, DAMPING)
     robot = load_robot(place)
-    trial, player = excitation(robot, 1.0), Player(robot, 1)
-    seen = player.play(robot.space.published, [player.prepared(trial)]).trials[0]
+    trial, player = excitation(robot, 1.0), PlaybackSimulator(robot, 1)
+    seen = player.simulate(robot.space.published, [player.request(trial)]).trials[0]
     folder = tmp_path / "reference"
     save_reference(TrialSet((replace(seen, name="a", controls=trial.controls),), robot.marker_names), folder)
     program("check", place, "--reference", folder).done()

@@ -71,7 +71,7 @@ def test_a_snake_swims_in_the_plane_with_one_value_for_its_joints(begun):
     robot = load_robot(out)
     assert draft.camera == "above"
     assert draft.frame == ("M0", "nose")
-    assert (robot.recordings.frame, robot.recordings.travels) == ((0, 1), True)
+    assert (robot.recordings.frame, robot.recordings.score_progress) == ((0, 1), True)
     assert robot.recordings.controls == {f"servo{i}": "table" for i in range(1, 5)}
     assert draft.candidates["joint_damping"].group == ("joint1", "joint2", "joint3", "joint4")
     assert "x_damping" in draft.aside  # what lets it go anywhere isn't a damper

@@ -31,7 +31,7 @@ from swim2real.report.reading import read_run
 from swim2real.report.recording_figures import paths, view
 from swim2real.report.recording_sections import RecordingSections
 from swim2real.robots.robot import Robot, Sensor
-from swim2real.simulation import Player
+from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import MarkerTrack, TrialSet
 
 FOREIGN = (
@@ -214,7 +214,7 @@ def test_a_held_out_trial_that_diverged(copied: Path) -> None:
             return Comparison(tuple(nowhere), found.protocol, found.horizon)
 
     fitted, unseen = blinded(pendulum_reference(1e-3)).split(["b"])
-    player, folder = Player(PENDULUM, 2), RunFolder(copied)
+    player, folder = PlaybackSimulator(PENDULUM, 2), RunFolder(copied)
     best = json.loads((copied / "best.json").read_text())["parameters"]
     conclude(folder, PlaybackProblem(fitted, player), Diverging(unseen, player), best)
     shown = visible(page_of(copied, PENDULUM))

@@ -65,7 +65,7 @@ def test_a_small_file_makes_a_robot(tmp_path):
     assert parameter.published == 0.02
     recordings = robot.recordings
     assert (recordings.controls, recordings.sensors, recordings.start) == ({}, (), "rest")
-    assert (recordings.frame, recordings.travels) == (None, False)
+    assert (recordings.frame, recordings.score_progress) == (None, False)
 
 
 def test_the_spec_has_the_models_sensors_and_then_the_markers(tmp_path):
@@ -143,7 +143,7 @@ def test_controls_sensors_start_and_frame_of_recordings(tmp_path):
         "servo": "table", "motor": "frequency", "torque": 0.5, "damped": Sine(0.2, 1.5, 0.1)
     }  # fmt: skip
     assert recordings.sensors == (Sensor("angle", "rad", 0.1), Sensor("imu[2]", "m/s²", 0.001))
-    assert (recordings.start, recordings.frame, recordings.travels) == ("up", (0, 2), True)
+    assert (recordings.start, recordings.frame, recordings.score_progress) == ("up", (0, 2), True)
 
 
 def test_a_swimmer_has_its_markers_sensors_only(tmp_path):

@@ -21,7 +21,7 @@ from recorded import (
 from swim2real.errors import EngineError, TrialError
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Recordings, Sensor, Sine
-from swim2real.simulation import Engine, Player
+from swim2real.simulation import Engine, PlaybackSimulator
 from swim2real.simulation.playback import sampled
 from swim2real.trials import MarkerTrack, Signals
 
@@ -36,8 +36,8 @@ def refusal(call, *arguments, **options) -> str:
 
 
 def played(robot, trial, values=None, threads=1):
-    player = Player(robot, threads)
-    return player.play(values or robot.space.published, [player.prepared(trial)]).trials[0]
+    player = PlaybackSimulator(robot, threads)
+    return player.simulate(values or robot.space.published, [player.request(trial)]).trials[0]
 
 
 def stepped(robot, values, controls, qpos=None, qvel=None):
@@ -96,7 +96,7 @@ def test_an_actuator_that_isnt_named_gets_nothing_and_a_number_is_the_same_throu
 
 
 def test_what_drives_nothing_is_named():
-    prepared = Player(PENDULUM, 1).prepared
+    prepared = PlaybackSimulator(PENDULUM, 1).request
     assert refusal(prepared, blank(PENDULUM, "a", 1.0)) == (
         "trial 'a' has no controls; actuator 'torque' needs a table with a column of its name"
     )
@@ -104,11 +104,11 @@ def test_what_drives_nothing_is_named():
     assert refusal(prepared, blank(PENDULUM, "a", 1.0, controls=other)) == (
         "trial 'a': the controls don't drive actuator 'torque': there is no column 'torque'; there are speed"
     )
-    assert refusal(Player(FLOATER, 1).prepared, blank(FLOATER, "a", 1.0)) == (
+    assert refusal(PlaybackSimulator(FLOATER, 1).request, blank(FLOATER, "a", 1.0)) == (
         "trial 'a' has no nominal frequency, which drives actuator 'bender'; write it into reference.json"
     )
-    wrong = Player(telling(FLOATER, controls={"fin": 1.0}), 1)
-    assert refusal(wrong.prepared, blank(FLOATER, "a", 1.0)) == (
+    wrong = PlaybackSimulator(telling(FLOATER, controls={"fin": 1.0}), 1)
+    assert refusal(wrong.request, blank(FLOATER, "a", 1.0)) == (
         "actuator 'fin' is to be driven; the model has bender, flapper; name one of these"
     )
 
@@ -148,12 +148,12 @@ def test_straight_lines_between_samples():
 def test_results_depend_neither_on_threads_nor_on_the_batch():
     reference = pendulum_reference(1e-3)
     candidates = [PUBLISHED, PENDULUM_HIDDEN]
-    single, double = Player(PENDULUM, 1), Player(PENDULUM, 2)
-    plays = [single.prepared(trial) for trial in reference]
-    batched = double.play_many(candidates, [double.prepared(trial) for trial in reference])
+    single, double = PlaybackSimulator(PENDULUM, 1), PlaybackSimulator(PENDULUM, 2)
+    plays = [single.request(trial) for trial in reference]
+    batched = double.simulate_many(candidates, [double.request(trial) for trial in reference])
     for values, many in zip(candidates, batched, strict=True):
-        for play, each, one in zip(plays, double.play_each(values, plays), many, strict=True):
-            alone = single.play(values, [play]).trials[0]
+        for play, each, one in zip(plays, double.simulate_each(values, plays), many, strict=True):
+            alone = single.simulate(values, [play]).trials[0]
             assert alone.name == one.name == each.name == play.trial.name
             assert np.array_equal(alone.track.positions, one.track.positions)
             assert np.array_equal(alone.track.positions, each.track.positions)
@@ -169,8 +169,8 @@ def test_a_simulation_that_diverges_says_when_and_disturbs_no_other():
 
     robot = replace(AT_REST, build=build)
     trial = blank(robot, "a", 1.0, controls=torque_table(1.0))
-    player = Player(robot, 2)
-    bad, good = player.play_many([{**PUBLISHED, "lower_mass": 0.15}, PUBLISHED], [player.prepared(trial)])
+    player = PlaybackSimulator(robot, 2)
+    bad, good = player.simulate_many([{**PUBLISHED, "lower_mass": 0.15}, PUBLISHED], [player.request(trial)])
     why = bad["a"].divergence
     assert why.startswith("the simulation diverged ")
     assert 0 <= float(why.split()[3]) < 1
@@ -214,15 +214,15 @@ def test_a_keyframe_and_a_trials_own_start():
 
 
 def test_wrong_starts_are_named():
-    assert refusal(Player, telling(PENDULUM, start="lying")) == (
+    assert refusal(PlaybackSimulator, telling(PENDULUM, start="lying")) == (
         "start is 'lying'; it must be one of rest, markers, raised"
     )
     trial = blank(PENDULUM, "a", 0.5, controls=torque_table(1.0), start={"hip": 0.0})
-    assert refusal(Player(PENDULUM, 1).prepared, trial) == (
+    assert refusal(PlaybackSimulator(PENDULUM, 1).request, trial) == (
         "trial 'a' starts with joint 'hip', which isn't one of the model's sliding and turning joints (shoulder, elbow)"
     )
     unseen = replace(trial, start={})
-    assert refusal(Player(PENDULUM, 1).prepared, unseen) == (
+    assert refusal(PlaybackSimulator(PENDULUM, 1).request, unseen) == (
         "trial 'a': no marker is seen twice in its first 0.10 s, so nothing tells its start; cut the video, or write "
         "'start' into reference.json"
     )
@@ -237,9 +237,9 @@ def test_wrong_starts_are_named():
 )
 def test_the_markers_tell_pose_and_speed_of_a_start(robot, make, hidden):
     """In motion, under controls and unseen forces: the first frames alone tell how the rest of the trial goes."""
-    player = Player(robot, 2)
+    player = PlaybackSimulator(robot, 2)
     for trial in make():
-        found = player.play(hidden, [player.prepared(trial)])[trial.name]
+        found = player.simulate(hidden, [player.request(trial)])[trial.name]
         far = np.linalg.norm(found.track.positions - trial.track.positions, axis=2)
         way = np.ptp(trial.track.positions, axis=0).max()
         assert far[:6].max() < 1e-3 * way + 2.5e-4
@@ -254,9 +254,9 @@ def test_markers_that_are_lost_or_doubted_dont_count_for_the_start():
     weights[:3, 1] = 0
     positions[:, 0] = np.nan
     spoiled = replace(trial, track=MarkerTrack(trial.track.times, positions))
-    player = Player(PENDULUM, 1)
+    player = PlaybackSimulator(PENDULUM, 1)
     found, believed = (
-        player.play(PENDULUM_HIDDEN, [player.prepared(spoiled, given)])["b"] for given in (weights, None)
+        player.simulate(PENDULUM_HIDDEN, [player.request(spoiled, given)])["b"] for given in (weights, None)
     )  # fmt: skip
     assert np.abs(found.track.positions - trial.track.positions)[:30].max() < 2e-3
     assert np.abs(believed.track.positions - trial.track.positions)[:30].max() > 2e-2
@@ -270,7 +270,7 @@ def test_limits_hold_at_the_start():
 
     pose = {"shoulder": 0.5, "elbow": 1.0}
     bent = played(AT_REST, blank(PENDULUM, "a", 0.2, controls=torque_table(1.0), start=pose))
-    play = Player(replace(PENDULUM, build=build), 1).prepared(replace(bent, controls=torque_table(1.0)))
+    play = PlaybackSimulator(replace(PENDULUM, build=build), 1).request(replace(bent, controls=torque_table(1.0)))
     assert play.guess[1] == pytest.approx(np.radians(10))
     assert play.guess[0] > 0.5  # the shoulder makes up for it
 
@@ -331,7 +331,7 @@ def test_joints_that_are_coupled_start_so():
     )  # fmt: skip
     times = np.arange(31) / 60
     track = MarkerTrack(times, 0.2 * np.stack([np.cos(0.5 + times), np.sin(0.5 + times)], axis=1)[:, None])
-    play = Player(robot, 1).prepared(replace(blank(robot, "a", 0.5), track=track))
+    play = PlaybackSimulator(robot, 1).request(replace(blank(robot, "a", 0.5), track=track))
     assert play.guess == pytest.approx([0.5, -0.5], abs=1e-4)
 
 
@@ -342,11 +342,11 @@ def test_sensors_that_arent_there_are_named():
     def telling_sensor(name):
         return telling(PENDULUM, sensors=(Sensor(name, "-", 1.0),))
 
-    assert refusal(Player, telling_sensor("force")) == (
+    assert refusal(PlaybackSimulator, telling_sensor("force")) == (
         "sensor 'force' is to be compared; the model has gyro, encoder, marker:pivot, marker:middle, marker:end"
     )
     for name in ("gyro", "gyro[3]", "gyro[x]"):
-        assert refusal(Player, telling_sensor(name)) == (
+        assert refusal(PlaybackSimulator, telling_sensor(name)) == (
             f"sensor '{name}' isn't one number; name one of gyro[0] to gyro[2]"
         )
     robot = telling(telling_sensor("encoder"), start="rest")
@@ -357,4 +357,4 @@ def test_sensors_that_arent_there_are_named():
 
 def test_a_player_is_for_recordings():
     with pytest.raises(Exception, match="are steady swims; this needs recordings"):
-        Player(FISH)
+        PlaybackSimulator(FISH)

@@ -10,7 +10,7 @@ from swim2real.robots.file import load_robot
 from swim2real.robots.fish import FISH
 from swim2real.simulation.excitation import SECONDS, excitation
 from swim2real.simulation.misfits import misfits, misplaced
-from swim2real.simulation.playback import Player
+from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.probing import NOISE, moved, probe
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 
@@ -130,8 +130,8 @@ def test_a_robot_that_would_be_thrown_about_is_moved_less(robot_of):
 def recorded(robot, **changes) -> TrialSet:
     """What a robot does under its excitation, as if it had been filmed."""
     trial = excitation(robot, 1.0)
-    player = Player(robot, 1)
-    made = player.play(robot.space.published, [player.prepared(trial)]).trials[0]
+    player = PlaybackSimulator(robot, 1)
+    made = player.simulate(robot.space.published, [player.request(trial)]).trials[0]
     real = replace(made, controls=trial.controls, start=trial.start, start_velocities=trial.start_velocities)
     return TrialSet((replace(real, **changes),), robot.marker_names)
 

@@ -56,7 +56,7 @@ def test_sensors_are_compared_by_their_worth(pendulum):
     mute = recorded.telling(recorded.PENDULUM, sensors=())
     without = pose_problem(mute, recorded.pendulum_reference(), horizon=None, threads=2)
     gyro = recorded.PENDULUM.recordings.sensors[0]
-    loud = recorded.telling(recorded.PENDULUM, sensors=(replace(gyro, worth=2 * gyro.worth),))
+    loud = recorded.telling(recorded.PENDULUM, sensors=(replace(gyro, meters_per_unit=2 * gyro.meters_per_unit),))
     louder = pose_problem(loud, recorded.pendulum_reference(), horizon=None, threads=2)
     squares = [float(np.square(residual(to_sysid(one, values))).sum()) for one in (without, pendulum, louder)]
     assert squares[1] > 1.001 * squares[0]

@@ -23,7 +23,7 @@ from swim2real.errors import ArgumentError
 from swim2real.objective import Comparison
 from swim2real.optimizers import Advisor
 from swim2real.parameters import ParameterSpace, Values
-from swim2real.robots.robot import Robot, SteadySwims
+from swim2real.robots.robot import Robot
 
 PHYSICS, FILES, REPLAY = "physics", "files", "replay:"
 
@@ -96,8 +96,9 @@ def make_advisor(
     """
     check_advisor(name)
     if name == PHYSICS:
-        known = isinstance(robot.trials, SteadySwims) and robot.trials.response is not None
-        return PhysicsAdvisor(robot, space, seed) if known else SensitivityAdvisor(space, seed)
+        return (
+            PhysicsAdvisor(robot, space, seed) if robot.trials.response is not None else SensitivityAdvisor(space, seed)
+        )
     if (source := replayed_run(name)) is not None:
         return ReplayAdvisor(source, space)
     if surroundings is None:

@@ -1,4 +1,4 @@
-"""The problem of recordings: real ones, and a player that simulates them under their controls."""
+"""The problem of recordings: real ones, and a simulator that plays them back them under their controls."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from swim2real.objective import Comparison, PlaybackComparison, PlaybackTarget, 
 from swim2real.objective.evidence import rounded
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
-from swim2real.simulation import Engine, Play, Player
+from swim2real.simulation import Engine, PlaybackSimulator, Rollout
 from swim2real.tracking import unseen
 from swim2real.trials import Trial, TrialSet
 
@@ -25,40 +25,40 @@ _ROUNDING = 1e-3  # s, of a table's time stamps
 class PlaybackProblem(Problem):
     """Evaluates parameter values against recordings."""
 
-    def __init__(self, reference: TrialSet, player: Player, horizon: float | None = HORIZON) -> None:
+    def __init__(self, reference: TrialSet, simulator: PlaybackSimulator, horizon: float | None = HORIZON) -> None:
         """Prepares the recordings to play back.
 
         Args:
             reference: Real trials.
-            player: Of the robot.
+            simulator: Simulator of the robot.
             horizon: Seconds of each trial that are compared, None for all.
 
         Raises:
             TrialError: The markers or sensors aren't the robot's, or a trial can't be played back.
         """
-        super().__init__(player.robot, reference.trials, "playback", horizon)
+        super().__init__(simulator.robot, reference.trials, "playback", horizon)
         about = self.robot.recordings
         _check_markers(reference, self.robot)
-        self.player = player
+        self.simulator = simulator
         self.lost = [unseen(trial.track) for trial in self.trials]
         self.targets: list[PlaybackTarget] = []
-        self.plays: list[Play] = []
+        self.rollouts: list[Rollout] = []
         for trial, lost in zip(self.trials, self.lost, strict=True):
             cut = trial.cut(horizon)
             weights = lost.weights[: cut.track.frame_count]
-            worths = {sensor.name: sensor.worth for sensor in about.sensors}
-            target = PlaybackTarget(cut, weights, about.frame, about.travels, worths)
+            worths = {sensor.name: sensor.meters_per_unit for sensor in about.sensors}
+            target = PlaybackTarget(cut, weights, about.frame, about.score_progress, worths)
             for name in worths:
                 target.readings(name)
             self.targets.append(target)
-            self.plays.append(player.prepared(cut, weights))
+            self.rollouts.append(simulator.request(cut, weights))
 
     @property
     def engine(self) -> Engine:
-        return self.player.engine
+        return self.simulator.engine
 
     def of(self, reference: TrialSet) -> PlaybackProblem:
-        return PlaybackProblem(reference, self.player, self.horizon)
+        return PlaybackProblem(reference, self.simulator, self.horizon)
 
     def blocks(self) -> list[tuple[int, int]]:
         found: list[tuple[int, int]] = []
@@ -96,13 +96,13 @@ class PlaybackProblem(Problem):
         save_recordings(folder, fit, held_out)
 
     def _cost(self, index: int) -> float:
-        return self.plays[index].trial.track.duration
+        return self.rollouts[index].trial.track.duration
 
     def _simulate_each(self, values: Values, order: Sequence[int]) -> Generator[Trial]:
-        return self.player.play_each(values, [self.plays[i] for i in order])
+        return self.simulator.simulate_each(values, [self.rollouts[i] for i in order])
 
     def _simulate_many(self, candidates: Sequence[Values]) -> list[TrialSet]:
-        return self.player.play_many(candidates, self.plays)
+        return self.simulator.simulate_many(candidates, self.rollouts)
 
     def _compared(self, index: int, simulated: Trial) -> PlaybackComparison:
         return compare_playback(self.targets[index], simulated)

@@ -7,8 +7,8 @@ from swim2real.calibration.problem import HORIZON, Problem
 from swim2real.calibration.swim_problem import Start, SwimProblem, examine
 from swim2real.errors import ArgumentError
 from swim2real.objective import Protocol
-from swim2real.robots.robot import Recordings, Robot
-from swim2real.simulation import Player, Simulator
+from swim2real.robots.robot import Robot
+from swim2real.simulation import PlaybackSimulator, Simulator
 from swim2real.trials import TrialSet
 
 
@@ -34,7 +34,7 @@ def pose_problem(
     if start != "speed" and resolved != "aligned":
         raise ArgumentError(f"start is '{start}', which is for steady swims under protocol aligned, not {resolved}")
     if resolved == "playback":
-        return PlaybackProblem(reference, Player(robot, threads), horizon)
+        return PlaybackProblem(reference, PlaybackSimulator(robot, threads), horizon)
     return SwimProblem(robot, examine(reference, robot), Simulator(robot, threads), resolved, horizon, start)
 
 
@@ -44,11 +44,12 @@ def protocol_for(robot: Robot, asked: Protocol) -> Protocol:
     Raises:
         ArgumentError: Recordings by the paper's protocol, or swims by playback.
     """
-    recordings = isinstance(robot.trials, Recordings)
-    if (asked == "paper" and recordings) or (asked == "playback" and not recordings):
-        kind, allowed = ("recordings", "playback") if recordings else ("steady swims", "aligned or paper")
-        raise ArgumentError(
-            f"protocol is '{asked}'; the trials of robot '{robot.name}' are {kind}, which are compared by protocol "
-            f"{allowed}"
-        )
-    return "playback" if recordings else asked
+    allowed = robot.trials.protocols
+    if asked in allowed:
+        return asked
+    if asked == "aligned":
+        return allowed[0]
+    raise ArgumentError(
+        f"protocol is '{asked}'; the trials of robot '{robot.name}' are {robot.trials.description}, which are compared "
+        f"by protocol {' or '.join(allowed)}"
+    )

@@ -82,7 +82,7 @@ class SwimProblem(Problem):
                 actuation = replace(actuation, start_speed=0.0)
             lead = actuation.period if protocol == "aligned" else 0.0
             self.targets.append(Target(one.trial, one.quality.weights, actuation.frequency, one.beat.frequency))
-            self.swims.append(Swim(one.trial.name, actuation, one.trial.track.duration + lead))
+            self.swims.append(simulator.request(one.trial, actuation, lead))
 
     @property
     def engine(self) -> Engine:

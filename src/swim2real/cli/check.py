@@ -78,7 +78,7 @@ def _markers(robot: Robot) -> None:
     """Where they are compared in the world, from its origin; else from the first one."""
     right, up = ("xyz"[axis] for axis in robot.plane)
     places, origin = robot.rest_markers, f"marker {robot.marker_names[0]}"
-    if isinstance(robot.trials, Recordings) and robot.trials.frame is None:
+    if robot.trials.frame is None:
         model = robot.build(robot.space.published).compile()
         places = MarkerView(model, len(robot.marker_names), robot.plane).at(model.qpos0).markers
         origin = "the model's origin, which must be the camera file's"
@@ -114,13 +114,13 @@ def _trials(robot: Robot) -> None:
         rows = [(name or "(no name)", _control(about.controls.get(name))) for name in actuators]
         table("What drives a trial", ("actuator", "driven by"), rows)
     if about.sensors:
-        rows = [(one.name, one.unit, f"{1e3 * one.worth:g}") for one in about.sensors]
+        rows = [(one.name, one.unit, f"{1e3 * one.meters_per_unit:g}") for one in about.sensors]
         table("Sensors", ("sensor", "unit", "one unit is worth mm"), rows)
     pair = "" if about.frame is None else " and ".join(robot.marker_names[i] for i in about.frame)
     frame = f"the frame of {pair}" if pair else "the world"
-    travels = ", progress included" if about.travels else ""
+    progress = ", progress included" if about.score_progress else ""
     start = {"rest": "at rest", "markers": "where the markers are"}.get(about.start, f"in keyframe '{about.start}'")
-    text = f"Trials are recordings that start {start} and are compared in {frame}{travels}."
+    text = f"Trials are recordings that start {start} and are compared in {frame}{progress}."
     console.print(text, soft_wrap=True, markup=False)
 
 

@@ -15,7 +15,7 @@ from swim2real.objective import Target
 from swim2real.objective.elongated_body import predict_speeds
 from swim2real.report.comparison_page import write_comparison_report
 from swim2real.report.paper_figures import write_figures
-from swim2real.robots.robot import Recordings, Robot
+from swim2real.robots.robot import Robot
 from swim2real.trials import TrialSet
 
 TABLES, THEORY = "tables.md", "theory.json"
@@ -23,10 +23,10 @@ TABLES, THEORY = "tables.md", "theory.json"
 
 def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
     """Keeps what elongated body theory says of the speeds of swims with the comparison; nothing where it can't."""
-    if isinstance(robot.trials, Recordings):
+    if len(robot.trials.tail_markers) < 2:
         return
     targets = [Target(one.trial, one.quality.weights, one.beat.frequency) for one in examine(reference, robot)]
-    end = (robot.swims.tail_markers[-2], robot.swims.tail_markers[-1])
+    end = (robot.trials.tail_markers[-2], robot.trials.tail_markers[-1])
     try:
         found = zip(targets, predict_speeds(targets, end), strict=True)
         speeds = {target.trial.name: round(one.speed, 6) for target, one in found}

@@ -13,7 +13,7 @@ from swim2real.cli.arguments import Quality
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.pipeline import check_lost
 from swim2real.robots import robot_named
-from swim2real.robots.robot import Robot, SteadySwims
+from swim2real.robots.robot import Robot
 from swim2real.trials import TrialSet, load_reference
 
 Content = dict[str, dict[str, Any]]
@@ -79,7 +79,7 @@ def _lost(found: Mapping[str, Any], robot: Robot, allowed: float) -> dict[str, f
 
 
 def _print(content: Content, robot: Robot) -> None:
-    swims = isinstance(robot.trials, SteadySwims)
+    swims = bool(robot.trials.tail_markers)
     if swims:
         tables.table(
             "What drove each trial",

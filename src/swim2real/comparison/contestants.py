@@ -14,7 +14,7 @@ from swim2real.errors import ArgumentError
 from swim2real.parameters import Scale
 from swim2real.pipeline import METHODS, Method
 from swim2real.pipeline.methods import ADVISED
-from swim2real.robots.robot import Robot, SteadySwims
+from swim2real.robots.robot import Robot
 
 ABLATION = "no-line-search"
 NAMES: tuple[str, ...] = (*METHODS, ABLATION)
@@ -54,8 +54,7 @@ class Contestant:
 
 def table_methods(robot: Robot) -> tuple[str, ...]:
     """Of the paper's table, and more, but for stages where nobody has planned any for the robot."""
-    planned = isinstance(robot.trials, SteadySwims) and robot.trials.fit_plan is not None
-    left_out = _NOT_IN_TABLES if planned else (*_NOT_IN_TABLES, "staged")
+    left_out = _NOT_IN_TABLES if robot.trials.fit_plan is not None else (*_NOT_IN_TABLES, "staged")
     return tuple(name for name in NAMES if name not in left_out)
 
 

@@ -18,7 +18,7 @@ from swim2real.errors import ArgumentError, RunError
 from swim2real.objective import Protocol
 from swim2real.pipeline import Settings
 from swim2real.robots.fingerprint import fingerprint
-from swim2real.robots.robot import Recordings, Robot
+from swim2real.robots.robot import Robot
 from swim2real.simulation import Engine
 from swim2real.trials import TrialSet
 
@@ -194,16 +194,13 @@ def make_plan(
     Raises:
         ArgumentError: The robot's trials can't be compared by a protocol.
     """
-    about = robot.trials
-    recordings = isinstance(about, Recordings)
-    every: tuple[Protocol, ...] = ("playback",) if recordings else ("aligned", "paper")
-    asked: list[Protocol] = [protocol_for(robot, protocol) for protocol in protocols or every]
+    asked: list[Protocol] = [protocol_for(robot, protocol) for protocol in protocols or robot.trials.protocols]
     return Plan(
         tuple(contestants), tuple(dict.fromkeys(seeds)), tuple(dict.fromkeys(asked)), budget, robot.name,
         reference.names, robot.marker_names, reference_fingerprint(reference), Engine.of(robot).as_dict(),
         leave_one_out, horizon, briefing or BriefingSettings(), source,
         robot_fingerprint=None if robot.source is None else fingerprint(robot.source),
-        sensors={sensor.name: sensor.unit for sensor in about.sensors} if recordings else {}, start=start,
+        sensors={sensor.name: sensor.unit for sensor in robot.trials.sensors}, start=start,
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from swim2real.errors import ArgumentError, RunError
 from swim2real.parameters import Values
 from swim2real.rendering.pool import PoolCamera, film
 from swim2real.robots.robot import Recordings, Robot
-from swim2real.simulation import Play, Player
+from swim2real.simulation import PlaybackSimulator, Rollout
 from swim2real.simulation.drive import driven
 from swim2real.tracking.camera import CameraFile, write_camera
 from swim2real.tracking.picking import save_points
@@ -86,10 +86,11 @@ class Lab:
         trials = [self._asked(take, rate) for take in takes]
         actuators = [actuator.name for actuator in self._build(self.hidden).actuators]
         pose = Recordings(dict.fromkeys(actuators, "table"), self.robot.recordings.sensors)
-        player = Player(replace(self.robot, build=self._build, trials=pose))
+        simulator = PlaybackSimulator(replace(self.robot, build=self._build, trials=pose))
         rng = np.random.default_rng([self.seed, 1])
         done: list[Trial] = []
-        for trial, take, moved in zip(trials, takes, player.play(self.hidden, [Play(t) for t in trials]), strict=True):
+        made = simulator.simulate(self.hidden, [Rollout(trial) for trial in trials])
+        for trial, take, moved in zip(trials, takes, made, strict=True):
             if moved.divergence:
                 raise ArgumentError(f"take '{take.name}': {moved.divergence}; ask less of the robot")
             kept = trial.track.times >= -1e-9

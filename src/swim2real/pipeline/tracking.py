@@ -24,7 +24,7 @@ from swim2real import __version__
 from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.objective.evidence import rounded
 from swim2real.robots.rigid import rigid_markers
-from swim2real.robots.robot import Robot, SteadySwims
+from swim2real.robots.robot import Robot
 from swim2real.tracking.camera import camera_for, read_camera
 from swim2real.tracking.cleaning import fill_gaps, smooth
 from swim2real.tracking.csrt import CsrtTracker
@@ -180,12 +180,12 @@ def track_film(
 
 def check_lost(track: MarkerTrack, robot: Robot) -> LostMarkers:
     """Which markers of a real track are lost; a swimmer's, which bends little, also by their spacing."""
-    return check_track(track, robot.rest_markers) if isinstance(robot.trials, SteadySwims) else unseen(track)
+    return check_track(track, robot.rest_markers) if robot.trials.nearly_straight else unseen(track)
 
 
 def _labeled(first: Frame, robot: Robot) -> Array:
     """Where the markers are in a first frame, without a click [px]. Shape (M, 2)."""
-    if not isinstance(robot.trials, SteadySwims):
+    if not robot.trials.nearly_straight:
         raise TrackingError(
             f"the markers of robot '{robot.name}' can't be found by themselves: that takes a straight swimmer, and its "
             f"trials are recordings; pick the points with `swim2real pick`"

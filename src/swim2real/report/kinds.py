@@ -6,7 +6,9 @@ from swim2real.calibration import RunFolder
 from swim2real.report.recording_sections import RecordingSections
 from swim2real.report.run import Json, Sections
 from swim2real.report.swim_sections import SwimSections
-from swim2real.robots.robot import Recordings, Robot
+from swim2real.robots.robot import Robot
+
+_SECTIONS: dict[str, type[SwimSections | RecordingSections]] = {"swims": SwimSections, "recordings": RecordingSections}
 
 
 def read_sections(robot: Robot, folder: RunFolder, outcome: Json) -> Sections:
@@ -20,5 +22,4 @@ def read_sections(robot: Robot, folder: RunFolder, outcome: Json) -> Sections:
     Raises:
         RunError: The trials of the run are damaged.
     """
-    kind = RecordingSections if isinstance(robot.trials, Recordings) else SwimSections
-    return kind.read(folder, outcome)
+    return _SECTIONS[robot.trials.kind].read(folder, outcome)

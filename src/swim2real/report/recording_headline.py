@@ -48,15 +48,15 @@ def split(run: ReportedRun) -> tuple[SplitRow, ...]:
     marker = "Mean distance between simulated and real markers at the same times"
     if about.frame is not None:
         names = " and ".join(run.marker_names[marker] for marker in about.frame)
-        marker += f", in the frame of {names}{', with the difference in how far they have come' * about.travels}"
+        marker += f", in the frame of {names}{', with the difference in how far they have come' * about.score_progress}"
     found.append(length("Marker error", "marker_error", f"{marker}.", main=True))
-    if about.travels:
+    if about.score_progress:
         found.append(length("Shape", "shape_error", "The same without how far it has come."))
     for sensor in about.sensors:
-        worth = f"An error of 1 {sensor.unit} counts as {significant(1e3 * sensor.worth)} mm."
+        worth = f"An error of 1 {sensor.unit} counts as {significant(1e3 * sensor.meters_per_unit)} mm."
         meaning = f"Mean difference of the readings. {worth}"
         found.append(row(f"Sensor {sensor.name}", f"{_SENSOR}.{sensor.name}", _reading(sensor), meaning))
-    if about.travels:
+    if about.score_progress:
         found.append(length("Speed", "velocity_error", "Mean difference in speed along the line of travel.", "mm/s"))
     if about.frame is not None:
         meaning = "Mean difference in the turn since the first frame. Reported, not counted above."

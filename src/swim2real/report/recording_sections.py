@@ -63,7 +63,7 @@ class RecordingSections(Sections):
             if trial.divergence:
                 continue
             figures[f"off-{i}"] = errors(trial, run.marker_names)
-            if about.travels:
+            if about.score_progress:
                 figures[f"way-{i}"] = way(trial)
             figures |= {f"sensor-{i}-{j}": readings(s, units.get(s.name, "")) for j, s in enumerate(trial.sensors)}
         return {

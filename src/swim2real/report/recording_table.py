@@ -73,10 +73,10 @@ def _columns(run: ReportedRun) -> dict[str, Callable[[ReportedTrial], str]]:
     if about.sensors:
         found["Playback error (mm)"] = length("loss")
     found["Marker error (mm)"] = length("marker_error")
-    if about.travels:
+    if about.score_progress:
         found["Shape (mm)"] = length("shape_error")
     found |= {f"{sensor.name} ({sensor.unit})": reading(sensor.name) for sensor in about.sensors}
-    if about.travels:
+    if about.score_progress:
         found["Real speed (mm/s)"] = lambda trial: mm(trial.figures.get("velocity_real"))
         found["Simulated speed (mm/s)"] = length("velocity_simulated")
     if about.frame is not None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from swim2real.robots.calibrated import Calibrated
 from swim2real.robots.file import RobotFile
-from swim2real.robots.robot import Recordings, Robot
+from swim2real.robots.robot import Robot
 from swim2real.robots.writes import Target, target
 
 _FLAGS = {
@@ -77,7 +77,7 @@ def _reasons(
             if name == "springlength" and not np.ravel(element.stiffness)[0]:
                 yield f"{who} has no stiffness"
         case "actuator":
-            control = robot.trials.controls.get(element.name) if isinstance(robot.trials, Recordings) else "frequency"
+            control = robot.trials.control_of(element.name)
             if control is None or control == 0:
                 yield f"no control drives {who}"
         case "equality":

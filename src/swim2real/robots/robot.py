@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal, Protocol
 
 import mujoco
 import numpy as np
@@ -41,6 +42,7 @@ class Response(Protocol):
 
 
 Score = Callable[[Mapping[str, Any]], float]
+ProtocolName = Literal["aligned", "paper", "playback"]
 
 
 @dataclass(frozen=True)
@@ -76,32 +78,13 @@ class FitPlan:
 
 
 @dataclass(frozen=True)
-class SteadySwims:
-    """Trials in which a motor turns at a constant speed, compared once the swim has become steady.
-
-    Attributes:
-        surge_joints: The two joints that carry the robot along world x and y.
-        motor_joint: The joint that an actuation turns.
-        tail_markers: Indices of the markers whose sideways motion shows the beat best.
-        response: What the built-in physics advisor believes at first; None where nothing was measured.
-        fit_plan: How a person would fit it in stages; None where nobody has thought of any.
-    """
-
-    surge_joints: tuple[str, str]
-    motor_joint: str
-    tail_markers: tuple[int, ...]
-    response: Response | None = None
-    fit_plan: FitPlan | None = None
-
-
-@dataclass(frozen=True)
 class Sine:
     """A control that swings at a trial's frequency: offset + amplitude sin(2 pi f t + phase).
 
     Attributes:
-        amplitude: In the actuator's unit.
-        phase: At the first time stamp [rad].
-        offset: In the actuator's unit.
+        amplitude: Amplitude in the actuator's unit.
+        phase: Phase at the first time stamp [rad].
+        offset: Mean value in the actuator's unit.
     """
 
     amplitude: float
@@ -119,36 +102,88 @@ class Sensor:
     """A sensor of the model that trials record, too.
 
     Attributes:
-        name: Of the model's sensor; one value of a vector is `NAME[I]`.
-        unit: Of its readings.
-        worth: Meters of marker error that an error of one unit counts as [m/unit].
+        name: Name of the model's sensor; one value of a vector is `NAME[I]`.
+        unit: Unit of its readings.
+        meters_per_unit: Meters of marker error that an error of one unit counts as [m/unit].
     """
 
     name: str
     unit: str
-    worth: float
+    meters_per_unit: float
+
+
+@dataclass(frozen=True)
+class SteadySwims:
+    """Trials in which a motor turns at a constant speed, compared once the swim has become steady.
+
+    Both kinds of trials have all of the attributes, so that only the code that simulates asks which kind it is. The
+    class attributes below the fields are the same for every robot whose trials are steady swims.
+
+    Attributes:
+        surge_joints: The two joints that carry the robot along world x and y.
+        motor_joint: The joint that an actuation turns.
+        tail_markers: Indices of the markers whose sideways motion shows the beat best.
+        response: What the built-in physics advisor believes at first; None where nothing was measured.
+        fit_plan: Stages in which a person would fit the robot; None where nobody has planned any.
+    """
+
+    surge_joints: tuple[str, str]
+    motor_joint: str
+    tail_markers: tuple[int, ...]
+    response: Response | None = None
+    fit_plan: FitPlan | None = None
+
+    kind: ClassVar[Literal["swims", "recordings"]] = "swims"
+    description: ClassVar[str] = "steady swims"
+    protocols: ClassVar[tuple[ProtocolName, ...]] = ("aligned", "paper")
+    frame: ClassVar[tuple[int, int] | None] = (0, 1)
+    score_progress: ClassVar[bool] = True
+    nearly_straight: ClassVar[bool] = True
+    sensors: ClassVar[tuple[Sensor, ...]] = ()
+    controls: ClassVar[Mapping[str, Control]] = MappingProxyType({})
+
+    def control_of(self, actuator: str) -> Control | None:
+        """What drives an actuator. The only one of a steady swimmer turns its motor."""
+        del actuator
+        return "frequency"
 
 
 @dataclass(frozen=True)
 class Recordings:
     """Trials that are played back: simulated from their start under their controls, compared at the same times.
 
+    The class attributes below the fields are those of `SteadySwims` that recordings don't have: None or empty.
+
     Attributes:
-        controls: By actuator; an actuator that isn't named gets 0.
-        sensors: That are compared beside the markers.
+        controls: Control of each actuator by its name; an actuator that isn't named gets 0.
+        sensors: Sensors that are compared beside the markers.
         start: `rest`: the model's own pose, at rest. `markers`: the pose that fits the markers best at the trial's
             first frames, and their speed. Anything else is the name of a keyframe. A trial's own start goes first.
         frame: Indices of the two markers that make the frame of comparison, origin at the first, x toward the second;
             None compares in the world.
-        travels: Whether it goes somewhere, so that a speed means something: along the line from the second to the
-            first marker of the frame.
+        score_progress: Whether the robot goes somewhere and how far it comes is compared: along the line from the
+            second to the first marker of the frame.
     """
 
     controls: Mapping[str, Control]
     sensors: tuple[Sensor, ...] = ()
     start: str = "rest"
     frame: tuple[int, int] | None = None
-    travels: bool = False
+    score_progress: bool = False
+
+    kind: ClassVar[Literal["swims", "recordings"]] = "recordings"
+    description: ClassVar[str] = "recordings"
+    protocols: ClassVar[tuple[ProtocolName, ...]] = ("playback",)
+    nearly_straight: ClassVar[bool] = False
+    surge_joints: ClassVar[tuple[str, str] | None] = None
+    motor_joint: ClassVar[str | None] = None
+    tail_markers: ClassVar[tuple[int, ...]] = ()
+    response: ClassVar[Response | None] = None
+    fit_plan: ClassVar[FitPlan | None] = None
+
+    def control_of(self, actuator: str) -> Control | None:
+        """What drives an actuator; None where nothing does."""
+        return self.controls.get(actuator)
 
 
 @dataclass(frozen=True)

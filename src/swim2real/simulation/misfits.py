@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from swim2real.errors import Swim2RealError, TrialError
 from swim2real.robots.robot import Recordings, Robot
 from swim2real.simulation.marker_view import MarkerView
-from swim2real.simulation.playback import Player
+from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.start import MARKERS
 from swim2real.trials import Trial, TrialSet
 
@@ -28,8 +28,8 @@ def misfits(robot: Robot, reference: TrialSet) -> list[str]:
         ]
     if not isinstance(robot.trials, Recordings):
         return []
-    player = Player(robot)
-    return [sentence for trial in reference for sentence in _of(player, robot.trials, trial)]
+    simulator = PlaybackSimulator(robot)
+    return [sentence for trial in reference for sentence in _of(simulator, robot.trials, trial)]
 
 
 def misplaced(robot: Robot, reference: TrialSet) -> str | None:
@@ -45,13 +45,13 @@ def misplaced(robot: Robot, reference: TrialSet) -> str | None:
     about = robot.trials
     if not isinstance(about, Recordings) or about.frame is not None or reference.marker_names != robot.marker_names:
         return None
-    player, model = Player(robot), robot.build(robot.space.published).compile()
+    simulator, model = PlaybackSimulator(robot), robot.build(robot.space.published).compile()
     view = MarkerView(model, len(robot.marker_names), robot.plane)
     apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2).max()
     limit = _FAR * float(apart or model.stat.extent)
     found: dict[str, tuple[float, NDArray[np.float64]]] = {}
     for trial in reference:
-        shift = trial.track.positions[0] - view.at(player.begun(model, player.prepared(trial))[0].qpos).markers
+        shift = trial.track.positions[0] - view.at(simulator.begin(model, simulator.request(trial))[0].qpos).markers
         shift = shift[np.isfinite(shift).all(axis=1)]
         distance = float(np.linalg.norm(shift, axis=1).mean()) if len(shift) else 0.0
         if distance > limit:
@@ -70,10 +70,10 @@ def misplaced(robot: Robot, reference: TrialSet) -> str | None:
     )
 
 
-def _of(player: Player, about: Recordings, trial: Trial) -> list[str]:
+def _of(simulator: PlaybackSimulator, about: Recordings, trial: Trial) -> list[str]:
     found: list[str] = []
     try:
-        player.prepared(trial)
+        simulator.request(trial)
     except Swim2RealError as error:
         found.append(str(error))
     track = trial.track

@@ -32,11 +32,11 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Play:
-    """What is asked of the player: one recording. `Player.prepared` makes it.
+class Rollout:
+    """A request to the simulator: one recording to play back. `PlaybackSimulator.request` makes it.
 
     Attributes:
-        trial: Whose time stamps, controls and start are played back.
+        trial: Recording whose time stamps, controls and start are played back.
         first: What its first frames show, where the playback starts by its markers; else None.
         guess: A pose near that start. Shape (nq,).
     """
@@ -46,7 +46,7 @@ class Play:
     guess: Array | None = None
 
 
-class Player:
+class PlaybackSimulator:
     """Plays recordings back with a robot, for one or many candidates at once.
 
     Every playback is simulated by itself, so results don't depend on the number of threads or on what else is in the
@@ -58,7 +58,7 @@ class Player:
     """
 
     def __init__(self, robot: Robot, threads: int | None = None) -> None:
-        """Makes a player.
+        """Makes a simulator.
 
         Args:
             robot: Whose trials are recordings.
@@ -77,7 +77,7 @@ class Player:
         if self._about.start not in (REST, MARKERS):
             start_at_keyframe(self._published, mujoco.MjData(self._published), self._about.start)
 
-    def prepared(self, trial: Trial, weights: Array | None = None) -> Play:
+    def request(self, trial: Trial, weights: Array | None = None) -> Rollout:
         """Checks that a recording can be played back, and looks for its start.
 
         Args:
@@ -98,16 +98,16 @@ class Player:
                 raise TrialError(f"trial '{trial.name}': its controls don't drive it: {error}") from error
         start_at_joints(self._published, mujoco.MjData(self._published), trial)
         if self._about.start != MARKERS or trial.start or trial.start_velocities:
-            return Play(trial)
+            return Rollout(trial)
         first = FirstFrames(trial, np.ones(trial.track.confidence.shape) if weights is None else weights)
         fit = PoseFit(self._published, self._markers, self.robot.plane)
-        return Play(trial, first, fit.first(first.places, first.known).qpos)
+        return Rollout(trial, first, fit.first(first.places, first.known).qpos)
 
-    def play(self, values: Values, plays: Sequence[Play]) -> TrialSet:
+    def simulate(self, values: Values, rollouts: Sequence[Rollout]) -> TrialSet:
         """Simulated trials for one candidate, in the order of the recordings."""
-        return self.play_many([values], plays)[0]
+        return self.simulate_many([values], rollouts)[0]
 
-    def play_many(self, candidates: Sequence[Values], plays: Sequence[Play]) -> list[TrialSet]:
+    def simulate_many(self, candidates: Sequence[Values], rollouts: Sequence[Rollout]) -> list[TrialSet]:
         """Simulated trials for several candidates, in one batch.
 
         A simulation that diverges, and a model that can't be made of a candidate's values, is a trial with a
@@ -118,20 +118,20 @@ class Player:
             of the recordings' sensors that lie within the track, or at the track's.
         """
         models = [self._model(values) for values in candidates]
-        jobs = [partial(self._play, model, play) for model in models for play in plays]
-        seconds = [play.trial.track.duration for play in plays] * len(models)
-        found, count = all_of(jobs, seconds, self._threads), len(plays)
+        jobs = [partial(self._simulate, model, rollout) for model in models for rollout in rollouts]
+        seconds = [rollout.trial.track.duration for rollout in rollouts] * len(models)
+        found, count = all_of(jobs, seconds, self._threads), len(rollouts)
         return [
             TrialSet(tuple(found[c * count : (c + 1) * count]), self.robot.marker_names) for c in range(len(candidates))
         ]
 
-    def play_each(self, values: Values, plays: Sequence[Play]) -> Generator[Trial]:
+    def simulate_each(self, values: Values, rollouts: Sequence[Rollout]) -> Generator[Trial]:
         """Simulated trials for one candidate, each as soon as it and those before it are done.
 
         Closing the generator gives up the rest.
         """
         model = self._model(values)
-        yield from each_of([partial(self._play, model, play) for play in plays], self._threads)
+        yield from each_of([partial(self._simulate, model, rollout) for rollout in rollouts], self._threads)
 
     def _model(self, values: Values) -> mujoco.MjModel | str:
         """The compiled robot, or why there is none."""
@@ -140,15 +140,15 @@ class Player:
         except (ValueError, mujoco.FatalError) as error:
             return f"the model can't be made: {' '.join(str(error).split())}"
 
-    def _play(self, model: mujoco.MjModel | str, play: Play) -> Trial:
-        trial, track = play.trial, play.trial.track
+    def _simulate(self, model: mujoco.MjModel | str, rollout: Rollout) -> Trial:
+        trial, track = rollout.trial, rollout.trial.track
         if isinstance(model, str):
             return self._diverged(trial, model)
         step, names = float(model.opt.timestep), tuple(self._sensors)
         samples = track.times
         if trial.sensors is not None and names:
             samples = trial.sensors.between(track.times[0], track.times[-1]).times
-        data, controls = self.begun(model, play)
+        data, controls = self.begin(model, rollout)
         made = roll(model, data, controls)
         if made.failed_at is not None:
             return self._diverged(trial, f"the simulation diverged {made.failed_at:.3f} s after its start")
@@ -159,19 +159,19 @@ class Player:
             sensors=Signals(samples, names, readings) if names else None,
         )  # fmt: skip
 
-    def begun(self, model: mujoco.MjModel, play: Play) -> tuple[mujoco.MjData, Array]:
+    def begin(self, model: mujoco.MjModel, rollout: Rollout) -> tuple[mujoco.MjData, Array]:
         """Where a playback begins, and the controls of its every step. Shape (N, nu)."""
-        track, step = play.trial.track, float(model.opt.timestep)
+        track, step = rollout.trial.track, float(model.opt.timestep)
         times = track.times[0] + step * np.arange(int(np.ceil(track.duration / step - 1e-9)) + 1)
-        controls = driven(model, self._about.controls, play.trial, times)
+        controls = driven(model, self._about.controls, rollout.trial, times)
         data = mujoco.MjData(model)
         if self._about.start not in (REST, MARKERS):
             start_at_keyframe(model, data, self._about.start)
-        start_at_joints(model, data, play.trial)
-        if play.first is not None and play.guess is not None:
+        start_at_joints(model, data, rollout.trial)
+        if rollout.first is not None and rollout.guess is not None:
             fit = PoseFit(model, self._markers, self.robot.plane)
-            simulated = partial(self._first_frames, model, mujoco.MjData(model), controls, play.first.times)
-            data.qpos[:], data.qvel[:] = start_at_markers(fit, play.first, play.guess, simulated)
+            simulated = partial(self._first_frames, model, mujoco.MjData(model), controls, rollout.first.times)
+            data.qpos[:], data.qvel[:] = start_at_markers(fit, rollout.first, rollout.guess, simulated)
         return data, controls
 
     def _first_frames(

@@ -13,7 +13,7 @@ from swim2real.parameters import Parameter, Values
 from swim2real.robots.probing import Reach, reaches
 from swim2real.robots.robot import Recordings, Robot
 from swim2real.simulation.excitation import FREQUENCY, SECONDS, excitation
-from swim2real.simulation.playback import Player
+from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.simulator import Simulator, Swim
 from swim2real.simulation.start import MARKERS, REST
 from swim2real.trials import Actuation, Trial, TrialSet
@@ -115,17 +115,18 @@ def _begun(robot: Robot, reference: TrialSet | None, threads: int | None) -> tup
         return _checked(robot, partial(Simulator(robot, threads).simulate_many, swims=_swims(reference)))
     if reference is None:
         return _excited(robot, robot.trials, threads)
-    player = Player(robot, threads)
-    plays = [replace(player.prepared(trial), trial=trial.cut(SECONDS)) for trial in reference.trials[:TRIALS]]
-    return _checked(robot, partial(player.play_many, plays=plays))
+    simulator = PlaybackSimulator(robot, threads)
+    rollouts = [replace(simulator.request(trial), trial=trial.cut(SECONDS)) for trial in reference.trials[:TRIALS]]
+    return _checked(robot, partial(simulator.simulate_many, rollouts=rollouts))
 
 
 def _excited(robot: Robot, recordings: Recordings, threads: int | None) -> tuple[TrialSet, Simulate]:
     """The same for made-up recordings, as strong as the robot bears."""
     # a start off the rest pose is in the trial itself
     starting = replace(recordings, start=REST) if recordings.start == MARKERS else recordings
-    player = Player(replace(robot, trials=starting), threads)
-    tried = [partial(player.play_many, plays=[player.prepared(excitation(robot, one))]) for one in _STRENGTHS]
+    simulator = PlaybackSimulator(replace(robot, trials=starting), threads)
+    rollouts = [simulator.request(excitation(robot, strength)) for strength in _STRENGTHS]
+    tried = [partial(simulator.simulate_many, rollouts=[rollout]) for rollout in rollouts]
     nominal = [simulate([robot.space.published])[0] for simulate in tried]
     borne = [i for i, made in enumerate(nominal) if made.trials[0].divergence is None]
     calm = [i for i in borne if _reached(nominal[i].trials[0]) < _ROOM * _size(robot)]
@@ -176,5 +177,5 @@ def _distance(robot: Robot, nominal: Trial, made: Trial) -> float:
     if made.sensors is None or nominal.sensors is None:
         return moved
     apart = np.abs(made.sensors.values - nominal.sensors.values).mean(axis=0)
-    worths = {sensor.name: sensor.worth for sensor in robot.recordings.sensors}
+    worths = {sensor.name: sensor.meters_per_unit for sensor in robot.recordings.sensors}
     return moved + sum(worths[name] * float(gap) for name, gap in zip(made.sensors.names, apart, strict=True))

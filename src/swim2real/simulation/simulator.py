@@ -34,10 +34,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Swim:
-    """What is asked of the simulator: one swim.
+    """A request to the simulator: one swim.
 
     Attributes:
-        name: Of the simulated trial.
+        name: Name of the simulated trial.
         actuation: With a start speed the swim is a steady cycle, repeated; without one it starts from rest.
         duration: From motor angle `actuation.phase` on [s].
     """
@@ -87,6 +87,16 @@ class Simulator:
         self.step: Literal["fast", "engine"] = "fast"
         if step == "engine" or self._planned(robot.build(robot.space.published).compile(), check=True) is None:
             self.step = "engine"
+
+    def request(self, trial: Trial, actuation: Actuation, lead: float = 0.0) -> Swim:
+        """The swim that a real trial is compared with.
+
+        Args:
+            trial: Real trial.
+            actuation: What drives the swim.
+            lead: Time that is simulated beyond the duration of the trial [s].
+        """
+        return Swim(trial.name, actuation, trial.track.duration + lead)
 
     def simulate(self, values: Values, swims: Sequence[Swim]) -> TrialSet:
         """Simulated trials for one candidate, in the order of the swims."""

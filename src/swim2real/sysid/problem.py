@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from swim2real.calibration import PlaybackProblem, Problem, SwimProblem
 from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
-from swim2real.robots.robot import Recordings, Robot
+from swim2real.robots.robot import Robot
 from swim2real.simulation.playback import sensor_address
 from swim2real.sysid.recordings import recording_trajectories
 from swim2real.sysid.swims import swim_trajectories
@@ -135,8 +135,7 @@ def _compared_columns(robot: Robot, model: mujoco.MjModel) -> tuple[NDArray[np.i
         f"{name} {'xyz'[axis]}": (first + 3 * i + axis, 1.0)
         for i, name in enumerate(robot.marker_names) for axis in robot.plane
     }  # fmt: skip
-    if isinstance(robot.trials, Recordings):
-        found |= {one.name: (sensor_address(model, one.name), one.worth) for one in robot.trials.sensors}
+    found |= {one.name: (sensor_address(model, one.name), one.meters_per_unit) for one in robot.trials.sensors}
     custom = toolbox().SignalType.CustomObs
     mapping = {name: (custom, np.array([i])) for i, name in enumerate(found)}
     return np.array([at for at, _ in found.values()]), np.array([worth for _, worth in found.values()]), mapping

@@ -10,7 +10,7 @@ from swim2real.errors import EngineError
 from swim2real.objective import PlaybackTarget
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
-from swim2real.simulation import Play
+from swim2real.simulation import Rollout
 from swim2real.simulation.playback import sampled, sensor_address
 from swim2real.simulation.rolling import physics_state, roll
 from swim2real.simulation.start import WINDOW
@@ -32,34 +32,35 @@ def recording_trajectories(problem: PlaybackProblem, values: Values) -> list[Tra
         TrialError: Nothing tells where a recording begins.
     """
     model = problem.robot.build(values).compile()
-    return [
-        _trajectory(problem, model, play, target) for play, target in zip(problem.plays, problem.targets, strict=True)
-    ]
+    requests = zip(problem.rollouts, problem.targets, strict=True)
+    return [_trajectory(problem, model, rollout, target) for rollout, target in requests]
 
 
-def _trajectory(problem: PlaybackProblem, model: mujoco.MjModel, play: Play, target: PlaybackTarget) -> Trajectory:
-    robot, track = problem.robot, play.trial.track
-    data, controls = problem.player.begun(model, play)
+def _trajectory(
+    problem: PlaybackProblem, model: mujoco.MjModel, rollout: Rollout, target: PlaybackTarget
+) -> Trajectory:
+    robot, track = problem.robot, rollout.trial.track
+    data, controls = problem.simulator.begin(model, rollout)
     data.time = 0.0
     state = physics_state(model, data)
     made = roll(model, data, controls)
     if made.failed_at is not None:
         raise EngineError(
-            f"trial '{play.trial.name}': the simulation diverged {made.failed_at:.3f} s after its start; export other "
-            f"values"
+            f"trial '{rollout.trial.name}': the simulation diverged {made.failed_at:.3f} s after its start; "
+            f"export other values"
         )
     times = track.times - track.times[0]
     real = np.where(target.weights[:, :, None] > 0, track.positions, np.nan)
     if target.frame is not None:
         first = times[times <= WINDOW]
-        real = placed(play.trial.name, real, _in_plane(robot, sampled(made.sensors, model.opt.timestep, first)))
+        real = placed(rollout.trial.name, real, _in_plane(robot, sampled(made.sensors, model.opt.timestep, first)))
     stamps, readings = times, marker_readings(robot, model, real)
     for name in target.worths:
         found = target.readings(name)
         column = np.full((len(found.times), model.nsensordata), np.nan)
         column[:, sensor_address(model, name)] = found.column(name)
         stamps, readings = _merged(stamps, readings, found.times - track.times[0], column)
-    return Trajectory(play.trial.name, state, controls, stamps, readings)
+    return Trajectory(rollout.trial.name, state, controls, stamps, readings)
 
 
 def _in_plane(robot: Robot, sensors: Array) -> Array:

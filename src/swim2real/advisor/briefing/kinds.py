@@ -5,14 +5,14 @@ from __future__ import annotations
 from swim2real.advisor.briefing.recordings.telling import RecordingTelling
 from swim2real.advisor.briefing.swims.telling import SwimTelling
 from swim2real.advisor.briefing.telling import Facts, Telling
-from swim2real.robots.robot import Recordings, Robot
+from swim2real.robots.robot import Robot
 
 _TELLINGS: dict[str, Telling] = {telling.kind: telling for telling in (SwimTelling(), RecordingTelling())}
 
 
 def telling_of(robot: Robot) -> Telling:
     """How a robot's trials are told."""
-    return _TELLINGS[(RecordingTelling if isinstance(robot.trials, Recordings) else SwimTelling).kind]
+    return _TELLINGS[robot.trials.kind]
 
 
 def telling_for(facts: Facts) -> Telling:

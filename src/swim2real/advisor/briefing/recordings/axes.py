@@ -35,7 +35,7 @@ def axes_of(robot: Robot) -> Axes:
             f"{right} right, {up} up",
         )
     origin, ahead = (robot.marker_names[marker] for marker in about.frame)
-    behind = " (being behind counts as well)" if about.travels else ""
+    behind = " (being behind counts as well)" if about.score_progress else ""
     return Axes(
         f"first from {origin} toward {ahead}{behind}, then to the left of that line",
         ((f"from {origin} toward {ahead}", f"from {ahead} toward {origin}"), ("to the left", "to the right")),

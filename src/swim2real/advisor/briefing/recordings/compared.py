@@ -26,7 +26,7 @@ def compared(robot: Robot, horizon: float | None) -> dict[str, Any]:
         "horizon": horizon,
         "loss": " ".join([_loss(robot), *_drive(about), "Neither time nor place is fitted."]),
         "links": [[robot.marker_names[a], robot.marker_names[b]] for a, b in robot.links],
-        "travels": about.travels,
+        "travels": about.score_progress,
         "axes": axes.words,
         "ways": axes.ways,
         "picture": axes.picture,
@@ -41,13 +41,13 @@ def _loss(robot: Robot) -> str:
     else:
         origin, ahead = (robot.marker_names[marker] for marker in about.frame)
         said += f". It is taken in a frame that is fixed to {origin}, with its x axis toward {ahead}."
-        if about.travels:
+        if about.score_progress:
             said += (
                 " Along that axis the distance by which the simulated robot has come too far or not far enough is "
                 f"added; forward is from {ahead} to {origin}."
             )
     if about.sensors:
-        worths = ", ".join(f"1 {one.unit} of {one.name} as {1e3 * one.worth:g} mm" for one in about.sensors)
+        worths = ", ".join(f"1 {one.unit} of {one.name} as {1e3 * one.meters_per_unit:g} mm" for one in about.sensors)
         said += f" The mean error of each sensor is added: {worths}."
     return f"{said} Lost tracks don't count."
 

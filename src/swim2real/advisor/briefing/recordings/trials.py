@@ -40,7 +40,7 @@ def _trial(name: str, content: Mapping[str, Any], markers: Sequence[str], sensor
         "markers": [_marker(i, marker, content, widest) for i, marker in enumerate(markers)],
         "sensors": [
             {
-                "name": one.name, "unit": one.unit, "worth": one.worth, "error": errors.get(one.name),
+                "name": one.name, "unit": one.unit, "worth": one.meters_per_unit, "error": errors.get(one.name),
                 "windows": windows["sensors"].get(one.name),
             }
             for one in sensors
