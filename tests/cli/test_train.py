@@ -40,7 +40,6 @@ def test_train_says_how_it_goes_and_what_came_of_it(run):
 
 
 def test_rollout_writes_figures_a_film_and_a_page(run, program, tmp_path):
-    pytest.importorskip("plotly")
     pytest.importorskip("av")
     out, _, _ = run
     found = program("rollout", out, "--episodes", 2, "--out", tmp_path, "--closed-loop", "--json").done().json

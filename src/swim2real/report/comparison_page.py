@@ -1,9 +1,10 @@
-"""The page of a comparison: sortable tables, curves to hover over, and links to the runs' own pages, in one file."""
+"""The page of a comparison: sortable tables, charts, and links to the runs' own pages, in one file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -13,12 +14,11 @@ from swim2real.comparison.results import ComparisonResults, load_results
 from swim2real.comparison.statistics import MethodStatistics, best_method, differences, method_statistics
 from swim2real.comparison.statistics_cells import Cell, Table, as_number, mm_cell
 from swim2real.comparison.statistics_tables import tables
-from swim2real.report.comparison_figures import by_marker, convergence, strip, velocities
-from swim2real.report.comparison_palette import METHOD_DARK_OF_LIGHT, method_styles
+from swim2real.report.comparison_charts import convergence, markers, strip, velocity
 from swim2real.report.page import REPORT
-from swim2real.report.palette import COLORS, Figure
+from swim2real.report.pages import Charts, render_page, write_page
 from swim2real.report.paper_figures import FIGURES
-from swim2real.report.template import fill, write_page
+from swim2real.report.style import WIDE, method_styles
 from swim2real.report.units import duration, listed
 
 COMPARISON = "comparison.html"
@@ -52,7 +52,6 @@ def write_comparison_report(folder: str | Path, theory: Mapping[str, float] | No
         Where the page is.
 
     Raises:
-        MissingExtraError: plotly or jinja2 isn't installed.
         RunError: There are no results, they are damaged, or the page can't be written.
     """
     place = Path(folder)
@@ -60,13 +59,12 @@ def write_comparison_report(folder: str | Path, theory: Mapping[str, float] | No
 
 
 def render_comparison(results: ComparisonResults, folder: Path, theory: Mapping[str, float] | None = None) -> str:
-    """The page as text.
-
-    Raises:
-        MissingExtraError: plotly or jinja2 isn't installed.
-    """
-    content = {**comparison_content(results, folder, theory), "colors": COLORS}
-    return fill("comparison.html.j2", content, style="report.css comparison.css", script="report.js comparison.js")
+    """The page as text."""
+    content = comparison_content(results, folder, theory)
+    charts: Charts = content.pop("charts")
+    return render_page(
+        "comparison.html.j2", content, charts, style="report.css comparison.css", script="report.js comparison.js"
+    )
 
 
 def comparison_content(
@@ -75,7 +73,7 @@ def comparison_content(
     """Everything that the template shows."""
     styles = method_styles(results.methods)
     boards: list[Board] = []
-    figures: dict[str, Figure] = {}
+    charts: dict[str, Any] = {}
     for protocol in results.protocols:
         methods = method_statistics(results, protocol)
         words = PROTOCOLS[protocol]
@@ -83,18 +81,13 @@ def comparison_content(
         boards.append(Board(protocol, words, verdict(methods), made))
         if not methods:
             continue
-        figures |= {
-            f"convergence-{protocol}": convergence(methods, styles),
-            f"strip-{protocol}": strip(methods, styles),
+        charts |= {
+            f"convergence-{protocol}": partial(convergence, methods, styles, WIDE),
+            f"strip-{protocol}": partial(strip, methods, styles, WIDE),
+            f"markers-{protocol}": partial(markers, methods, styles, results.markers, WIDE),
         }
         if words.frequencies:
-            figures |= {
-                f"speed-{protocol}": velocities(methods, styles, errors=False, theory=theory),
-                f"velocity-{protocol}": velocities(methods, styles, errors=True, theory=theory),
-            }
-        figures |= {
-            f"{kind}-{protocol}": by_marker(methods, styles, kind, results.markers) for kind, _ in words.markers
-        }
+            charts[f"velocity-{protocol}"] = partial(velocity, methods, styles, theory, WIDE)
     seeds = sorted({run.seed for run in results.runs})
     return {
         "name": folder.resolve().name,
@@ -106,7 +99,7 @@ def comparison_content(
         "runs": run_table(results),
         "pages": run_pages(results, folder),
         "papers": [quote(f"{FIGURES}/{path.name}") for path in sorted((folder / FIGURES).glob("*.pdf"))],
-        "plots": {"figures": figures, "darkOfLight": METHOD_DARK_OF_LIGHT},
+        "charts": charts,
     }
 
 

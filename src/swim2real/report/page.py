@@ -1,7 +1,8 @@
-"""Puts the page together: tables, figures, styles and the plotting library in one file that needs no network."""
+"""Puts the page together: tables, charts and styles in one file that needs no network."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,13 @@ import numpy as np
 from swim2real.calibration.convergence import best_losses
 from swim2real.report.call_table import call_section
 from swim2real.report.marker_errors import MarkerErrors
-from swim2real.report.palette import COLORS, DARK_OF_LIGHT, Figure
+from swim2real.report.pages import Charts, render_page, write_page
 from swim2real.report.parameter_table import parameter_rows
 from swim2real.report.reading import read_run
 from swim2real.report.rounds import advisor_rounds
 from swim2real.report.run import ReportedRun, incumbent
-from swim2real.report.run_figures import by_marker, convergence
+from swim2real.report.run_charts import by_marker, convergence
 from swim2real.report.settings_table import settings_rows
-from swim2real.report.template import fill, write_page
 from swim2real.report.units import mm
 from swim2real.robots.robot import Robot
 
@@ -35,7 +35,6 @@ def write_report(run: str | Path, robot: Robot) -> Path:
         Where the page is.
 
     Raises:
-        MissingExtraError: plotly or jinja2 isn't installed.
         RunError: Nothing to report, a damaged file, or the page can't be written.
         ParameterError: The run is of another robot.
     """
@@ -43,23 +42,18 @@ def write_report(run: str | Path, robot: Robot) -> Path:
 
 
 def render(run: ReportedRun) -> str:
-    """The page as text.
-
-    Raises:
-        MissingExtraError: plotly or jinja2 isn't installed.
-    """
-    return fill(
-        run.sections.template, {**content(run), "colors": COLORS}, style="report.css", script="report.js",
-        calls_style="calls.css", calls_script="calls.js",  # used only on pages with calls
-    )  # fmt: skip
+    """The page as text."""
+    shown = content(run)
+    charts: Charts = shown.pop("charts")
+    return render_page(run.sections.template, shown, charts, style="report.css calls.css", script="report.js calls.js")
 
 
 def content(run: ReportedRun) -> dict[str, Any]:
     """Everything that the template shows."""
     own = run.sections.content(run)
     errors: tuple[MarkerErrors, ...] = own["errors"]
-    figures: dict[str, Figure] = {"convergence": convergence(run, own["loss"]), **own.pop("figures")}
-    figures |= {f"error-{one.key}": by_marker(one, run.marker_names, own["order"]) for one in errors}
+    charts: dict[str, Any] = {"convergence": partial(convergence, run, own["loss"]), **own.pop("charts")}
+    charts |= {f"error-{one.key}": partial(by_marker, one, run.marker_names, own["order"]) for one in errors}
     return {
         **own,
         "run": run,
@@ -69,5 +63,5 @@ def content(run: ReportedRun) -> dict[str, Any]:
         "rounds": advisor_rounds(run),
         "calls": call_section(run.calls),
         "settings": settings_rows(run),
-        "plots": {"figures": figures, "darkOfLight": DARK_OF_LIGHT},
+        "charts": charts,
     }

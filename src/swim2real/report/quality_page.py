@@ -1,12 +1,16 @@
-"""The page of `quality --plot`: which marker is lost when, and how the body's lengths hold."""
+"""The page of `quality --plot`: which marker is lost when."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
-from swim2real.errors import MissingExtraError
-from swim2real.report.palette import LIGHT
+import numpy as np
+from matplotlib.figure import Figure
+
+from swim2real.report.pages import render_page, write_page
+from swim2real.report.style import LIGHT, WIDE, new_chart, titled
 from swim2real.tracking import LostMarkers
 from swim2real.trials import Trial
 
@@ -18,36 +22,30 @@ def write_quality_page(
 
     Args:
         checked: Trials, and what is lost in each.
-        names: Of the M markers.
+        names: Names of the M markers.
         path: Where to.
 
     Raises:
-        MissingExtraError: plotly isn't installed.
-        OSError: The file can't be written.
+        RunError: The file can't be written.
     """
-    try:
-        import plotly.graph_objects as go
-        from plotly.subplots import make_subplots
-    except ImportError:
-        raise MissingExtraError("the plot needs plotly; install it with: pip install 'swim2real[report]'") from None
-    titles = [f"{trial.name}: {100 * lost.left_out_share:.1f} % left out" for trial, lost in checked]
-    figure = make_subplots(rows=len(checked), cols=1, subplot_titles=titles, vertical_spacing=0.25 / (len(checked) + 1))
-    for row, (trial, lost) in enumerate(checked, start=1):
-        figure.add_trace(
-            go.Heatmap(
-                x=trial.track.times, y=list(names), z=lost.lost.T.astype(int), showscale=False, zmin=0, zmax=1,
-                colorscale=[[0, "#eef1f4"], [1, LIGHT['real']]],
-                hovertemplate="%{y} at %{x:.2f} s: %{z:d} (1 = lost)<extra></extra>",
-            ),
-            row=row, col=1,
-        )  # fmt: skip
-        figure.update_yaxes(autorange="reversed", row=row, col=1)
-    figure.update_xaxes(title_text="time [s]", row=len(checked), col=1)
-    figure.update_layout(
-        title="Lost markers (colored) over time, first marker at the top",
-        height=150 + 210 * len(checked),
-        template="plotly_white",
-    )
-    target = Path(path)
-    target.write_text(figure.to_html(include_plotlyjs=True, full_html=True), encoding="utf-8")
-    return target
+    charts = {f"lost-{i}": partial(lost_markers, trial, lost, names) for i, (trial, lost) in enumerate(checked)}
+    trials = [(trial.name, f"{100 * lost.left_out_share:.1f} %") for trial, lost in checked]
+    return write_page(Path(path), render_page("quality.html.j2", {"trials": trials}, charts, style="report.css"))
+
+
+def lost_markers(trial: Trial, lost: LostMarkers, names: Sequence[str]) -> Figure:
+    """The frames in which each marker is lost, over time; the first marker at the top."""
+    figure, axes = new_chart(WIDE, 0.6 + 0.19 * len(names), "time (s)", "")
+    times = trial.track.times
+    ends = np.append(times[1:], 2 * times[-1] - times[-2] if len(times) > 1 else times[-1] + 1)
+    for m, name in enumerate(names):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], lost.lost[:, m].astype(int), [0]])))
+        begins, lasts = edges[::2], edges[1::2] - 1
+        spans = [(times[a], ends[b] - times[a]) for a, b in zip(begins, lasts, strict=True)]
+        axes.axhspan(m - 0.38, m + 0.38, color=LIGHT["page"], linewidth=0, zorder=0)
+        titled(axes.broken_barh(spans, (m - 0.38, 0.76), facecolor=LIGHT["real"], linewidth=0), f"{name} is lost")
+    axes.grid(visible=False)
+    axes.set(xlim=(times[0], ends[-1]), ylim=(len(names) - 0.5, -0.5))
+    axes.set_yticks(range(len(names)), list(names))
+    axes.tick_params(axis="y", length=0)
+    return figure

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,18 @@ from numpy.typing import NDArray
 from swim2real.calibration import RecordingPair, RunFolder, load_recordings
 from swim2real.calibration.recording_pairs import RECORDINGS
 from swim2real.report.marker_errors import MarkerErrors, by_trial, stored
-from swim2real.report.palette import Figure
-from swim2real.report.recording_figures import axis_titles, errors, paths, readings, view, way
 from swim2real.report.recording_headline import loss_name, split, tiles
 from swim2real.report.recording_table import recording_table
 from swim2real.report.run import Json, ReportedRun, ReportedTrial, Sections
-from swim2real.report.traces import drawn
+from swim2real.report.trial_charts import (
+    axis_titles,
+    drawn_trials,
+    errors_over_time,
+    progress_over_time,
+    recording_paths,
+    recording_ranges,
+    sensor_readings,
+)
 
 
 @dataclass(frozen=True)
@@ -53,19 +60,22 @@ class RecordingSections(Sections):
         return None
 
     def content(self, run: ReportedRun) -> dict[str, Any]:
-        about, shown = run.robot.recordings, drawn(self.recordings)
+        about, shown = run.robot.recordings, drawn_trials(self.recordings)
         units = {sensor.name: sensor.unit for sensor in about.sensors}
-        ranges, titles = view([one.compared for one in shown]), axis_titles(run.robot)
-        figures: dict[str, Figure] = {}
+        ranges, titles = recording_ranges([one.compared for one in shown]), axis_titles(run.robot)
+        charts: dict[str, Any] = {}
         for i, one in enumerate(shown):
             trial = one.compared
-            figures[f"paths-{i}"] = paths(trial, run.marker_names, run.robot.links, ranges, titles)
+            charts[f"paths-{i}"] = partial(recording_paths, trial, run.marker_names, run.robot.links, ranges, titles)
             if trial.divergence:
                 continue
-            figures[f"off-{i}"] = errors(trial, run.marker_names)
+            charts[f"off-{i}"] = partial(errors_over_time, trial, run.marker_names)
             if about.score_progress:
-                figures[f"way-{i}"] = way(trial)
-            figures |= {f"sensor-{i}-{j}": readings(s, units.get(s.name, "")) for j, s in enumerate(trial.sensors)}
+                charts[f"way-{i}"] = partial(progress_over_time, trial)
+            charts |= {
+                f"sensor-{i}-{j}": partial(sensor_readings, s, units.get(s.name, ""))
+                for j, s in enumerate(trial.sensors)
+            }
         return {
             "loss": loss_name(run),
             "tiles": tiles(run),
@@ -73,7 +83,7 @@ class RecordingSections(Sections):
             "order": "marker",
             "errors": marker_errors(run),
             "trials": recording_table(run),
-            "figures": figures,
+            "charts": charts,
             "recordings": shown,
             "about": about,
         }

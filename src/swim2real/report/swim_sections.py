@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,9 @@ from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.calibration.swim_pairs import SWIMS
 from swim2real.report.headline import split, tiles
 from swim2real.report.marker_errors import marker_errors
-from swim2real.report.palette import Figure
 from swim2real.report.run import Json, ReportedRun, Sections
-from swim2real.report.speed_figure import speeds
-from swim2real.report.swim_figures import envelope, path_markers, paths, tail_tip, view
-from swim2real.report.traces import drawn
+from swim2real.report.run_charts import speeds
+from swim2real.report.trial_charts import drawn_trials, envelope, path_markers, swim_paths, swim_ranges, tail_tip
 from swim2real.report.trial_table import trial_rows
 
 
@@ -61,13 +60,13 @@ class SwimSections(Sections):
         return self.backward
 
     def content(self, run: ReportedRun) -> dict[str, Any]:
-        swims = drawn(self.swims)
-        ranges, path_ranges = view(swims), view(swims, path_markers(run.marker_names).start)
-        figures: dict[str, Figure] = {"speeds": speeds(run)}
+        swims = drawn_trials(self.swims)
+        ranges, path_ranges = swim_ranges(swims), swim_ranges(swims, path_markers(run.marker_names).start)
+        charts: dict[str, Any] = {"speeds": partial(speeds, run)}
         for i, swim in enumerate(swims):
-            figures[f"paths-{i}"] = paths(swim, run.marker_names, path_ranges)
-            figures[f"envelope-{i}"] = envelope(swim, ranges)
-            figures[f"tail-{i}"] = tail_tip(swim, run.marker_names, ranges)
+            charts[f"paths-{i}"] = partial(swim_paths, swim, run.marker_names, path_ranges)
+            charts[f"envelope-{i}"] = partial(envelope, swim, ranges)
+            charts[f"tail-{i}"] = partial(tail_tip, swim, run.marker_names, ranges)
         return {
             "loss": "marker error" if run.paper_protocol else "aligned marker error",
             "tiles": tiles(run),
@@ -75,7 +74,7 @@ class SwimSections(Sections):
             "order": "marker, head to tail",
             "errors": marker_errors(run, self.swims),
             "trials": trial_rows(run),
-            "figures": figures,
+            "charts": charts,
             "swims": swims,
             "diverged": {trial.name for trial in run.trials if trial.diverged},
         }

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
+from numpy.typing import NDArray
 
-from swim2real.report.palette import COLORS, DARK_OF_LIGHT, Figure
-from swim2real.report.template import fill, write_page
-from swim2real.report.training_figures import commands, learning_curve, paths, scan
+from swim2real.report.pages import Charts, render_page, write_page
+from swim2real.report.style import LIGHT, WIDE, legend_over, new_chart, titled
 from swim2real.report.units import duration, percent, text
 from swim2real.rl import run_files
 from swim2real.rl.assessment import Assessment
 
+Array = NDArray[np.float64]
+
 PAGE = "training.html"
+_MOST_POINTS = 400  # of a learning curve
+_MOST_PATHS = 40
+_WINDOW = 50  # episodes of a running mean
 _LOOPS = {
     "nominal": "without disturbance",
     "open": "recorded commands (open loop)",
@@ -36,21 +45,17 @@ def write_training_page(run: str | Path, out: str | Path, found: Assessment) -> 
         Where the page is.
 
     Raises:
-        MissingExtraError: plotly or jinja2 isn't installed.
         RunError: The run is damaged, or the page can't be written.
     """
     return write_page(Path(out) / PAGE, render_training(Path(run), Path(out) / "rollout.mp4", found))
 
 
 def render_training(run: Path, film: Path, found: Assessment) -> str:
-    """The page as text.
-
-    Raises:
-        MissingExtraError: plotly or jinja2 isn't installed.
-    """
+    """The page as text."""
     shown = base64.b64encode(film.read_bytes()).decode() if film.is_file() else None
-    content = {**training_content(run, found), "film": shown, "colors": COLORS}
-    return fill("training.html.j2", content, style="report.css", script="report.js")
+    content = training_content(run, found)
+    charts: Charts = content.pop("charts")
+    return render_page("training.html.j2", {**content, "film": shown}, charts, style="report.css", script="report.js")
 
 
 def training_content(run: Path, found: Assessment) -> dict[str, Any]:
@@ -61,20 +66,20 @@ def training_content(run: Path, found: Assessment) -> dict[str, Any]:
     episodes, evaluations = (run_files.read_lines(run / name) for name in (run_files.EPISODES, run_files.EVALUATIONS))
     constant, task = found.content.get("constant"), settings["task"]
     shared = {"exploration": settings["exploration"]}
-    figures: dict[str, Figure] = {
-        "return": learning_curve(
+    charts: dict[str, Any] = {
+        "return": partial(learning_curve,
             episodes, evaluations, "episode_return", "episode return",
             baseline=constant["best_return"] if constant else None, **shared,
         )
     }  # fmt: skip
     if task == "forward":
-        figures["distance"] = learning_curve(
+        charts["distance"] = partial(learning_curve,
             episodes, evaluations, "distance", "distance (mm)", 1e3,
             baseline=constant["best_distance"] if constant else None, **shared,
         )  # fmt: skip
     else:
-        figures["success"] = learning_curve(episodes, evaluations, "success", "reached (%)", 100.0, **shared)
-    figures["paths"] = paths(
+        charts["success"] = partial(learning_curve, episodes, evaluations, "success", "reached (%)", 100.0, **shared)
+    charts["paths"] = partial(paths_from_above,
         [one.heads for one in found.episodes], [one.goal for one in found.episodes],
         [one.success for one in found.episodes],
     )  # fmt: skip
@@ -84,10 +89,10 @@ def training_content(run: Path, found: Assessment) -> dict[str, Any]:
     if found.scan is not None:
         best = float(found.scan.speeds[found.scan.farthest])
         series["best constant frequency"] = (times, np.full(len(times), best))
-        figures["scan"] = scan(
-            found.scan.speeds / (2 * np.pi), found.scan.distances, found.content["policy"]["distance"]
+        charts["scan"] = partial(
+            frequency_scan, found.scan.speeds / (2 * np.pi), found.scan.distances, found.content["policy"]["distance"]
         )
-    figures["commands"] = commands(series)
+    charts["commands"] = partial(motor_commands, series)
     return {
         "name": run.resolve().name,
         "task": task,
@@ -100,7 +105,7 @@ def training_content(run: Path, found: Assessment) -> dict[str, Any]:
             for name, one in found.content.get("loops", {}).items()
         ],
         "times": _times(outcome),
-        "plots": {"figures": figures, "darkOfLight": DARK_OF_LIGHT},
+        "charts": charts,
     }  # fmt: skip
 
 
@@ -142,3 +147,93 @@ def _times(outcome: dict[str, Any] | None) -> str:
         f"{percent(outcome['learner_share'], 0)} of the time learning and {percent(outcome['simulator_share'], 0)} "
         f"simulating."
     )
+
+
+def learning_curve(
+    episodes: Sequence[Mapping[str, Any]], evaluations: Sequence[Mapping[str, Any]], key: str, title: str,
+    factor: float = 1.0, baseline: float | None = None, exploration: int | None = None,
+) -> Figure:  # fmt: skip
+    """A figure of every episode over the environment steps: their running mean, and the evaluations.
+
+    Args:
+        episodes: Entries with `step` and the figure.
+        evaluations: The same, of the policy without exploration.
+        key: The figure's name.
+        title: Title of the y axis, with unit.
+        factor: By which values are multiplied.
+        baseline: What constant-frequency swimming reaches, in the same unit before the factor.
+        exploration: Steps of random actions at the start.
+    """
+    figure, axes = new_chart(WIDE, 2.9, "environment steps", title, legend_rows=1)
+    known = [(one["step"], one[key]) for one in episodes if one.get(key) is not None]
+    steps, values = np.array([k[0] for k in known], float), factor * np.array([k[1] for k in known], float)
+    if len(steps):
+        window = min(_WINDOW, len(values))
+        mean = np.convolve(values, np.ones(window) / window, mode="valid")
+        places = np.unique(np.linspace(0, len(mean) - 1, _MOST_POINTS).astype(int))
+        axes.plot(
+            steps[window - 1 :][places], mean[places], color=LIGHT["faint"],
+            label=f"while learning, mean of {window} episodes",
+        )  # fmt: skip
+    shown = [(one["step"], factor * one[key]) for one in evaluations if one.get(key) is not None]
+    if shown:
+        axes.plot(
+            *np.array(shown).T, "-o", color=LIGHT["simulated"], linewidth=1.5, label="evaluated, without exploration"
+        )
+    if baseline is not None:
+        last = max([*steps.tolist(), *(s for s, _ in shown), 1.0])
+        axes.plot(
+            [0, last], [factor * baseline] * 2, "--", color=LIGHT["real"], label="best constant frequency"
+        )  # fmt: skip
+    if exploration:
+        axes.axvspan(0, exploration, color=LIGHT["grid"], alpha=0.5, linewidth=0, zorder=0)
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+    legend_over(axes)
+    return figure
+
+
+def paths_from_above(heads: Sequence[Array], goals: Sequence[Array | None], reached: Sequence[bool]) -> Figure:
+    """Paths of the head [m]; goals that were reached are green, the others hollow."""
+    figure, axes = new_chart(WIDE, 4.2, "x (m), the fish starts toward the left", "y (m)", legend_rows=1)
+    for i, (path, ok) in enumerate(zip(heads[:_MOST_PATHS], reached, strict=False)):
+        thin = path[:: max(1, len(path) // 150)]
+        color = LIGHT["simulated"] if ok or goals[i] is None else LIGHT["faint"]
+        (line,) = axes.plot(thin[:, 0], thin[:, 1], color=color, linewidth=0.9, alpha=0.7)
+        titled(line, f"episode {i}")
+    for name, wanted, face, color in (("reached", True, "good", "good"), ("not reached", False, "surface", "real")):
+        places = [g for g, ok in zip(goals[:_MOST_PATHS], reached, strict=False) if g is not None and ok == wanted]
+        if places:
+            axes.scatter(
+                *np.array(places)[:, :2].T, s=20, facecolors=LIGHT[face], edgecolors=LIGHT[color], linewidths=1.2,
+                label=name, zorder=3,
+            )  # fmt: skip
+            axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=2, borderaxespad=0.1)
+    axes.set_aspect("equal", adjustable="datalim")
+    return figure
+
+
+def motor_commands(series: Mapping[str, tuple[Array, Array]]) -> Figure:
+    """Motor commands over time: name to times [s] and speeds [rad/s]."""
+    figure, axes = new_chart(WIDE, 2.4, "time (s)", "motor command (rad/s)", legend_rows=1)
+    for (name, (times, speeds)), (color, style) in zip(
+        series.items(), (("simulated", "-"), ("real", "--"), ("good", "--"), ("warning", "--")), strict=False
+    ):
+        axes.step(times, speeds, style, where="post", color=LIGHT[color], label=name)
+    legend_over(axes)
+    return figure
+
+
+def frequency_scan(frequencies: Array, distances: Array, policy: float) -> Figure:
+    """Distance of constant-frequency swimming over its frequency [Hz], and that of the policy [m]."""
+    figure, axes = new_chart(
+        WIDE, 2.5, "constant frequency of the motor (Hz)", "distance (mm)", legend_rows=1
+    )  # fmt: skip
+    order = np.argsort(frequencies)
+    axes.plot(
+        frequencies[order], 1e3 * distances[order], "-o", color=LIGHT["real"], markersize=2.6,
+        label="constant frequency",
+    )  # fmt: skip
+    ends = [float(frequencies.min()), float(frequencies.max())]
+    axes.plot(ends, [1e3 * policy] * 2, color=LIGHT["simulated"], linewidth=1.5, label="policy")
+    legend_over(axes)
+    return figure

@@ -8,15 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from swim2real.calibration import RunFolder, SwimPair, load_swims
 from swim2real.comparison.statistics import MethodStatistics
 from swim2real.errors import RunError
-from swim2real.report.paper_figures.style import DOUBLE, FAINT, REAL, new_figure
+from swim2real.report.style import DOUBLE, LIGHT, MethodStyle, new_figure
 
 Array = NDArray[np.float64]
 
+_INK = LIGHT["text"]
 _OPACITIES = (0.25, 0.5, 1.0)
 _WIDTH, _NOSE, _TAIL_WIDTH = 0.13, 0.12, 0.016  # of the length of the body, for looks
 _TERMS = 3  # of the polynomial that the tail bends along
@@ -38,9 +40,9 @@ class Lane:
     bodies: Array
 
 
-def draw_chronophotography(
-    methods: Sequence[MethodStatistics], colors: Mapping[str, str], folder: Path, trial: str | None = None
-) -> Any:
+def chronophotography(
+    methods: Sequence[MethodStatistics], styles: Mapping[str, MethodStyle], folder: Path, trial: str | None = None
+) -> Figure:
     """One swim at its first, middle and last moment: real, by the best method and by the worst.
 
     Of each method it is the run with the median loss. Bodies are drawn in the body frame, moved on by the progress, so
@@ -48,7 +50,7 @@ def draw_chronophotography(
 
     Args:
         methods: Under one protocol.
-        colors: By method.
+        styles: By method.
         folder: Of the comparison.
         trial: Its name; None takes the one with the middle frequency.
 
@@ -62,14 +64,14 @@ def draw_chronophotography(
     swims = [_swim(folder / one.typical_run().folder, trial) for _, one in chosen]
     real = swims[0]
     frames = _frames(real)
-    lanes = [Lane("real", REAL, moments(real, real.real, real.progress_real, frames, seen=True))]
+    lanes = [Lane("real", _INK, moments(real, real.real, real.progress_real, frames, seen=True))]
     for (words, one), swim in zip(chosen, swims, strict=True):
         run = one.typical_run()
         figures = run.fit["trials"][swim.name]
         error = 1e3 * figures["aligned_marker_error" if one.protocol == "aligned" else "marker_error"]
         label = f"{words}: {one.method} (seed {run.seed}), {error:.0f} mm"
         bodies = moments(swim, swim.simulated, swim.progress_simulated, frames, seen=False)
-        lanes.append(Lane(label, colors[one.method], bodies))
+        lanes.append(Lane(label, styles[one.method].light, bodies))
     return _draw(
         lanes,
         real.times[frames],
@@ -146,13 +148,14 @@ def outline(body: Array) -> Array | None:
     return np.concatenate([middle + normal * width[:, None], (middle - normal * width[:, None])[::-1]])
 
 
-def _draw(lanes: Sequence[Lane], times: Array, words: str) -> Any:
+def _draw(lanes: Sequence[Lane], times: Array, words: str) -> Figure:
     ranges = [_range(lane) for lane in lanes]
     left, right = min(low[0] for low, _ in ranges), max(high[0] for _, high in ranges)
     heights = [float(high[1] - low[1]) for low, high in ranges]
     heights[-1] += _SCALE_ROOM
     figure = new_figure(DOUBLE, DOUBLE * sum(heights) / float(right - left) + 0.25)
-    figure.get_layout_engine().set(hspace=0, h_pad=0.01, w_pad=0.01)
+    layout: Any = figure.get_layout_engine()
+    layout.set(hspace=0, h_pad=0.01, w_pad=0.01)
     panels = figure.subplots(len(lanes), 1, squeeze=False, sharex=True, height_ratios=heights)[:, 0]
     heads = 1e3 * lanes[0].bodies[:, 0, 0]
     for axes, lane, (low, high) in zip(panels, lanes, ranges, strict=True):
@@ -161,17 +164,17 @@ def _draw(lanes: Sequence[Lane], times: Array, words: str) -> Any:
         bottom = low[1] - (_SCALE_ROOM if lane is lanes[-1] else 0)
         axes.set(xlim=(left, right), ylim=(bottom, high[1]))
         axes.axis("off")
-        axes.text(left, high[1] - 2, lane.label, va="top", color=REAL)
+        axes.text(left, high[1] - 2, lane.label, va="top", color=_INK)
         for head in heads:
-            axes.axvline(head, color=FAINT, linewidth=0.4, linestyle=(0, (1, 2)), zorder=0)
+            axes.axvline(head, color=LIGHT["muted"], linewidth=0.4, linestyle=(0, (1, 2)), zorder=0)
     top = float(ranges[0][1][1])
     for head, time in zip(heads, times - times[0], strict=True):
         panels[0].annotate(
             f"{time:.1f} s", (head, top), xytext=(0, 1), textcoords="offset points", ha="center", va="bottom",
-            fontsize=7, color=FAINT, annotation_clip=False,
+            fontsize=7, color=LIGHT["muted"], annotation_clip=False,
         )  # fmt: skip
     bottom = float(ranges[-1][0][1]) - _SCALE_ROOM + 8
-    panels[-1].plot([left, left + 100], [bottom, bottom], color=REAL, linewidth=1.4, solid_capstyle="butt")
+    panels[-1].plot([left, left + 100], [bottom, bottom], color=_INK, linewidth=1.4, solid_capstyle="butt")
     panels[-1].text(left + 108, bottom, f"100 mm;  {words}", va="center", fontsize=7)
     return figure
 

@@ -1,0 +1,303 @@
+"""Charts of a comparison: convergence, every seed, speeds, errors by marker, and what becomes of proposals.
+
+The same functions draw the page's charts and the figures for papers; only widths differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from swim2real.comparison.results import RunResult
+from swim2real.comparison.statistics import MethodStatistics
+from swim2real.comparison.statistics_cells import spread_cell
+from swim2real.comparison.statistics_detail import Speeds, marker_errors, nan_mean, speeds, step_statistics
+from swim2real.comparison.statistics_tables import THEORY
+from swim2real.report.style import (
+    COLUMN,
+    DOUBLE,
+    LIGHT,
+    MANY,
+    MethodStyle,
+    handle,
+    legend_above,
+    legend_rows,
+    log_axis,
+    new_figure,
+    panel_title,
+    titled,
+)
+
+Styles = Mapping[str, MethodStyle]
+
+_ACCEPTED = ("#00416a", "#2f7fb8", "#85bce0", "#c3dff1", "#e0eff8")  # dark to light with the step getting smaller
+_REJECTED = "#eceef0"
+
+
+def convergence(methods: Sequence[MethodStatistics], styles: Styles, width: float = COLUMN) -> Figure:
+    """Mean of the best loss so far of each method, every seed thin, and a dot where a seed ends.
+
+    The dots of each method stand in a column of their own, right of the last evaluation. Width in inches.
+    """
+    height = 2.4 + 0.24 * (width - COLUMN)
+    figure = new_figure(width, height + 0.14 * legend_rows([one.method for one in methods], width))
+    axes: Any = figure.subplots()
+    ordered = sorted(methods, key=lambda one: one.final.mean)
+    budget = methods[0].curves.shape[1]
+    evaluations = np.arange(1, budget + 1)
+    spacing = 0.028 * budget * COLUMN / width
+    alpha = 0.4 if len(methods) <= MANY else 0.18
+    handles: list[Any] = []
+    for i, one in enumerate(ordered):
+        style = styles[one.method]
+        for seed, curve in zip(one.seeds, one.curves, strict=True):
+            (line,) = axes.step(evaluations, 1e3 * curve, where="post", color=style.light, linewidth=0.4, alpha=alpha)
+            titled(line, f"{one.method}, seed {seed}")
+        mean = 1e3 * one.curves.mean(axis=0)
+        (line,) = axes.step(
+            evaluations, mean, where="post", color=style.light, linewidth=1.5, zorder=3, **style.pattern
+        )
+        titled(line, f"{one.method}, mean of {len(one.seeds)}")
+        place = np.full(len(one.runs), budget + (i + 1) * spacing)
+        axes.plot(
+            place, 1e3 * one.final.values, style.mark, color=style.light, markersize=3, markeredgewidth=0, alpha=0.85,
+            clip_on=False, zorder=4,
+        )  # fmt: skip
+        handles.append(handle(label=one.method, linewidth=1.5, **style.line))
+    curves = 1e3 * np.concatenate([one.curves for one in methods])
+    log_axis(axes.yaxis, 0.85 * float(curves.min()), 1.12 * float(curves.max()))
+    end = budget + (len(ordered) + 0.8) * spacing
+    axes.axvline(budget + 0.45 * spacing, color=LIGHT["muted"], linewidth=0.5, linestyle=(0, (1, 2)))
+    axes.set_xlim(1, end)
+    step = next(n for n in (1, 2, 5, 10, 20, 50, 100, 200, 500, 10**4) if budget <= 10 * n)
+    axes.set_xticks([1, *range(step, budget + 1, step)] if step > 1 else evaluations)
+    axes.set_xlabel("evaluations")
+    axes.xaxis.set_label_coords(0.5 * budget / end, -0.11 * 2.4 / height)
+    axes.set_ylabel(f"best {methods[0].words.loss} so far (mm)")
+    legend_above(figure, handles, width)
+    return figure
+
+
+def strip(methods: Sequence[MethodStatistics], styles: Styles, width: float = COLUMN) -> Figure:
+    """One row a method, the best first: a dot a seed, a bar at the mean, mean ± standard deviation at the side."""
+    ordered = sorted(methods, key=lambda one: one.final.mean)
+    figure = new_figure(width, 0.75 + 0.24 * len(ordered))
+    axes: Any = figure.subplots()
+    axes.grid(visible=True, axis="x")
+    axes.grid(visible=False, axis="y")
+    for row, one in enumerate(ordered):
+        style = styles[one.method]
+        values = 1e3 * one.final.values
+        offsets = 0.26 * (np.arange(len(values)) - (len(values) - 1) / 2) / max(len(values) - 1, 1) * 1.6
+        for seed, value, offset in zip(one.seeds, values, offsets, strict=True):
+            (point,) = axes.plot(
+                value, row + offset, style.mark, color=style.light, markersize=4, markeredgecolor=LIGHT["surface"],
+                markeredgewidth=0.3, zorder=3, clip_on=False,
+            )  # fmt: skip
+            titled(point, f"{one.method}, seed {seed}: {value:.1f} mm")
+        axes.plot([1e3 * one.final.mean] * 2, [row - 0.34, row + 0.34], color=LIGHT["text"], linewidth=1.1, zorder=2)
+        axes.annotate(
+            spread_cell(one.final).text, (1.0, row), xycoords=("axes fraction", "data"), xytext=(4, 0),
+            textcoords="offset points", va="center", ha="left", fontsize=7.5, annotation_clip=False,
+        )  # fmt: skip
+    axes.annotate(
+        "mean ± std", (1.0, -0.62), xycoords=("axes fraction", "data"), xytext=(4, 0), textcoords="offset points",
+        va="bottom", ha="left", fontsize=6.5, color=LIGHT["muted"], annotation_clip=False,
+    )  # fmt: skip
+    values = 1e3 * np.concatenate([one.final.values for one in methods])
+    log_axis(axes.xaxis, 0.88 * float(values.min()), 1.12 * float(values.max()))
+    axes.set_ylim(len(ordered) - 0.4, -0.6)
+    axes.set_yticks(range(len(ordered)), [one.method for one in ordered])
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.set_xlabel(f"best {methods[0].words.loss} (mm)")
+    return figure
+
+
+def velocity(
+    methods: Sequence[MethodStatistics], styles: Styles, theory: Mapping[str, float] | None = None,
+    width: float = DOUBLE,
+) -> Figure | None:  # fmt: skip
+    """Speeds on the left, their errors on the right; mean over seeds with their range. None without frequencies.
+
+    Args:
+        methods: Under one protocol.
+        styles: By method.
+        theory: Speeds that elongated body theory predicts, by trial [m/s].
+        width: [inches].
+    """
+    ordered = sorted(methods, key=lambda one: one.figures["velocity_error"].mean)
+    by_method = {one.method: own for one in ordered if (own := speeds(one.runs)) is not None}
+    if not by_method:
+        return None
+    first = next(iter(by_method.values()))
+    labels = [f"{method} (00.0 mm/s)" for method in (*by_method, THEORY)]
+    figure = new_figure(width, 0.31 * width + 0.14 * legend_rows(labels, width))
+    layout: Any = figure.get_layout_engine()
+    layout.set(wspace=0.07)
+    left, right = figure.subplots(1, 2)
+    handles: list[Any] = []
+    gap = float(np.min(np.diff(first.frequencies))) if len(first.frequencies) > 1 else 0.2
+    for i, (method, own) in enumerate(by_method.items()):
+        style = styles[method]
+        shift = min(0.07, 0.36 / len(by_method)) * gap * (i - (len(by_method) - 1) / 2)
+        _draw_range(left, own, own.simulated, style, shift, method, bars=len(by_method) <= MANY)
+        _draw_range(right, own, own.errors, style, shift, method, bars=True)
+        handles.append(handle(label=f"{method} ({1e3 * own.mean_error.mean:.1f} mm/s)", **style.line))
+    if theory is not None:
+        predicted = np.array([theory.get(name, np.nan) for name in first.trials])
+        line: dict[str, Any] = {"color": LIGHT["muted"], "linestyle": (0, (1, 1.3)), "marker": "+"}
+        left.plot(first.frequencies, 1e3 * predicted, **line)
+        errors = 1e3 * np.abs(predicted - first.real)
+        right.plot(first.frequencies, errors, **line)
+        handles.append(handle(label=f"{THEORY} ({np.nanmean(errors):.1f} mm/s)", **line))
+    real: dict[str, Any] = {
+        "color": LIGHT["text"], "linestyle": "none", "marker": "o", "markersize": 6.5, "markerfacecolor": "none",
+    }  # fmt: skip
+    left.plot(first.frequencies, 1e3 * first.real, zorder=5, **real)
+    handles.insert(0, handle(label="real", **real))
+    panel_title(left, "(a) forward speed")
+    panel_title(right, "(b) velocity error")
+    left.set_ylabel("forward speed (mm/s)")
+    right.set_ylabel("|simulated − real| (mm/s)")
+    right.set_ylim(bottom=0)
+    for axes in (left, right):
+        axes.set_xlabel("frequency of the tail beat (Hz)")
+    legend_above(figure, handles, width)
+    return figure
+
+
+def _draw_range(
+    axes: Any, own: Speeds, values: Any, style: MethodStyle, shift: float, method: str, bars: bool
+) -> None:  # fmt: skip
+    """The mean over seeds as a line and the range as bars. Values of shape (S, N) [m/s]."""
+    known = np.isfinite(values)
+    low = np.where(known.any(axis=0), np.where(known, values, np.inf).min(axis=0), np.nan)
+    high = np.where(known.any(axis=0), np.where(known, values, -np.inf).max(axis=0), np.nan)
+    x = own.frequencies + shift
+    (line,) = axes.plot(x, 1e3 * nan_mean(values, axis=0), linewidth=1, zorder=3, **style.line)
+    titled(line, method)
+    if bars:
+        axes.vlines(x, 1e3 * low, 1e3 * high, color=style.light, linewidth=0.7, alpha=0.5, zorder=2)
+
+
+def markers(
+    methods: Sequence[MethodStatistics], styles: Styles, names: Sequence[str], width: float = DOUBLE
+) -> Figure:  # fmt: skip
+    """Error of each marker, one panel a kind: the mean as a line, and for few methods the range over seeds as a band.
+
+    Args:
+        methods: Under one protocol.
+        styles: By method.
+        names: Of the markers.
+        width: [inches].
+    """
+    words = methods[0].words
+    figure = new_figure(width, 0.29 * width + 0.14 * legend_rows([one.method for one in methods], width))
+    panels = figure.subplots(1, len(words.markers), squeeze=False)[0]
+    places = list(range(len(names)))
+    for axes, (kind, kind_words), name in zip(panels, words.markers, "abc", strict=False):
+        for one in methods:
+            style = styles[one.method]
+            errors = 1e3 * marker_errors(one.runs, kind)
+            (line,) = axes.plot(places, nan_mean(errors, axis=0), markersize=3.2, zorder=3, clip_on=False, **style.line)
+            titled(line, one.method)
+            if len(methods) > MANY:
+                continue
+            axes.fill_between(
+                places, errors.min(axis=0), errors.max(axis=0), color=style.light, alpha=0.13, linewidth=0, zorder=1
+            )
+        axes.set_ylim(bottom=0)
+        axes.set_xticks(places, list(names))
+        axes.set_xlabel(words.markers_order)
+        panel_title(axes, f"({name}) {kind_words}")
+    panels[0].set_ylabel("error (mm)")
+    legend_above(figure, [handle(label=one.method, **styles[one.method].line) for one in methods], width)
+    return figure
+
+
+def line_search(methods: Sequence[MethodStatistics], styles: Styles) -> Figure | None:
+    """Shares of the step sizes and of rejected rounds on the left, the losses of a typical run on the right.
+
+    The run is that with the median loss of the first method that tries more than one step. None without rounds.
+    """
+    counted = [(one, steps) for one in methods if (steps := step_statistics(one.runs)) is not None and steps.rounds]
+    if not counted:
+        return None
+    figure = new_figure(DOUBLE, 2.5)
+    left, right = figure.subplots(1, 2, width_ratios=[1, 1.35])
+    sizes = sorted({size for _, steps in counted for size in steps.by_size}, reverse=True)
+    shades = [_ACCEPTED[min(i, len(_ACCEPTED) - 1)] for i in range(len(sizes))]
+    left.grid(visible=False)
+    for row, (_, steps) in enumerate(counted):
+        start = 0.0
+        for i, (size, shade) in enumerate(zip(sizes, shades, strict=True)):
+            share = 100 * steps.by_size.get(size, 0) / steps.rounds
+            left.barh(row, share, left=start, height=0.56, color=shade, edgecolor="white", linewidth=0.6)
+            if share >= 3.5:
+                ink = "white" if i < 2 else LIGHT["text"]
+                left.text(start + share / 2, row, f"{share:.0f}", ha="center", va="center", color=ink, fontsize=7)
+            start += share
+        left.barh(row, 100 - start, left=start, height=0.56, color=_REJECTED, edgecolor="white", linewidth=0.6)
+        left.text(
+            100, row - 0.33, f"{steps.accepted} of {steps.rounds} accepted ({100 * steps.accept_rate:.0f} %)",
+            ha="right", va="bottom", fontsize=7,
+        )  # fmt: skip
+    left.set_yticks(range(len(counted)), [one.method for one, _ in counted])
+    left.tick_params(axis="y", length=0)
+    left.spines["left"].set_visible(False)
+    left.set(ylim=(len(counted) - 0.45, -0.85), xlim=(0, 100), xlabel="share of the rounds (%)")
+    panel_title(left, "(a) step at which a proposal is accepted")
+    patches = [Patch(facecolor=shade, label=f"step {size:g}") for shade, size in zip(shades, sizes, strict=True)]
+    _legend_below(left, [*patches, Patch(facecolor=_REJECTED, label="rejected")], 1.0)
+    many = next((one for one, steps in counted if len(steps.by_size) > 1), counted[0][0])
+    run = many.typical_run()
+    _draw_run(right, run, styles[many.method].light)
+    panel_title(right, f"(b) {many.method}, seed {run.seed}")
+    right.set_ylabel(f"{many.words.loss} (mm)")
+    return figure
+
+
+def _legend_below(axes: Any, handles: Sequence[Any], length: float) -> None:
+    axes.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=len(handles), handlelength=length,
+        columnspacing=0.9, handletextpad=0.4, borderaxespad=0.2,
+    )  # fmt: skip
+
+
+def _draw_run(axes: Any, run: RunResult, color: str) -> None:
+    """Every step of a run: filled where it was accepted, open where not; rounds on bands; the incumbent as a line."""
+    losses = [1e3 * loss for loss in run.losses]
+    known = [loss for loss, failed in zip(losses, run.failed, strict=True) if not failed] or losses
+    top = 1.15 * max(known)
+    for number, one in enumerate(run.rounds):
+        first = one.begin + 1
+        if number % 2:
+            axes.axvspan(first - 0.5, first + len(one.sizes) - 0.5, color="#f1f3f5", linewidth=0, zorder=0)
+        steps = range(one.begin, one.begin + len(one.sizes))
+        axes.plot(
+            [i + 1 for i in steps], [min(losses[i], top) for i in steps], color=LIGHT["muted"], linewidth=0.6, zorder=2
+        )
+    axes.step(range(1, len(losses) + 1), 1e3 * run.best, where="post", color=color, linewidth=1.3, zorder=3)
+    accepted = {one.begin + len(one.sizes) - 1 for one in run.rounds if one.accepted} | {0}
+    for i, loss in enumerate(losses):
+        good, failed = i in accepted, run.failed[i]
+        axes.plot(
+            i + 1, top * 0.97 if failed else loss, "x" if failed else "o", color=color if good else LIGHT["muted"],
+            markerfacecolor=color if good else "white", markersize=3.8 if good else 3.4, markeredgewidth=0.7, zorder=4,
+        )  # fmt: skip
+    log_axis(axes.yaxis, 0.85 * min(known), top)
+    axes.set(xlim=(0.2, len(losses) + 0.8), xlabel="evaluation (bands: rounds)")
+    dot: dict[str, Any] = {"linestyle": "none", "marker": "o", "markeredgewidth": 0.7}
+    handles = [
+        handle(color=color, label="accepted", **dot),
+        handle(color=LIGHT["muted"], markerfacecolor="white", label="not accepted", **dot),
+        handle(color=color, label="best so far"),
+    ]
+    if any(run.failed):
+        handles.append(handle(color=LIGHT["muted"], linestyle="none", marker="x", label="diverged"))
+    _legend_below(axes, handles, 1.6)

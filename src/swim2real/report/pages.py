@@ -1,0 +1,99 @@
+"""From charts and a template to a page in one file, which opens without a network and without a library."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from swim2real import store
+from swim2real.errors import RunError
+from swim2real.report.style import TITLE, VARIABLES, page_style
+
+Charts = Mapping[str, Callable[[], Figure]]
+
+_TEMPLATES = Path(__file__).parent / "templates"
+
+_VARIABLE_OF_LIGHT = {light: f"var({name})" for name, (light, _) in VARIABLES.items()}
+_COLOR = re.compile("|".join(_VARIABLE_OF_LIGHT))
+_NUMBER = re.compile(r"-?\d+\.\d+")
+_DROPPED = re.compile(
+    r"<\?xml.*?\?>|<!DOCTYPE.*?>|<!--.*?-->|<metadata>.*?</metadata>|<style type=\"text/css\">.*?</style>"
+    r"| xmlns(:\w+)?=\"[^\"]*\"| version=\"1\.1\"| (width|height)=\"[\d.]+pt\"| transform=\"rotate\(-0 [^\"]*\)\"",
+    re.DOTALL,
+)
+
+
+def render_page(template: str, content: Mapping[str, Any], charts: Charts, **parts: str) -> str:
+    """A page as text.
+
+    Args:
+        template: Its name.
+        content: What it shows; texts are escaped.
+        charts: What draws each chart, by name; the template's `plot` shows it.
+        parts: Names of our own files beside the template, several after one another with a space; they are put in as
+            they are.
+    """
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    own = {
+        key: Markup("\n".join((_TEMPLATES / name).read_text(encoding="utf-8") for name in names.split()))
+        for key, names in parts.items()
+    }
+    drawn = {name: inline_svg(draw, name) for name, draw in charts.items()}
+    return environment.get_template(template).render(**content, **own, charts=drawn, variables=VARIABLES)
+
+
+def write_page(path: Path, page: str) -> Path:
+    """Writes a page whole or not at all.
+
+    Raises:
+        RunError: It can't be written.
+    """
+    try:
+        store.write_text(path, page)
+    except OSError as error:
+        raise RunError(f"can't write '{path}': {error.strerror or error}; make room or allow writing there") from error
+    return path
+
+
+def inline_svg(draw: Callable[[], Figure], name: str) -> Markup:
+    """A chart as an element of a page: scalable, in the page's font and colors, with names that are its own.
+
+    Args:
+        draw: What draws the chart.
+        name: A name that no other chart of the page has.
+    """
+    out = StringIO()
+    with page_style(), mpl.rc_context({"svg.hashsalt": name}):
+        draw().savefig(out, format="svg")
+    text = _DROPPED.sub("", out.getvalue())
+    # texts that show where one points: of a drawn thing, of a point of a scatter plot
+    text = re.sub(rf'<g id="{TITLE}([^"]*)">', r"<g><title>\1</title>", text)
+    text = re.sub(
+        rf'<a xlink:href="{TITLE}([^"]*)"[^>]*>(.*?)</a>', r"<g><title>\1</title>\2</g>", text, flags=re.DOTALL
+    )
+    text = re.sub(r'<g id="[^"]*"', "<g", text)
+    text = re.sub(r" font-family: [^;\"]*;", "", text)
+    text = text.replace("xlink:href", "href")
+    text = re.sub(r' (d|x|y)="([^"]*)"', lambda match: f' {match[1]}="{_short(match[2])}"', text)
+    text = _COLOR.sub(lambda match: _VARIABLE_OF_LIGHT[match[0]], text)
+    return Markup(re.sub(r">\s+<", "><", text).strip())
+
+
+def _short(numbers: str) -> str:
+    """A path or a coordinate to a tenth of a point, curves to a hundredth; a letter for a line is said once."""
+    curved = re.search("[CQ]", numbers) is not None
+    digits = 2 if curved else 1
+    rounded = _NUMBER.sub(lambda number: f"{round(float(number[0]), digits):g}", numbers)
+    spaced = re.sub(r"\s+", " ", rounded).strip()
+    return spaced if curved else re.sub(r"(?<=\d) L (?=[-\d])", " ", spaced)

@@ -1,0 +1,271 @@
+"""Charts of single trials: paths, envelope, tail tip, errors, progress, sensors. Real is red, simulated blue."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from swim2real.calibration import SwimPair
+from swim2real.objective import PlaybackComparison, SensorComparison
+from swim2real.report.style import LIGHT, THIRD, new_chart, titled
+from swim2real.robots.robot import Robot
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Range = tuple[float, float]
+T = TypeVar("T")
+
+MAX_TRIALS = 24  # drawn, so that the page stays of a size to send
+LEFT, RIGHT = 3.4, 5.0  # inches, of a wide chart's two columns
+_MAX_FRAMES = 480  # drawn of a swim
+_FRAMES_A_BEAT = 60
+_MAX_POINTS = 600  # of a line over time
+_MAX_LOST = 250  # marker-frames drawn
+_MARGIN = 0.02  # m, around swims
+_SHARE = 0.1  # of the largest extent, around recordings
+_FRAME_MARKERS = 2  # the first ones span the body frame and hardly move in it
+_NAME_SPACING = 45.0  # mm, between marker names that are drawn
+_NAME_ROOM = 26.0  # mm, above the paths
+_OPACITIES = (0.25, 0.4, 0.6, 0.9)  # of the links at these instants, the first to the last
+_AXES = "xyz"
+
+
+def drawn_trials(trials: Sequence[T]) -> tuple[T, ...]:
+    """The trials that get charts: at most `MAX_TRIALS`, spread over all."""
+    if len(trials) <= MAX_TRIALS:
+        return tuple(trials)
+    return tuple(trials[i] for i in (round(k * (len(trials) - 1) / (MAX_TRIALS - 1)) for k in range(MAX_TRIALS)))
+
+
+def counted(swim: SwimPair) -> Mask:
+    """Marker-frames that count: tracked and seen. Shape (T, M)."""
+    return (swim.weights > 0) & np.isfinite(swim.real).all(axis=2)
+
+
+def drawn_frames(swim: SwimPair) -> slice:
+    """Frames to draw: all of a short swim, else about 60 a beat from the first frame on, at most 480."""
+    if len(swim.times) <= _MAX_FRAMES:
+        return slice(None)
+    steps = np.diff(swim.times)
+    spacing = float(np.median(steps)) if steps.size else 1.0
+    stride = max(1, int(1 / (max(swim.frequency, 1e-3) * _FRAMES_A_BEAT * max(spacing, 1e-6))))
+    return slice(0, _MAX_FRAMES * stride, stride)
+
+
+def swim_ranges(swims: Sequence[SwimPair], first: int = 0) -> tuple[Range, Range]:
+    """Ranges of x and y that hold what counts of all swims [mm], from a marker on, for the same scale everywhere."""
+    points: list[Array] = [np.zeros((0, 2))]
+    for swim in swims:
+        good = counted(swim)[:, first:]
+        points += [swim.real[:, first:][good], (swim.simulated + swim.registration)[:, first:][good]]
+    return _ranges(np.concatenate(points), _MARGIN)
+
+
+def recording_ranges(trials: Sequence[PlaybackComparison]) -> tuple[Range, Range]:
+    """Ranges along both axes that hold all that is drawn of all trials, for the same scale everywhere [mm]."""
+    points = [np.zeros((0, 2))]
+    for trial in trials:
+        points += [trial.real[trial.weights > 0], trial.simulated[np.isfinite(trial.simulated).all(axis=2)]]
+    everything = np.concatenate(points)
+    extent = np.ptp(everything, axis=0).max() if len(everything) else 0.0
+    return _ranges(everything, _SHARE * float(extent))
+
+
+def path_markers(markers: Sequence[str]) -> range:
+    """Indices of the markers whose paths are drawn: all but those that span the body frame."""
+    return range(_FRAME_MARKERS if len(markers) > _FRAME_MARKERS else 0, len(markers))
+
+
+def axis_titles(robot: Robot) -> tuple[str, str]:
+    """What the frame of comparison is, in words."""
+    frame = robot.recordings.frame
+    if frame is None:
+        return f"{_AXES[robot.plane[0]]} (mm)", f"{_AXES[robot.plane[1]]} (mm)"
+    first, second = (robot.marker_names[marker] for marker in frame)
+    return f"from {first} toward {second} (mm)", "to the left of it (mm)"
+
+
+def swim_paths(swim: SwimPair, markers: Sequence[str], ranges: tuple[Range, Range]) -> Figure:
+    """Paths of the markers in the body frame, the simulated ones registered; lost marker-frames faint and hollow."""
+    across, (low, high) = ranges
+    figure, axes = _path_chart(
+        THIRD, across, (low, high + _NAME_ROOM), ("along the body, head to tail (mm)", "sideways (mm)")
+    )
+    frames, good, shown = drawn_frames(swim), counted(swim), path_markers(markers)
+    real = swim.real[frames, shown.start :]
+    lost = real[~good[frames, shown.start :] & np.isfinite(real).all(axis=2)]
+    if len(lost):
+        lost = 1e3 * lost[:: -(-len(lost) // _MAX_LOST)]
+        (marks,) = axes.plot(
+            *lost.T, "o", color=LIGHT["lost"], markersize=2.2, markerfacecolor="none", markeredgewidth=0.6
+        )
+        titled(marks, "lost by tracking, not counted")
+    everywhere = np.ones_like(good)
+    for kind, positions, where, width in (
+        ("real", swim.real, good, 0.6), ("simulated", swim.simulated + swim.registration, everywhere, 0.95)
+    ):  # fmt: skip
+        _draw_paths(axes, kind, positions[frames], where[frames], markers, shown, width)
+    _name_from_the_tail(axes, swim, good, markers, high)
+    return figure
+
+
+def envelope(swim: SwimPair, ranges: tuple[Range, Range]) -> Figure:
+    """Smallest and largest sideways position of every marker along the body, over the frames that count."""
+    figure, axes = new_chart(LEFT, 2.2, "along the body, head to tail (mm)", "sideways (mm)")
+    good = counted(swim)
+    seen = np.flatnonzero(good.any(axis=0))
+    for kind, positions in (("simulated", swim.simulated + swim.registration), ("real", swim.real)):
+        if not np.isfinite(positions[good]).all():
+            continue  # diverged
+        places = [1e3 * positions[good[:, m], m] for m in seen]
+        x = [place[:, 0].mean() for place in places]
+        smallest, largest = ([bound(place[:, 1]) for place in places] for bound in (np.min, np.max))
+        axes.fill_between(x, smallest, largest, color=LIGHT[kind], alpha=0.14, linewidth=0)
+        for bound in (smallest, largest):
+            (line,) = axes.plot(x, bound, "-o", color=LIGHT[kind], linewidth=1.1, markersize=2.6)
+            titled(line, kind)
+    axes.set(xlim=ranges[0], ylim=ranges[1])
+    return figure
+
+
+def tail_tip(swim: SwimPair, markers: Sequence[str], ranges: tuple[Range, Range]) -> Figure:
+    """Sideways position of the rearmost marker that was tracked, over time."""
+    frames, good = drawn_frames(swim), counted(swim)
+    seen = np.flatnonzero(good.any(axis=0))
+    m = int(seen[-1]) if seen.size else len(markers) - 1
+    figure, axes = new_chart(RIGHT, 2.2, "time (s)", f"{markers[m]} sideways (mm)")
+    for kind, positions, where in (
+        ("simulated", swim.simulated + swim.registration, np.ones_like(good)), ("real", swim.real, good)
+    ):  # fmt: skip
+        y = np.where(where[frames, m], 1e3 * positions[frames, m, 1], np.nan)
+        _draw_line(axes, swim.times[frames], y, LIGHT[kind], 1.1, kind)
+    axes.set_ylim(*ranges[1])
+    return figure
+
+
+def recording_paths(
+    trial: PlaybackComparison, markers: Sequence[str], links: Sequence[tuple[int, int]],
+    ranges: tuple[Range, Range], titles: tuple[str, str],
+) -> Figure:  # fmt: skip
+    """Paths of the markers in the frame of comparison, and the links at some instants, the later the stronger."""
+    figure, axes = _path_chart(LEFT, *ranges, titles)
+    thin, good = _thinned(trial.times), trial.weights > 0
+    simulated = np.asarray(np.isfinite(trial.simulated).all(axis=2))
+    for kind, positions, where, width in (
+        ("real", trial.real, good, 0.6), ("simulated", trial.simulated, simulated, 0.95)
+    ):  # fmt: skip
+        _draw_paths(axes, kind, positions[thin], where[thin], markers, range(len(markers)), width)
+        for instant, opacity in zip(_instants(good, len(_OPACITIES)), _OPACITIES, strict=True):
+            _draw_links(axes, kind, positions[instant], where[instant], links, opacity)
+    for m, name in enumerate(markers):
+        if good[:, m].any():
+            last = 1e3 * trial.real[np.flatnonzero(good[:, m])[-1], m]
+            axes.annotate(
+                name, last, xytext=(3, 3), textcoords="offset points", fontsize=6.5, color=LIGHT["muted"], zorder=5
+            )
+    return figure
+
+
+def errors_over_time(trial: PlaybackComparison, markers: Sequence[str]) -> Figure:
+    """How far each marker is off over time, and their mean."""
+    figure, axes = new_chart(RIGHT, 2.0, "time (s)", "error (mm)")
+    lengths = np.where(trial.weights > 0, np.linalg.norm(trial.residual, axis=2), np.nan)
+    known = np.isfinite(lengths)
+    mean = np.where(known, lengths, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan)
+    thin = _thinned(trial.times)
+    for m, name in enumerate(markers):
+        _draw_line(axes, trial.times[thin], 1e3 * lengths[thin, m], LIGHT["faint"], 0.6, name)
+    _draw_line(axes, trial.times[thin], 1e3 * mean[thin], LIGHT["text"], 1.4, "mean")
+    axes.set_ylim(bottom=0)
+    return figure
+
+
+def progress_over_time(trial: PlaybackComparison) -> Figure:
+    """How far it has come along the line of travel, over time."""
+    figure, axes = new_chart(RIGHT, 2.0, "time (s)", "way (mm)")
+    thin = _thinned(trial.times)
+    for kind, progress in (("simulated", trial.progress_simulated), ("real", trial.progress_real)):
+        if progress is not None:
+            _draw_line(axes, trial.times[thin], 1e3 * progress[thin], LIGHT[kind], 1.1, kind)
+    return figure
+
+
+def sensor_readings(sensor: SensorComparison, unit: str) -> Figure:
+    """A sensor's readings over time."""
+    figure, axes = new_chart(RIGHT, 2.0, "time (s)", f"{sensor.name} ({unit})")
+    thin = _thinned(sensor.times)
+    for kind, values in (("real", sensor.real), ("simulated", sensor.simulated)):
+        _draw_line(axes, sensor.times[thin], values[thin], LIGHT[kind], 0.9, kind)
+    return figure
+
+
+def _path_chart(width: float, across: Range, up: Range, titles: tuple[str, str]) -> tuple[Figure, Any]:
+    """A chart whose axes have one scale, as high as its ranges [mm] need."""
+    inner = width - 0.7  # inches between the margins of a chart
+    height = float(np.clip(inner * (up[1] - up[0]) / max(across[1] - across[0], 1e-9), 1.2, 1.25 * width))
+    figure, axes = new_chart(width, height + 0.51, *titles)
+    axes.set(xlim=across, ylim=up)
+    axes.set_aspect("equal", adjustable="datalim")
+    return figure, axes
+
+
+def _draw_paths(
+    axes: Any, kind: str, positions: Array, where: Mask, markers: Sequence[str], shown: range, width: float
+) -> None:
+    for m in shown:
+        points = np.where(where[:, m, None], 1e3 * positions[:, m], np.nan)
+        (line,) = axes.plot(*points.T, color=LIGHT[kind], linewidth=width, scalex=False, scaley=False)
+        titled(line, f"{markers[m]}, {kind}")
+
+
+def _draw_line(axes: Any, times: Array, values: Array, color: str, width: float, title: str) -> None:
+    (line,) = axes.plot(times, values, color=color, linewidth=width)
+    titled(line, title)
+
+
+def _draw_links(
+    axes: Any, kind: str, positions: Array, where: Mask, links: Sequence[tuple[int, int]], opacity: float
+) -> None:
+    """The links at an instant, or the markers where there are none. Positions of shape (M, 2) [m]."""
+    parts = links or [(m,) for m in range(len(where))]
+    points = [row for part in parts if where[list(part)].all() for row in (*1e3 * positions[list(part)], [np.nan] * 2)]
+    if points:
+        axes.plot(
+            *np.array(points).T, "-o", color=LIGHT[kind], linewidth=1.4, markersize=2.6, alpha=opacity, scalex=False,
+            scaley=False,
+        )  # fmt: skip
+
+
+def _name_from_the_tail(axes: Any, swim: SwimPair, good: Mask, markers: Sequence[str], high: float) -> None:
+    """Names of markers above their paths, left out where they would overlap; the rearmost one is always there."""
+    placed: list[float] = []
+    for m in reversed(path_markers(markers)):
+        seen = swim.real[good[:, m], m, 0] if good[:, m].any() else (swim.simulated + swim.registration)[:, m, 0]
+        x = 1e3 * float(seen.mean())
+        if np.isfinite(x) and all(abs(x - other) >= _NAME_SPACING for other in placed):
+            placed.append(x)
+            axes.text(x, high + _NAME_ROOM / 2, markers[m], ha="center", va="center", fontsize=7, color=LIGHT["muted"])
+
+
+def _thinned(times: Array) -> slice:
+    return slice(None, None, max(1, -(-len(times) // _MAX_POINTS)))
+
+
+def _instants(good: Mask, count: int) -> list[int]:
+    """Frames from the first to the last in which tracking has every marker that it has in most, or near by."""
+    seen = good.sum(axis=1)
+    whole = np.flatnonzero(seen >= np.median(seen))
+    return [int(whole[np.abs(whole - wanted).argmin()]) for wanted in np.linspace(0, len(good) - 1, count)]
+
+
+def _ranges(points: Array, margin: float) -> tuple[Range, Range]:
+    """Ranges of x and y that hold all points (NaN where there is none) and a margin on each side [mm]."""
+    there = points[np.isfinite(points).all(axis=1)]
+    if not len(there):
+        return (0.0, 100.0), (-50.0, 50.0)
+    low, high = (there.min(axis=0) - margin) * 1e3, (there.max(axis=0) + margin) * 1e3
+    return (round(float(low[0])), round(float(high[0]))), (round(float(low[1])), round(float(high[1])))
