@@ -8,9 +8,10 @@ from pathlib import Path
 
 from swim2real.demo import film_swims
 from swim2real.errors import Swim2RealError
-from swim2real.pipeline import FilmSettings, track_films
+from swim2real.pipeline import track_films
 from swim2real.rendering.pool import Glare, PoolCamera
 from swim2real.robots.fish import FISH
+from swim2real.settings import TrackingSettings
 from swim2real.tracking.camera import CameraFile, write_camera
 
 
@@ -24,7 +25,7 @@ def main(out: Path) -> None:
     known = CameraFile(camera_height=plain.camera_height - float(FISH.marker_heights[0]))
     write_camera(out / "camera.json", known)
     points = [video.with_suffix(".points.json") for video in videos]  # `swim2real pick` makes them of real videos
-    settings = FilmSettings(camera=out / "camera.json")
+    settings = TrackingSettings(camera=out / "camera.json")
 
     for result in track_films(videos, points, FISH, settings, out / "reference"):
         if isinstance(result, Swim2RealError):

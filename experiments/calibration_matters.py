@@ -23,8 +23,8 @@ from swim2real.rl.evaluation import figures, scan_constant_speeds
 from swim2real.rl.policy import Recorded, Trained
 from swim2real.rl.rollout import roll, some_environments
 from swim2real.rl.training import train
-from swim2real.rl.training_settings import TrainingSettings
 from swim2real.robots.fish import FISH
+from swim2real.settings import TrainingSettings
 from swim2real.simulation import Simulator
 
 SECONDS = 2.0

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from swim2real.demo import Camera, synthetic_reference
-from swim2real.pipeline import Settings, run
+from swim2real.pipeline import run
 from swim2real.robots.fish import FISH
+from swim2real.settings import CalibrationSettings
 
 FREQUENCIES = (0.375, 0.75, 0.94, 1.125, 1.31, 1.5)  # Hz
 SECONDS = 5.0
@@ -40,7 +41,7 @@ def main():
     for number in range(a.hidden):
         point, reference = hidden(number)
         folder = a.out / f"hidden_{number}"
-        settings = Settings(budget=a.budget, seed=number)
+        settings = CalibrationSettings(budget=a.budget, seed=number)
         outcome = run(reference, FISH, settings, folder, source="synthetic", resume=folder.exists(), sensitivity=True)
         best = json.loads((folder / "best.json").read_text())["parameters"]
         off = np.abs(FISH.space.to_cube(best) - point)

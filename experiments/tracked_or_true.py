@@ -17,9 +17,10 @@ from swim2real.demo.example import CAMERA, hidden_values
 from swim2real.demo.films import PLACEMENT, SAMPLE_INTERVAL, TIMESTEP
 from swim2real.demo.synthetic import placed_by_hand, steady_swims, turned
 from swim2real.parameters import read_parameters
-from swim2real.pipeline import FilmSettings, Settings, run, track_films
+from swim2real.pipeline import run, track_films
 from swim2real.rendering.pool import film
 from swim2real.robots.fish import FISH
+from swim2real.settings import CalibrationSettings, TrackingSettings
 from swim2real.simulation import Simulator
 from swim2real.tracking.camera import CameraFile, write_camera
 from swim2real.tracking.picking import save_points
@@ -54,7 +55,7 @@ def references(out):
     save_reference(true, out / "true")
     write_camera(out / "camera.json", CameraFile(camera_height=CAMERA.camera_height - float(FISH.marker_heights[0])))
     paths = [job[4] for job in jobs]
-    settings = FilmSettings(camera=out / "camera.json", overlay=False)
+    settings = TrackingSettings(camera=out / "camera.json", overlay=False)
     for result in track_films(paths, [p.with_suffix(".json") for p in paths], FISH, settings, out / "tracked"):
         if isinstance(result, Exception):
             raise result
@@ -82,7 +83,7 @@ def main():
     for seed in range(a.seeds):
         for name, reference in (("true", true), ("tracked", tracked)):
             folder = a.out / f"{name}_{seed}"
-            run(reference, FISH, Settings(budget=a.budget, seed=seed), folder, resume=folder.exists())
+            run(reference, FISH, CalibrationSettings(budget=a.budget, seed=seed), folder, resume=folder.exists())
             best = read_parameters(folder, FISH.name, FISH.space).values
             figures = {judge: problem.evaluate(best).figures() for judge, problem in judges.items()}
             line = ", ".join(f"{n} {1e3 * figures['true'][n]:.2f} / {1e3 * figures['tracked'][n]:.2f}" for n in NAMES)

@@ -11,18 +11,17 @@ from waves import EEL_SPACE, Wave, after, compared_waves, eel, evaluate
 from worlds import SPACE
 
 from recorded import PENDULUM, PENDULUM_HIDDEN, pendulum_reference
-from swim2real.advisor import Access
 from swim2real.advisor.briefing.briefing import Briefing
-from swim2real.advisor.briefing.detail import BriefingSettings
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.files import HOW_TO
 from swim2real.advisor.vlm.prompt import repair
 from swim2real.calibration import pose_problem
 from swim2real.errors import WaitingForReply
 from swim2real.optimizers import Proposal
-from swim2real.pipeline import Settings, run
+from swim2real.pipeline import run
 from swim2real.rendering.drawing import Canvas
 from swim2real.robots.fish import FISH
+from swim2real.settings import BriefingSettings, CalibrationSettings, VlmAccess
 from swim2real.video import VideoWriter
 
 FISH_WORDS = r"\bfish|\bfins?\b|\btails?\b"
@@ -142,14 +141,14 @@ def test_a_simulated_pendulum_is_briefed_from_its_robot_alone(burned_in):
 
 def test_a_run_of_recordings_is_briefed_by_file(tmp_path):
     reference = pendulum_reference()
-    settings = Settings(advisor="files", budget=3, horizon=0.5, threads=2)
+    settings = CalibrationSettings(advisor="files", budget=3, horizon=0.5, threads=2)
     folder = tmp_path / "advisor" / "round_001"
     with pytest.raises(WaitingForReply):
-        run(reference, PENDULUM, settings, tmp_path, access=Access(once=True))
+        run(reference, PENDULUM, settings, tmp_path, access=VlmAccess(once=True))
     assert sorted(path.name for path in folder.iterdir()) == ["1.png", "2.png", "briefing.md", "reply.schema.json"]
     (folder / "reply.json").write_text('{"parameters": {"elbow_damping": 0.0006}}')
     with pytest.raises(WaitingForReply):
-        run(reference, PENDULUM, settings, tmp_path, access=Access(once=True), resume=True)
+        run(reference, PENDULUM, settings, tmp_path, access=VlmAccess(once=True), resume=True)
     text = (tmp_path / "advisor" / "round_002" / "briefing.md").read_text()
     assert "## Simulated and real motions at the current point" in text
     assert "The first 0.5 s of each trial are compared." in text

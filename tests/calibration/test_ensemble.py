@@ -5,17 +5,11 @@ import numpy as np
 import pytest
 import toy
 
-from swim2real.calibration.ensemble import (
-    EnsembleSettings,
-    Member,
-    make_ensemble,
-    read_ensemble,
-    spread_out,
-    write_ensemble,
-)
-from swim2real.calibration.identifiability import StudySettings, identify
+from swim2real.calibration.ensemble import Member, make_ensemble, read_ensemble, spread_out, write_ensemble
+from swim2real.calibration.identifiability import identify
 from swim2real.calibration.reopened import reopen
 from swim2real.errors import ArgumentError, ParameterError, RunError
+from swim2real.settings import EnsembleSettings, IdentifiabilitySettings
 
 SETTINGS = EnsembleSettings(within=1.2, count=8, evaluations=40, seed=3)
 
@@ -36,7 +30,7 @@ def run(tmp_path_factory, reference):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        identify(run, StudySettings(rise=0.1, steps=1, polish=3), on_progress=stop)
+        identify(run, IdentifiabilitySettings(rise=0.1, steps=1, polish=3), on_progress=stop)
     return run
 
 
@@ -176,8 +170,8 @@ def test_writing_where_nothing_can_be_written_is_a_sentence(made, tmp_path):
     [
         ({"within": 1.0}, "within is 1; it is a multiple of the lowest loss, above 1 and up to 10"),
         ({"count": 1}, "count is 1; an ensemble has at least 2 members"),
-        ({"evaluations": -1}, "evaluations is -1; it must be 0 or above"),
-        ({"seed": -1}, "seed is -1; it must be 0 or above"),
+        ({"evaluations": -1}, "evaluations is -1; it must be at least 0"),
+        ({"seed": -1}, "seed is -1; it must be at least 0"),
     ],
 )
 def test_settings_are_checked(settings, message):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import toy
 
-from swim2real.calibration.identifiability import IDENTIFIABILITY, IDENTIFIED, StudySettings, identify, read_study
+from swim2real.calibration.identifiability import IDENTIFIABILITY, IDENTIFIED, identify, most_evaluations, read_study
 from swim2real.calibration.local import autocorrelation, local
 from swim2real.calibration.profile import ProfilePoint, judge, profile
 from swim2real.calibration.refit import Evaluator, Fitted, jacobian, refit
@@ -14,9 +14,10 @@ from swim2real.calibration.reopened import reopen
 from swim2real.errors import ArgumentError, RunError
 from swim2real.parameters import read_parameters
 from swim2real.robots.fish import FISH
+from swim2real.settings import IdentifiabilitySettings
 
-SETTINGS = StudySettings(rise=0.1, steps=2, polish=3)
-QUICK = StudySettings(rise=0.1, steps=0, polish=1)
+SETTINGS = IdentifiabilitySettings(rise=0.1, steps=2, polish=3)
+QUICK = IdentifiabilitySettings(rise=0.1, steps=0, polish=1)
 NAMES = toy.SPACE.names
 HIDDEN_ARM = toy.HIDDEN["arm_a"] + toy.HIDDEN["arm_b"]
 
@@ -100,7 +101,7 @@ def test_the_neighborhood_names_the_sloppy_pair_and_its_errors(studied):
 @pytest.mark.usefixtures("repeatable_swims")
 def test_the_cost_is_counted_and_bounded(studied):
     found, told, folder = studied
-    assert told[-1].evaluations == found["evaluations"] <= SETTINGS.most_evaluations(4) == told[0].most
+    assert told[-1].evaluations == found["evaluations"] <= most_evaluations(SETTINGS, 4) == told[0].most
     assert [p.finished["name"] for p in told if p.finished] == list(NAMES)
     assert read_study(folder / IDENTIFIABILITY) == found
 
@@ -154,7 +155,7 @@ def test_a_finished_study_is_read_and_not_made_again(studied, reference):
 def test_another_setting_is_refused(studied, reference):
     run = reopen(studied[2], reference, toy.ROBOT, 2)
     with pytest.raises(RunError, match=r"is a study with another settings: it was .*0\.1.* is now .*0\.2.*--again"):
-        identify(run, StudySettings(rise=0.2))
+        identify(run, IdentifiabilitySettings(rise=0.2))
 
 
 def test_a_damaged_study_is_refused(run):
@@ -170,13 +171,13 @@ def test_a_damaged_study_is_refused(run):
     ("settings", "message"),
     [
         ({"rise": 0.0}, "rise is 0; it is a share of the loss and must lie between 0 and 1"),
-        ({"steps": -1}, "steps is -1; it must be 0 or above"),
-        ({"polish": -2}, "polish is -2; it must be 0 or above"),
+        ({"steps": -1}, "steps is -1; it must be at least 0"),
+        ({"polish": -2}, "polish is -2; it must be at least 0"),
     ],
 )
 def test_settings_are_checked(settings, message):
     with pytest.raises(ArgumentError, match=message):
-        StudySettings(**settings)
+        IdentifiabilitySettings(**settings)
 
 
 def test_a_run_is_reopened_only_with_what_it_was_made_with(run, reference):

@@ -26,13 +26,14 @@ from swim2real.calibration import (
     reference_fingerprint,
     sensitivities,
 )
-from swim2real.calibration.ensemble import EnsembleSettings, make_ensemble
-from swim2real.calibration.identifiability import StudySettings, identify
+from swim2real.calibration.ensemble import make_ensemble
+from swim2real.calibration.identifiability import identify
 from swim2real.calibration.reopened import reopen
 from swim2real.errors import ArgumentError, RunError, TrialError
 from swim2real.objective import evidence
 from swim2real.optimizers import RandomSearch, streams
 from swim2real.robots.fish import FISH
+from swim2real.settings import EnsembleSettings, IdentifiabilitySettings
 from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import MarkerTrack, Signals, TrialSet
 from swimmers import Swimmer, trial_set
@@ -237,7 +238,7 @@ def test_a_diverged_recording_is_kept_as_such(problem, tmp_path):
 def test_a_run_is_reopened_and_studied(runs, problem, pendulum):
     run = reopen(runs["pendulum"].path, pendulum, PENDULUM, 2)
     assert run.best["index"] == 0
-    found = identify(run, StudySettings(steps=0, polish=1))
+    found = identify(run, IdentifiabilitySettings(steps=0, polish=1))
     assert found["complete"]
     assert found["protocol"] == "playback"
     assert {name: one["verdict"] for name, one in found["profiles"].items()}["shoulder_damping"] == "identified"

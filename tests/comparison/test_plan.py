@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 
 from recorded import PENDULUM, pendulum_reference
-from swim2real.advisor import BriefingSettings
 from swim2real.comparison import Plan, contestant, contestants, make_plan, read_plan
 from swim2real.comparison.contestants import NAMES, folder_name, table_methods
 from swim2real.errors import ArgumentError, RunError
-from swim2real.pipeline import METHODS
 from swim2real.robots.fish import FISH
+from swim2real.settings import METHODS, BriefingSettings
 
 
 @pytest.fixture

@@ -27,8 +27,9 @@ from swim2real.comparison import (
 from swim2real.comparison.jobs import PROBLEM, Work, run_job
 from swim2real.comparison.session import Worker, check_session, judge, probe, session
 from swim2real.errors import RunError
-from swim2real.pipeline import Settings, run
+from swim2real.pipeline import run
 from swim2real.robots.fish import FISH
+from swim2real.settings import CalibrationSettings
 
 METHODS = ("random", "no-line-search")
 
@@ -120,7 +121,7 @@ def test_a_comparison_is_run_folders_results_and_a_table(finished, pool):
 
 
 def test_a_run_is_what_calibrate_makes_of_the_same_settings(finished, pool, tmp_path):
-    run(pool, FISH, Settings(method="random", budget=3, seed=1), tmp_path / "alone")
+    run(pool, FISH, CalibrationSettings(method="random", budget=3, seed=1), tmp_path / "alone")
     one, other = (RunFolder(path).record() for path in (tmp_path / "alone", finished / "runs/aligned/random/seed-1"))
     assert [e["evidence"] for e in one] == [e["evidence"] for e in other]
 

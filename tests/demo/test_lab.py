@@ -8,9 +8,10 @@ import pytest
 
 from swim2real.demo.lab import Lab, Take
 from swim2real.errors import ArgumentError, TrackingError, TrialError
-from swim2real.pipeline import FilmSettings, track_film, track_films
+from swim2real.pipeline import track_film, track_films
 from swim2real.rendering.pool import PoolCamera
 from swim2real.robots import robot_named
+from swim2real.settings import TrackingSettings
 from swim2real.trials import Signals, load_reference
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -42,7 +43,7 @@ def films(tmp_path_factory) -> Path:
 
 
 def tracked(films, to, **options):
-    settings = FilmSettings(camera=films / "camera.json", overlay=False)
+    settings = TrackingSettings(camera=films / "camera.json", overlay=False)
     tables = {kind: films / f"pull.{kind}.csv" for kind in ("controls", "sensors")}
     return track_film(films / "pull.mp4", films / "pull.points.json", FINGER, settings, to, **{**tables, **options})
 
@@ -119,7 +120,7 @@ def test_a_table_that_cant_be_read_stops_it_before_the_tracking(films, tmp_path)
 
 def test_markers_of_a_robot_that_bends_anyhow_are_picked(films, tmp_path):
     with pytest.raises(TrackingError) as caught:
-        track_film(films / "pull.mp4", None, FINGER, FilmSettings(), tmp_path / "trials")
+        track_film(films / "pull.mp4", None, FINGER, TrackingSettings(), tmp_path / "trials")
     assert str(caught.value) == (
         "the markers of robot 'finger' can't be found by themselves: that takes a straight swimmer, and its trials are "
         "recordings; pick the points with `swim2real pick`"
@@ -129,6 +130,6 @@ def test_markers_of_a_robot_that_bends_anyhow_are_picked(films, tmp_path):
 def test_tables_are_one_for_each_video(films, tmp_path):
     with pytest.raises(ArgumentError, match="2 controls for 1 videos; give as many as videos"):
         track_films(
-            [films / "pull.mp4"], [None], FINGER, FilmSettings(), tmp_path,
+            [films / "pull.mp4"], [None], FINGER, TrackingSettings(), tmp_path,
             controls=[films / "pull.controls.csv"] * 2,
         )  # fmt: skip

@@ -16,7 +16,8 @@ import pytest
 from swim2real.calibration import Problem, pose_problem
 from swim2real.calibration.local import local
 from swim2real.calibration.refit import Evaluator, jacobian
-from swim2real.pipeline import Settings, run
+from swim2real.pipeline import run
+from swim2real.settings import CalibrationSettings
 
 PROJECT = Path(__file__).resolve().parents[2]
 # what each example's trials can't tell
@@ -79,7 +80,7 @@ def test_what_the_trials_cant_tell_is_the_sloppiest_direction(example):
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_what_the_trials_tell_is_found_within_sixty_evaluations(example, tmp_path, seed):
-    settings = Settings(method="least-squares", budget=60, seed=seed)
+    settings = CalibrationSettings(method="least-squares", budget=60, seed=seed)
     recordings = example.code.LAB.record(example.code.takes())
     run(recordings, example.code.ROBOT, settings, tmp_path / "run")
     found = json.loads((tmp_path / "run" / "best.json").read_text())

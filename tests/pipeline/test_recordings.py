@@ -11,8 +11,9 @@ from swim2real.cli import tables
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor
 from swim2real.parameters import read_parameters
-from swim2real.pipeline import Settings, run
 from swim2real.pipeline import calibration as room
+from swim2real.pipeline import run
+from swim2real.settings import CalibrationSettings
 from swim2real.trials import load_reference, save_reference
 
 
@@ -29,7 +30,7 @@ def without_seconds(path) -> list[dict]:
 
 
 def settings(method, budget, **more):
-    return Settings(method=method, budget=budget, threads=2, **more)
+    return CalibrationSettings(method=method, budget=budget, threads=2, **more)
 
 
 @pytest.fixture

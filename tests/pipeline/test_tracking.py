@@ -16,9 +16,10 @@ import pytest
 import swim2real
 from films import CAMERA, Shot, contents, named, parts, shoot, tables
 from swim2real.errors import ArgumentError, TrackingError, TrialError, VideoError
-from swim2real.pipeline import Filmed, FilmSettings, track_film, track_films
+from swim2real.pipeline import Filmed, track_film, track_films
 from swim2real.rendering.pool import Glare
 from swim2real.robots.fish import FISH
+from swim2real.settings import TrackingSettings
 from swim2real.tracking import check_track
 from swim2real.tracking.camera import CameraFile, Length, write_camera
 from swim2real.tracking.picking import save_points
@@ -27,10 +28,10 @@ from swim2real.trials.pose_tables import read_dlc
 from swim2real.video import VideoReader
 
 NAMES = FISH.marker_names
-FAST = FilmSettings(overlay=False)
+FAST = TrackingSettings(overlay=False)
 
 
-def tracked(shot: Shot, folder: Path, settings: FilmSettings = FAST, **options) -> tuple[Trial, Filmed]:
+def tracked(shot: Shot, folder: Path, settings: TrackingSettings = FAST, **options) -> tuple[Trial, Filmed]:
     """The trial that a film becomes, with what is known about the camera."""
     settings = replace(settings, camera=settings.camera or shot.camera)
     found = track_film(shot.video, shot.points, FISH, settings, folder, **options)
@@ -47,7 +48,7 @@ def pixels(folder: Path, name: str, fps: float = 30.0) -> MarkerTrack:
 def done(shot, tmp_path_factory) -> Path:
     """Reference folder of the tracked film. Copy nothing into it."""
     folder = tmp_path_factory.mktemp("done") / "reference"
-    tracked(shot, folder, FilmSettings())
+    tracked(shot, folder, TrackingSettings())
     return folder
 
 
@@ -218,7 +219,7 @@ def test_the_papers_tracker_goes_the_same_way(tmp_path):
 
 def test_an_unknown_tracker_is_named():
     with pytest.raises(ArgumentError) as caught:
-        FilmSettings(tracker="guess")
+        TrackingSettings(tracker="guess")
     assert str(caught.value) == "tracker is 'guess'; there are detection and csrt"
 
 
@@ -247,8 +248,8 @@ def test_a_camera_that_was_held_upright_gives_the_same_track(tmp_path):
     camera = replace(CAMERA, width=360, height=640, view=0.5625)
     plain = shoot(tmp_path / "plain", seconds=0.4, camera=camera, turn=np.pi / 2)
     held = shoot(tmp_path / "held", seconds=0.4, camera=camera, turn=np.pi / 2, rotation=90)
-    _, first = tracked(plain, tmp_path / "one", FilmSettings())
-    trial, second = tracked(held, tmp_path / "other", FilmSettings())
+    _, first = tracked(plain, tmp_path / "one", TrackingSettings())
+    trial, second = tracked(held, tmp_path / "other", TrackingSettings())
     assert [r["rotation"] for r in (first.report, second.report)] == [0, 90]
     assert [(r["width"], r["height"]) for r in (first.report, second.report)] == [(360, 640)] * 2
     one, other = (pixels(tmp_path / folder, "f1_50") for folder in ("one", "other"))
@@ -262,7 +263,7 @@ def test_a_camera_that_was_held_upright_gives_the_same_track(tmp_path):
 
 def test_uneven_frames_keep_their_times(tmp_path):
     made = shoot(tmp_path, camera=replace(CAMERA, jitter=0.4, dropped=0.2))
-    trial, _ = tracked(made, tmp_path / "reference", FilmSettings())
+    trial, _ = tracked(made, tmp_path / "reference", TrackingSettings())
     assert np.ptp(np.diff(made.times)) > 0.02
     np.testing.assert_allclose(trial.track.times, made.times, atol=1e-4)
     assert made.errors(trial).max() < 3e-3
@@ -291,7 +292,7 @@ def stamps(folder: Path) -> dict[Path, int]:
 def test_a_film_that_is_done_isnt_tracked_again(shot, done):
     before, files = contents(done), stamps(done)
     seen = []
-    _, found = tracked(shot, done, FilmSettings(), on_progress=seen.append)
+    _, found = tracked(shot, done, TrackingSettings(), on_progress=seen.append)
     assert found.again
     assert found.report == json.loads((done / "tracks" / "f1_50.json").read_text())
     assert seen == []
@@ -373,15 +374,16 @@ def test_a_track_that_cant_be_replaced_stays(clip, there, tmp_path):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from swim2real.pipeline import FilmSettings, track_film
+from swim2real.pipeline import track_film
 from swim2real.robots.fish import FISH
+from swim2real.settings import TrackingSettings
 
 def kill(progress):
     if progress.done == 9:
         os.kill(os.getpid(), signal.SIGKILL)
 
 video, points, camera, folder = map(Path, sys.argv[1:])
-track_film(video, points, FISH, FilmSettings(camera=camera), folder, on_progress=kill)
+track_film(video, points, FISH, TrackingSettings(camera=camera), folder, on_progress=kill)
 """
 
 
@@ -394,7 +396,7 @@ def test_a_process_that_is_killed_leaves_a_whole_reference_and_can_go_on(shot, u
     assert killed.returncode == -signal.SIGKILL
     assert load_reference(folder).names == ("f1_25",)
     assert parts(folder) == ["tracks/f1_50.mp4.part"]
-    trial, found = tracked(shot, folder, FilmSettings())
+    trial, found = tracked(shot, folder, TrackingSettings())
     assert not found.again
     assert shot.errors(trial).max() < 2e-3
     assert parts(folder) == []
@@ -407,7 +409,7 @@ def test_an_interruption_leaves_no_half_files(shot, tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        tracked(shot, tmp_path / "reference", FilmSettings(), on_progress=interrupt)
+        tracked(shot, tmp_path / "reference", TrackingSettings(), on_progress=interrupt)
     assert contents(tmp_path / "reference") == {}
 
 
@@ -510,7 +512,7 @@ def written(tmp_path: Path, points, **changes) -> Path:
 def test_bad_points_are_told_and_change_nothing(clip, tmp_path, change, says):
     points = written(tmp_path, change(clip.filmed.truth.positions[0]))
     with pytest.raises(TrackingError, match=says):
-        tracked(replace(clip, points=points), tmp_path / "reference", FilmSettings())
+        tracked(replace(clip, points=points), tmp_path / "reference", TrackingSettings())
     assert contents(tmp_path / "reference") == {}
 
 
@@ -536,7 +538,7 @@ def test_a_video_of_one_frame_is_refused(tmp_path):
             continue
     assert single == 1
     with pytest.raises(TrackingError, match="has one frame only; a trial needs at least 2"):
-        tracked(made, tmp_path / "reference", FilmSettings())
+        tracked(made, tmp_path / "reference", TrackingSettings())
     assert contents(tmp_path / "reference") == {}
 
 

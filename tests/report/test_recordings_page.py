@@ -22,14 +22,15 @@ from recorded import (
 from swim2real.calibration import PlaybackProblem, RunFolder, conclude, load_recordings
 from swim2real.objective import Comparison
 from swim2real.optimizers import Proposal, ScriptedAdvisor
-from swim2real.pipeline import Settings, run
 from swim2real.pipeline import calibration as pipeline
+from swim2real.pipeline import run
 from swim2real.report import write_report
 from swim2real.report.page import content
 from swim2real.report.reading import read_run
 from swim2real.report.recording_sections import RecordingSections
 from swim2real.report.trial_charts import recording_paths, recording_ranges
 from swim2real.robots.robot import Robot, Sensor
+from swim2real.settings import CalibrationSettings
 from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import MarkerTrack, TrialSet
 
@@ -49,8 +50,9 @@ def blinded(reference: TrialSet) -> TrialSet:
     return TrialSet(tuple(trials), reference.marker_names)
 
 
-def settings(hold_out: str, **more) -> Settings:
-    return Settings(**{"method": "least-squares", "budget": 4, "threads": 2, "hold_out": (hold_out,), **more})
+def settings(hold_out: str, **more) -> CalibrationSettings:
+    chosen = {"method": "least-squares", "budget": 4, "threads": 2, "hold_out": (hold_out,)}
+    return CalibrationSettings(**{**chosen, **more})
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from swim2real.rl.motor import REAL_MOTOR
 from swim2real.rl.policy import ConstantSpeed, Recorded, Trained
 from swim2real.rl.rollout import roll, some_environments
 from swim2real.rl.training import train
-from swim2real.rl.training_settings import TrainingSettings
 from swim2real.robots.fish import FISH
+from swim2real.settings import TrainingSettings
 
 PUBLISHED = FISH.space.published
 CHANGE = 2.0  # rad/s, by an action of 1

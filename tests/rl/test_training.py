@@ -17,8 +17,8 @@ from swim2real.rl.checkpoints import checkpoints
 from swim2real.rl.curriculum import Curriculum
 from swim2real.rl.disturbances import Disturbances
 from swim2real.rl.training import train
-from swim2real.rl.training_settings import TrainingSettings
 from swim2real.robots.fish import FISH
+from swim2real.settings import TrainingSettings
 
 SHORT = TrainingSettings("forward", 1200, exploration=400, checkpoint_every=400, updates=1, batch=32, layers=(16, 16))
 ANY_PHASE = Disturbances(start_phase=(-math.pi, math.pi))

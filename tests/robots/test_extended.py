@@ -10,10 +10,11 @@ from swim2real.calibration import SwimProblem, examine
 from swim2real.demo.synthetic import Camera, synthetic_reference
 from swim2real.errors import ArgumentError, ParameterError
 from swim2real.parameters import read_parameters
-from swim2real.pipeline import Settings, run
+from swim2real.pipeline import run
 from swim2real.robots import ROBOTS, robot_named
 from swim2real.robots.fish import FISH, FISH_EXTENDED
 from swim2real.robots.fish.extended import DRAG
+from swim2real.settings import CalibrationSettings
 from swim2real.simulation import Simulator, Swim
 from swim2real.simulation.stepper import Stepper
 from swim2real.trials import Actuation
@@ -144,7 +145,7 @@ def rough_swims():
 
 @pytest.mark.slow
 def test_a_calibration_of_the_extended_fish_is_one_like_any_other(rough_swims, tmp_path):
-    settings = Settings(budget=5, seed=0, threads=1)
+    settings = CalibrationSettings(budget=5, seed=0, threads=1)
     outcome = run(rough_swims, FISH_EXTENDED, settings, tmp_path / "run", sensitivity=True)
     assert [one["name"] for one in outcome["sensitivity"]][-len(EXTRA) :] == list(EXTRA)
     written = json.loads((tmp_path / "run" / "best.json").read_text())

@@ -7,15 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from swim2real.advisor.briefing.briefing import Briefing
-from swim2real.advisor.briefing.detail import BriefingSettings
 from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
-from swim2real.advisor.vlm.access import Access
 from swim2real.advisor.vlm.advisor import REPAIRS, Limits, VlmAdvisor
 from swim2real.advisor.vlm.client import make_client
 from swim2real.advisor.vlm.events import AdvisorEvent
 from swim2real.advisor.vlm.exchange import Client
 from swim2real.advisor.vlm.files import FilesClient
-from swim2real.advisor.vlm.providers import PROVIDERS, find_provider
 from swim2real.advisor.vlm.replay import ReplayAdvisor
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.advisor.vlm.transcript import Transcript, totals
@@ -24,8 +21,7 @@ from swim2real.objective import Comparison
 from swim2real.optimizers import Advisor
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
-
-PHYSICS, FILES, REPLAY = "physics", "files", "replay:"
+from swim2real.settings import FILES, PHYSICS, REPLAY, BriefingSettings, VlmAccess, check_advisor
 
 
 @dataclass(frozen=True)
@@ -45,26 +41,8 @@ class Surroundings:
     look: Callable[[Values], Comparison]
     videos: Mapping[str, Path] = field(default_factory=dict[str, Path])
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
-    access: Access = field(default_factory=Access)
+    access: VlmAccess = field(default_factory=VlmAccess)
     on_event: Callable[[AdvisorEvent], None] = lambda event: None
-
-
-def check_advisor(name: str) -> None:
-    """Whether there is an advisor of this name.
-
-    Raises:
-        ArgumentError: There is none.
-    """
-    if name in (PHYSICS, FILES):
-        return
-    if name.startswith(REPLAY):
-        if not name.removeprefix(REPLAY):
-            raise ArgumentError("advisor is 'replay:'; say of which run: replay:RUN")
-        return
-    if ":" not in name:
-        vlms = ", ".join(f"{provider}:MODEL" for provider in PROVIDERS)
-        raise ArgumentError(f"advisor is '{name}'; there are {PHYSICS}, {FILES}, {REPLAY}RUN, {vlms}")
-    find_provider(name)
 
 
 def asks_a_vlm(name: str) -> bool:

@@ -25,6 +25,7 @@ from swim2real.calibration.reopened import Reopened, described
 from swim2real.errors import ArgumentError, ParameterError, RunError
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
+from swim2real.settings import EnsembleSettings
 
 Array = NDArray[np.float64]
 
@@ -32,32 +33,6 @@ FORMAT = 1
 _BATCH = 8
 _ACCEPTED = 0.3  # share of proposals that the length of the walk's steps is steered to
 _SPREAD = 12**-0.5  # standard deviation of a parameter that nothing tells, of its range
-
-
-@dataclass(frozen=True)
-class EnsembleSettings:
-    """What decides an ensemble.
-
-    Attributes:
-        within: Highest loss of a member, in multiples of the lowest.
-        count: Members to keep.
-        evaluations: To spend on the walk.
-        seed: Of the walk.
-    """
-
-    within: float = 1.1
-    count: int = 20
-    evaluations: int = 200
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if not 1 < self.within <= 10:
-            raise ArgumentError(f"within is {self.within:g}; it is a multiple of the lowest loss, above 1 and up to 10")
-        if self.count < 2:
-            raise ArgumentError(f"count is {self.count}; an ensemble has at least 2 members")
-        for name in ("evaluations", "seed"):
-            if getattr(self, name) < 0:
-                raise ArgumentError(f"{name} is {getattr(self, name)}; it must be 0 or above")
 
 
 @dataclass(frozen=True)

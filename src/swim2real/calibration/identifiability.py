@@ -23,7 +23,8 @@ from swim2real.calibration.profile import DISTANCES, ProfilePoint, judge, profil
 from swim2real.calibration.provenance import commit, versions
 from swim2real.calibration.refit import STEP, Evaluator, Fitted, jacobian, refit
 from swim2real.calibration.reopened import Reopened, described
-from swim2real.errors import ArgumentError, RunError
+from swim2real.errors import RunError
+from swim2real.settings import IdentifiabilitySettings
 
 FORMAT = 1
 IDENTIFIABILITY = "identifiability.json"
@@ -31,34 +32,6 @@ IDENTIFIED = "identified.json"  # the parameters file of the lowest point that w
 _POLISH_ROUNDS = 2
 _RECENTERS = 3  # times that a study begins again at a clearly better fit that a profile came upon
 _BETTER = 0.5  # of the rise that counts, by which a fit is clearly better
-
-
-@dataclass(frozen=True)
-class StudySettings:
-    """What decides the result of a study.
-
-    Attributes:
-        rise: Of the loss that counts, as a share of the lowest.
-        steps: Of each re-fit, at most; three evaluations each.
-        polish: Steps from the run's best fit, twice, each time with a new Jacobian.
-    """
-
-    rise: float = 0.05
-    steps: int = 2
-    polish: int = 4
-
-    def __post_init__(self) -> None:
-        if not 0 < self.rise < 1:
-            raise ArgumentError(f"rise is {self.rise:g}; it is a share of the loss and must lie between 0 and 1")
-        for name in ("steps", "polish"):
-            if getattr(self, name) < 0:
-                raise ArgumentError(f"{name} is {getattr(self, name)}; it must be 0 or above")
-
-    def most_evaluations(self, dimension: int) -> int:
-        """An upper limit for a study of this many parameters that needn't begin again."""
-        values = 2 * len(DISTANCES)
-        polish = _POLISH_ROUNDS * (2 * dimension + 3 * self.polish) if self.polish else 0
-        return 2 + polish + 2 * dimension + dimension * values * (5 + 3 * self.steps)
 
 
 @dataclass(frozen=True)
@@ -79,7 +52,7 @@ class StudyProgress:
 
 
 def identify(
-    run: Reopened, settings: StudySettings | None = None, again: bool = False,
+    run: Reopened, settings: IdentifiabilitySettings | None = None, again: bool = False,
     on_progress: Callable[[StudyProgress], None] = lambda progress: None,
 ) -> dict[str, Any]:  # fmt: skip
     """Studies a run's best fit, or goes on with the study that is there, into identifiability.json of its folder.
@@ -100,15 +73,24 @@ def identify(
         RunError: The study that is there was made with other settings, or the folder can't be written.
     """
     with run.folder.locked():
-        return _Study(run, settings or StudySettings(), on_progress).run(again)
+        return _Study(run, settings or IdentifiabilitySettings(), on_progress).run(again)
+
+
+def most_evaluations(settings: IdentifiabilitySettings, dimension: int) -> int:
+    """An upper limit for a study of this many parameters that needn't begin again."""
+    values = 2 * len(DISTANCES)
+    polish = _POLISH_ROUNDS * (2 * dimension + 3 * settings.polish) if settings.polish else 0
+    return 2 + polish + 2 * dimension + dimension * values * (5 + 3 * settings.steps)
 
 
 class _Study:
-    def __init__(self, run: Reopened, settings: StudySettings, on_progress: Callable[[StudyProgress], None]) -> None:
+    def __init__(
+        self, run: Reopened, settings: IdentifiabilitySettings, on_progress: Callable[[StudyProgress], None]
+    ) -> None:
         self._run, self._settings, self._tell = run, settings, on_progress
         self._names = run.space.names
         self._path = run.folder.path / IDENTIFIABILITY
-        self._most = settings.most_evaluations(len(self._names))
+        self._most = most_evaluations(settings, len(self._names))
         self._stage = ""
         self._before = 0
         self._evaluate = Evaluator(run.problem, run.space, self._told)
@@ -135,7 +117,7 @@ class _Study:
             self._fit(state, np.array(state["start"]["point"]))
         while not self._profiled(state):
             state["recentered"] += 1
-            self._most = state["evaluations"] + self._settings.most_evaluations(len(self._names))
+            self._most = state["evaluations"] + most_evaluations(self._settings, len(self._names))
             self._fit(state, np.array(state["lowest"]["point"]))
         state["complete"] = True
         state.update(versions=versions(), commit=commit(), created=datetime.now(UTC).isoformat(timespec="seconds"))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from swim2real.calibration.problem import HORIZON, Problem
+from swim2real.calibration.problem import Problem
 from swim2real.calibration.recording_pairs import save_recordings
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.errors import TrialError
@@ -15,6 +15,7 @@ from swim2real.objective import Comparison, PlaybackComparison, PlaybackTarget, 
 from swim2real.objective.evidence import rounded
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
+from swim2real.settings import HORIZON
 from swim2real.simulation import Engine, PlaybackSimulator, Rollout
 from swim2real.tracking import unseen
 from swim2real.trials import Trial, TrialSet

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from swim2real.calibration.playback_problem import PlaybackProblem
-from swim2real.calibration.problem import HORIZON, Problem
-from swim2real.calibration.swim_problem import Start, SwimProblem, examine
+from swim2real.calibration.problem import Problem
+from swim2real.calibration.swim_problem import SwimProblem, examine
 from swim2real.errors import ArgumentError
 from swim2real.objective import Protocol
 from swim2real.robots.robot import Robot
+from swim2real.settings import HORIZON, Start
 from swim2real.simulation import PlaybackSimulator, Simulator
 from swim2real.trials import TrialSet
 

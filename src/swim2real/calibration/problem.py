@@ -15,7 +15,6 @@ from swim2real.robots.robot import Robot
 from swim2real.simulation import Engine
 from swim2real.trials import Trial, TrialSet
 
-HORIZON = 4.0  # s, the prior code's
 _ROUNDING = 1e-9  # an early stop must not hang on the order of a sum
 
 

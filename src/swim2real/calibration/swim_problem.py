@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 from swim2real.calibration.from_rest import from_rest
-from swim2real.calibration.problem import HORIZON, Problem
+from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.calibration.swim_pairs import save_swims
 from swim2real.errors import TrialError
@@ -15,11 +15,10 @@ from swim2real.objective import Comparison, Protocol, Target, TrialComparison, c
 from swim2real.objective.evidence import rounded
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
+from swim2real.settings import HORIZON, Start
 from swim2real.simulation import Engine, Simulator, Swim
 from swim2real.tracking import Beat, TrackQuality, check_track, identify_beat
 from swim2real.trials import Actuation, Trial, TrialSet
-
-Start = Literal["speed", "rest"]
 
 
 @dataclass(frozen=True)

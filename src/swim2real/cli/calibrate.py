@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from swim2real.advisor import Access, BriefingSettings
 from swim2real.calibration import RunFolder
 from swim2real.calibration.convergence import still_falling
 from swim2real.calibration.from_rest import backward_from_rest
@@ -17,23 +16,24 @@ from swim2real.cli.arguments import Calibrate
 from swim2real.cli.files import write_report
 from swim2real.cli.progress import Watch, interruptible, shown
 from swim2real.errors import ArgumentError
-from swim2real.pipeline import Settings, run
+from swim2real.pipeline import run
 from swim2real.robots import robot_named
+from swim2real.settings import BriefingSettings, CalibrationSettings, VlmAccess
 from swim2real.simulation.misfits import misplaced
 from swim2real.trials import load_reference
 
 
 def calibrate(a: Calibrate) -> int:
     """Runs or resumes a calibration."""
-    settings = Settings(
+    settings = CalibrationSettings(
         method=a.method, advisor=a.advisor, protocol=a.protocol, start=a.start, budget=a.budget, seed=a.seed,
-        scale=None if a.scale == "auto" else a.scale, max_steps=a.max_steps, early_stop=a.early_stop,
+        scale=a.scale, max_steps=a.max_steps, early_stop=a.early_stop,
         horizon=horizon(a.horizon), hold_out=a.hold_out, threads=threads(a.threads),
         briefing=BriefingSettings(a.vlm.show, a.vlm.media, a.vlm.detail),
     )  # fmt: skip
-    access = Access(
-        a.vlm.base_url, a.vlm.key_variable, a.vlm.timeout, a.vlm.tries, a.vlm.max_calls, a.vlm.max_cost,
-        a.vlm.reply_tokens, a.vlm.once,
+    access = VlmAccess(
+        a.vlm.base_url, a.vlm.key_variable, a.vlm.max_calls, a.vlm.max_cost, a.vlm.reply_tokens, a.vlm.timeout,
+        a.vlm.tries, a.vlm.once,
     )  # fmt: skip
     robot = robot_named(a.robot)
     reference = load_reference(a.reference)

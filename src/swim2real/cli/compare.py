@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 
-from swim2real.advisor import Access, BriefingSettings
 from swim2real.cli.calibrate import horizon
 from swim2real.cli.compare_arguments import Compare
 from swim2real.cli.compare_progress import comparison_shown
@@ -18,6 +17,7 @@ from swim2real.comparison.statistics_tables import paper_table
 from swim2real.comparison.statistics_text import as_text
 from swim2real.errors import ArgumentError
 from swim2real.robots import robot_named
+from swim2real.settings import BriefingSettings, VlmAccess
 from swim2real.trials import load_reference
 
 
@@ -31,9 +31,9 @@ def compare(a: Compare) -> int:
         raise ArgumentError("--once is for advisor files, which a comparison can't wait for")
     seeds, robot = chosen_seeds(a.seeds), robot_named(a.robot)
     methods = contestants(a.methods or table_methods(robot), a.scale)
-    access = Access(
-        a.vlm.base_url, a.vlm.key_variable, a.vlm.timeout, a.vlm.tries, a.vlm.max_calls, a.vlm.max_cost,
-        a.vlm.reply_tokens,
+    access = VlmAccess(
+        a.vlm.base_url, a.vlm.key_variable, a.vlm.max_calls, a.vlm.max_cost, a.vlm.reply_tokens, a.vlm.timeout,
+        a.vlm.tries,
     )  # fmt: skip
     reference = load_reference(a.reference)
     plan = make_plan(

@@ -7,7 +7,7 @@ import sys
 
 from rich.console import Console
 
-from swim2real.calibration.ensemble import EnsembleSettings, make_ensemble, write_ensemble
+from swim2real.calibration.ensemble import make_ensemble, write_ensemble
 from swim2real.calibration.reopened import reopen
 from swim2real.cli import tables
 from swim2real.cli.calibrate import threads
@@ -15,6 +15,7 @@ from swim2real.cli.interruption import noted_interrupts
 from swim2real.cli.study_arguments import Ensemble
 from swim2real.cli.subject import robot_for
 from swim2real.errors import ArgumentError
+from swim2real.settings import EnsembleSettings
 from swim2real.trials import load_reference
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from swim2real.calibration.identifiability import IDENTIFIED, StudyProgress, StudySettings
+from swim2real.calibration.identifiability import IDENTIFIED, StudyProgress
 from swim2real.calibration.identifiability import identify as study
 from swim2real.calibration.reopened import reopen
 from swim2real.cli import tables
@@ -17,6 +17,7 @@ from swim2real.cli.calibrate import threads
 from swim2real.cli.interruption import noted_interrupts
 from swim2real.cli.study_arguments import Identify
 from swim2real.cli.subject import robot_for
+from swim2real.settings import IdentifiabilitySettings
 from swim2real.trials import load_reference
 
 _SLOPPY, _STIFF = 5, 2  # directions that are printed
@@ -25,7 +26,7 @@ _TOLD = 3  # parameters that are named in a cell
 
 def identify(a: Identify) -> int:
     """Studies a run's best fit."""
-    settings = StudySettings(a.rise, a.steps, a.polish)
+    settings = IdentifiabilitySettings(a.rise, a.steps, a.polish)
     run = reopen(a.run, load_reference(a.reference), robot_for(a.run), threads(a.threads))
     console = Console(stderr=True, highlight=False, soft_wrap=True)
 

@@ -11,13 +11,14 @@ from swim2real.cli.arguments import Track
 from swim2real.cli.film_progress import films_shown, print_films
 from swim2real.cli.hints import for_robot
 from swim2real.errors import ArgumentError, Swim2RealError
-from swim2real.pipeline import TRACKS, Filmed, FilmSettings, track_films
+from swim2real.pipeline import TRACKS, Filmed, track_films
 from swim2real.robots import robot_named
+from swim2real.settings import TrackingSettings
 
 
 def track(a: Track) -> int:
     """Tracks videos into a reference folder; 1 when one of them failed."""
-    settings = FilmSettings(a.tracker, a.camera, a.smooth, a.overlay)
+    settings = TrackingSettings(a.tracker, a.camera, a.smooth, a.overlay)
     if a.workers < 0:
         raise ArgumentError(f"--workers is {a.workers}; it must be 0 (as many as there are cores) or above")
     robot = robot_named(a.robot)

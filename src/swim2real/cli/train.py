@@ -35,7 +35,7 @@ from swim2real.rl.motor import REAL_MOTOR
 from swim2real.rl.run_files import SETTINGS
 from swim2real.rl.training import Progress
 from swim2real.rl.training import train as run
-from swim2real.rl.training_settings import TrainingSettings
+from swim2real.settings import TrainingSettings
 from swim2real.simulation import Simulator
 
 _PLAIN_EVERY = 10.0  # s, between lines where there is no terminal

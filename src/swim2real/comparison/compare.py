@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from swim2real.advisor import Access, asks_a_vlm
+from swim2real.advisor import asks_a_vlm
 from swim2real.calibration.run_folder import RECORD
 from swim2real.comparison import executors
 from swim2real.comparison.jobs import Work, new_summary, note_problem, read_job, run_job
@@ -21,6 +21,7 @@ from swim2real.comparison.results import ComparisonResults
 from swim2real.comparison.session import alone, judge, probe, session
 from swim2real.processes import ProcessPool
 from swim2real.robots.robot import Robot
+from swim2real.settings import VlmAccess
 from swim2real.trials import TrialSet
 
 _LOOK = 1.0  # s between two looks at how far the runs are
@@ -53,7 +54,7 @@ class ComparisonProgress:
 
 def compare(
     plan: Plan, reference: TrialSet, robot: Robot, out: str | Path, *, workers: int | None = None,
-    cluster: str | None = None, access: Access | None = None,
+    cluster: str | None = None, access: VlmAccess | None = None,
     on_progress: Callable[[ComparisonProgress], None] = lambda progress: None,
 ) -> ComparisonResults:  # fmt: skip
     """Runs what isn't finished of a comparison. Called again, it goes on; with a larger plan, it adds to what is there.
@@ -81,7 +82,7 @@ def compare(
         plan = plan if before is None else plan.extending(before)
         plan.write(root)
         with session(root) as token:
-            work = Work(root, token, reference, robot, plan.basis, plan.source, access or Access())
+            work = Work(root, token, reference, robot, plan.basis, plan.source, access or VlmAccess())
             _run(plan.jobs(root), work, lambda: _team(root, token, workers, cluster), on_progress)
         results = read_results(root, plan)
         write_results(results, root)

@@ -9,12 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
-from swim2real.advisor import check_advisor
 from swim2real.errors import ArgumentError
-from swim2real.parameters import Scale
-from swim2real.pipeline import METHODS, Method
 from swim2real.pipeline.methods import ADVISED
 from swim2real.robots.robot import Robot
+from swim2real.settings import METHODS, Method, Scale, check_advisor
 
 ABLATION = "no-line-search"
 NAMES: tuple[str, ...] = (*METHODS, ABLATION)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
-from swim2real.advisor import Access, asks_a_vlm
+from swim2real.advisor import asks_a_vlm
 from swim2real.calibration import Progress, RunFolder
 from swim2real.calibration.run_folder import LOCK, SETTINGS
 from swim2real.comparison.files import write_text
@@ -23,6 +23,7 @@ from swim2real.comparison.session import Stopped, check_session
 from swim2real.errors import RunError, Swim2RealError
 from swim2real.pipeline import run
 from swim2real.robots.robot import Robot
+from swim2real.settings import VlmAccess
 from swim2real.simulation import Engine
 from swim2real.trials import TrialSet
 
@@ -51,7 +52,7 @@ class Work:
     robot: Robot
     basis: Mapping[str, Any]
     source: str = ""
-    access: Access = field(default_factory=Access)
+    access: VlmAccess = field(default_factory=VlmAccess)
 
 
 def new_summary(job: Job) -> dict[str, Any]:

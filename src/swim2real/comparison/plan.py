@@ -10,15 +10,15 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from swim2real.advisor import BriefingSettings, asks_a_vlm
-from swim2real.calibration import HORIZON, Start, protocol_for, reference_fingerprint, versions
+from swim2real.advisor import asks_a_vlm
+from swim2real.calibration import protocol_for, reference_fingerprint, versions
 from swim2real.comparison.contestants import Contestant, folder_name
 from swim2real.comparison.files import write_json
 from swim2real.errors import ArgumentError, RunError
 from swim2real.objective import Protocol
-from swim2real.pipeline import Settings
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
+from swim2real.settings import HORIZON, BriefingSettings, CalibrationSettings, Start
 from swim2real.simulation import Engine
 from swim2real.trials import TrialSet
 
@@ -42,7 +42,7 @@ class Job:
     key: str
     folder: Path
     method: str
-    settings: Settings
+    settings: CalibrationSettings
 
     @property
     def held_out(self) -> str | None:
@@ -109,15 +109,15 @@ class Plan:
         found: dict[str, Job] = {}
         for protocol in self.protocols:
             for one in self.contestants:
-                label = one.label(Settings(protocol=protocol).resolved_scale)
+                label = one.label(CalibrationSettings(protocol=protocol).resolved_scale)
                 for seed in self.seeds:
                     for trial in (None, *self.trials) if self.leave_one_out else (None,):
                         key = f"{protocol}/{folder_name(label)}/seed-{seed}"
                         if trial is not None:
                             key += f"/without-{folder_name(trial)}"
-                        settings = Settings(
+                        settings = CalibrationSettings(
                             method=one.method, advisor=one.advisor, protocol=protocol, budget=self.budget, seed=seed,
-                            scale=one.scale, max_steps=one.max_steps, horizon=self.horizon,
+                            scale=one.scale or "auto", max_steps=one.max_steps, horizon=self.horizon,
                             start=self.start if protocol == "aligned" else "speed",
                             hold_out=() if trial is None else (trial,), briefing=self.briefing, threads=1,
                         )  # fmt: skip

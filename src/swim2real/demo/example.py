@@ -12,9 +12,10 @@ import numpy as np
 from swim2real.calibration import Progress
 from swim2real.demo.films import film_swims, points_file
 from swim2real.errors import RunError, Swim2RealError
-from swim2real.pipeline import Filmed, FilmSettings, FrameProgress, Settings, run, track_films
+from swim2real.pipeline import Filmed, FrameProgress, run, track_films
 from swim2real.rendering.pool import Glare, PoolCamera
 from swim2real.robots.fish import FISH
+from swim2real.settings import CalibrationSettings, TrackingSettings
 from swim2real.tracking.camera import CameraFile, write_camera
 from swim2real.trials import TrialSet, load_reference
 
@@ -45,13 +46,13 @@ def hidden_values() -> dict[str, float]:
     return replace(FISH.space, scale="log").to_values(point)
 
 
-def demo_settings(budget: int = 40, seed: int = 0, workers: int | None = None) -> Settings:
+def demo_settings(budget: int = 40, seed: int = 0, workers: int | None = None) -> CalibrationSettings:
     """Of the demo's calibration.
 
     Raises:
         ArgumentError: A value is outside what is allowed.
     """
-    return Settings(budget=budget, seed=seed, hold_out=(HELD_OUT,), threads=workers)
+    return CalibrationSettings(budget=budget, seed=seed, hold_out=(HELD_OUT,), threads=workers)
 
 
 def film_and_track(
@@ -86,7 +87,7 @@ def film_and_track(
     write_camera(known, CameraFile(camera_height=camera.camera_height - float(FISH.marker_heights[0])))
     told.line("Tracking the markers")
     results = track_films(
-        films, [points_file(film) for film in films], FISH, FilmSettings(camera=known), folder / "reference",
+        films, [points_file(film) for film in films], FISH, TrackingSettings(camera=known), folder / "reference",
         workers=workers, on_progress=told.frame, on_done=told.film,
     )  # fmt: skip
     for result in results:
@@ -96,8 +97,9 @@ def film_and_track(
 
 
 def fit(
-    out: str | Path, settings: Settings | None = None, on_progress: Callable[[Progress], None] = lambda progress: None
-) -> dict[str, Any]:
+    out: str | Path, settings: CalibrationSettings | None = None,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+) -> dict[str, Any]:  # fmt: skip
     """Calibrates against the tracked trials, one of them left out; goes on with a run that is there.
 
     Args:

@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swim2real.checking import did_you_mean
 from swim2real.errors import ParameterError
+from swim2real.settings import Scale
 
-Scale = Literal["log", "linear"]
 Values = Mapping[str, float]
 
 

@@ -1,18 +1,14 @@
 """Composes the rooms, for the command line and for scripts: videos to trials, and a reference to a calibrated run."""
 
-from swim2real.pipeline.calibration import Settings, run
-from swim2real.pipeline.methods import METHODS, Method, make_optimizer
-from swim2real.pipeline.tracking import TRACKS, Filmed, FilmSettings, FrameProgress, check_lost, track_film
+from swim2real.pipeline.calibration import run
+from swim2real.pipeline.methods import make_optimizer
+from swim2real.pipeline.tracking import TRACKS, Filmed, FrameProgress, check_lost, track_film
 from swim2real.pipeline.tracking_many import track_films
 
 __all__ = [
-    "METHODS",
     "TRACKS",
-    "FilmSettings",
     "Filmed",
     "FrameProgress",
-    "Method",
-    "Settings",
     "check_lost",
     "make_optimizer",
     "run",

@@ -4,26 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from swim2real.advisor import (
-    Access,
-    AdvisorEvent,
-    BriefingSettings,
-    Surroundings,
-    asks_a_vlm,
-    check_advisor,
-    make_advisor,
-    replayed_run,
-)
+from swim2real.advisor import AdvisorEvent, Surroundings, asks_a_vlm, make_advisor, replayed_run
 from swim2real.calibration import (
-    HORIZON,
     Progress,
     RunFolder,
-    Start,
     calibrate,
     commit,
     conclude,
@@ -32,85 +21,19 @@ from swim2real.calibration import (
     sensitivities,
     versions,
 )
-from swim2real.errors import ArgumentError, OptimizerError, RunError
-from swim2real.objective import Protocol
-from swim2real.optimizers import Advice, recorded_advice, streams
-from swim2real.parameters import Scale
-from swim2real.pipeline.methods import ADVISED, METHODS, Method, make_optimizer
+from swim2real.errors import ArgumentError, RunError
+from swim2real.optimizers import Advice, recorded_advice
+from swim2real.pipeline.methods import ADVISED, make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
+from swim2real.settings import CalibrationSettings, VlmAccess
 from swim2real.store import path_from
 from swim2real.trials import TrialSet
 
 
-@dataclass(frozen=True)
-class Settings:
-    """What decides the result of a run. `threads` and a raised budget are the only ones that may change on resume.
-
-    Attributes:
-        method: How candidates are found.
-        advisor: Who proposes: `physics`, `PROVIDER:MODEL`, `files` or `replay:RUN`.
-        protocol: What is compared; recordings are always compared by their playback.
-        start: Of steady swims under protocol aligned: at the real speed, or at rest as the robot began.
-        budget: Simulation evaluations.
-        seed: Of the first point and every random choice.
-        scale: Of the parameters; None takes the protocol's.
-        max_steps: Of the line search.
-        early_stop: Whether a step's evaluation stops once it is certain to be rejected.
-        horizon: Seconds that are compared, None for all.
-        hold_out: Names of trials to leave out.
-        briefing: What a VLM is shown.
-        threads: Swims simulated at a time, None for all cores.
-    """
-
-    method: Method = "line-search"
-    advisor: str = "physics"
-    protocol: Protocol = "aligned"
-    start: Start = "speed"
-    budget: int = 40
-    seed: int = 0
-    scale: Scale | None = None
-    max_steps: int = 3
-    early_stop: bool = False
-    horizon: float | None = HORIZON
-    hold_out: tuple[str, ...] = field(default=())
-    briefing: BriefingSettings = field(default_factory=BriefingSettings)
-    threads: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.budget < 1:
-            raise ArgumentError(f"budget is {self.budget}; it must be at least 1")
-        if self.method not in METHODS:
-            raise ArgumentError(f"method is '{self.method}'; there are {', '.join(METHODS)}")
-        check_advisor(self.advisor)
-        if self.protocol not in get_args(Protocol):  # playback needn't be asked for: recordings have no other
-            raise ArgumentError(f"protocol is '{self.protocol}'; there are aligned and paper")
-        if self.start not in get_args(Start):
-            raise ArgumentError(f"start is '{self.start}'; there are {' and '.join(get_args(Start))}")
-        if self.scale not in (None, "log", "linear"):
-            raise ArgumentError(f"scale is '{self.scale}'; there are log and linear")
-        if self.max_steps < 1:
-            raise ArgumentError(f"max_steps is {self.max_steps}; it must be at least 1")
-        if self.early_stop and self.method != "line-search":
-            raise ArgumentError(f"early_stop is for method line-search; method {self.method} needs every loss in full")
-        if self.horizon is not None and not 0 < self.horizon < float("inf"):
-            raise ArgumentError(f"horizon is {self.horizon} s; it must be finite and above 0")
-        if self.threads is not None and self.threads < 1:
-            raise ArgumentError(f"threads is {self.threads}; it must be at least 1")
-        try:
-            streams(self.seed)
-        except OptimizerError as error:
-            raise ArgumentError(str(error)) from None
-
-    @property
-    def resolved_scale(self) -> Scale:
-        """The paper's protocol searches the linear box, as the paper did."""
-        return self.scale or ("linear" if self.protocol == "paper" else "log")
-
-
 def run(
-    reference: TrialSet, robot: Robot, settings: Settings, out: str | Path, *, source: str = "", resume: bool = False,
-    sensitivity: bool = False, access: Access | None = None,
+    reference: TrialSet, robot: Robot, settings: CalibrationSettings, out: str | Path, *, source: str = "",
+    resume: bool = False, sensitivity: bool = False, access: VlmAccess | None = None,
     on_progress: Callable[[Progress], None] = lambda progress: None,
     on_advisor: Callable[[AdvisorEvent], None] = lambda event: None,
 ) -> dict[str, Any]:  # fmt: skip
@@ -158,7 +81,7 @@ def run(
     _check_replay(settings.advisor, resolved)
     videos = {trial.name: trial.video for trial in fitted if trial.video is not None}
     surroundings = Surroundings(
-        folder.path, problem.evaluate, videos, settings.briefing, access or Access(), on_advisor
+        folder.path, problem.evaluate, videos, settings.briefing, access or VlmAccess(), on_advisor
     )  # fmt: skip
     advisor = None
     if settings.method in ADVISED:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +27,10 @@ from swim2real.optimizers import (
 from swim2real.optimizers.callback import CallbackSolver
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
+from swim2real.settings import Method
 from swim2real.sysid import least_squares
 
 Array = NDArray[np.float64]
-Method = Literal[
-    "line-search", "random", "warm-start", "cma-es", "bayesopt", "least-squares", "mujoco-sysid", "staged"
-]  # fmt: skip
-METHODS: tuple[str, ...] = get_args(Method)
 ADVISED = ("line-search", "warm-start")  # by an advisor
 
 

@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.objective.evidence import rounded
 from swim2real.robots.rigid import rigid_markers
 from swim2real.robots.robot import Robot
+from swim2real.settings import TrackingSettings
 from swim2real.tracking.camera import camera_for, read_camera
 from swim2real.tracking.cleaning import fill_gaps, smooth
 from swim2real.tracking.csrt import CsrtTracker
@@ -39,32 +40,10 @@ from swim2real.trials.signals import read_signals
 from swim2real.video import Frame, VideoReader
 
 Array = NDArray[np.float64]
-TrackerName = Literal["detection", "csrt"]
 
 TRACKS = "tracks"
 SMEARED = 0.4  # most confidence in a picture that may be smeared: doubtful to `check_track`
 _SHARE = 1 << 20  # bytes of a video's beginning and end that tell it from others
-
-
-@dataclass(frozen=True)
-class FilmSettings:
-    """How videos are tracked.
-
-    Attributes:
-        tracker: `detection`, or `csrt` as in the paper.
-        camera: Camera file, None for the scale that the head's markers give.
-        smooth: Also smooth the track, which leaves at least 98 % of the beat and its harmonic.
-        overlay: Write an overlay video.
-    """
-
-    tracker: TrackerName = "detection"
-    camera: Path | None = None
-    smooth: bool = False
-    overlay: bool = True
-
-    def __post_init__(self) -> None:
-        if self.tracker not in ("detection", "csrt"):
-            raise ArgumentError(f"tracker is '{self.tracker}'; there are detection and csrt")
 
 
 @dataclass(frozen=True)
@@ -100,7 +79,7 @@ class Filmed:
 
 
 def track_film(
-    video: str | Path, points: str | Path | None, robot: Robot, settings: FilmSettings, folder: str | Path, *,
+    video: str | Path, points: str | Path | None, robot: Robot, settings: TrackingSettings, folder: str | Path, *,
     frequency: float | None = None, controls: Path | None = None, sensors: Path | None = None, threads: int = 0,
     on_progress: Callable[[FrameProgress], None] = lambda progress: None,
 ) -> Filmed:  # fmt: skip
@@ -194,7 +173,7 @@ def _labeled(first: Frame, robot: Robot) -> Array:
 
 
 def _follow(
-    reader: VideoReader, first: Frame, frames: Any, clicked: Array, tracker: Tracker, settings: FilmSettings,
+    reader: VideoReader, first: Frame, frames: Any, clicked: Array, tracker: Tracker, settings: TrackingSettings,
     place: Path, robot: Robot, on_progress: Callable[[FrameProgress], None],
 ) -> MarkerTrack:  # fmt: skip
     """The track in pixels, with the overlay on the way."""
@@ -237,7 +216,7 @@ def _filled_share(seen: MarkerTrack, pixels: MarkerTrack) -> Array:
 
 
 def _fingerprint(
-    video: Path, clicked: Array, settings: FilmSettings, robot: Robot, frequency: float | None,
+    video: Path, clicked: Array, settings: TrackingSettings, robot: Robot, frequency: float | None,
     tables: tuple[Path | None, ...],
 ) -> str:  # fmt: skip
     mark = hashlib.sha256()

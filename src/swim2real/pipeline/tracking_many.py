@@ -11,16 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from swim2real.errors import ArgumentError, Swim2RealError, TrackingError
-from swim2real.pipeline.tracking import Filmed, FilmSettings, FrameProgress, track_film
+from swim2real.pipeline.tracking import Filmed, FrameProgress, track_film
 from swim2real.processes import ProcessDiedError, ProcessPool
 from swim2real.robots.robot import Robot
+from swim2real.settings import TrackingSettings
 
 _LOOK = 0.2  # s between two looks at what the processes say
 _every: Any = None  # a process's end of the queue
 
 
 def track_films(
-    videos: Sequence[str | Path], points: Sequence[str | Path | None], robot: Robot, settings: FilmSettings,
+    videos: Sequence[str | Path], points: Sequence[str | Path | None], robot: Robot, settings: TrackingSettings,
     folder: str | Path, *, frequencies: Sequence[float | None] | None = None,
     controls: Sequence[Path | None] | None = None, sensors: Sequence[Path | None] | None = None,
     workers: int | None = None,

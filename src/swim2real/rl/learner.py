@@ -14,7 +14,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
-from swim2real.rl.training_settings import BLOCK, TrainingSettings
+from swim2real.settings import BLOCK, TrainingSettings
 
 
 class TimedSAC(SAC):

@@ -19,8 +19,8 @@ from swim2real.rl import run_files
 from swim2real.rl.curriculum import Curriculum
 from swim2real.rl.disturbances import UNDISTURBED, Disturbances
 from swim2real.rl.extras import require_learning
-from swim2real.rl.training_settings import BLOCK, TrainingSettings
 from swim2real.robots.robot import Robot
+from swim2real.settings import BLOCK, TrainingSettings
 
 REPORT_EVERY = 2.0  # s, between two words on progress
 EVALUATION_SEED = 1_000_000  # of the episodes that choose the best policy; the test's begin elsewhere

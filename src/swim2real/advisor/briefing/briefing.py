@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from swim2real.advisor.briefing.detail import DETAILS, BriefingSettings, shorter
+from swim2real.advisor.briefing.detail import DETAILS, shorter
 from swim2real.advisor.briefing.facts import facts
 from swim2real.advisor.briefing.kinds import telling_of
 from swim2real.advisor.briefing.media import gather_media
@@ -17,6 +17,7 @@ from swim2real.objective import Comparison
 from swim2real.optimizers import Situation
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
+from swim2real.settings import BriefingSettings
 
 
 class Briefing:

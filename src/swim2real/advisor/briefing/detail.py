@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
 
-from swim2real.errors import ArgumentError
-
-DetailName = Literal["low", "medium", "high"]
-Show = Literal["both", "numbers", "pictures"]
-MediaKind = Literal["auto", "video", "images"]
+from swim2real.settings import DetailName
 
 MOST_BYTES = 14_000_000  # of all media; as text they are a third longer, and many services stop at 20 MB
 VIDEO_FRAME_TOKENS = 258  # the most that a service of today counts for a frame of a film
@@ -51,27 +46,3 @@ def shorter(detail: Detail) -> Detail:
     """The next order down."""
     order = [_LEAST, *DETAILS.values()]
     return order[max(order.index(detail) - 1, 0)]
-
-
-@dataclass(frozen=True)
-class BriefingSettings:
-    """What a VLM is shown.
-
-    Attributes:
-        show: Numbers, pictures (or films), or both; one alone is an ablation.
-        media: Films or images; `auto` shows films to those who take them.
-        detail: How much of it.
-    """
-
-    show: Show = "both"
-    media: MediaKind = "auto"
-    detail: DetailName = "medium"
-
-    def __post_init__(self) -> None:
-        for name, value, allowed in (
-            ("show", self.show, get_args(Show)),
-            ("media", self.media, get_args(MediaKind)),
-            ("detail", self.detail, tuple(DETAILS)),
-        ):
-            if value not in allowed:
-                raise ArgumentError(f"{name} is '{value}'; there are {', '.join(allowed)}")

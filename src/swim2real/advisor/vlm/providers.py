@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.redaction import redact
-from swim2real.errors import ArgumentError, MissingExtraError
+from swim2real.errors import MissingExtraError
+from swim2real.settings import split_vlm_name
 
 if TYPE_CHECKING:
     import httpx2
@@ -32,14 +32,12 @@ class Provider:
         address: Where its models are asked.
         key_variables: Environment variables that may hold its key, the first that is set counts.
         takes_video: Whether its models are shown films; pictures are taken everywhere.
-        example: A model's name.
     """
 
     name: Name
     address: str
     key_variables: tuple[str, ...]
     takes_video: bool
-    example: str
 
 
 # The addresses are given to the libraries, which else would take them from variables such as OPENAI_BASE_URL.
@@ -51,10 +49,9 @@ PROVIDERS: dict[str, Provider] = {
             "https://generativelanguage.googleapis.com",
             ("GOOGLE_API_KEY", "GEMINI_API_KEY"),
             True,
-            "google:gemini-3.1-pro-preview",
         ),
-        Provider("openai", "https://api.openai.com/v1", ("OPENAI_API_KEY",), False, "openai:gpt-5.2"),
-        Provider("anthropic", "https://api.anthropic.com", ("ANTHROPIC_API_KEY",), False, "anthropic:claude-sonnet-5"),
+        Provider("openai", "https://api.openai.com/v1", ("OPENAI_API_KEY",), False),
+        Provider("anthropic", "https://api.anthropic.com", ("ANTHROPIC_API_KEY",), False),
     )
 }
 
@@ -80,18 +77,8 @@ def find_provider(name: str) -> tuple[Provider, str]:
     Raises:
         ArgumentError: It isn't of that form.
     """
-    before, colon, model = (part.strip() for part in name.partition(":"))
-    if (provider := PROVIDERS.get(before)) is None:
-        meant = {"gemini": "google", "gpt": "openai", "claude": "anthropic"}
-        near = [kind for word, kind in meant.items() if before.lower().startswith(word)]
-        near += difflib.get_close_matches(before.lower(), PROVIDERS, n=1)
-        own = before if near and meant.get(before.split("-")[0].lower()) == near[0] and "-" in before else "MODEL"
-        hint = f"; did you mean {near[0]}:{model or own}?" if near else ""
-        forms = ", ".join(f"{kind}:MODEL" for kind in PROVIDERS)
-        raise ArgumentError(f"there is no advisor '{name}'; a VLM is {forms}{hint}")
-    if not colon or not model or re.search(r"\s", model):
-        raise ArgumentError(f"'{name}' names no model; say which one, such as {provider.example}")
-    return provider, model
+    provider, model = split_vlm_name(name)
+    return PROVIDERS[provider], model
 
 
 def check_installed() -> None:

@@ -1,0 +1,433 @@
+"""What a person decides of a calibration, a comparison, tracking or training: the settings, checked when they are made.
+
+The command line is built from these classes: a field is an option, and the text below it is its help. So the module
+needs the standard library alone, and a number that stands for "all" can be written as 0.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+from swim2real.errors import ArgumentError
+
+Method = Literal[
+    "line-search", "random", "warm-start", "cma-es", "bayesopt", "least-squares", "mujoco-sysid", "staged"
+]  # fmt: skip
+METHODS: tuple[Method, ...] = get_args(Method)
+ProtocolName = Literal["aligned", "paper", "playback"]
+Start = Literal["speed", "rest"]
+Scale = Literal["log", "linear"]
+ScaleChoice = Literal["auto", "log", "linear"]
+Show = Literal["both", "numbers", "pictures"]
+MediaKind = Literal["auto", "video", "images"]
+DetailName = Literal["low", "medium", "high"]
+TrackerName = Literal["detection", "csrt"]
+Task = Literal["forward", "target"]
+TASKS: tuple[Task, ...] = get_args(Task)
+
+HORIZON = 4.0  # s of each trial that are compared
+REPLY_TOKENS = 16_384  # thinking included
+PAPER_STEPS = 5_000_000  # of a training
+PAPER_EXPLORATION = 50_000
+BLOCK = 200  # transitions between two rounds of learning: the prior work's train_freq
+MOST_REPLAY = 1_000_000  # transitions kept, as Stable-Baselines3 does
+
+PHYSICS, FILES, REPLAY = "physics", "files", "replay:"
+# the providers of VLMs, each with the name of a model
+EXAMPLE_MODELS = {
+    "google": "google:gemini-3.1-pro-preview",
+    "openai": "openai:gpt-5.2",
+    "anthropic": "anthropic:claude-sonnet-5",
+}
+
+
+@dataclass(frozen=True)
+class BriefingSettings:
+    """What a VLM, or a person in its place, is shown."""
+
+    show: Show = "both"
+    """What it is shown; one alone is an ablation."""
+    media: MediaKind = "auto"
+    """Films or sheets of pictures; auto: films to those who take them."""
+    detail: DetailName = "medium"
+    """How much it is shown: trials, pictures, history."""
+
+    def __post_init__(self) -> None:
+        _choice("show", self.show, get_args(Show))
+        _choice("media", self.media, get_args(MediaKind))
+        _choice("detail", self.detail, get_args(DetailName))
+
+
+@dataclass(frozen=True)
+class VlmAccess:
+    """How a VLM is reached and what it may cost. All of it may change when a run is resumed."""
+
+    base_url: str | None = None
+    """A server that speaks the provider's protocol, such as vLLM, llama.cpp or Ollama (http://127.0.0.1:8000/v1)."""
+    key_variable: str | None = None
+    """Environment variable with the key for --base-url; by default it is sent none."""
+    max_calls: int | None = None
+    """Stop after so many calls, repairs and failed ones included; the run can be resumed with more."""
+    max_cost: float | None = None
+    """Stop before the calls cost more [USD], where the price is known."""
+    reply_tokens: int = REPLY_TOKENS
+    """Most tokens of a reply, thinking included."""
+    timeout: float = 180.0
+    """Longest duration of one attempt of a call [s]."""
+    tries: int = 6
+    """Attempts of one call."""
+    once: bool = False
+    """With advisor files: write the question and leave; --resume goes on when the reply is there."""
+
+    def __post_init__(self) -> None:
+        _finite("timeout", self.timeout, above=0.0, unit=" s")
+        _least("tries", self.tries, 1)
+        _least("reply_tokens", self.reply_tokens, 256)
+        if self.max_calls is not None:
+            _least("max_calls", self.max_calls, 1)
+        if self.max_cost is not None:
+            _finite("max_cost", self.max_cost, above=0.0, unit=" USD")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationSettings:
+    """How parameters are compared with real trials."""
+
+    protocol: ProtocolName = "aligned"
+    """For steady swims. aligned: identified frequency, steady swim, phase, registration, lost tracks left out. paper:
+    none of these. Recordings have only playback, which needs no choice."""
+    start: Start = "speed"
+    """Where steady swims begin under protocol aligned. speed: at the real speed. rest: at rest, as the robot did, so
+    that no fit swims tail first from there; takes about half as long again."""
+    horizon: float | None = HORIZON
+    """Seconds of each trial that are compared; 0 for all of it."""
+    threads: int | None = None
+    """Trials simulated at a time; 0 for all cores. Results don't depend on it."""
+
+    def __post_init__(self) -> None:
+        _choice("protocol", self.protocol, get_args(ProtocolName))
+        _choice("start", self.start, get_args(Start))
+        object.__setattr__(self, "horizon", _horizon(self.horizon))
+        if self.threads is not None and self.threads < 0:
+            raise ArgumentError(f"threads is {self.threads}; it must be 0 (all cores) or above")
+        object.__setattr__(self, "threads", self.threads or None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationSettings(EvaluationSettings):
+    """What decides the result of a calibration. On resume only `threads` may change, and the budget may be raised."""
+
+    method: Method = "line-search"
+    """line-search: an advisor's proposals with backtracking. warm-start: one proposal, then random. cma-es: pycma.
+    bayesopt: scikit-optimize. least-squares: Levenberg-Marquardt with finite differences. mujoco-sysid: the least
+    squares of MuJoCo's own toolbox. staged: the prior work's stages by hand."""
+    advisor: str = PHYSICS
+    """Who proposes. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a VLM, key from
+    GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window. replay:RUN: an earlier run's
+    replies, without a network."""
+    budget: int = 40
+    """Simulation evaluations, the first included."""
+    seed: int = 0
+    """Decides the first point and every random choice."""
+    scale: ScaleChoice = "auto"
+    """Scale of the parameters; auto: linear for protocol paper, log otherwise."""
+    max_steps: int = 3
+    """Steps of the line search; 1 is the ablation without it."""
+    early_stop: bool = False
+    """Stop a step's evaluation once it is certain to be rejected. The advisor then sees less of rejected steps."""
+    hold_out: tuple[str, ...] = ()
+    """Trials to leave out of the fit and to evaluate on afterwards."""
+    briefing: BriefingSettings = field(default_factory=BriefingSettings)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _choice("method", self.method, METHODS)
+        check_advisor(self.advisor)
+        _least("budget", self.budget, 1)
+        _seed(self.seed)
+        _choice("scale", self.scale, get_args(ScaleChoice))
+        _least("max_steps", self.max_steps, 1)
+        if self.early_stop and self.method != "line-search":
+            raise ArgumentError(f"early_stop is for method line-search; method {self.method} needs every loss in full")
+
+    @property
+    def resolved_scale(self) -> Scale:
+        """The scale of the parameters, chosen by the protocol where the scale is `auto`."""
+        if self.scale == "auto":
+            return "linear" if self.protocol == "paper" else "log"
+        return self.scale
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonSettings:
+    """Which methods are compared, and under which conditions."""
+
+    methods: tuple[str, ...] = ()
+    """random, cma-es, bayesopt, least-squares, mujoco-sysid, staged, line-search (with the physics advisor),
+    no-line-search (its ablation), warm-start; line-search@ADVISOR, no-line-search@ADVISOR and warm-start@ADVISOR for
+    other advisors, as line-search@google:MODEL or line-search@replay:RUN. By default all but mujoco-sysid and
+    warm-start, and but staged for a robot without stages."""
+    seeds: tuple[int | str, ...] = ("0:5",)
+    """Numbers, and ranges without their end: 0:5 is 0 1 2 3 4."""
+    budget: int = 40
+    """Simulation evaluations of a run, the first included."""
+    protocols: tuple[ProtocolName, ...] = ()
+    """As for calibrate; by default all that the robot's trials can be compared by."""
+    start: Start = "speed"
+    """As for calibrate: where steady swims begin under protocol aligned."""
+    scale: tuple[ScaleChoice, ...] = ("auto",)
+    """Scales of the parameters, each a contestant of its own; auto: linear under protocol paper, log otherwise.
+    METHOD+log and METHOD+linear choose it for one method."""
+    leave_one_out: bool = False
+    """Also run every method and seed once for each trial, with it left out of the fit, and evaluate on it."""
+    horizon: float | None = HORIZON
+    """Seconds of each trial that are compared; 0 for all of it."""
+    briefing: BriefingSettings = field(default_factory=BriefingSettings)
+    workers: int = 0
+    """Runs at a time on this machine; 0 for as many as there are cores."""
+    cluster: str | None = None
+    """Instead of --workers, a Dask cluster: the address of its scheduler (tcp://HOST:PORT), or local:N. Its workers
+    need this version of swim2real and must see --out at the same path. Results don't depend on who does the work."""
+
+    def __post_init__(self) -> None:
+        expand_seeds(self.seeds)
+        _least("budget", self.budget, 1)
+        for protocol in self.protocols:
+            _choice("protocols", protocol, get_args(ProtocolName))
+        _choice("start", self.start, get_args(Start))
+        for scale in self.scale:
+            _choice("scale", scale, get_args(ScaleChoice))
+        object.__setattr__(self, "horizon", _horizon(self.horizon))
+        if self.workers < 0:
+            raise ArgumentError(f"workers is {self.workers}; it must be 0 (as many as there are cores) or above")
+        if self.cluster is not None and self.workers:
+            raise ArgumentError(
+                f"workers is {self.workers}, which is for this machine; leave it out with cluster {self.cluster}"
+            )
+
+
+@dataclass(frozen=True)
+class TrackingSettings:
+    """How markers are tracked in videos."""
+
+    tracker: TrackerName = "detection"
+    """detection: finds all markers anew in every frame. csrt: the paper's, for comparison."""
+    camera: Path | None = None
+    """JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it."""
+    smooth: bool = False
+    """Smooth the track over time; at 60 frames a second 98 % of a beat of 2.25 Hz and its harmonic are left."""
+    overlay: bool = True
+    """Write the overlay video."""
+
+    def __post_init__(self) -> None:
+        _choice("tracker", self.tracker, get_args(TrackerName))
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What decides a training; the defaults are the paper's.
+
+    The prior work learns once after every 200 transitions: 25,000 updates in 5 million steps. A shorter run makes about
+    as many: it still learns after every 200 transitions, but `ceil(5 M / env_steps)` times, and at most 200 times: one
+    update a transition is soft actor-critic's own ratio. Stable-Baselines3 counts `train_freq` in steps of all
+    environments together, so it gets 200 divided by their number.
+    """
+
+    task: Task
+    """forward: as far as possible in 2 s. target: to a goal on the water, in three stages."""
+    env_steps: int = PAPER_STEPS
+    """Environment steps of all environments together, 50 a second."""
+    seed: int = 0
+    """Decides the network's start, exploration and every episode."""
+    environments: int = 8
+    """Stepped together; a divisor of 200."""
+    exploration: int | None = None
+    """Random steps before learning; by default 50,000, and a tenth of a shorter run."""
+    updates: int | None = None
+    """Gradient steps after every 200 environment steps; by default 1 for 5 million steps, as in the prior work, and
+    more for fewer steps, so that a run makes about 25,000, but at most 200, one for each step."""
+    checkpoint_every: int | None = None
+    """Environment steps between checkpoints; by default a twentieth of the run."""
+    learning_rate: float = 2e-3
+    """Of actor, critics and entropy coefficient."""
+    batch: int = 256
+    """Transitions of a gradient step."""
+    discount: float = 0.99
+    """Of rewards, a step."""
+    target_rate: float = 0.1
+    """Share by which the target critics follow, a gradient step."""
+    layers: tuple[int, ...] = (256, 256)
+    """Widths of the hidden layers of actor and critics."""
+    reward_scale: float = 1.0
+    """By which the learner sees rewards multiplied; episode returns are reported unscaled."""
+
+    def __post_init__(self) -> None:
+        _choice("task", self.task, TASKS)
+        if self.env_steps < BLOCK:
+            raise ArgumentError(f"env_steps is {self.env_steps}; learning needs {BLOCK} at least")
+        if not 0 <= self.seed < 2**31:
+            raise ArgumentError(f"seed is {self.seed}; it must be 0 or more and below 2^31")
+        if self.environments < 1 or BLOCK % self.environments:
+            raise ArgumentError(f"environments is {self.environments}; it must divide {BLOCK}: 1, 2, 4, 5, 8, 10, 20 …")
+        for name, value in (("updates", self.updates), ("checkpoint_every", self.checkpoint_every)):
+            if value is not None:
+                _least(name, value, 1)
+        if self.exploration is not None and not 0 <= self.exploration < self.env_steps:
+            raise ArgumentError(f"exploration is {self.exploration}; it must be 0 or more and below env_steps")
+        _finite("reward_scale", self.reward_scale, above=0.0)
+
+    @property
+    def exploration_steps(self) -> int:
+        """Random steps before learning."""
+        return min(PAPER_EXPLORATION, self.env_steps // 10) if self.exploration is None else self.exploration
+
+    @property
+    def updates_a_block(self) -> int:
+        """Gradient steps after every 200 transitions."""
+        wanted = min(BLOCK, math.ceil(PAPER_STEPS / self.env_steps))
+        return wanted if self.updates is None else self.updates
+
+    @property
+    def checkpoint_steps(self) -> int:
+        """Environment steps between checkpoints, a multiple of 200."""
+        wanted = max(10_000, self.env_steps // 20) if self.checkpoint_every is None else self.checkpoint_every
+        return max(BLOCK, wanted // BLOCK * BLOCK)
+
+    @property
+    def total_steps(self) -> int:
+        """Environment steps that are made: a multiple of 200."""
+        return math.ceil(self.env_steps / BLOCK) * BLOCK
+
+    @property
+    def replay(self) -> int:
+        """Transitions that the replay buffer holds."""
+        return min(MOST_REPLAY, self.total_steps)
+
+
+@dataclass(frozen=True)
+class IdentifiabilitySettings:
+    """What decides the result of a study of identifiability."""
+
+    rise: float = 0.05
+    """Rise of the loss that counts, as a share of the lowest."""
+    steps: int = 2
+    """Steps of each re-fit, three evaluations each."""
+    polish: int = 4
+    """Steps that improve the run's best fit first, twice, each time with a new Jacobian; 0 for none."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.rise < 1:
+            raise ArgumentError(f"rise is {self.rise:g}; it is a share of the loss and must lie between 0 and 1")
+        for name in ("steps", "polish"):
+            _least(name, getattr(self, name), 0)
+
+
+@dataclass(frozen=True)
+class EnsembleSettings:
+    """What decides which parameter sets are in an ensemble."""
+
+    within: float = 1.1
+    """Highest loss of a member, in multiples of the lowest."""
+    count: int = 20
+    """Members to keep, spread out."""
+    evaluations: int = 200
+    """To look for more sets than the runs hold; 0 for none."""
+    seed: int = 0
+    """Decides every random choice."""
+
+    def __post_init__(self) -> None:
+        if not 1 < self.within <= 10:
+            raise ArgumentError(f"within is {self.within:g}; it is a multiple of the lowest loss, above 1 and up to 10")
+        if self.count < 2:
+            raise ArgumentError(f"count is {self.count}; an ensemble has at least 2 members")
+        for name in ("evaluations", "seed"):
+            _least(name, getattr(self, name), 0)
+
+
+def check_advisor(name: str) -> None:
+    """Checks the name of an advisor.
+
+    Raises:
+        ArgumentError: There is no advisor of this name.
+    """
+    if name in (PHYSICS, FILES):
+        return
+    if name.startswith(REPLAY):
+        if not name.removeprefix(REPLAY):
+            raise ArgumentError("advisor is 'replay:'; say of which run: replay:RUN")
+        return
+    if ":" not in name:
+        vlms = ", ".join(f"{provider}:MODEL" for provider in EXAMPLE_MODELS)
+        raise ArgumentError(f"advisor is '{name}'; there are {PHYSICS}, {FILES}, {REPLAY}RUN, {vlms}")
+    split_vlm_name(name)
+
+
+def split_vlm_name(name: str) -> tuple[str, str]:
+    """The provider and the model of a name such as `google:gemini-3.1-pro-preview`.
+
+    Raises:
+        ArgumentError: It isn't of that form, or there is no such provider.
+    """
+    provider, colon, model = (part.strip() for part in name.partition(":"))
+    if provider not in EXAMPLE_MODELS:
+        families = {"gemini": "google", "gpt": "openai", "claude": "anthropic"}
+        near = [kind for word, kind in families.items() if provider.lower().startswith(word)]
+        near += difflib.get_close_matches(provider.lower(), EXAMPLE_MODELS, n=1)
+        is_model = near and "-" in provider and families.get(provider.split("-")[0].lower()) == near[0]
+        hint = f"; did you mean {near[0]}:{model or (provider if is_model else 'MODEL')}?" if near else ""
+        forms = ", ".join(f"{kind}:MODEL" for kind in EXAMPLE_MODELS)
+        raise ArgumentError(f"there is no advisor '{name}'; a VLM is {forms}{hint}")
+    if not colon or not model or re.search(r"\s", model):
+        raise ArgumentError(f"'{name}' names no model; say which one, such as {EXAMPLE_MODELS[provider]}")
+    return provider, model
+
+
+def expand_seeds(seeds: Sequence[int | str]) -> list[int]:
+    """Seeds with their ranges written out: 0:3 is 0, 1, 2.
+
+    Raises:
+        ArgumentError: One is neither a number from 0 on nor a range, or there is none.
+    """
+    numbers: list[int] = []
+    for seed in seeds:
+        begin, colon, end = str(seed).partition(":")
+        if not all(number.isdecimal() for number in ((begin, end) if colon else (begin,))):
+            raise ArgumentError(f"seeds has '{seed}'; write numbers from 0 on, and ranges such as 0:5")
+        if colon and int(end) <= int(begin):
+            raise ArgumentError(f"seeds has '{seed}', which is empty; 0:5 is 0 1 2 3 4")
+        numbers += range(int(begin), int(end)) if colon else [int(begin)]
+    if not numbers:
+        raise ArgumentError("seeds is empty; write numbers from 0 on, and ranges such as 0:5")
+    return numbers
+
+
+def _choice(name: str, value: object, allowed: Iterable[str]) -> None:
+    if value not in tuple(allowed):
+        raise ArgumentError(f"{name} is '{value}'; there are {', '.join(allowed)}")
+
+
+def _least(name: str, value: int, least: int) -> None:
+    if value < least:
+        raise ArgumentError(f"{name} is {value}; it must be at least {least}")
+
+
+def _finite(name: str, value: float, *, above: float, unit: str = "") -> None:
+    if not above < value < math.inf:
+        raise ArgumentError(f"{name} is {value:g}{unit}; it must be finite and above {above:g}")
+
+
+def _horizon(seconds: float | None) -> float | None:
+    if seconds is not None and not 0 <= seconds < math.inf:
+        raise ArgumentError(f"horizon is {seconds:g} s; it must be 0 (all of each trial) or above, and finite")
+    return seconds or None
+
+
+def _seed(seed: object) -> None:
+    if isinstance(seed, bool) or not hasattr(seed, "__index__") or seed < 0:  # pyright: ignore[reportOperatorIssue]
+        raise ArgumentError(f"seed is {seed!r}; it must be a whole number from 0 on")
