@@ -1,14 +1,17 @@
-# Everything runs in a virtual environment that is made on first use.
+# Everything runs in a virtual environment that is made on first use: with what the demo needs, then with the rest.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+CORE := $(VENV)/.core
 STAMP := $(VENV)/.installed
 NEWEST := .venv-newest
+PIP := -m pip install --quiet --disable-pip-version-check
+EVERYTHING := --editable ".[all]" --group dev --group docs
 PYTEST := -m pytest -n 2 --dist loadfile  # a file's tests share what it makes
 
 .PHONY: demo test test-all test-newest check format clean
 
-demo: $(STAMP)
+demo: $(CORE)
 	rm -rf demo-out
 	$(BIN)/swim2real demo --out demo-out
 
@@ -32,18 +35,23 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-$(STAMP): pyproject.toml constraints.txt
+# without compiling what may never be imported
+$(CORE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[all]" --group dev
+	$(BIN)/python $(PIP) --no-compile --constraint constraints.txt --editable .
+	touch $@
+
+$(STAMP): $(CORE)
+	$(BIN)/python $(PIP) --upgrade "pip>=25.1"
+	$(BIN)/python $(PIP) --constraint constraints.txt $(EVERYTHING)
 	touch $@
 
 $(NEWEST)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(NEWEST)
-	$(NEWEST)/bin/python -m pip install --quiet --disable-pip-version-check --upgrade "pip>=25.1"
+	$(NEWEST)/bin/python $(PIP) --upgrade "pip>=25.1"
 	grep -v '^mujoco==' constraints.txt > $(NEWEST)/constraints.txt
-	$(NEWEST)/bin/python -m pip install --quiet --disable-pip-version-check --constraint $(NEWEST)/constraints.txt --editable ".[all]" --group dev
-	$(NEWEST)/bin/python -m pip install --quiet --disable-pip-version-check --upgrade mujoco
+	$(NEWEST)/bin/python $(PIP) --constraint $(NEWEST)/constraints.txt $(EVERYTHING)
+	$(NEWEST)/bin/python $(PIP) --upgrade mujoco
 	touch $@
 
 clean:

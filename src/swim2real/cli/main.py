@@ -14,7 +14,7 @@ from swim2real import __version__
 from swim2real.cli import arguments as args
 from swim2real.errors import Swim2RealError
 
-SIM = ("filelock", "mujoco", "numba", "numpy", "pydantic", "scipy")  # of the extra sim
+CORE = ("av", "filelock", "jinja2", "matplotlib", "mujoco", "numba", "numpy", "PIL", "pooch", "pydantic", "scipy")
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -53,8 +53,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         if debug:
             raise
         what = f"unexpected {type(error).__name__}: {error}; --debug shows where"
-        if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in SIM:
-            what = f"{error.name} isn't installed; install it with: pip install 'swim2real[sim]'"
+        if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in CORE:
+            what = f"{error.name} isn't installed; install it with: pip install swim2real"
         print(f"swim2real: {what}", file=sys.stderr)
         code = 1
     sys.exit(code)
