@@ -21,13 +21,13 @@ import numba
 import numpy as np
 from mujoco import rollout
 
-from swim2real.calibration import RealTrial, SwimProblem, examine
+from swim2real.calibration import Problem
 from swim2real.demo.synthetic import Camera, synthetic_reference
-from swim2real.objective import compare
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator
 from swim2real.simulation.fast_step import FastStep
 from swim2real.simulation.stepper import Stepper
+from swim2real.trials import TrialSet
 
 FREQUENCIES = (0.375, 0.5, 0.75, 1.0, 1.25, 1.4, 1.5, 1.69)  # Hz, eight swims
 HORIZON = 4.0  # s of each swim that are compared
@@ -91,12 +91,11 @@ def full_length() -> None:
         rollout.rollout(model, data, state[None], np.full((1, steps, 1), speed), nstep=steps)
 
 
-def evaluations(repeats: int) -> dict[str, SwimProblem]:
+def evaluations(repeats: int) -> dict[str, Problem]:
     swims = synthetic_reference(FISH, PUBLISHED, FREQUENCIES, HORIZON + 1.0, Camera(noise=1e-3), seed=1)
-    real = examine(swims, FISH)
     problems = {
-        f"{step} step, {threads} thread{'s' * (threads > 1)}": SwimProblem(
-            FISH, real, Simulator(FISH, threads, step=step), horizon=HORIZON
+        f"{step} step, {threads} thread{'s' * (threads > 1)}": Problem(
+            FISH, swims, horizon=HORIZON, simulator=Simulator(FISH, threads, step=step)
         )
         for step, threads in (("engine", 1), ("engine", 2), ("fast", 1), ("fast", 2))
     }
@@ -113,13 +112,15 @@ def evaluations(repeats: int) -> dict[str, SwimProblem]:
     return problems
 
 
-def parts(problem: SwimProblem, repeats: int) -> None:
-    simulated = problem.simulator.simulate(PUBLISHED, problem.swims)
+def parts(problem: Problem, repeats: int) -> None:
+    requests = [prepared.request for prepared in problem.prepared]
+    simulated = problem.simulator.simulate(PUBLISHED, requests)
+    pairs = [(prepared.target, trial) for prepared, trial in zip(problem.prepared, simulated, strict=True)]
     times = in_turns(
         {
             "build the model": lambda: FISH.build(PUBLISHED).compile(),
-            "whole simulation, build included": lambda: problem.simulator.simulate(PUBLISHED, problem.swims),
-            "objective": lambda: compare(problem.targets, simulated, problem.protocol, problem.horizon),
+            "whole simulation, build included": lambda: problem.simulator.simulate(PUBLISHED, requests),
+            "objective": lambda: [problem.protocol.compare(target, trial).loss for target, trial in pairs],
             "evaluation": lambda: problem.evaluate(PUBLISHED),
         },
         repeats,
@@ -130,19 +131,17 @@ def parts(problem: SwimProblem, repeats: int) -> None:
         row(name, f"{1e3 * median:.1f} ms, {100 * median / whole:.0f} %")
 
 
-def scaling(real: tuple[RealTrial, ...], repeats: int) -> None:
+def scaling(reference: TrialSet, repeats: int) -> None:
     """Evaluations a second by number of threads, up to twice the cores."""
     counts = [n for n in (1, 2, 4, 8, 16, 32, 64) if n <= 2 * (os.cpu_count() or 1)]
-    problems = {
-        f"{n} thread{'s' * (n > 1)}": SwimProblem(FISH, real, Simulator(FISH, n), horizon=HORIZON) for n in counts
-    }
+    problems = {f"{n} thread{'s' * (n > 1)}": Problem(FISH, reference, horizon=HORIZON, threads=n) for n in counts}
     batch = [PUBLISHED] * 4
     times = in_turns({name: lambda p=p: p.evaluate_many(batch) for name, p in problems.items()}, repeats)
     for name, spent in times.items():
         row(name, f"{len(batch) / statistics.median(spent):.1f} /s, {ratio(times, '1 thread', name):.2f} times")
 
 
-def batches(problem: SwimProblem, sizes: tuple[int, ...]) -> None:
+def batches(problem: Problem, sizes: tuple[int, ...]) -> None:
     rng = np.random.default_rng(0)
     for size in sizes:
         candidates = [FISH.space.to_values(point) for point in rng.random((size, len(FISH.space)))]
@@ -157,7 +156,7 @@ FIRST = """
 import time; began = time.perf_counter()
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
-from swim2real.trials import Actuation
+from swim2real.trials import Actuation, TrialSet
 Simulator(FISH, 2).simulate(FISH.space.published, [Swim(str(f), Actuation(f, 0.0, 0.1), 4.0) for f in {frequencies}])
 print(time.perf_counter() - began)
 """
@@ -201,7 +200,7 @@ def main() -> None:
     heading("throughput, fast step, 2 threads")
     batches(problems["fast step, 2 threads"], (1, 8) if arguments.quick else (1, 8, 64, 512))
     heading("the published candidate, four in a batch, by threads")
-    scaling(problems["fast step, 2 threads"].real, repeats)
+    scaling(TrialSet(problems["fast step, 2 threads"].trials, FISH.marker_names), repeats)
     heading("start-up, compiled code on the disk")
     start_up(repeats)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import cma
 import numpy as np
 
-from swim2real.calibration import SwimProblem, examine
+from swim2real.calibration import Problem
 from swim2real.parameters import read_parameters, write_parameters
 from swim2real.robots import robot_named
 from swim2real.simulation import Simulator
@@ -54,7 +54,7 @@ def main():
     robot = robot_named(a.parameters)
     space = replace(robot.space, scale="log")
     simulator = Simulator(robot)
-    problem = SwimProblem(robot, examine(load_reference(a.reference), robot), simulator)
+    problem = Problem(robot, load_reference(a.reference), simulator=simulator)
     runs = sorted((a.comparison / "runs" / "aligned" / "line-search").glob("seed-*"))
     starts = []
     for run in runs:

@@ -20,10 +20,9 @@ import numpy as np
 from recover import hidden
 
 from swim2real.advisor.simulated_vlm import SimulatedVlm, VlmErrors
-from swim2real.calibration import SwimProblem, examine
+from swim2real.calibration import Problem
 from swim2real.optimizers import BacktrackingLineSearch, Evaluation, first_point
 from swim2real.robots.fish import FISH
-from swim2real.simulation import Simulator
 
 LEFT_OUT = ("f0_94", "f1_31")
 # of the paper's discussion: what is taken for one another, and what can't be seen
@@ -39,7 +38,7 @@ def problem_of(number):
     """A hidden fish's values, and its swims to calibrate against."""
     point, reference = hidden(number)
     fitted, _ = reference.split(LEFT_OUT)
-    return FISH.space.to_values(point), SwimProblem(FISH, examine(fitted, FISH), Simulator(FISH, threads=1))
+    return FISH.space.to_values(point), Problem(FISH, fitted, threads=1)
 
 
 def one_run(problem, space, values, seed, errors, max_steps, budget):

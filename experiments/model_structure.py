@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from swim2real.calibration import SwimProblem, examine
+from swim2real.calibration import Problem
 from swim2real.parameters import Parameter, ParameterSpace, read_parameters
 from swim2real.robots.fish import FISH, FISH_EXTENDED
 from swim2real.robots.fish.extended import ExtendedResponse
@@ -261,7 +261,7 @@ def fit(problem, starts, budget):
 
 def problem_of(structure, trials):
     robot = robot_of(structure)
-    return SwimProblem(robot, examine(trials, robot), Simulator(robot, threads=1))
+    return Problem(robot, trials, threads=1)
 
 
 def kept(path, make):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from swim2real.calibration import SwimProblem, examine
+from swim2real.calibration import Problem
 from swim2real.demo.example import CAMERA, hidden_values
 from swim2real.demo.films import PLACEMENT, SAMPLE_INTERVAL, TIMESTEP
 from swim2real.demo.synthetic import placed_by_hand, steady_swims, turned
@@ -21,7 +21,6 @@ from swim2real.pipeline import run, track_films
 from swim2real.rendering.pool import film
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
-from swim2real.simulation import Simulator
 from swim2real.tracking.camera import CameraFile, write_camera
 from swim2real.tracking.picking import save_points
 from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
@@ -77,9 +76,7 @@ def main():
             f"{trial.name}: body frame off by {1e3 * np.nanmean(off):.2f} mm on average, "
             f"speed by {1e3 * speeds:+.2f} mm/s, {100 * np.isnan(off).mean():.1f} % of marker-frames lost"
         )
-    judges = {
-        name: SwimProblem(FISH, examine(r, FISH), Simulator(FISH)) for name, r in (("true", true), ("tracked", tracked))
-    }
+    judges = {name: Problem(FISH, r) for name, r in (("true", true), ("tracked", tracked))}
     for seed in range(a.seeds):
         for name, reference in (("true", true), ("tracked", tracked)):
             folder = a.out / f"{name}_{seed}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from recorded import PENDULUM
-from swim2real.objective import Comparison, PlaybackTarget, compare_playback, evidence
+from swim2real.objective import Comparison, compare_playback, evidence, playback_target
 from swim2real.optimizers import Candidate, Evaluation
 from swim2real.robots.robot import Recordings, Robot, Sensor
 from swim2real.trials import MarkerTrack, Signals, Trial
@@ -65,7 +65,7 @@ def compared(
         weights = np.ones(trial.track.confidence.shape)
         weights[:, list(lost)] = 0.0
         worths = {sensor.name: sensor.meters_per_unit for sensor in about.sensors}
-        target = PlaybackTarget(trial, weights, about.frame, about.score_progress, worths)
+        target = playback_target(trial, weights, about.frame, about.score_progress, worths)
         made = real.trial(name, robot, simulated) if isinstance(simulated, str) else simulated.trial(name, robot)
         found.append(compare_playback(target, made))
     return Comparison(tuple(found), "playback", None, skipped)

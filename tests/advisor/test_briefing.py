@@ -15,7 +15,7 @@ from swim2real.advisor.briefing.briefing import Briefing
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.files import HOW_TO
 from swim2real.advisor.vlm.prompt import repair
-from swim2real.calibration import pose_problem
+from swim2real.calibration import Problem
 from swim2real.errors import WaitingForReply
 from swim2real.optimizers import Proposal
 from swim2real.pipeline import run
@@ -128,7 +128,7 @@ def test_a_playback_that_diverged_is_asked_about_in_the_same_words(burned_in):
 
 def test_a_simulated_pendulum_is_briefed_from_its_robot_alone(burned_in):
     reference = pendulum_reference(noise=1e-3)
-    problem = pose_problem(PENDULUM, reference, threads=2)
+    problem = Problem(PENDULUM, reference, threads=2)
     comparison = problem.evaluate(PENDULUM.space.published)
     evaluation = evaluated(comparison, PENDULUM)
     request = asked(PENDULUM, PENDULUM.space, comparison, evaluation, {})

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from worlds import World, search
 
-from swim2real.objective import Comparison, Target, compare_trial, evidence
+from swim2real.objective import Comparison, compare_steady, evidence, steady_target
 from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, ScriptedAdvisor, Situation, Step
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots.fish import FISH
@@ -64,12 +64,14 @@ def compared_waves(pairs: Sequence[tuple[Wave, Wave | str]], protocol="aligned",
     for i, (real, simulated) in enumerate(pairs):
         track = real.track(3.0, 0.0 if protocol == "paper" else 0.7)
         driven = real.frequency if isinstance(simulated, str) else simulated.frequency
-        target = Target(Trial(f"swim{i}", track), np.ones(track.positions.shape[:2]), driven, real.frequency)
+        target = steady_target(
+            Trial(f"swim{i}", track), np.ones(track.positions.shape[:2]), driven, real.frequency, 2.0
+        )
         if isinstance(simulated, str):
             swim = Trial(f"swim{i}", track, divergence=simulated)
         else:
             swim = Trial(f"swim{i}", simulated.track(3.0 + 1 / driven + 0.1))
-        found.append(compare_trial(target, swim, protocol, 2.0))
+        found.append(compare_steady(target, swim, fit_phase=protocol == "aligned"))
     return Comparison(tuple(found), protocol, 2.0, skipped)
 
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 import small_run
 
-from swim2real.calibration import SwimProblem
+from swim2real.calibration import Problem
 from swim2real.trials import TrialSet
 
 BUDGET = 6
@@ -22,7 +22,7 @@ def reference(reference_folder) -> TrialSet:
 
 
 @pytest.fixture(scope="session")
-def problem(reference) -> SwimProblem:
+def problem(reference) -> Problem:
     return small_run.make_problem(reference)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swim2real.calibration import Progress, RunFolder, SwimProblem, calibrate, examine, reference_fingerprint
+from swim2real.calibration import Problem, Progress, RunFolder, calibrate, reference_fingerprint
 from swim2real.optimizers import BacktrackingLineSearch, Optimizer, RandomSearch, ScriptedAdvisor, first_point, streams
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.fish import FISH
@@ -53,8 +53,8 @@ def make_reference(folder: Path) -> TrialSet:
     return load_reference(folder)
 
 
-def make_problem(reference: TrialSet, threads: int = 2) -> SwimProblem:
-    return SwimProblem(ROBOT, examine(reference, ROBOT), Simulator(ROBOT, threads))
+def make_problem(reference: TrialSet, threads: int = 2) -> Problem:
+    return Problem(ROBOT, reference, threads=threads)
 
 
 def make_optimizer(method: str, seed: int = 0) -> Optimizer:
@@ -70,7 +70,7 @@ def make_settings(reference: TrialSet, method: str, budget: int, seed: int = 0) 
 
 
 def run(
-    problem: SwimProblem, reference: TrialSet, out: Path, method: str, budget: int, seed: int = 0,
+    problem: Problem, reference: TrialSet, out: Path, method: str, budget: int, seed: int = 0,
     on_progress: Callable[[Progress], None] = lambda progress: None,
 ) -> dict[str, object]:  # fmt: skip
     """Begins a run or goes on with it."""

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swim2real.calibration.convergence import best_losses, still_falling
+from swim2real.calibration.run_folder import best_losses, still_falling
 
 FAILED = None
 

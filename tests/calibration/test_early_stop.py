@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import small_run
 
-from swim2real.calibration import RunFolder, SwimProblem, calibrate, examine
+from swim2real.calibration import Problem, RunFolder, calibrate
 from swim2real.objective import evidence
 from swim2real.optimizers import BacktrackingLineSearch, ScriptedAdvisor, first_point, streams
 from swim2real.simulation import Simulator
@@ -51,7 +51,7 @@ def test_an_early_stop_accepts_the_same_steps_with_the_same_losses(problem, in_f
         assert entry["point"] == whole["point"]
         if entry["lower_bound"]:
             assert entry["loss"] <= whole["loss"]
-            assert entry["evidence"]["skipped"] == len(problem.swims) - len(entry["evidence"]["trials"]) > 0
+            assert entry["evidence"]["skipped"] == len(problem.prepared) - len(entry["evidence"]["trials"]) > 0
         else:
             assert (entry["loss"], entry["evidence"]) == (whole["loss"], whole["evidence"])
 
@@ -92,7 +92,7 @@ def test_cycles_instead_of_full_lengths_accept_the_same_steps(reference, in_full
     if new_fluid_law:
         pytest.skip("with the fluid law of this engine swims don't repeat exactly")
     simulator = Simulator(small_run.ROBOT, 2, full_length=True)
-    problem = SwimProblem(small_run.ROBOT, examine(reference, small_run.ROBOT), simulator)
+    problem = Problem(small_run.ROBOT, reference, simulator=simulator)
     entries, best = searched(problem, tmp_path / "run")
     assert accepted(entries) == accepted(in_full[0])
     assert best["loss"] == pytest.approx(in_full[1]["loss"], abs=2e-4)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import small_run
 
-from swim2real.calibration import RunFolder, SwimProblem, conclude, examine
+from swim2real.calibration import Problem, RunFolder, conclude
 from swim2real.calibration.from_rest import backward_from_rest, from_rest
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
@@ -26,7 +26,7 @@ def test_a_perfect_fit_that_swims_backward_from_rest_is_told(simulator, new_flui
         pytest.skip("with the newer lift force these parameters swim another way")
     swims = [Swim(name, Actuation(f, 0.0, 0.15), 2.0) for name, f in FREQUENCIES.items()]
     filmed = TrialSet(tuple(simulator.simulate(BOTH_WAYS, swims)), FISH.marker_names)
-    outcome = conclude(RunFolder(tmp_path), SwimProblem(FISH, examine(filmed, FISH), simulator), None, BOTH_WAYS)
+    outcome = conclude(RunFolder(tmp_path), Problem(FISH, filmed, simulator=simulator), None, BOTH_WAYS).to_json()
     assert outcome["fit"]["aligned_marker_error"] < 1e-3
     for name, trial in outcome["fit"]["trials"].items():
         begun = outcome["from_rest"][name]
@@ -38,24 +38,25 @@ def test_a_perfect_fit_that_swims_backward_from_rest_is_told(simulator, new_flui
         "from rest, where a policy and the robot begin, this fit swims tail first at 1.30, 1.70 Hz; "
         "train no policy in it, calibrate with --start rest or another seed"
     )
-    started = SwimProblem(FISH, examine(filmed, FISH), simulator, start="rest").evaluate(BOTH_WAYS)
+    started = Problem(FISH, filmed, start="rest", simulator=simulator).evaluate(BOTH_WAYS)
     assert started.loss > 0.1
     assert all(trial.velocity_simulated < -0.1 for trial in started.trials)
 
 
 def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, reference, tmp_path):
-    outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN)
+    outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN).to_json()
     for name, trial in outcome["fit"]["trials"].items():
         assert outcome["from_rest"][name]["speed"] == pytest.approx(trial["velocity_simulated"], rel=0.05)
     assert backward_from_rest(outcome["from_rest"]) is None
     again = conclude(RunFolder(tmp_path), small_run.make_problem(reference, threads=1), None, small_run.HIDDEN)
+    again = again.to_json()
     assert again["from_rest"] == outcome["from_rest"]
 
 
 def test_the_papers_protocol_is_tried_at_its_nominal_frequencies(reference, tmp_path):
     nominal = TrialSet(tuple(replace(t, nominal_frequency=2.0 + i) for i, t in enumerate(reference)))
-    problem = SwimProblem(small_run.ROBOT, examine(nominal, small_run.ROBOT), Simulator(small_run.ROBOT, 2), "paper")
-    outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN)
+    problem = Problem(small_run.ROBOT, nominal, "paper", threads=2)
+    outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN).to_json()
     assert [one["frequency"] for one in outcome["from_rest"].values()] == [2.0, 3.0]
 
 

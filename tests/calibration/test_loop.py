@@ -197,8 +197,7 @@ def test_a_diverged_simulation_is_recorded_and_not_the_best(reference, tmp_path,
         return spec
 
     robot = small_run.replace(small_run.ROBOT, build=spoiled)
-    real = small_run.examine(reference, robot)
-    problem = small_run.SwimProblem(robot, real, small_run.Simulator(robot, threads=2))
+    problem = small_run.Problem(robot, reference, threads=2)
     low, high = np.full(4, 0.5), np.array([0.5, 0.5, 0.9, 0.5])
     advisor = small_run.ScriptedAdvisor([high, low])
     search = small_run.BacktrackingLineSearch(advisor, high, max_steps=1)

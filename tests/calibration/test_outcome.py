@@ -5,12 +5,12 @@ import pytest
 import small_run
 
 from swim2real.calibration import (
+    Problem,
     RunFolder,
-    SwimProblem,
     commit,
     conclude,
-    examine,
-    load_swims,
+    examine_swims,
+    load_trials,
     reference_fingerprint,
     sensitivities,
     versions,
@@ -55,8 +55,8 @@ def test_batched_and_single_evaluations_are_the_same(problem):
 
 
 def test_the_papers_protocol_drives_at_the_nominal_frequency_from_rest(reference):
-    problem = SwimProblem(ROBOT, examine(reference, ROBOT), Simulator(ROBOT, threads=2), protocol="paper")
-    for trial, swim in zip(reference, problem.swims, strict=True):
+    problem = Problem(ROBOT, reference, "paper", threads=2)
+    for trial, swim in zip(reference, (one.request for one in problem.prepared), strict=True):
         assert swim.actuation.frequency == trial.nominal_frequency
         assert swim.actuation.start_speed is None
     figures = problem.evaluate(small_run.HIDDEN).figures()
@@ -64,8 +64,7 @@ def test_the_papers_protocol_drives_at_the_nominal_frequency_from_rest(reference
 
 
 def test_the_papers_protocol_needs_nominal_frequencies():
-    real = examine(trial_set(Swimmer().track()), FISH)
-    message = refusal(SwimProblem, ROBOT, real, Simulator(ROBOT, threads=1), "paper")
+    message = refusal(Problem, ROBOT, trial_set(Swimmer().track()), "paper")
     assert message == (
         "trial 'swim0' has no nominal frequency, which protocol 'paper' needs; "
         "write it into reference.json or use protocol 'aligned'"
@@ -74,20 +73,20 @@ def test_the_papers_protocol_needs_nominal_frequencies():
 
 @pytest.mark.parametrize("horizon", [0.0, -1.0, float("nan")])
 def test_a_horizon_that_is_no_time_is_refused(problem, horizon):
-    message = refusal(SwimProblem, ROBOT, problem.real, problem.simulator, "aligned", horizon)
+    message = refusal(Problem, ROBOT, TrialSet(problem.trials, ROBOT.marker_names), "aligned", horizon)
     assert message == f"horizon is {horizon} s; it must be above 0"
 
 
 def test_markers_that_arent_the_robots_are_refused():
     times = np.arange(60) / 60
     few = TrialSet((Trial("a", MarkerTrack(times, np.random.default_rng(0).random((60, 3, 2)))),))
-    assert refusal(examine, few, FISH) == (
+    assert refusal(examine_swims, few, FISH) == (
         "the reference has 3 markers (M0, M1, M2); robot 'fish' has 9 (M0, M1, M2, M3, M4, M5, M6, M7, M8)"
     )
 
 
 def test_a_trial_without_a_beat_is_named():
-    message = refusal(examine, trial_set(Swimmer().track(), Swimmer(amplitude=0.0).track()), FISH)
+    message = refusal(examine_swims, trial_set(Swimmer().track(), Swimmer(amplitude=0.0).track()), FISH)
     assert message.startswith("trial 'swim1': no regular beat")
 
 
@@ -97,46 +96,57 @@ def test_a_trial_without_a_beat_is_named():
 def test_an_outcome_is_written_with_fit_and_held_out_apart(reference, tmp_path):
     kept, out = reference.split(["f1_70"])
     simulator = Simulator(ROBOT, threads=2)
-    fitted, unseen = (SwimProblem(ROBOT, examine(trials, ROBOT), simulator) for trials in (kept, out))
+    fitted, unseen = (Problem(ROBOT, trials, simulator=simulator) for trials in (kept, out))
     folder = RunFolder(tmp_path)
     outcome = conclude(folder, fitted, unseen, small_run.HIDDEN)
-    assert folder.outcome() == json.loads(json.dumps(outcome, allow_nan=False)) == outcome
-    assert list(outcome["fit"]["trials"]) == ["f1_30"]
-    assert list(outcome["held_out"]["trials"]) == ["f1_70"]
-    assert set(outcome["trials"]) == {"f1_30", "f1_70"}
+    assert folder.outcome() == json.loads(json.dumps(outcome.to_json(), allow_nan=False)) == outcome.to_json()
+    assert list(outcome.fit.trials) == ["f1_30"]
+    assert outcome.fit.loss == outcome.fit.aligned_marker_error == outcome.fit.trials["f1_30"].aligned_marker_error
+    assert outcome.held_out is not None
+    assert list(outcome.held_out.trials) == ["f1_70"]
+    assert set(outcome.trials) == {"f1_30", "f1_70"}
     for name, frequency in small_run.FREQUENCIES.items():
-        found = outcome["trials"][name]
+        found = outcome.trials[name]
         assert found["frequency"] == pytest.approx(frequency, abs=0.01)
         assert found["usable"]
         assert found["findings"] == []
         assert found["nominal_frequency"] == frequency
-    assert outcome["sensitivity"] is None
-    assert outcome["marker_names"] == list(ROBOT.marker_names)
-    assert simulator.engine.difference(outcome["engine"]) is None
+    assert outcome.sensitivity is None
+    assert outcome.marker_names == list(ROBOT.marker_names)
+    assert simulator.engine.difference(outcome.engine) is None
 
-    swims = load_swims(folder)
-    assert [(swim.name, swim.held_out) for swim in swims] == [("f1_30", False), ("f1_70", True)]
-    for swim, part in zip(swims, (fitted, unseen), strict=True):
+    saved = load_trials(folder)
+    assert [(one.compared.name, one.held_out) for one in saved] == [("f1_30", False), ("f1_70", True)]
+    for one, part in zip(saved, (fitted, unseen), strict=True):
         (trial,) = part.evaluate(small_run.HIDDEN).trials
-        assert swim.frequency == pytest.approx(trial.frequency)
-        for name in ("times", "weights", "real", "simulated", "registration", "progress_real", "progress_simulated"):
-            np.testing.assert_allclose(getattr(swim, name), getattr(trial, name), atol=1e-6)
+        kept = one.compared
+        assert (kept.frequency, kept.frame, kept.sensors) == (pytest.approx(trial.frequency), (0, 1), ())
+        for name in ("times", "weights", "real", "simulated", "registration", "progress_real", "path_simulated"):
+            np.testing.assert_allclose(getattr(kept, name), getattr(trial, name), atol=1e-6)
+        assert kept.loss == pytest.approx(trial.loss, abs=1e-6)
 
 
 def test_an_outcome_without_held_out_trials(problem, tmp_path):
     outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN)
-    assert outcome["held_out"] is None
-    assert [swim.held_out for swim in load_swims(RunFolder(tmp_path))] == [False, False]
+    assert outcome.held_out is None
+    assert [swim.held_out for swim in load_trials(RunFolder(tmp_path))] == [False, False]
 
 
 def test_swims_that_arent_there_or_damaged_are_told(tmp_path):
     folder = RunFolder(tmp_path)
-    assert refusal(load_swims, folder) == f"run '{tmp_path}' has no swims.npz yet; it is written when a run ends"
+    assert refusal(load_trials, folder) == f"run '{tmp_path}' has no trials.npz yet; it is written when a run ends"
     for damage in (b"", b"PK\x03\x04 no archive", b"text"):
-        (tmp_path / "swims.npz").write_bytes(damage)
-        assert refusal(load_swims, folder).startswith(f"{tmp_path / 'swims.npz'} can't be read: ")
-    np.savez(tmp_path / "swims.npz", names=np.array(["a"]))
-    assert refusal(load_swims, folder).startswith(f"{tmp_path / 'swims.npz'} can't be read: ")
+        (tmp_path / "trials.npz").write_bytes(damage)
+        assert refusal(load_trials, folder).startswith(f"{tmp_path / 'trials.npz'} can't be read: ")
+    np.savez(tmp_path / "trials.npz", names=np.array(["a"]))
+    assert refusal(load_trials, folder).startswith(f"{tmp_path / 'trials.npz'} can't be read: ")
+
+
+def test_trials_of_version_0_1_are_refused_with_the_way_to_convert_them(tmp_path):
+    (tmp_path / "swims.npz").write_bytes(b"")
+    message = refusal(load_trials, RunFolder(tmp_path))
+    assert "version 0.1" in message
+    assert "--resume" in message
 
 
 # which parameters the trials can tell

@@ -15,13 +15,11 @@ from recorded import (
     telling,
 )
 from swim2real.calibration import (
-    PlaybackProblem,
+    Problem,
     RunFolder,
-    SwimProblem,
     calibrate,
     conclude,
-    load_recordings,
-    pose_problem,
+    load_trials,
     protocol_for,
     reference_fingerprint,
     sensitivities,
@@ -29,12 +27,12 @@ from swim2real.calibration import (
 from swim2real.calibration.ensemble import make_ensemble
 from swim2real.calibration.identifiability import identify
 from swim2real.calibration.reopened import reopen
+from swim2real.calibration.saved_trials import save_trials
 from swim2real.errors import ArgumentError, RunError, TrialError
 from swim2real.objective import evidence
 from swim2real.optimizers import RandomSearch, streams
 from swim2real.robots.fish import FISH
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings
-from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import MarkerTrack, Signals, TrialSet
 from swimmers import Swimmer, trial_set
 
@@ -46,22 +44,22 @@ def pendulum():
 
 @pytest.fixture(scope="module")
 def problem(pendulum):
-    return pose_problem(PENDULUM, pendulum, threads=2)
+    return Problem(PENDULUM, pendulum, threads=2)
 
 
 @pytest.fixture(scope="module")
 def floater():
-    return pose_problem(FLOATER, floater_reference(5e-4), threads=2)
+    return Problem(FLOATER, floater_reference(5e-4), threads=2)
 
 
 # posing
 
 
 def test_the_robot_decides_what_problem_it_is(problem):
-    assert isinstance(problem, PlaybackProblem)
-    assert (problem.protocol, problem.horizon) == ("playback", 4.0)
-    assert isinstance(pose_problem(FISH, trial_set(Swimmer().track()), threads=1), SwimProblem)
-    assert [protocol_for(FISH, "paper"), protocol_for(PENDULUM, "playback")] == ["paper", "playback"]
+    assert problem.simulator.robot is PENDULUM
+    assert (problem.protocol.name, problem.horizon) == ("playback", 4.0)
+    assert Problem(FISH, trial_set(Swimmer().track()), threads=1).protocol.name == "aligned"
+    assert [protocol_for(FISH, "paper").name, protocol_for(PENDULUM, "playback").name] == ["paper", "playback"]
     with pytest.raises(ArgumentError) as caught:
         protocol_for(PENDULUM, "paper")
     assert str(caught.value) == (
@@ -74,7 +72,7 @@ def test_the_robot_decides_what_problem_it_is(problem):
 def test_a_reference_that_isnt_the_robots_is_refused(pendulum):
     def refusal(reference):
         with pytest.raises(TrialError) as caught:
-            pose_problem(PENDULUM, reference, threads=1)
+            Problem(PENDULUM, reference, threads=1)
         return str(caught.value)
 
     assert refusal(TrialSet(pendulum.trials, ("pivot", "end", "middle"))) == (
@@ -97,7 +95,7 @@ def test_what_the_controls_dont_reach_is_told(pendulum):
     def findings(times, robot=PENDULUM):
         table = Signals(times, ["torque"], np.zeros((len(times), 1)))
         trial = replace(pendulum["a"], controls=table)  # 2.5 to 5 s
-        return pose_problem(robot, TrialSet((trial,), pendulum.marker_names), threads=1).examined()["a"]["findings"]
+        return Problem(robot, TrialSet((trial,), pendulum.marker_names), threads=1).examinations()["a"]["findings"]
 
     assert findings(np.arange(2.0, 5.0, 0.05)) == findings([2.5]) == findings([0.0, 2.6]) == []
     late, short = findings(np.arange(3.0, 4.01, 0.05))
@@ -120,8 +118,8 @@ def test_the_hidden_values_leave_the_noise(problem, floater):
 
 
 def test_only_the_horizon_is_simulated_and_compared(pendulum):
-    short = pose_problem(PENDULUM, pendulum, horizon=0.5, threads=1)
-    assert [rollout.trial.track.duration for rollout in short.rollouts] == pytest.approx([0.5, 0.5], abs=0.01)
+    short = Problem(PENDULUM, pendulum, horizon=0.5, threads=1)
+    assert [one.request.trial.track.duration for one in short.prepared] == pytest.approx([0.5, 0.5], abs=0.01)
     trial = short.evaluate(PENDULUM_HIDDEN).trials[0]
     assert len(trial.times) == 31
     assert trial.sensors[0].times[-1] <= trial.times[-1] + 1e-9
@@ -151,8 +149,8 @@ def test_lost_markers_are_told_and_dont_count(pendulum):
     confidence[80:90, 1] = 0.3
     positions[80:90, 1] += 0.5
     spoiled = replace(trial, track=MarkerTrack(trial.track.times, positions, confidence))
-    problem = pose_problem(PENDULUM, TrialSet((spoiled,), pendulum.marker_names), threads=1)
-    told = problem.examined()["a"]
+    problem = Problem(PENDULUM, TrialSet((spoiled,), pendulum.marker_names), threads=1)
+    told = problem.examinations()["a"]
     assert told["findings"] == [
         "middle is lost in 7 % of frames (doubtful 10)", "end is lost in 13 % of frames (missing 20)"
     ]  # fmt: skip
@@ -189,12 +187,13 @@ def test_an_outcome_and_its_recordings_are_kept(name, runs, problem, floater):
     kept, out = reference.split([one.trials[1].name])
     folder = runs[name]
     outcome = conclude(folder, one.of(kept), one.of(out), hidden, sensitivities(one, one.robot.space, hidden))
+    outcome = outcome.to_json()
     assert outcome == folder.outcome()
     assert list(outcome["trials"]) == list(reference.names)
     assert "from_rest" not in outcome
     speeds = [one["speed"] for one in outcome["sensitivity"]]
     assert all(speed is None for speed in speeds) == (name == "pendulum")
-    pairs = load_recordings(folder)
+    pairs = load_trials(folder)
     assert [(pair.compared.name, pair.held_out) for pair in pairs] == [(kept.names[0], False), (out.names[0], True)]
     fresh = one.evaluate(hidden)
     for pair, trial in zip(pairs, fresh.trials, strict=True):
@@ -209,13 +208,11 @@ def test_an_outcome_and_its_recordings_are_kept(name, runs, problem, floater):
 
 def test_recordings_that_arent_there_or_damaged_are_named(tmp_path):
     folder = RunFolder(tmp_path)
-    with pytest.raises(RunError, match=r"has no recordings\.npz yet; it is written when a run ends"):
-        load_recordings(folder)
-    folder.write_arrays("recordings.npz", {"names": np.array(["a"])})
-    with pytest.raises(
-        RunError, match=r"recordings\.npz can't be read: 'held_out is not a file in the archive'|'held_out'"
-    ):
-        load_recordings(folder)
+    with pytest.raises(RunError, match=r"has no trials\.npz yet; it is written when a run ends"):
+        load_trials(folder)
+    folder.write_arrays("trials.npz", {"names": np.array(["a"])})
+    with pytest.raises(RunError, match=r"trials\.npz can't be read: .*held_out"):
+        load_trials(folder)
 
 
 def test_a_diverged_recording_is_kept_as_such(problem, tmp_path):
@@ -224,14 +221,13 @@ def test_a_diverged_recording_is_kept_as_such(problem, tmp_path):
         spec.option.gravity = (0, 0, 1e9)
         return spec
 
-    player = PlaybackSimulator(replace(PENDULUM, build=build), 1)
-    bad = PlaybackProblem(TrialSet(problem.trials, PENDULUM.marker_names), player)
+    bad = Problem(replace(PENDULUM, build=build), TrialSet(problem.trials, PENDULUM.marker_names), threads=1)
     comparison = bad.evaluate(PENDULUM_HIDDEN)
     assert comparison.loss == 1.0
-    bad.save(RunFolder(tmp_path), comparison, None)
-    pair = load_recordings(RunFolder(tmp_path))[0]
+    save_trials(RunFolder(tmp_path), comparison, None)
+    pair = load_trials(RunFolder(tmp_path))[0]
     assert pair.compared.divergence == comparison.trials[0].divergence
-    assert np.isnan(pair.compared.world_simulated).all()
+    assert np.isnan(pair.compared.path_simulated).all()
 
 
 @pytest.mark.slow
@@ -258,8 +254,8 @@ def test_a_change_of_the_controls_is_another_reference(runs, pendulum):
 def test_what_the_markers_dont_show_isnt_told(pendulum):
     """A parameter without effect is found to have none."""
     robot = telling(PENDULUM, sensors=())
-    found = sensitivities(pose_problem(robot, pendulum, threads=2), robot.space, PENDULUM_HIDDEN)
+    found = sensitivities(Problem(robot, pendulum, threads=2), robot.space, PENDULUM_HIDDEN)
     assert {one.name: one.verdict for one in found}["shoulder_damping"] == "identified"
     deaf = replace(robot, build=lambda values: PENDULUM.build({**values, "shoulder_damping": 0.004}))
-    found = sensitivities(pose_problem(deaf, pendulum, threads=2), deaf.space, PENDULUM_HIDDEN)
+    found = sensitivities(Problem(deaf, pendulum, threads=2), deaf.space, PENDULUM_HIDDEN)
     assert {one.name: one.verdict for one in found}["shoulder_damping"] == "not identified"

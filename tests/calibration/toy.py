@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import small_run
 
-from swim2real.calibration import RunFolder, SwimProblem, calibrate, examine, reference_fingerprint
+from swim2real.calibration import Problem, RunFolder, calibrate, reference_fingerprint
 from swim2real.optimizers import RandomSearch, streams
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots.fish import FISH
@@ -47,7 +47,7 @@ def make_reference(noise: float = 1e-3) -> TrialSet:
 
 def make_run(reference: TrialSet, out: Path, budget: int = 3, seed: int = 0) -> RunFolder:
     """A short run that begins near the hidden values."""
-    problem = SwimProblem(ROBOT, examine(reference, ROBOT), Simulator(ROBOT, 2), "paper")
+    problem = Problem(ROBOT, reference, "paper", threads=2)
     folder = RunFolder(out)
     with folder.locked():
         folder.begin(

@@ -598,7 +598,7 @@ def test_an_output_that_cant_be_written_is_told(program, tmp_path):
 
 def test_calibrate_leaves_a_whole_run(program, finished, pool_folder):
     names = {path.name for path in finished.iterdir()} - {".lock"}
-    assert names == {"settings.json", "record.jsonl", "best.json", "outcome.json", "swims.npz", "report.html"}
+    assert names == {"settings.json", "record.jsonl", "best.json", "outcome.json", "trials.npz", "report.html"}
     settings = RunFolder(finished).settings()
     assert (settings["budget"], settings["seed"], settings["protocol"]) == (3, 0, "aligned")
     assert settings["reference"] == str(pool_folder)

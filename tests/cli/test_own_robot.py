@@ -9,7 +9,7 @@ import pytest
 from program import process
 
 from swim2real.calibration import RunFolder
-from swim2real.calibration.convergence import still_falling
+from swim2real.calibration.run_folder import still_falling
 
 
 @pytest.fixture(scope="module")

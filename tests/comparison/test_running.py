@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from filelock import FileLock
 
-from swim2real.calibration import RunFolder, load_swims
+from swim2real.calibration import RunFolder, load_trials
 from swim2real.comparison import (
     ComparisonProgress,
     Plan,
@@ -115,7 +115,7 @@ def test_a_comparison_is_run_folders_results_and_a_table(finished, pool):
         assert (run_.held_out, run_.held_out_fit, run_.spent) == (None, None, None)
         assert {"marker_errors", "aligned_marker_errors", "shape_marker_errors"} <= set(run_.fit["trials"]["f1_20"])
         assert folder.settings()["threads"] == 1
-        assert len(load_swims(folder)) == 2
+        assert len(load_trials(folder)) == 2
     starts = {(run_.seed, run_.losses[0]) for run_ in results.runs}
     assert len(starts) == 2  # the same first point for every method of a seed
 
@@ -204,7 +204,7 @@ def test_a_higher_budget_goes_on_and_an_outcome_of_the_lower_one_isnt_taken_for_
     assert lines(copy) == dict.fromkeys(lines(copy), 6)
     new = folder.outcome()
     assert new["fit"]["loss"] < old["fit"]["loss"]
-    folder.write_json(folder.path / "outcome.json", old)  # as if killed before the run was concluded again
+    folder.write_json("outcome.json", old)  # as if killed before the run was concluded again
     assert read_results(copy).missing == {"aligned/random/seed-1": "6 of 6 evaluations are done"}
     work = Work(copy, "token", pool, FISH, make(pool, budget=6).basis)
     (copy / ".session").write_text("token")

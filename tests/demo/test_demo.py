@@ -177,7 +177,7 @@ def test_the_demo_leaves_films_a_reference_and_a_run(short_demo):
     tracks = {f"{name}.{ending}" for name in ("f0_75", "f1_50") for ending in ("json", "mp4", "pixels.csv")}
     assert {path.name for path in (out / "reference" / "tracks").iterdir()} == tracks
     files = {path.name for path in (out / "run").iterdir()}
-    assert {"settings.json", "record.jsonl", "best.json", "outcome.json", "swims.npz"} <= files
+    assert {"settings.json", "record.jsonl", "best.json", "outcome.json", "trials.npz"} <= files
     assert json.loads((out / "run" / "outcome.json").read_text()) == short_demo.outcome
 
 

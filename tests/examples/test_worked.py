@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from swim2real.calibration import Problem, pose_problem
+from swim2real.calibration import Problem
 from swim2real.calibration.local import local
 from swim2real.calibration.refit import Evaluator, jacobian
 from swim2real.pipeline import run
@@ -55,7 +55,7 @@ def code_of(name: str) -> ModuleType:
 @pytest.fixture(scope="module", params=UNTOLD)
 def example(request) -> Example:
     code = code_of(request.param)
-    return Example(request.param, code, pose_problem(code.ROBOT, code.LAB.record(code.takes()), horizon=1.2))
+    return Example(request.param, code, Problem(code.ROBOT, code.LAB.record(code.takes()), horizon=1.2))
 
 
 def test_hidden_parameters_explain_the_recordings_but_for_what_the_model_lacks(example):

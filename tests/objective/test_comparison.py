@@ -4,11 +4,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swim2real.calibration import SwimProblem, examine
+from swim2real.calibration import Problem
 from swim2real.errors import TrialError
-from swim2real.objective import FAILED_LOSS, Target, compare, evidence
+from swim2real.objective import FAILED_LOSS, Comparison, compare_steady, evidence, steady_target
 from swim2real.robots.fish import FISH
-from swim2real.simulation import Simulator
 from swim2real.trials import MarkerTrack, Trial, TrialSet
 
 FREQUENCY = 1.0
@@ -27,16 +26,14 @@ def swim(speed, duration, offset=0.0, beat=0.0, phase=0.0, heading=0.0, fps=50.0
     return MarkerTrack(times, positions @ np.array([[c, s], [-s, c]]) + [0.7, -0.3])
 
 
-def target(track, weights=None, name="a"):
-    return Target(Trial(name, track), np.ones(track.positions.shape[:2]) if weights is None else weights, FREQUENCY)
-
-
-def simulated(track, name="a", divergence=None):
-    return TrialSet((Trial(name, track, divergence=divergence),))
+def compared(real, simulated, protocol="aligned", weights=None, horizon=None, name="a"):
+    weights = np.ones(real.positions.shape[:2]) if weights is None else weights
+    target = steady_target(Trial(name, real), weights, FREQUENCY, horizon=horizon)
+    return compare_steady(target, simulated, fit_phase=protocol == "aligned")
 
 
 def aligned(real, sim, weights=None, horizon=None):
-    return compare([target(real, weights)], simulated(sim), "aligned", horizon)
+    return Comparison((compared(real, Trial("a", sim), "aligned", weights, horizon),), "aligned", horizon)
 
 
 @pytest.fixture
@@ -128,8 +125,8 @@ def test_the_papers_protocol_has_no_phase_no_registration_and_no_weights():
     real = swim(REAL_SPEED, 4.0, OFFSET, beat=0.05, phase=np.pi)
     weights = np.zeros((201, 3))
     weights[:, :2] = 1.0
-    comparison = compare([target(real, weights)], simulated(swim(REAL_SPEED, 4.0, beat=0.05)), "paper", None)
-    trial = comparison.trials[0]
+    trial = compared(real, Trial("a", swim(REAL_SPEED, 4.0, beat=0.05)), "paper", weights)
+    comparison = Comparison((trial,), "paper", None)
     assert trial.phase == 0.0
     np.testing.assert_array_equal(trial.registration, 0.0)
     expected = np.abs(OFFSET - 0.1 * np.cos(2 * np.pi * real.times)).mean() / 3
@@ -138,9 +135,9 @@ def test_the_papers_protocol_has_no_phase_no_registration_and_no_weights():
 
 def test_overall_figures_are_means_over_trials():
     reals = [swim(REAL_SPEED, 4.0), swim(0.2, 4.0)]
-    targets = [target(track, name=name) for track, name in zip(reals, "ab", strict=True)]
-    sims = TrialSet((Trial("a", swim(0.12, 5.5)), Trial("b", swim(0.26, 5.5))))
-    figures = compare(targets, sims, "aligned", None).figures()
+    sims = (Trial("a", swim(0.12, 5.5)), Trial("b", swim(0.26, 5.5)))
+    trials = tuple(compared(real, sim, name=sim.name) for real, sim in zip(reals, sims, strict=True))
+    figures = Comparison(trials, "aligned", None).figures()
     assert list(figures["trials"]) == ["a", "b"]
     assert figures["velocity_error"] == pytest.approx((0.02 + 0.06) / 2)
     assert figures["loss"] == pytest.approx((0.04 + 0.12) / 2)
@@ -148,12 +145,11 @@ def test_overall_figures_are_means_over_trials():
 
 def test_a_diverged_simulation_costs_a_metre_and_is_no_nan():
     reals = [swim(REAL_SPEED, 4.0), swim(0.2, 4.0)]
-    targets = [target(track, name=name) for track, name in zip(reals, "ab", strict=True)]
-    sims = TrialSet(
-        (Trial("a", swim(0.1, 5.5)), Trial("b", swim(0.0, 1.0), divergence="it diverged 0.3 s after its start"))
-    )
+    sims = (Trial("a", swim(0.1, 5.5)), Trial("b", swim(0.0, 1.0), divergence="it diverged 0.3 s after its start"))
     for protocol in ("aligned", "paper"):
-        comparison = compare(targets, sims, protocol, 4.0)
+        pairs = zip(reals, sims, strict=True)
+        trials = tuple(compared(real, sim, protocol, horizon=4.0, name=sim.name) for real, sim in pairs)
+        comparison = Comparison(trials, protocol, 4.0)
         assert comparison.loss == FAILED_LOSS == 1.0
         assert comparison.divergence == "trial 'b': it diverged 0.3 s after its start"
         figures = comparison.figures()
@@ -203,7 +199,7 @@ def test_the_published_parameters_have_their_known_figures(tracks, new_fluid_law
     if not known <= set(tracks.names):
         pytest.skip("not all six published tracks are there")
     six = TrialSet(tuple(trial for trial in tracks if trial.name in known))
-    problem = SwimProblem(FISH, examine(six, FISH), Simulator(FISH, threads=2))
+    problem = Problem(FISH, six, threads=2)
     comparison = problem.evaluate(FISH.space.published)
     figures = {name: 1e3 * comparison.figure(name) for name in ("marker_error", "shape_error", "velocity_error")}
     assert comparison.divergence is None
@@ -218,7 +214,7 @@ def test_the_published_parameters_have_their_known_figures(tracks, new_fluid_law
 
 @pytest.mark.parametrize("protocol", ["aligned", "paper"])
 def test_the_residual_vector_holds_what_the_loss_measures(pool, protocol):
-    found = SwimProblem(FISH, examine(pool, FISH), Simulator(FISH), protocol).evaluate(FISH.space.published)
+    found = Problem(FISH, pool, protocol).evaluate(FISH.space.published)
     vector = found.residual_vector()
     assert np.isfinite(vector).all()
     squares = []
@@ -231,7 +227,7 @@ def test_the_residual_vector_holds_what_the_loss_measures(pool, protocol):
 
 
 def test_the_residual_vector_of_a_failure_is_as_long_and_finite(pool):
-    found = SwimProblem(FISH, examine(pool, FISH), Simulator(FISH)).evaluate(FISH.space.published)
+    found = Problem(FISH, pool).evaluate(FISH.space.published)
     failed = replace(found, trials=tuple(replace(trial, divergence="it blew up") for trial in found.trials))
     assert failed.residual_vector().shape == found.residual_vector().shape
     assert np.sum(failed.residual_vector() ** 2) == pytest.approx(FAILED_LOSS**2)

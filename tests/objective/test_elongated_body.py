@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swim2real.calibration import SwimProblem, examine
+from swim2real.calibration import Problem
 from swim2real.errors import TrialError
-from swim2real.objective import Target
+from swim2real.objective import steady_target
 from swim2real.objective.elongated_body import (
     TailMotion,
     drag_coefficient,
@@ -16,7 +16,6 @@ from swim2real.objective.elongated_body import (
     tail_motion,
 )
 from swim2real.robots.fish import FISH
-from swim2real.simulation import Simulator
 from swim2real.trials import MarkerTrack, Trial
 
 END = (2, 3)  # of four markers
@@ -35,7 +34,7 @@ def swim(frequency=1.2, sweep=0.06, angle=0.4, lag=0.7, speed=0.1, heading=0.0, 
     positions[:, :, 0] -= speed * times[:, None]
     c, s = np.cos(heading), np.sin(heading)
     track = MarkerTrack(times + 3, positions @ np.array([[c, s], [-s, c]]) + [0.7, -0.3])
-    return Target(Trial(name, track), np.ones((len(times), 4)), frequency)
+    return steady_target(Trial(name, track), np.ones((len(times), 4)), frequency)
 
 
 def test_the_motion_of_a_tail_done_by_hand():
@@ -95,7 +94,7 @@ def test_lost_frames_and_noise_hardly_change_it():
     positions[200:210, 2] = np.nan
     weights = np.ones((300, 4))
     weights[100:140, 3] = 0
-    noisy = Target(Trial("a", MarkerTrack(clean.trial.track.times, positions)), weights, clean.frequency)
+    noisy = steady_target(Trial("a", MarkerTrack(clean.trial.track.times, positions)), weights, clean.frequency)
     found, expected = tail_motion(noisy, END), tail_motion(clean, END)
     assert found.lateral_speed == pytest.approx(expected.lateral_speed, rel=0.01)
     assert found.slope == pytest.approx(expected.slope, rel=0.01)
@@ -103,7 +102,7 @@ def test_lost_frames_and_noise_hardly_change_it():
 
 def test_the_beat_s_own_frequency_is_taken():
     driven = swim()
-    other = Target(driven.trial, driven.weights, 1.6, 1.2)
+    other = steady_target(driven.trial, driven.weights, 1.6, 1.2)
     assert tail_motion(other, END) == tail_motion(driven, END)
 
 
@@ -112,14 +111,14 @@ def test_markers_that_are_lost_are_told():
     weights = target.weights.copy()
     weights[40:, 2] = 0
     with pytest.raises(TrialError) as caught:
-        tail_motion(Target(target.trial, weights, target.frequency), END)
+        tail_motion(steady_target(target.trial, weights, target.frequency), END)
     assert str(caught.value) == (
         "trial 'a': markers 2 and 3 are seen together in 40 of 300 frames; elongated body theory needs a whole beat "
         "of them"
     )
     weights[:, 2] = 0
     with pytest.raises(TrialError, match="in 0 of 300 frames"):
-        tail_motion(Target(target.trial, weights, target.frequency), END)
+        tail_motion(steady_target(target.trial, weights, target.frequency), END)
 
 
 @pytest.mark.parametrize("ratio", [0.01, 0.3, 4.0, 900.0])
@@ -156,8 +155,8 @@ def test_nothing_to_fit_to_is_told():
 
 @pytest.mark.parametrize("protocol", ["aligned", "paper"])
 def test_the_published_swims(tracks, protocol):
-    problem = SwimProblem(FISH, examine(tracks, FISH), Simulator(FISH, 1), protocol)
-    found = predict_speeds(problem.targets, (7, 8))
+    problem = Problem(FISH, tracks, protocol, None, threads=1)
+    found = predict_speeds([prepared.target for prepared in problem.prepared], (7, 8))
     assert [one.motion.name for one in found] == list(tracks.names)
     for one in found:
         assert one.motion.speed < one.motion.wave_speed

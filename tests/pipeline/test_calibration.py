@@ -128,7 +128,7 @@ def test_seeds_start_at_different_points():
 
 def test_a_run_says_what_it_was_made_of(pool, tmp_path):
     chosen = CalibrationSettings(method="random", budget=2, seed=5)
-    outcome = run(pool, FISH, chosen, tmp_path / "run", source="the pool")
+    outcome = run(pool, FISH, chosen, tmp_path / "run", source="the pool").to_json()
     settings = json.loads((tmp_path / "run" / "settings.json").read_text())
     assert settings["robot"] == "fish"
     assert (settings["method"], settings["budget"], settings["seed"]) == ("random", 2, 5)
@@ -210,7 +210,8 @@ def test_progress_is_told_after_every_evaluation(pool, tmp_path):
 
 
 def test_held_out_trials_arent_fitted_but_evaluated(pool, tmp_path):
-    outcome = run(pool, FISH, CalibrationSettings(method="random", budget=1, hold_out=(NAMES[0],)), tmp_path / "run")
+    chosen = CalibrationSettings(method="random", budget=1, hold_out=(NAMES[0],))
+    outcome = run(pool, FISH, chosen, tmp_path / "run").to_json()
     assert tuple(outcome["fit"]["trials"]) == (NAMES[1],)
     assert tuple(outcome["held_out"]["trials"]) == (NAMES[0],)
     assert set(outcome["trials"]) == set(NAMES)
@@ -229,7 +230,8 @@ def test_the_papers_protocol_drives_at_the_nominal_frequency_and_minimizes_its_e
     trials = film(frequencies=(1.2, 1.6), seconds=1.5)
     nominal = {"f1_20": 1.5, "f1_60": 2.0}  # another than the tail beats at, as in the published trials
     reference = TrialSet(tuple(replace(t, nominal_frequency=nominal[t.name]) for t in trials), trials.marker_names)
-    outcome = run(reference, FISH, CalibrationSettings(protocol="paper", budget=2), tmp_path / "run")
+    chosen = CalibrationSettings(protocol="paper", budget=2)
+    outcome = run(reference, FISH, chosen, tmp_path / "run").to_json()
     fit = outcome["fit"]
     assert {name: trial["frequency"] for name, trial in fit["trials"].items()} == nominal
     assert fit["loss"] == fit["marker_error"]
@@ -293,7 +295,8 @@ def test_the_effect_of_each_parameter_is_measured_outside_the_budget(pool, tmp_p
         return []
 
     monkeypatch.setattr("swim2real.pipeline.calibration.sensitivities", sensitivities)
-    outcome = run(pool, FISH, CalibrationSettings(method="random", budget=2), tmp_path / "run", sensitivity=True)
+    chosen = CalibrationSettings(method="random", budget=1, hold_out=(NAMES[0],))
+    outcome = run(pool, FISH, chosen, tmp_path / "run").to_json()
     best = min(record(tmp_path / "run"), key=lambda entry: entry["loss"])
     assert asked == [("log", best["values"])]
     assert outcome["sensitivity"] == []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, PENDULUM_HIDDEN, floater_reference, pendulum_reference, recorded
-from swim2real.calibration import RunFolder, load_recordings
+from swim2real.calibration import RunFolder, load_trials
 from swim2real.cli import tables
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor
@@ -45,17 +45,19 @@ def test_every_method_runs_and_goes_on(method, reference, tmp_path, scripted):
     early = {"early_stop": True} if method == "line-search" else {}
     run(reference, FLOATER, settings(method, 8, **early), tmp_path / "whole")
     run(reference, FLOATER, settings(method, 5, **early), tmp_path / "parts")
-    outcome = run(reference, FLOATER, settings(method, 8, **early), tmp_path / "parts", resume=True)
+    outcome = run(reference, FLOATER, settings(method, 8, **early), tmp_path / "parts", resume=True).to_json()
     assert without_seconds(tmp_path / "parts") == without_seconds(tmp_path / "whole")
     best = min(entry["loss"] for entry in without_seconds(tmp_path / "whole"))
     assert outcome["fit"]["loss"] == pytest.approx(best)
 
 
 def test_a_run_is_recorded_as_what_it_is(reference, tmp_path, capsys):
-    outcome = run(reference, FLOATER, settings("random", 2, hold_out=("fast",)), tmp_path / "run", sensitivity=True)
+    outcome = run(
+        reference, FLOATER, settings("random", 2, hold_out=("fast",)), tmp_path / "run", sensitivity=True
+    ).to_json()
     recorded_settings = json.loads((tmp_path / "run" / "settings.json").read_text())
     assert (recorded_settings["protocol"], recorded_settings["scale"]) == ("playback", "log")
-    assert [pair.held_out for pair in load_recordings(RunFolder(tmp_path / "run"))] == [False, True]
+    assert [pair.held_out for pair in load_trials(RunFolder(tmp_path / "run"))] == [False, True]
     tables.figures(outcome["fit"], "Fitted")
     tables.marker_errors(outcome["fit"], FLOATER.marker_names)
     tables.sensitivities(outcome["sensitivity"])
@@ -68,7 +70,7 @@ def test_a_run_is_recorded_as_what_it_is(reference, tmp_path, capsys):
 
 def test_figures_of_a_robot_that_goes_nowhere(tmp_path, capsys):
     reference = pendulum_reference()
-    outcome = run(reference, PENDULUM, settings("random", 1, horizon=0.5), tmp_path / "run", sensitivity=True)
+    outcome = run(reference, PENDULUM, settings("random", 1, horizon=0.5), tmp_path / "run", sensitivity=True).to_json()
     assert "velocity_error" not in outcome["fit"]
     tables.figures(outcome["fit"], "Fitted")
     tables.sensitivities(outcome["sensitivity"])

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from made_results import TRIALS, made_results, made_run, playback_results, two_methods
-from swim2real.calibration import SwimPair
+from swim2real.calibration import RunFolder
+from swim2real.calibration.saved_trials import save_trials
 from swim2real.comparison.results import ComparisonResults
 from swim2real.comparison.statistics import method_statistics
 from swim2real.errors import RunError
+from swim2real.objective import ComparedTrial, Comparison
 from swim2real.report import paper_figures
 from swim2real.report.chronophotography import moments, outline
 from swim2real.report.comparison_charts import convergence, line_search, velocity
@@ -26,19 +28,18 @@ def put_swims(folder: Path, results: ComparisonResults) -> None:
     for run in results.runs:
         place = folder / run.folder
         place.mkdir(parents=True)
-        arrays: dict[str, np.ndarray] = {
-            "names": np.array(TRIALS), "held_out": np.zeros(2, dtype=bool), "frequencies": np.array([0.5, 1.5])
-        }  # fmt: skip
+        trials: list[ComparedTrial] = []
         for i in range(2):
             swing = 0.1 * np.sin(2 * np.pi * TIMES)
             body = np.zeros((len(TIMES), 3, 2))
             body[:, 1, 0], body[:, 2, 0], body[:, 2, 1] = 0.15, 0.5, swing
-            arrays |= {
-                f"times_{i}": TIMES, f"weights_{i}": np.ones((len(TIMES), 3)), f"real_{i}": body,
-                f"simulated_{i}": body, f"registration_{i}": np.zeros((3, 2)), f"progress_real_{i}": 0.1 * TIMES,
-                f"progress_simulated_{i}": 0.2 * TIMES,
-            }  # fmt: skip
-        np.savez_compressed(place / "swims.npz", **arrays)
+            trials.append(
+                ComparedTrial(
+                    TRIALS[i], "aligned_marker_error", TIMES, np.ones((len(TIMES), 3)), body, body, np.zeros((3, 2)),
+                    body, body, (0, 1), 0.1 * TIMES, 0.2 * TIMES, frequency=(0.5, 1.5)[i],
+                )
+            )  # fmt: skip
+        save_trials(RunFolder(place), Comparison(tuple(trials), "aligned", None), None)
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +125,10 @@ def test_bodies_swim_to_the_right_and_lost_markers_are_left_out() -> None:
     weights = np.ones((3, 4))
     weights[2, 2] = 0
     progress = np.array([0.0, 0.2, 0.4])
-    pair = SwimPair("t", False, 1.0, np.arange(3.0), weights, body, body, np.zeros((4, 2)), progress, progress)
+    pair = ComparedTrial(
+        "t", "aligned_marker_error", np.arange(3.0), weights, body, body, np.zeros((4, 2)), body, body, (0, 1),
+        progress, progress, frequency=1.0,
+    )  # fmt: skip
     placed = moments(pair, body, progress, [0, 1, 2], seen=True)
     np.testing.assert_allclose(placed[:, 0, 0], [0, 0.2, 0.4])
     np.testing.assert_allclose(placed[0, 3], [-0.5, 0])
@@ -148,7 +152,7 @@ def test_without_swims_the_others_are_still_drawn(unsaved: None, tmp_path: Path,
     paths = write_figures(two_methods(), tmp_path)
     assert len(paths) == 5
     assert "no chronophotography for protocol aligned" in caplog.text
-    assert "swims.npz" in caplog.text
+    assert "trials.npz" in caplog.text
 
 
 def test_recordings_have_no_figure_of_speed_and_none_of_swims(unsaved: None, tmp_path: Path, caplog) -> None:

@@ -19,7 +19,7 @@ from recorded import (
     pendulum_reference,
     telling,
 )
-from swim2real.calibration import PlaybackProblem, RunFolder, conclude, load_recordings
+from swim2real.calibration import Problem, RunFolder, conclude, load_trials
 from swim2real.objective import Comparison
 from swim2real.optimizers import Proposal, ScriptedAdvisor
 from swim2real.pipeline import calibration as pipeline
@@ -31,12 +31,11 @@ from swim2real.report.recording_sections import RecordingSections
 from swim2real.report.trial_charts import recording_paths, recording_ranges
 from swim2real.robots.robot import Robot, Sensor
 from swim2real.settings import CalibrationSettings
-from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import MarkerTrack, TrialSet
 
 FOREIGN = (
     "swim", "thrust", "beat", "registration", "registered", "eq. 1", "fish", "water", "published", "frequency", "tail",
-    "aligned", "motor angle",
+    "motor angle",
 )  # fmt: skip
 
 
@@ -131,13 +130,15 @@ def test_trials_and_errors_are_in_the_units_of_their_headings(pendulum: Path, fl
     assert trials.columns == ("Length (s)", "Playback error (mm)", "Marker error (mm)", "gyro[1] (rad/s)", "Left out")
     figures = RunFolder(pendulum).outcome()["fit"]["trials"]["a"]
     assert trials.rows[0].cells == (
-        "2.50", f"{1e3 * figures['loss']:.1f}", f"{1e3 * figures['marker_error']:.1f}",
+        "2.50", f"{1e3 * figures['loss']:.1f}", f"{1e3 * figures['aligned_marker_error']:.1f}",
         f"{figures['sensor_errors']['gyro[1]']:.4g}", "1.8 %",
     )  # fmt: skip
     error, offset, amplitude = shown_of(floater, FLOATER)["errors"]
     assert error.trials == ("fast", "slow")
     assert error.held_out == (True, False)
-    assert error.values[1] == pytest.approx(RunFolder(floater).outcome()["fit"]["trials"]["slow"]["marker_errors"])
+    assert error.values[1] == pytest.approx(
+        RunFolder(floater).outcome()["fit"]["trials"]["slow"]["aligned_marker_errors"]
+    )
     assert (offset.values <= error.values + 1e-9).all()
     assert amplitude.values[:, 0] == pytest.approx(0, abs=1e-9)  # the origin of the frame
 
@@ -172,7 +173,7 @@ def test_lost_frames_are_left_out_of_paths_and_errors(pendulum: Path) -> None:
 
 
 def test_links_are_drawn_at_four_instants_or_else_the_markers(pendulum: Path) -> None:
-    trial = load_recordings(RunFolder(pendulum))[0].compared
+    trial = load_trials(RunFolder(pendulum))[0].compared
     ranges, titles = recording_ranges([trial]), ("x (mm)", "z (mm)")
     for links in (PENDULUM.links, ()):
         lines = recording_paths(trial, PENDULUM.marker_names, links, ranges, titles).axes[0].lines
@@ -194,22 +195,22 @@ def test_an_interrupted_run_says_what_is_missing(copied: Path) -> None:
 
 
 def test_missing_recordings_are_said(copied: Path) -> None:
-    (copied / "recordings.npz").unlink()
+    (copied / "trials.npz").unlink()
     shown = visible(page_of(copied, PENDULUM))
-    assert "has no recordings.npz, so marker paths and errors over time are left out" in shown
+    assert "has no trials.npz, so marker paths and errors over time are left out" in shown
 
 
 def test_a_held_out_trial_that_diverged(copied: Path) -> None:
-    class Diverging(PlaybackProblem):
+    class Diverging(Problem):
         def evaluate(self, values, stop_above=None) -> Comparison:
             found = super().evaluate(values)
-            nowhere = [replace(t, divergence="it grew", world_simulated=np.nan * t.world_real) for t in found.trials]
+            nowhere = [replace(t, divergence="it grew", simulated=np.nan * t.real) for t in found.trials]
             return Comparison(tuple(nowhere), found.protocol, found.horizon)
 
     fitted, unseen = blinded(pendulum_reference(1e-3)).split(["b"])
-    player, folder = PlaybackSimulator(PENDULUM, 2), RunFolder(copied)
+    folder = RunFolder(copied)
     best = json.loads((copied / "best.json").read_text())["parameters"]
-    conclude(folder, PlaybackProblem(fitted, player), Diverging(unseen, player), best)
+    conclude(folder, Problem(PENDULUM, fitted, threads=2), Diverging(PENDULUM, unseen, threads=2), best)
     shown = visible(page_of(copied, PENDULUM))
     for words in ("simulation diverged", "held-out trials diverged", "The simulation diverged: it grew."):
         assert words in shown
@@ -234,7 +235,7 @@ def test_texts_from_a_robot_file_are_escaped(pendulum: Path, drawn: None, tmp_pa
     evil = telling(PENDULUM, sensors=(Sensor("gyro[1]", EVIL, 0.001),))
     outcome = RunFolder(pendulum).outcome()
     copy = Path(shutil.copytree(pendulum, tmp_path / "run"))
-    RunFolder(copy).write_json(copy / "outcome.json", {**outcome, "marker_names": [EVIL, "b", "c"]})
+    RunFolder(copy).write_json("outcome.json", {**outcome, "marker_names": [EVIL, "b", "c"]})
     page = page_of(copy, evil)
     assert "<script>alert" not in page
     assert "<img" not in re.sub(r"<script\b.*?</script>", "", page, flags=re.DOTALL)
@@ -249,8 +250,7 @@ def test_long_recordings_are_thinned_and_many_are_left_out(pendulum: Path) -> No
     sensor = trial.sensors[0]
     long = replace(
         trial, times=np.arange(count) / 240, weights=np.resize(trial.weights, (count, 3)),
-        world_real=np.resize(trial.world_real, (count, 3, 2)),
-        world_simulated=np.resize(trial.world_simulated, (count, 3, 2)),
+        real=np.resize(trial.real, (count, 3, 2)), simulated=np.resize(trial.simulated, (count, 3, 2)),
         sensors=(replace(sensor, times=np.arange(count) / 240, real=np.resize(sensor.real, count),
                          simulated=np.resize(sensor.simulated, count)),),
     )  # fmt: skip

@@ -14,9 +14,10 @@ import pytest
 from charts import check, line, titles_of
 from matplotlib.figure import Figure
 
-from swim2real.calibration import RunFolder, SwimProblem, conclude
+from swim2real.calibration import Problem, RunFolder, SavedTrial, conclude
+from swim2real.calibration.protocols import Aligned
 from swim2real.errors import ParameterError, RunError
-from swim2real.objective import Comparison, TrialComparison, evidence
+from swim2real.objective import ComparedTrial, Comparison, evidence
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.report import write_report
 from swim2real.report.page import content
@@ -53,14 +54,14 @@ def swim(name: str, frequency: float, miss: float, lost: int | None = None, dive
     if lost is not None:
         weights[:, lost] = 0
         real[:, lost] = np.nan
-    return TrialComparison(
-        name, frequency, TIMES, weights, real, simulated, np.full((4, 2), 0.003), 0.1 * TIMES,
-        0.1 * TIMES - miss * TIMES / TIMES[-1], simulated - real, real, simulated, 0.4, 0.1,
-        0.1 - miss / TIMES[-1], 0.004, divergence,
+    return ComparedTrial(
+        name, "aligned_marker_error", TIMES, weights, real, simulated, np.full((4, 2), 0.003), real, simulated, (0, 1),
+        0.1 * TIMES, 0.1 * TIMES - miss * TIMES / TIMES[-1], 0.1, 0.1 - miss / TIMES[-1], (), frequency, None, 0.4,
+        0.004, simulated - real, divergence,
     )  # fmt: skip
 
 
-class Evaluated(SwimProblem):
+class Evaluated(Problem):
     """A problem whose every evaluation has one result, and whose fish swims from rest at a speed [m/s]."""
 
     def __init__(self, result: Comparison, from_rest: float = 0.1) -> None:
@@ -68,15 +69,21 @@ class Evaluated(SwimProblem):
             made = [Swimmer(s.actuation.frequency, from_rest, duration=s.duration) for s in swims]
             return [Trial(s.name, one.track(noise=0)) for s, one in zip(swims, made, strict=True)]
 
-        self.result, self.robot, self.real = result, ROBOT, ()
-        self.swims = [Swim(trial.name, Actuation(trial.frequency), 2.0) for trial in result.trials]
+        self.result, self.robot, self.protocol = result, ROBOT, Aligned()
+        self.prepared = tuple(
+            SimpleNamespace(
+                trial=SimpleNamespace(name=trial.name), examination={},
+                request=Swim(trial.name, Actuation(trial.frequency), 2.0),
+            )
+            for trial in result.trials
+        )  # fmt: skip
         self.simulator = SimpleNamespace(engine=Engine("mujoco 3.13.0", "implicit", 0.001, ()), simulate=simulate)
 
     def evaluate(self, values: object, stop_above: float | None = None) -> Comparison:
         return self.result
 
 
-def compared(*trials: TrialComparison) -> Comparison:
+def compared(*trials: ComparedTrial) -> Comparison:
     return Comparison(trials, "aligned", 4.0)
 
 
@@ -120,7 +127,7 @@ class Run:
         self, miss: float, held_out: float | None = 0.09, sensitivity: bool = True, from_rest: float = 0.1
     ) -> None:
         unseen = None if held_out is None else Evaluated(compared(swim("f1_75", 1.3, held_out)))
-        outcome = conclude(self.folder, Evaluated(self.comparison(miss), from_rest), unseen, {})
+        outcome = conclude(self.folder, Evaluated(self.comparison(miss), from_rest), unseen, {}).to_json()
         outcome["trials"] = {
             "f0_50": {
                 "nominal_frequency": 0.5, "frequency": 0.3774, "frequency_std": 0.0002, "usable": False,
@@ -132,7 +139,7 @@ class Run:
                 {"name": "arm", "lower": 0.0123, "upper": None, "speed": 0.1, "verdict": "identified"},
                 {"name": "stiffness", "lower": 0.0001, "upper": -0.0002, "speed": 0.1, "verdict": "not identified"},
             ]
-        self.folder.write_json(self.path / "outcome.json", outcome)
+        self.folder.write_json("outcome.json", outcome)
 
 
 def proposal(diagnosis: str) -> dict[str, object]:
@@ -273,15 +280,15 @@ def test_an_outcome_of_an_earlier_version_is_shown(run: Run) -> None:
     outcome = run.folder.outcome()
     assert outcome is not None
     assert outcome.pop("from_rest")
-    run.folder.write_json(run.path / "outcome.json", outcome)
+    run.folder.write_json("outcome.json", outcome)
     shown = visible(page_of(run))
     assert "Envelope and tail motion" in shown
     assert "Warning" not in shown
 
 
 def test_missing_swims_are_said(run: Run) -> None:
-    (run.path / "swims.npz").unlink()
-    assert "has no swims.npz" in visible(page_of(run))
+    (run.path / "trials.npz").unlink()
+    assert "has no trials.npz" in visible(page_of(run))
 
 
 def test_a_random_run_has_no_rounds(tmp_path: Path) -> None:
@@ -363,14 +370,14 @@ def test_paths_are_registered_and_leave_lost_frames_out(run: Run) -> None:
 def test_long_swims_are_thinned(run: Run) -> None:
     found = read_run(run.path, ROBOT)
     assert isinstance(found.sections, SwimSections)
-    pair = found.sections.swims[0]
+    pair = found.sections.swims[0].compared
     count = 10_000
     long = replace(
         pair, times=np.arange(count) / 240,
         weights=np.resize(pair.weights, (count, 4)), real=np.resize(pair.real, (count, 4, 2)),
         simulated=np.resize(pair.simulated, (count, 4, 2)),
     )  # fmt: skip
-    swims = tuple(replace(long, name=f"t{i}", frequency=0.5 + i / 100) for i in range(40))
+    swims = tuple(SavedTrial(False, replace(long, name=f"t{i}", frequency=0.5 + i / 100)) for i in range(40))
     many = replace(found, sections=SwimSections(swims))
     shown = content(many)
     assert len(shown["swims"]) == 24

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swim2real.calibration import SwimProblem, examine
+from swim2real.calibration import Problem
 from swim2real.demo.synthetic import Camera, synthetic_reference
 from swim2real.errors import ArgumentError, ParameterError
 from swim2real.parameters import read_parameters
@@ -166,7 +166,7 @@ def test_a_calibration_of_the_extended_fish_is_one_like_any_other(rough_swims, t
 @pytest.mark.usefixtures("repeatable_swims")
 def test_friction_is_recovered_from_swims(rough_swims):
     """The speeds over frequency tell friction from the other parameters, here all known."""
-    problem = SwimProblem(FISH_EXTENDED, examine(rough_swims, FISH_EXTENDED), Simulator(FISH_EXTENDED, threads=1))
+    problem = Problem(FISH_EXTENDED, rough_swims, threads=1)
     tried = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05)
     losses = [problem.evaluate({**PUBLISHED, "surface_friction": force}).loss for force in tried]
     assert tried[int(np.argmin(losses))] == HIDDEN

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from swim2real.calibration import SwimProblem, examine
+from swim2real.calibration import Problem
 from swim2real.objective import evidence
 from swim2real.optimizers import Evaluation, RandomSearch, first_point, streams
 from swim2real.optimizers.staged import Stage, Staged
 from swim2real.robots.fish import FISH
 from swim2real.robots.fish.stages import beat_distance, fish_plan
-from swim2real.simulation import Simulator
 
 WAVE = 0.05 * np.exp(1j * np.linspace(0, 2, 9))
 
@@ -71,7 +70,7 @@ def test_stages_calibrate_a_simulated_fish(pool, protocol):
     ]  # fmt: skip
     at = space.to_cube({**space.published, **plan.held})
     held = {space.names.index(name): float(at[space.names.index(name)]) for name in plan.held}
-    problem = SwimProblem(FISH, examine(pool, FISH), Simulator(FISH, 1), protocol, 1.0)
+    problem = Problem(FISH, pool, protocol, 1.0, threads=1)
     optimizer = Staged(first_point(16, 0), stages, 16, RandomSearch, streams(0)[1], held)
     seen = []
     for _ in range(16):

@@ -7,7 +7,7 @@ import pytest
 from mujoco import sysid
 
 import recorded
-from swim2real.calibration import pose_problem
+from swim2real.calibration import Problem
 from swim2real.errors import ArgumentError, ParameterError
 from swim2real.sysid import SysidProblem, load, read_values, save, to_sysid
 
@@ -17,7 +17,7 @@ SPACE = recorded.PENDULUM.space
 @pytest.fixture(scope="module")
 def problem() -> SysidProblem:
     reference = recorded.pendulum_reference()
-    return to_sysid(pose_problem(recorded.PENDULUM, reference, horizon=0.5, threads=2), SPACE.published)
+    return to_sysid(Problem(recorded.PENDULUM, reference, horizon=0.5, threads=2), SPACE.published)
 
 
 def residual(problem: SysidProblem) -> np.ndarray:

@@ -9,7 +9,7 @@ from mujoco import sysid
 
 import pools
 import recorded
-from swim2real.calibration import pose_problem
+from swim2real.calibration import Problem
 from swim2real.errors import ArgumentError, EngineError, TrialError
 from swim2real.robots.fish import FISH
 from swim2real.sysid import SysidProblem, to_sysid
@@ -29,12 +29,12 @@ def moved(reference: TrialSet, **changes) -> TrialSet:
 
 @pytest.fixture(scope="module")
 def pendulum():
-    return pose_problem(recorded.PENDULUM, recorded.pendulum_reference(), horizon=None, threads=2)
+    return Problem(recorded.PENDULUM, recorded.pendulum_reference(), horizon=None, threads=2)
 
 
 @pytest.fixture(scope="module")
 def floater():
-    return pose_problem(recorded.FLOATER, recorded.floater_reference(), horizon=None, threads=2)
+    return Problem(recorded.FLOATER, recorded.floater_reference(), horizon=None, threads=2)
 
 
 # recordings
@@ -54,10 +54,10 @@ def test_in_the_world_the_residual_is_that_of_a_calibration(pendulum):
 def test_sensors_are_compared_by_their_worth(pendulum):
     values = recorded.PENDULUM.space.published
     mute = recorded.telling(recorded.PENDULUM, sensors=())
-    without = pose_problem(mute, recorded.pendulum_reference(), horizon=None, threads=2)
+    without = Problem(mute, recorded.pendulum_reference(), horizon=None, threads=2)
     gyro = recorded.PENDULUM.recordings.sensors[0]
     loud = recorded.telling(recorded.PENDULUM, sensors=(replace(gyro, meters_per_unit=2 * gyro.meters_per_unit),))
-    louder = pose_problem(loud, recorded.pendulum_reference(), horizon=None, threads=2)
+    louder = Problem(loud, recorded.pendulum_reference(), horizon=None, threads=2)
     squares = [float(np.square(residual(to_sysid(one, values))).sum()) for one in (without, pendulum, louder)]
     assert squares[1] > 1.001 * squares[0]
     assert squares[2] - squares[0] == pytest.approx(4 * (squares[1] - squares[0]), rel=1e-6)
@@ -66,7 +66,7 @@ def test_sensors_are_compared_by_their_worth(pendulum):
 def test_where_the_camera_stood_has_no_say_in_a_frame_on_the_robot(floater):
     turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
     away = moved(recorded.floater_reference(), change=lambda places: places @ turn + [0.3, -0.2])
-    elsewhere = pose_problem(recorded.FLOATER, away, horizon=None, threads=2)
+    elsewhere = Problem(recorded.FLOATER, away, horizon=None, threads=2)
     assert np.linalg.norm(residual(to_sysid(elsewhere, recorded.FLOATER_HIDDEN))) < 1e-9
 
 
@@ -75,7 +75,7 @@ def test_a_marker_that_was_lost_has_no_part(floater):
         places[20:30, 3] = np.nan
         return places
 
-    gaps = pose_problem(recorded.FLOATER, moved(recorded.floater_reference(), change=lose), horizon=None, threads=2)
+    gaps = Problem(recorded.FLOATER, moved(recorded.floater_reference(), change=lose), horizon=None, threads=2)
     whole, parts = (residual(to_sysid(one, recorded.FLOATER.space.published)) for one in (floater, gaps))
     assert len(parts) == len(whole) - 2 * 2 * 10
     assert np.isfinite(parts).all()
@@ -87,7 +87,7 @@ def test_a_track_that_tells_no_place_is_refused():
         return places
 
     late = moved(recorded.floater_reference(), change=blind)
-    problem = pose_problem(recorded.FLOATER, late, horizon=None, threads=2)
+    problem = Problem(recorded.FLOATER, late, horizon=None, threads=2)
     with pytest.raises(TrialError) as caught:
         to_sysid(problem, recorded.FLOATER_HIDDEN)
     assert str(caught.value) == (
@@ -104,7 +104,7 @@ def test_a_start_that_diverges_is_refused(floater):
 
     broken = replace(recorded.FLOATER, build=build)
     with pytest.raises(EngineError, match=r"^trial 'slow': the simulation diverged .* s after its start; export other"):
-        to_sysid(pose_problem(broken, recorded.floater_reference(), horizon=None, threads=2), broken.space.published)
+        to_sysid(Problem(broken, recorded.floater_reference(), horizon=None, threads=2), broken.space.published)
 
 
 def test_the_toolboxs_optimizer_finds_known_parameters(pendulum):
@@ -133,7 +133,7 @@ def test_a_frozen_parameter_stays_as_it_is(pendulum):
 
 @pytest.mark.slow
 def test_swims_of_known_parameters_leave_little_more_than_their_noise():
-    problem = pose_problem(FISH, pools.film(), horizon=None, threads=2)
+    problem = Problem(FISH, pools.film(), horizon=None, threads=2)
     known = np.linalg.norm(residual(to_sysid(problem, pools.hidden_values())))
     other = np.linalg.norm(residual(to_sysid(problem, FISH.space.published)))
     assert known < 2e-3  # 0.5 mm of noise a coordinate
@@ -144,7 +144,7 @@ def test_swims_of_known_parameters_leave_little_more_than_their_noise():
 def test_the_toolbox_goes_down_on_the_fish():
     hidden = pools.hidden_values()
     wrong = {**hidden, "motor_arm_length": 1.1 * hidden["motor_arm_length"]}
-    problem = to_sysid(pose_problem(FISH, pools.film(frequencies=(1.6,)), horizon=None, threads=2), wrong)
+    problem = to_sysid(Problem(FISH, pools.film(frequencies=(1.6,)), horizon=None, threads=2), wrong)
     for name in FISH.space.names:
         problem.parameters[name].frozen = name != "motor_arm_length"
     best, _ = sysid.optimize(problem.parameters, problem.residual, verbose=False, output=io.StringIO(), max_iters=4)
@@ -152,7 +152,7 @@ def test_the_toolbox_goes_down_on_the_fish():
 
 
 def test_swims_as_the_paper_compares_them_are_refused():
-    problem = pose_problem(FISH, pools.film(seconds=1.5, frequencies=(1.6,)), "paper", threads=2)
+    problem = Problem(FISH, pools.film(seconds=1.5, frequencies=(1.6,)), "paper", threads=2)
     with pytest.raises(ArgumentError) as caught:
         to_sysid(problem, FISH.space.published)
     assert str(caught.value) == "protocol is 'paper'; swims for the toolbox need 'aligned'"

@@ -204,7 +204,7 @@ class _Study:
 
     def _write(self, state: dict[str, Any]) -> None:
         state["evaluations"] = self._before + self._evaluate.count
-        self._run.folder.write_json(self._path, state)
+        self._run.folder.write_json(self._path.name, state)
         self._write_lowest(state)
 
     def _write_lowest(self, state: dict[str, Any]) -> None:

@@ -99,8 +99,9 @@ def calibrate(
         residual = comparison.residual_vector() if comparison is not None and optimizer.needs_residual else None
         optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"], bound, residual))
         left = (time.monotonic() - started) / max(fresh, 1) * (budget - index - 1)
-        told = Progress(index + 1, budget, entry["loss"], best["loss"], entry["note"], improved, left, replayed, bound)
-        on_progress(told)
+        on_progress(
+            Progress(index + 1, budget, entry["loss"], best["loss"], entry["note"], improved, left, replayed, bound)
+        )
     if best is None:
         raise RunError("nothing was evaluated")
     return best

@@ -1,103 +1,120 @@
-"""A calibration problem, whatever a trial is: real trials, and a simulator to compare with them."""
+"""A calibration problem: real trials, and a simulator whose trials are compared with them."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from typing import Any
 
-from swim2real.calibration.run_folder import RunFolder
+from swim2real.calibration.protocols import Protocol, protocol_for
 from swim2real.errors import TrialError
-from swim2real.objective import ComparedTrial, Comparison, Protocol
+from swim2real.objective import ComparedTrial, Comparison
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
-from swim2real.simulation import Engine
+from swim2real.settings import HORIZON, ProtocolName, Start
+from swim2real.simulation import Engine, ForwardModel
 from swim2real.trials import Trial, TrialSet
 
 _ROUNDING = 1e-9  # an early stop must not hang on the order of a sum
 
 
-class Problem(ABC):
+class Problem:
     """Evaluates parameter values against real trials.
 
     Attributes:
-        robot: What is calibrated.
-        trials: Real, in order.
-        protocol: How they are compared.
+        robot: The robot that is calibrated.
+        protocol: How trials are compared.
         horizon: Seconds of each trial that are compared, None for all.
+        simulator: What simulates the robot's trials.
+        prepared: The real trials, in order, with all that doesn't depend on a candidate.
     """
 
-    def __init__(self, robot: Robot, trials: Sequence[Trial], protocol: Protocol, horizon: float | None) -> None:
+    def __init__(
+        self, robot: Robot, reference: TrialSet, protocol: ProtocolName | Protocol[Any] = "aligned",
+        horizon: float | None = HORIZON, *, start: Start = "speed", threads: int | None = None,
+        simulator: ForwardModel[Any] | None = None,
+    ) -> None:  # fmt: skip
+        """Poses the problem of calibrating a robot against a reference.
+
+        Args:
+            robot: The robot that is calibrated.
+            reference: The real trials.
+            protocol: How trials are compared, by name or itself.
+            horizon: Seconds of each trial that are compared, None for all.
+            start: Start of steady swims under protocol `aligned`.
+            threads: Trials simulated at a time, None for all cores.
+            simulator: What simulates the robot's trials; None makes the protocol's own.
+
+        Raises:
+            ArgumentError: The robot's trials can't be compared like that.
+            TrialError: The reference isn't the robot's, or a trial lacks what it takes.
+        """
         if horizon is not None and not horizon > 0:
             raise TrialError(f"horizon is {horizon} s; it must be above 0")
-        self.robot, self.trials = robot, tuple(trials)
-        self.protocol: Protocol = protocol
-        self.horizon = horizon
+        self.robot, self.horizon = robot, horizon
+        self.protocol: Protocol[Any] = protocol_for(robot, protocol, start) if isinstance(protocol, str) else protocol
+        self.simulator: Any = simulator or self.protocol.simulator(robot, threads)
+        self.prepared = self.protocol.prepare(reference, robot, self.simulator, horizon)
+
+    def of(self, reference: TrialSet) -> Problem:
+        """The same problem with other trials."""
+        return Problem(self.robot, reference, self.protocol, self.horizon, simulator=self.simulator)
+
+    @property
+    def trials(self) -> tuple[Trial, ...]:
+        """The real trials."""
+        return tuple(prepared.trial for prepared in self.prepared)
+
+    @property
+    def engine(self) -> Engine:
+        """Which physics the losses are made with."""
+        return self.simulator.engine
 
     def evaluate(self, values: Values, stop_above: float | None = None) -> Comparison:
         """Simulates all trials and compares them with the real ones.
 
         Args:
-            values: Of the candidate.
+            values: Parameter values of the candidate.
             stop_above: Stop as soon as the loss is certain to exceed this [m]. A trial's error can't be negative, so
                 the sum over the trials so far bounds the loss from below. The trials are taken from the cheapest to
                 the costliest; how many it takes doesn't depend on threads.
         """
         if stop_above is None:
             return self.evaluate_many([values])[0]
-        order = sorted(range(len(self.trials)), key=self._cost)
+        order = sorted(range(len(self.prepared)), key=lambda i: self.prepared[i].cost)
         limit = stop_above * len(order) * (1 + _ROUNDING)
-        found: dict[int, ComparedTrial] = {}
-        with closing(self._simulate_each(values, order)) as simulated:
+        compared: dict[int, ComparedTrial] = {}
+        with closing(self.simulator.simulate_each(values, [self.prepared[i].request for i in order])) as simulated:
             for i, trial in zip(order, simulated, strict=True):
-                found[i] = self._compared(i, trial)
-                if trial.divergence or sum(one.loss(self.protocol) for one in found.values()) > limit:
+                compared[i] = self.protocol.compare(self.prepared[i].target, trial)
+                if trial.divergence or sum(other.loss for other in compared.values()) > limit:
                     break
-        compared = tuple(found[i] for i in sorted(found))
-        return Comparison(compared, self.protocol, self.horizon, len(order) - len(found))
+        trials = tuple(compared[i] for i in sorted(compared))
+        return Comparison(trials, self.protocol.name, self.horizon, len(order) - len(compared))
 
     def evaluate_many(self, candidates: Sequence[Values]) -> list[Comparison]:
         """The same for several candidates in one batch."""
-        return [
-            Comparison(tuple(self._compared(i, trial) for i, trial in enumerate(trials)), self.protocol, self.horizon)
-            for trials in self._simulate_many(candidates)
-        ]
+        requests = [prepared.request for prepared in self.prepared]
+        return [self._compared(trials) for trials in self.simulator.simulate_many(candidates, requests)]
 
-    @property
-    @abstractmethod
-    def engine(self) -> Engine:
-        """Which physics the losses are made with."""
-
-    @abstractmethod
-    def of(self, reference: TrialSet) -> Problem:
-        """The same problem with other trials."""
-
-    @abstractmethod
     def blocks(self) -> list[tuple[int, int]]:
         """Rows, in time, and columns of each block of numbers that a comparison's residual vector consists of."""
+        blocks: list[tuple[int, int]] = []
+        for prepared in self.prepared:
+            frames, markers = prepared.target.weights.shape
+            blocks.append((frames, 2 * markers))
+            blocks += [(len(sensor.times), 1) for sensor in prepared.target.sensors]
+        return blocks
 
-    @abstractmethod
-    def examined(self) -> dict[str, dict[str, Any]]:
-        """What was found in each real trial, ready for JSON: quality (`usable`, `findings`, …) and what drove it."""
+    def examinations(self) -> dict[str, dict[str, Any]]:
+        """What was found in each real trial, ready for JSON."""
+        return {prepared.trial.name: dict(prepared.examination) for prepared in self.prepared}
 
-    @abstractmethod
-    def tried(self, values: Values) -> dict[str, Any]:
-        """What else a fit is tried on when a run ends, ready for JSON: entries of the outcome."""
+    def check_fit(self, values: Values) -> dict[str, Any]:
+        """What else a fit is tried on when a run ends: entries of its outcome, ready for JSON."""
+        return self.protocol.check_fit(self.simulator, values, self.prepared)
 
-    @abstractmethod
-    def save(self, folder: RunFolder, fit: Comparison, held_out: Comparison | None) -> None:
-        """Keeps the real and simulated trials of comparisons with a run."""
-
-    @abstractmethod
-    def _cost(self, index: int) -> float:
-        """Of simulating a trial, to sort by."""
-
-    @abstractmethod
-    def _simulate_each(self, values: Values, order: Sequence[int]) -> Generator[Trial]: ...
-
-    @abstractmethod
-    def _simulate_many(self, candidates: Sequence[Values]) -> list[TrialSet]: ...
-
-    @abstractmethod
-    def _compared(self, index: int, simulated: Trial) -> ComparedTrial: ...
+    def _compared(self, simulated: TrialSet) -> Comparison:
+        pairs = zip(self.prepared, simulated, strict=True)
+        trials = tuple(self.protocol.compare(prepared.target, trial) for prepared, trial in pairs)
+        return Comparison(trials, self.protocol.name, self.horizon)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from swim2real.calibration.posing import pose_problem
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.provenance import reference_fingerprint
 from swim2real.calibration.run_folder import RunFolder
@@ -64,8 +63,8 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
             f"one that it was made with" + (f", {settings['reference']}" if settings.get("reference") else "")
         )
     fitted, _ = reference.split(tuple(settings["hold_out"]))
-    problem = pose_problem(
-        robot, fitted, settings["protocol"], settings["horizon"], threads, settings.get("start", "speed")
+    problem = Problem(
+        robot, fitted, settings["protocol"], settings["horizon"], start=settings.get("start", "speed"), threads=threads
     )
     note = problem.engine.difference(settings.get("engine") or {})
     if note:
@@ -88,7 +87,7 @@ def described(run: Reopened) -> dict[str, Any]:
         "robot": run.settings["robot"],
         "parameters": list(run.space.names),
         "scale": run.space.scale,
-        "protocol": run.problem.protocol,
+        "protocol": run.problem.protocol.name,
         "horizon": run.problem.horizon,
         "trials": [trial.name for trial in run.problem.trials],
         "reference_fingerprint": run.settings["reference_fingerprint"],

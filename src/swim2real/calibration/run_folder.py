@@ -3,40 +3,40 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Generator, Mapping
-from contextlib import contextmanager
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
+from typing import Any, cast
 
-import numpy as np
-from filelock import FileLock, Timeout
-
+from swim2real import store
 from swim2real.errors import RunError
 from swim2real.parameters.file import BEST
 
 FORMAT = 1
-SETTINGS, RECORD, LOCK = "settings.json", "record.jsonl", ".lock"
-OUTCOME = "outcome.json"
+SETTINGS, RECORD, OUTCOME, TRIALS = "settings.json", "record.jsonl", "outcome.json", "trials.npz"
 
 # settings that may differ when a run goes on
 _FREE = ("budget", "threads")
 _ADDED = {"start": "speed"}  # settings that earlier versions didn't write
+_FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
 
 
 class RunFolder:
     """Reads and writes one run folder."""
+
+    RESTORE = "restore it or begin a new run"
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
 
     @property
     def settings_path(self) -> Path:
+        """Where the settings are."""
         return self.path / SETTINGS
 
     @property
     def best_path(self) -> Path:
+        """Where the best parameters are."""
         return self.path / BEST
 
     @property
@@ -51,20 +51,15 @@ class RunFolder:
         Raises:
             RunError: Another process has the run, or the folder can't be made.
         """
-        with _disk(self.path):
-            self.path.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(self.path / LOCK, timeout=0)
-        try:
-            with _disk(self.path):
-                lock.acquire()
-        except Timeout:
-            raise RunError(
-                f"another process is working on run folder '{self.path}'; wait for it or use another"
-            ) from None
-        try:
+        with ExitStack() as stack:
+            with self._disk():
+                try:
+                    stack.enter_context(store.locked(self.path))
+                except BlockingIOError:
+                    raise RunError(
+                        f"another process is working on run folder '{self.path}'; wait for it or use another"
+                    ) from None
             yield
-        finally:
-            lock.release()
 
     def begin(self, settings: Mapping[str, Any]) -> None:
         """Writes the settings of a new run.
@@ -74,7 +69,7 @@ class RunFolder:
         """
         if self.exists:
             raise RunError(f"'{self.path}' holds a run already; go on with --resume or choose another folder")
-        self.write_json(self.settings_path, {"format": FORMAT, **settings})
+        self.write_json(SETTINGS, {"format": FORMAT, **settings})
 
     def resume(self, settings: Mapping[str, Any]) -> None:
         """Checks that a run can go on with these settings, and takes over the new budget.
@@ -91,7 +86,7 @@ class RunFolder:
                     f"use the same settings and reference, or begin a new run"
                 )
         if wanted["budget"] > recorded.get("budget", 0):
-            self.write_json(self.settings_path, {**recorded, "budget": wanted["budget"]})
+            self.write_json(SETTINGS, {**recorded, "budget": wanted["budget"]})
 
     def settings(self) -> dict[str, Any]:
         """The recorded settings.
@@ -99,7 +94,7 @@ class RunFolder:
         Raises:
             RunError: No run here, or of another format.
         """
-        content = self._read_json(self.settings_path, "is no run folder: it has no settings.json")
+        content = self._read_json(SETTINGS, "is no run folder: it has no settings.json")
         if content.get("format") != FORMAT:
             raise RunError(
                 f"run '{self.path}' has format {content.get('format')!r}; this version of swim2real reads {FORMAT}"
@@ -108,8 +103,10 @@ class RunFolder:
 
     def outcome(self) -> dict[str, Any] | None:
         """What was found at the end of the run, None before it."""
-        path = self.path / OUTCOME
-        return self._read_json(path, "") if path.is_file() else None
+        if not (self.path / OUTCOME).is_file():
+            return None
+        content = self._read_json(OUTCOME, "")
+        return {**content, "fit": _upgraded(content.get("fit")), "held_out": _upgraded(content.get("held_out"))}
 
     def record(self) -> list[dict[str, Any]]:
         """All recorded evaluations. A last line that was cut off by a crash doesn't count.
@@ -118,58 +115,38 @@ class RunFolder:
             RunError: Another line can't be read.
         """
         path = self.path / RECORD
-        if not path.is_file():
-            return []
-        with _disk(self.path):
-            whole = path.read_bytes()
-        lines = whole.split(b"\n")[:-1]  # what follows the last newline was cut off
+        with self._disk():
+            lines = store.read_lines(path)
         entries: list[dict[str, Any]] = []
         for number, line in enumerate(lines, start=1):
             try:
                 entry = json.loads(line)
             except ValueError as error:
-                raise RunError(f"{path}, line {number} is damaged ({error}); restore it or begin a new run") from error
+                raise RunError(f"{path}, line {number} is damaged ({error}); {self.RESTORE}") from error
             if not isinstance(entry, dict):
-                raise RunError(f"{path}, line {number} is damaged (no evaluation); restore it or begin a new run")
-            entries.append(entry)  # pyright: ignore[reportUnknownArgumentType]
+                raise RunError(f"{path}, line {number} is damaged (no evaluation); {self.RESTORE}")
+            entries.append({**cast("dict[str, Any]", entry), "evidence": _upgraded(cast("Any", entry).get("evidence"))})
         return entries
 
     def drop_cut_line(self) -> None:
         """Removes what a crash left of a last line, so that appending is safe."""
-        path = self.path / RECORD
-        if not path.is_file():
-            return
-        with _disk(self.path), path.open("r+b") as file:
-            whole = file.read()
-            end = whole.rfind(b"\n") + 1
-            if end < len(whole):
-                file.truncate(end)
+        with self._disk():
+            store.drop_cut_line(self.path / RECORD)
 
     def append(self, entry: Mapping[str, Any]) -> None:
         """Adds an evaluation to the record; it is on the disk when this returns."""
-        line = json.dumps(entry, allow_nan=False) + "\n"
-        with _disk(self.path), (self.path / RECORD).open("ab") as file:
-            file.write(line.encode())
-            file.flush()
-            os.fsync(file.fileno())
+        with self._disk():
+            store.append_line(self.path / RECORD, entry)
 
-    def write_json(self, path: Path, content: Mapping[str, Any]) -> None:
-        """Writes a file whole or not at all."""
-        part = path.with_name(path.name + ".part")
-        with _disk(self.path):
-            part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-            os.replace(part, path)
+    def write_json(self, name: str, content: Mapping[str, Any]) -> None:
+        """Writes a file of the folder, whole or not at all."""
+        with self._disk():
+            store.write_json(self.path / name, content)
 
     def write_arrays(self, name: str, arrays: Mapping[str, Any]) -> None:
-        """Writes an .npz file whole or not at all."""
-        path = self.path / name
-        part = path.with_name(name + ".part")
-        try:
-            with part.open("wb") as file:
-                np.savez_compressed(file, **arrays)
-            part.replace(path)
-        except OSError as error:
-            raise RunError(f"can't write '{path}': {error.strerror or error}") from error
+        """Writes an .npz file of the folder, whole or not at all."""
+        with self._disk():
+            store.write_arrays(self.path / name, arrays)
 
     def read_arrays(self, name: str) -> dict[str, Any]:
         """The content of an .npz file that was written when the run ended.
@@ -179,36 +156,84 @@ class RunFolder:
         """
         path = self.path / name
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-                return dict(stored)
+            return store.read_arrays(path)
         except FileNotFoundError:
             raise RunError(f"run '{self.path}' has no {name} yet; it is written when a run ends") from None
-        except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
+        except (OSError, ValueError) as error:
             raise RunError(f"{path} can't be read: {error}") from error
 
-    def _read_json(self, path: Path, missing: str) -> dict[str, Any]:
+    def _read_json(self, name: str, missing: str) -> dict[str, Any]:
+        path = self.path / name
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content = store.read_json(path)
         except FileNotFoundError:
             raise RunError(f"'{self.path}' {missing}") from None
         except (OSError, ValueError) as error:
             raise RunError(f"{path} can't be read: {error}") from error
         if not isinstance(content, dict):
             raise RunError(f"{path} must hold a JSON object")
-        return content
+        return cast("dict[str, Any]", content)
+
+    @contextmanager
+    def _disk(self) -> Generator[None]:
+        """Turns what the system says of the disk into a sentence."""
+        try:
+            yield
+        except OSError as error:
+            raise RunError(
+                f"can't write run folder '{self.path}': {error.strerror or error}; what was recorded so far is kept, "
+                f"--resume goes on from there"
+            ) from error
 
 
-@contextmanager
-def _disk(folder: Path) -> Generator[None]:
-    try:
-        yield
-    except OSError as error:
-        if isinstance(error, Timeout):
-            raise
-        raise RunError(
-            f"can't write run folder '{folder}': {error.strerror or error}; what was recorded so far is kept, "
-            f"--resume goes on from there"
-        ) from error
+def best_losses(entries: Sequence[Mapping[str, Any]]) -> list[float]:
+    """Loss of the incumbent after each evaluation [m]; that of a failure as long as all failed."""
+    losses: list[float] = []
+    best: float | None = None
+    for entry in entries:
+        if not entry["failed"]:
+            best = entry["loss"] if best is None else min(best, entry["loss"])
+        losses.append(entry["loss"] if best is None else best)
+    return losses
+
+
+def still_falling(entries: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]) -> str | None:
+    """A warning that a run hadn't converged: its last quarter lowered the loss by more than 5 %.
+
+    Args:
+        entries: Evaluations on record.
+        settings: Settings of the run; `budget` and `method` are read.
+
+    Returns:
+        None for a run that converged, hasn't spent its budget, or is shorter than four evaluations.
+    """
+    budget = settings.get("budget", 0)
+    if budget < 4 or len(entries) < budget:
+        return None
+    losses = best_losses(entries)
+    before, end = losses[len(losses) - len(losses) // 4 - 1], losses[-1]
+    if end >= (1 - _FALLING) * before:
+        return None
+    more = "begin a new run with a higher --budget"  # its stages are planned by the budget
+    if settings.get("method") != "staged":
+        more = "raise --budget and add --resume"
+    return (
+        f"the loss was still falling: {100 * (1 - end / before):.0f} % lower in the last quarter of the budget; {more}"
+    )
+
+
+def _upgraded(evidence: Any) -> Any:
+    """Evidence as this version has it: of recordings 0.1 called the aligned error `marker_error`."""
+    if not isinstance(evidence, dict) or cast("Any", evidence).get("protocol") != "playback":
+        return cast("Any", evidence)
+    content = cast("dict[str, Any]", evidence)
+    trials = {name: _renamed(trial) for name, trial in cast("dict[str, Any]", content.get("trials", {})).items()}
+    return {**_renamed(content), "trials": trials}
+
+
+def _renamed(figures: Mapping[str, Any]) -> dict[str, Any]:
+    names = {"marker_error": "aligned_marker_error", "marker_errors": "aligned_marker_errors"}
+    return {names.get(key, key): value for key, value in figures.items()}
 
 
 def _short(value: Any) -> str:

@@ -31,7 +31,7 @@ class Calibrate:
     """Find simulator parameters that make simulated swims match real ones.
 
     Reads a reference (a folder with reference.json, or with published CSVs) and writes a run folder: settings.json,
-    record.jsonl (one line an evaluation), best.json (the parameters), outcome.json, swims.npz and report.html. Costs
+    record.jsonl (one line an evaluation), best.json (the parameters), outcome.json, trials.npz and report.html. Costs
     under a second an evaluation on two cores. Ctrl-C leaves a usable run; --resume goes on with it.
     """
 

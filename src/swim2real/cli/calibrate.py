@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from swim2real.calibration import RunFolder
-from swim2real.calibration.convergence import still_falling
+from swim2real.calibration import Outcome, RunFolder
 from swim2real.calibration.from_rest import backward_from_rest
+from swim2real.calibration.run_folder import still_falling
 from swim2real.cli import tables
 from swim2real.cli.arguments import Calibrate
 from swim2real.cli.files import write_report
@@ -41,7 +41,7 @@ def calibrate(a: Calibrate) -> int:
     if far is not None:
         print(f"swim2real: warning: {far}", file=sys.stderr)
 
-    def work(watch: Watch) -> dict[str, Any]:
+    def work(watch: Watch) -> Outcome:
         return run(
             reference, robot, settings, a.out, source=str(a.reference), resume=a.resume, sensitivity=a.sensitivity,
             access=access, on_progress=watch.progress, on_advisor=watch.advisor,
@@ -64,11 +64,11 @@ def horizon(seconds: float) -> float | None:
     return seconds or None
 
 
-def finish(work: Callable[[Watch], dict[str, Any]], budget: int, folder: Path, quiet: bool, as_json: bool) -> int:
+def finish(work: Callable[[Watch], Outcome], budget: int, folder: Path, quiet: bool, as_json: bool) -> int:
     """Does the work of a run with its progress shown, prints the outcome, warns of it, and writes the report."""
     try:
         with shown(budget, quiet) as show, interruptible(show) as watch:
-            outcome = work(watch)
+            outcome = work(watch).to_json()
     except KeyboardInterrupt:
         if not RunFolder(folder).exists:
             raise

@@ -7,11 +7,11 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from swim2real.calibration import RunFolder, examine
+from swim2real.calibration import RunFolder, examine_swims
 from swim2real.comparison import ComparisonResults, load_results
 from swim2real.comparison.statistics_text import all_tables, as_markdown
 from swim2real.errors import MissingExtraError, RunError, TrialError
-from swim2real.objective import Target
+from swim2real.objective import steady_target
 from swim2real.objective.elongated_body import predict_speeds
 from swim2real.report.comparison_page import write_comparison_report
 from swim2real.report.paper_figures import write_figures
@@ -25,7 +25,9 @@ def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
     """Keeps what elongated body theory says of the speeds of swims with the comparison; nothing where it can't."""
     if len(robot.trials.tail_markers) < 2:
         return
-    targets = [Target(one.trial, one.quality.weights, one.beat.frequency) for one in examine(reference, robot)]
+    targets = [
+        steady_target(swim.trial, swim.quality.weights, swim.beat.frequency) for swim in examine_swims(reference, robot)
+    ]
     end = (robot.trials.tail_markers[-2], robot.trials.tail_markers[-1])
     try:
         found = zip(targets, predict_speeds(targets, end), strict=True)
@@ -33,7 +35,7 @@ def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
     except TrialError as error:
         print(f"swim2real: no speeds of elongated body theory: {error}", file=sys.stderr)
         return
-    RunFolder(folder).write_json(folder / THEORY, speeds)
+    RunFolder(folder).write_json(THEORY, speeds)
 
 
 def write_files(folder: Path, results: ComparisonResults | None = None) -> list[Path]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from swim2real.calibration import pose_problem
+from swim2real.calibration import Problem
 from swim2real.cli import tables
 from swim2real.cli.arguments import Overlay
 from swim2real.cli.calibrate import horizon, threads
@@ -15,7 +15,7 @@ def overlay(a: Overlay) -> int:
     """Writes films and pictures of simulated over real trials."""
     robot = robot_for(a.parameters)
     reference = load_reference(a.reference)
-    problem = pose_problem(robot, reference, a.protocol, horizon(a.horizon), threads(a.threads))
+    problem = Problem(robot, reference, a.protocol, horizon(a.horizon), threads=threads(a.threads))
     values = values_of(a.parameters, problem)
     write_overlays(
         problem.evaluate(values), robot, a.out, a.fps, a.width,

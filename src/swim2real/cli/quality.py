@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from swim2real.calibration import Problem, pose_problem
+from swim2real.calibration import Problem
 from swim2real.cli import tables
 from swim2real.cli.arguments import Quality
 from swim2real.errors import ArgumentError, TrialError
@@ -63,8 +63,8 @@ def _examined(reference: TrialSet, robot: Robot) -> tuple[Content, dict[str, str
     for trial in reference:
         alone = TrialSet((trial,), reference.marker_names)
         try:
-            problem = pose_problem(robot, alone, horizon=None) if problem is None else problem.of(alone)
-            found |= problem.examined()
+            problem = Problem(robot, alone, horizon=None) if problem is None else problem.of(alone)
+            found |= problem.examinations()
         except TrialError as error:
             blank[trial.name] = str(error)
     if not found:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from swim2real.calibration import pose_problem
+from swim2real.calibration import Problem
 from swim2real.cli import tables
 from swim2real.cli.calibrate import horizon, threads
 from swim2real.cli.subject import PUBLISHED, robot_for, values_of
@@ -16,7 +16,7 @@ from swim2real.trials import load_reference
 def export_sysid(a: ExportSysid) -> int:
     """Writes a problem as the toolbox's files."""
     robot = robot_for(a.parameters)
-    problem = pose_problem(
+    problem = Problem(
         robot, load_reference(a.reference), horizon=horizon(a.horizon), threads=threads(a.threads)
     )  # fmt: skip
     save(to_sysid(problem, values_of(a.parameters, problem)), a.out)

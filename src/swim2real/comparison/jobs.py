@@ -16,7 +16,7 @@ from filelock import FileLock, Timeout
 
 from swim2real.advisor import asks_a_vlm
 from swim2real.calibration import Progress, RunFolder
-from swim2real.calibration.run_folder import LOCK, SETTINGS
+from swim2real.calibration.run_folder import SETTINGS
 from swim2real.comparison.files import write_text
 from swim2real.comparison.plan import Job
 from swim2real.comparison.session import Stopped, check_session
@@ -25,6 +25,7 @@ from swim2real.pipeline import run
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess
 from swim2real.simulation import Engine
+from swim2real.store import LOCK
 from swim2real.trials import TrialSet
 
 PROBLEM = "problem.txt"

@@ -15,10 +15,9 @@ from swim2real.calibration import protocol_for, reference_fingerprint, versions
 from swim2real.comparison.contestants import Contestant, folder_name
 from swim2real.comparison.files import write_json
 from swim2real.errors import ArgumentError, RunError
-from swim2real.objective import Protocol
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
-from swim2real.settings import HORIZON, BriefingSettings, CalibrationSettings, Start
+from swim2real.settings import HORIZON, BriefingSettings, CalibrationSettings, ProtocolName, Start
 from swim2real.simulation import Engine
 from swim2real.trials import TrialSet
 
@@ -75,7 +74,7 @@ class Plan:
 
     contestants: tuple[Contestant, ...]
     seeds: tuple[int, ...]
-    protocols: tuple[Protocol, ...]
+    protocols: tuple[ProtocolName, ...]
     budget: int
     robot: str
     trials: tuple[str, ...]
@@ -183,7 +182,7 @@ class Plan:
 
 
 def make_plan(
-    contestants: Sequence[Contestant], seeds: Sequence[int], protocols: Sequence[Protocol], budget: int,
+    contestants: Sequence[Contestant], seeds: Sequence[int], protocols: Sequence[ProtocolName], budget: int,
     reference: TrialSet, robot: Robot, *, leave_one_out: bool = False, horizon: float | None = HORIZON,
     briefing: BriefingSettings | None = None, source: str = "", start: Start = "speed",
 ) -> Plan:  # fmt: skip
@@ -194,7 +193,7 @@ def make_plan(
     Raises:
         ArgumentError: The robot's trials can't be compared by a protocol.
     """
-    asked: list[Protocol] = [protocol_for(robot, protocol) for protocol in protocols or robot.trials.protocols]
+    asked: list[ProtocolName] = [protocol_for(robot, protocol).name for protocol in protocols or robot.trials.protocols]
     return Plan(
         tuple(contestants), tuple(dict.fromkeys(seeds)), tuple(dict.fromkeys(asked)), budget, robot.name,
         reference.names, robot.marker_names, reference_fingerprint(reference), Engine.of(robot).as_dict(),

@@ -67,7 +67,7 @@ _SWIM_FIGURES = (
     FitFigure("static_offset", "Static offset (mm)"),
 )
 _PLAYBACK_FIGURES = (
-    FitFigure("marker_error", "Marker error (mm)"),
+    FitFigure("aligned_marker_error", "Marker error (mm)"),
     FitFigure("shape_error", "Shape error (mm)"),
     FitFigure("velocity_error", "Velocity error (mm/s)"),
     FitFigure("heading_error", "Heading error (°)", 180 / math.pi),

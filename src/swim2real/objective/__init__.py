@@ -1,33 +1,24 @@
 """How far simulated trials are from real ones. Arrays only: knows no simulator and no optimizer."""
 
 from swim2real.objective.alignment import Alignment, align
-from swim2real.objective.comparison import FAILED_LOSS, ComparedTrial, Comparison, Protocol
-from swim2real.objective.evidence import evidence
-from swim2real.objective.playback import (
-    PlaybackComparison,
-    PlaybackTarget,
-    SensorComparison,
-    compare_playback,
-    playbacks_of,
-)
-from swim2real.objective.swims import Target, TrialComparison, compare, compare_trial, swims_of
+from swim2real.objective.comparison import Comparison, evidence, rounded
+from swim2real.objective.matching import compare_playback, compare_steady
+from swim2real.objective.target import SensorTarget, Target, playback_target, steady_target
+from swim2real.objective.trial import FAILED_LOSS, ComparedSensor, ComparedTrial
 
 __all__ = [
     "FAILED_LOSS",
     "Alignment",
+    "ComparedSensor",
     "ComparedTrial",
     "Comparison",
-    "PlaybackComparison",
-    "PlaybackTarget",
-    "Protocol",
-    "SensorComparison",
+    "SensorTarget",
     "Target",
-    "TrialComparison",
     "align",
-    "compare",
     "compare_playback",
-    "compare_trial",
+    "compare_steady",
     "evidence",
-    "playbacks_of",
-    "swims_of",
+    "playback_target",
+    "rounded",
+    "steady_target",
 ]

@@ -1,67 +1,34 @@
-"""What is compared of a candidate's trials, whatever a trial is: a loss, figures, residuals and evidence."""
+"""All trials of a candidate: the loss, overall figures, and the evidence that a person or an advisor judges it by."""
 
 from __future__ import annotations
 
-import typing
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.objective.trial import AVERAGED, FAILED_LOSS, ComparedTrial
+
 Array = NDArray[np.float64]
-Protocol = Literal["aligned", "paper", "playback"]
 
-FAILED_LOSS = 1.0  # m, of a simulation that diverged: finite and of physical size
-
-
-class ComparedTrial(typing.Protocol):
-    """One simulated trial against its real one. Figures are in SI; what a kind of trial hasn't is absent."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def divergence(self) -> str | None:
-        """Why and when the simulation failed; None when it didn't."""
-        ...
-
-    @property
-    def means(self) -> tuple[str, ...]:
-        """Names of the figures that have a mean over trials."""
-        ...
-
-    def loss(self, protocol: Protocol) -> float:
-        """What the trial adds to the loss, before the mean [m]; never negative."""
-        ...
-
-    def residual_vector(self, protocol: Protocol) -> Array:
-        """Residuals whose squares add up to a mean square [m²]. Shape (n,), the same for every candidate."""
-        ...
-
-    def figures(self) -> dict[str, Any]:
-        """Every figure of the trial."""
-        ...
-
-    def evidence(self) -> dict[str, Any]:
-        """What tells more than figures do: errors of each marker, and how real and simulated markers move."""
-        ...
+_DIGITS = 9  # significant digits of a number in JSON
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """All trials of a candidate. Overall figures are means over trials.
+    """All trials of a candidate, compared with the real ones. Overall figures are means over trials.
 
     Attributes:
-        trials: In the order of the targets.
-        protocol: Which figure is the loss.
+        trials: Compared trials, in the order of the real ones.
+        protocol: Name of the protocol by which they were compared.
         horizon: Seconds that are compared, None for all of each trial.
-        skipped: Trials that an early stop left out; the other figures are means over the rest.
+        skipped: Number of trials that an early stop left out; the other figures are means over the rest.
     """
 
     trials: tuple[ComparedTrial, ...]
-    protocol: Protocol
+    protocol: str
     horizon: float | None
     skipped: int = 0
 
@@ -75,36 +42,58 @@ class Comparison:
         """What is minimized [m]; `FAILED_LOSS` when any simulation diverged."""
         if self.divergence is not None:
             return FAILED_LOSS
-        losses = [trial.loss(self.protocol) for trial in self.trials]
-        return float(np.mean(losses + [0.0] * self.skipped))
-
-    def residual_vector(self) -> Array:
-        """Residuals of all trials in a row; the squares add up to the mean over trials [m]. Shape (n,)."""
-        parts = [trial.residual_vector(self.protocol) for trial in self.trials]
-        return np.concatenate(parts) / np.sqrt(len(parts))
+        return float(np.mean([trial.loss for trial in self.trials] + [0.0] * self.skipped))
 
     @property
     def lower_bound(self) -> bool:
         """Whether the loss is only known to be at least what it says, as after an early stop."""
         return self.skipped > 0 and self.divergence is None
 
+    def residual_vector(self) -> Array:
+        """Residuals of all trials in a row; the squares add up to the mean over trials [m]. Shape (n,)."""
+        parts = [trial.residual_vector() for trial in self.trials]
+        return np.concatenate(parts) / np.sqrt(len(parts))
+
     def figure(self, name: str) -> float:
         """One overall figure."""
         return float(np.mean([trial.figures()[name] for trial in self.trials]))
 
     def figures(self) -> dict[str, Any]:
-        """Every figure overall and per trial, in SI, ready for JSON."""
-        per_trial = {trial.name: trial.figures() for trial in self.trials}
-        overall: dict[str, Any] = {
-            name: _mean([figures[name] for figures in per_trial.values()]) for name in self.trials[0].means
-        }
-        early = {"skipped": self.skipped} if self.skipped else {}
-        about = {"loss": self.loss, **early, "protocol": self.protocol, "horizon": self.horizon}
-        return {**overall, **about, "trials": per_trial}
+        """Every figure overall and per trial, in SI."""
+        by_trial = {trial.name: trial.figures() for trial in self.trials}
+        figures = list(by_trial.values())
+        overall = {name: _mean([one[name] for one in figures]) for name in AVERAGED if name in figures[0]}
+        skipped = {"skipped": self.skipped} if self.skipped else {}
+        settings = {"loss": self.loss, **skipped, "protocol": self.protocol, "horizon": self.horizon}
+        return {**overall, **settings, "trials": by_trial}
+
+
+def evidence(comparison: Comparison) -> dict[str, Any]:
+    """All figures of a candidate and each trial's own evidence, ready for JSON.
+
+    Numbers are rounded to nine digits, so that a record that is read back gives exactly the same.
+    """
+    content = comparison.figures()
+    for trial in comparison.trials:
+        content["trials"][trial.name].update(trial.evidence())
+    return rounded(content)
+
+
+def rounded(value: Any) -> Any:
+    """Plain lists and numbers for JSON, None for NaN."""
+    if isinstance(value, dict):
+        return {key: rounded(inner) for key, inner in cast("dict[str, Any]", value).items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [rounded(inner) for inner in cast("Sequence[Any]", value)]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, float | np.floating):
+        return float(f"{float(value):.{_DIGITS}g}") if np.isfinite(value) else None
+    return value
 
 
 def _mean(values: Sequence[Any]) -> Any:
-    """Over trials; by name, where a figure has several numbers."""
-    if isinstance(values[0], dict):
+    """Mean over trials; by name, where a figure has several numbers."""
+    if isinstance(values[0], Mapping):
         return {name: _mean([value[name] for value in values]) for name in values[0]}
     return float(np.mean(values))

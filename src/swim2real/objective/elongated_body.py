@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from swim2real.errors import TrialError
-from swim2real.objective.swims import Target
+from swim2real.objective.target import Target
 
 Array = NDArray[np.float64]
 

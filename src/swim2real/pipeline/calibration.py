@@ -11,12 +11,13 @@ from typing import Any
 
 from swim2real.advisor import AdvisorEvent, Surroundings, asks_a_vlm, make_advisor, replayed_run
 from swim2real.calibration import (
+    Outcome,
+    Problem,
     Progress,
     RunFolder,
     calibrate,
     commit,
     conclude,
-    pose_problem,
     reference_fingerprint,
     sensitivities,
     versions,
@@ -36,7 +37,7 @@ def run(
     resume: bool = False, sensitivity: bool = False, access: VlmAccess | None = None,
     on_progress: Callable[[Progress], None] = lambda progress: None,
     on_advisor: Callable[[AdvisorEvent], None] = lambda event: None,
-) -> dict[str, Any]:  # fmt: skip
+) -> Outcome:  # fmt: skip
     """Calibrates a robot's simulator against a reference, into a run folder.
 
     Args:
@@ -60,13 +61,15 @@ def run(
     space = replace(robot.space, scale=settings.resolved_scale)
     folder = RunFolder(out)
     fitted, unseen = reference.split(settings.hold_out)
-    problem = pose_problem(robot, fitted, settings.protocol, settings.horizon, settings.threads, settings.start)
+    problem = Problem(
+        robot, fitted, settings.protocol, settings.horizon, start=settings.start, threads=settings.threads
+    )
     held_out = None if unseen is None else problem.of(unseen)
     resolved = {
         "robot": robot.name,
         **({} if robot.source is None else {"robot_fingerprint": fingerprint(robot.source)}),
         **asdict(settings),
-        "protocol": problem.protocol,
+        "protocol": problem.protocol.name,
         "scale": settings.resolved_scale,
         "briefing": asdict(settings.briefing) if asks_a_vlm(settings.advisor) else None,
         "hold_out": sorted(out.name for out in unseen or ()),

@@ -11,9 +11,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from swim2real.calibration import RunFolder, SwimPair, load_swims
+from swim2real.calibration import RunFolder, load_trials
 from swim2real.comparison.statistics import MethodStatistics
 from swim2real.errors import RunError
+from swim2real.objective import ComparedTrial
 from swim2real.report.style import DOUBLE, LIGHT, MethodStyle, new_figure
 
 Array = NDArray[np.float64]
@@ -79,15 +80,18 @@ def chronophotography(
     )
 
 
-def _swim(folder: Path, trial: str | None) -> SwimPair:
-    fitted = sorted((one for one in load_swims(RunFolder(folder)) if not one.held_out), key=lambda one: one.frequency)
+def _swim(folder: Path, trial: str | None) -> ComparedTrial:
+    fitted = sorted(
+        (saved.compared for saved in load_trials(RunFolder(folder)) if not saved.held_out),
+        key=lambda compared: compared.frequency or 0.0,
+    )
     found = [one for one in fitted if one.name == trial] if trial is not None else fitted[len(fitted) // 2 :]
     if not found:
         raise RunError(f"run '{folder}' has no swim '{trial}'; it has {', '.join(one.name for one in fitted)}")
     return found[0]
 
 
-def _frames(swim: SwimPair) -> list[int]:
+def _frames(swim: ComparedTrial) -> list[int]:
     """The first, the middle and the last frame, or ones near by in which tracking has more of the markers."""
     seen = ((swim.weights > 0) & np.isfinite(swim.real).all(axis=2)).sum(axis=1)
     last, window = len(swim.times) - 1, max(1, len(swim.times) // 20)
@@ -98,7 +102,7 @@ def _frames(swim: SwimPair) -> list[int]:
     return found
 
 
-def moments(swim: SwimPair, positions: Array, progress: Array, frames: Sequence[int], seen: bool) -> Array:
+def moments(swim: ComparedTrial, positions: Array, progress: Array | None, frames: Sequence[int], seen: bool) -> Array:
     """The body at some frames, swimming to the right from where it was at the first of them [m]. Shape (n, M, 2).
 
     Args:

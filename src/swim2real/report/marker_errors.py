@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.calibration import SwimPair
+from swim2real.objective import ComparedTrial
 from swim2real.report.run import ReportedRun, ReportedTrial
 from swim2real.report.units import mm
 
@@ -83,7 +83,7 @@ def stored(run: ReportedRun, figure: str) -> Callable[[ReportedTrial], Array]:
     return row
 
 
-def marker_errors(run: ReportedRun, swims: Sequence[SwimPair]) -> tuple[MarkerErrors, ...]:
+def marker_errors(run: ReportedRun, swims: Sequence[ComparedTrial]) -> tuple[MarkerErrors, ...]:
     """Of swims: aligned, shape (only when the swims are there) and plain marker errors."""
     trials = [trial for trial in run.trials if not trial.diverged]
     if not trials or not run.marker_names:
@@ -102,7 +102,7 @@ def marker_errors(run: ReportedRun, swims: Sequence[SwimPair]) -> tuple[MarkerEr
     return tuple(found)
 
 
-def shape_errors(swim: SwimPair) -> Array:
+def shape_errors(swim: ComparedTrial) -> Array:
     """Weighted mean distance in the body frame after registration [m]. Shape (M,).
 
     NaN for a marker that never counts.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from swim2real.calibration.convergence import best_losses
+from swim2real.calibration.run_folder import best_losses
 from swim2real.report.call_table import call_section
 from swim2real.report.marker_errors import MarkerErrors
 from swim2real.report.pages import Charts, render_page, write_page

@@ -10,7 +10,7 @@ from swim2real.report.run import Json, ReportedRun
 from swim2real.report.units import NOTHING, percent, significant, text
 from swim2real.robots.robot import Sensor
 
-_LARGE = ("loss", "marker_error", "velocity_error")
+_LARGE = ("loss", "aligned_marker_error", "velocity_error")
 _SENSOR = "sensor_errors"
 
 
@@ -49,7 +49,7 @@ def split(run: ReportedRun) -> tuple[SplitRow, ...]:
     if about.frame is not None:
         names = " and ".join(run.marker_names[marker] for marker in about.frame)
         marker += f", in the frame of {names}{', with the difference in how far they have come' * about.score_progress}"
-    found.append(length("Marker error", "marker_error", f"{marker}.", main=True))
+    found.append(length("Marker error", "aligned_marker_error", f"{marker}.", main=True))
     if about.score_progress:
         found.append(length("Shape", "shape_error", "The same without how far it has come."))
     for sensor in about.sensors:

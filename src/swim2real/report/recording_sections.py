@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.calibration import RecordingPair, RunFolder, load_recordings
-from swim2real.calibration.recording_pairs import RECORDINGS
+from swim2real.calibration import RunFolder, SavedTrial, load_trials
+from swim2real.calibration.run_folder import TRIALS
 from swim2real.report.marker_errors import MarkerErrors, by_trial, stored
 from swim2real.report.recording_headline import loss_name, split, tiles
 from swim2real.report.recording_table import recording_table
@@ -35,11 +35,11 @@ class RecordingSections(Sections):
     """
 
     template = "recordings.html.j2"
-    file = RECORDINGS
+    file = TRIALS
     drawn = ("marker paths", "errors over time")
     unused = ("start",)
 
-    recordings: tuple[RecordingPair, ...] = ()
+    recordings: tuple[SavedTrial, ...] = ()
 
     @classmethod
     def read(cls, folder: RunFolder, outcome: Json) -> RecordingSections:
@@ -52,8 +52,8 @@ class RecordingSections(Sections):
         Raises:
             RunError: The recordings are damaged.
         """
-        there = outcome and (folder.path / RECORDINGS).is_file()
-        return cls(tuple(sorted(load_recordings(folder), key=lambda one: one.compared.name)) if there else ())
+        there = outcome and (folder.path / TRIALS).is_file()
+        return cls(tuple(sorted(load_trials(folder), key=lambda one: one.compared.name)) if there else ())
 
     @property
     def warning(self) -> str | None:
@@ -106,7 +106,9 @@ def marker_errors(run: ReportedRun) -> tuple[MarkerErrors, ...]:
     offset_note = "What stays of it in the mean over time: a marker in another place, or a pose that sags."
     amplitude_note = "By how much it moves more or less, as a standard deviation along the line that it moves along."
     return (
-        by_trial(run, "marker", "Marker error", "Mean distance at the same times.", stored(run, "marker_errors")),
+        by_trial(
+            run, "marker", "Marker error", "Mean distance at the same times.", stored(run, "aligned_marker_errors")
+        ),
         by_trial(run, "offset", "Constant offset", offset_note, offset),
         by_trial(run, "amplitude", "Difference in amplitude", amplitude_note, amplitude),
     )

@@ -72,7 +72,7 @@ def _columns(run: ReportedRun) -> dict[str, Callable[[ReportedTrial], str]]:
         found["Frequency (Hz)"] = lambda trial: text(trial.quality.get("nominal_frequency"), 2)
     if about.sensors:
         found["Playback error (mm)"] = length("loss")
-    found["Marker error (mm)"] = length("marker_error")
+    found["Marker error (mm)"] = length("aligned_marker_error")
     if about.score_progress:
         found["Shape (mm)"] = length("shape_error")
     found |= {f"{sensor.name} ({sensor.unit})": reading(sensor.name) for sensor in about.sensors}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-from swim2real.calibration.convergence import still_falling
+from swim2real.calibration.run_folder import still_falling
 from swim2real.parameters import ParameterSpace
 from swim2real.report.recorded_calls import RecordedCalls
 from swim2real.robots.robot import Robot

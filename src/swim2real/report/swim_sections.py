@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
-
-from swim2real.calibration import RunFolder, SwimPair, load_swims
+from swim2real.calibration import RunFolder, SavedTrial, load_trials
 from swim2real.calibration.from_rest import backward_from_rest
-from swim2real.calibration.swim_pairs import SWIMS
+from swim2real.calibration.run_folder import TRIALS
 from swim2real.report.headline import split, tiles
 from swim2real.report.marker_errors import marker_errors
 from swim2real.report.run import Json, ReportedRun, Sections
@@ -31,10 +29,10 @@ class SwimSections(Sections):
     """
 
     template = "swims.html.j2"
-    file = SWIMS
+    file = TRIALS
     drawn = ("marker paths", "body envelopes")
 
-    swims: tuple[SwimPair, ...] = ()
+    swims: tuple[SavedTrial, ...] = ()
     backward: str | None = None
 
     @classmethod
@@ -48,10 +46,10 @@ class SwimSections(Sections):
         Raises:
             RunError: The swims are damaged.
         """
-        there = outcome and (folder.path / SWIMS).is_file()
-        swims = [_without_diverged(swim, outcome) for swim in load_swims(folder)] if there else []
+        there = outcome and (folder.path / TRIALS).is_file()
+        swims = load_trials(folder) if there else ()
         return cls(
-            tuple(sorted(swims, key=lambda swim: (swim.frequency, swim.name))),
+            tuple(sorted(swims, key=lambda swim: (swim.compared.frequency or 0.0, swim.compared.name))),
             backward_from_rest(outcome.get("from_rest") or {}),
         )
 
@@ -60,7 +58,8 @@ class SwimSections(Sections):
         return self.backward
 
     def content(self, run: ReportedRun) -> dict[str, Any]:
-        swims = drawn_trials(self.swims)
+        drawn = drawn_trials(self.swims)
+        swims = [swim.compared for swim in drawn]
         ranges, path_ranges = swim_ranges(swims), swim_ranges(swims, path_markers(run.marker_names).start)
         charts: dict[str, Any] = {"speeds": partial(speeds, run)}
         for i, swim in enumerate(swims):
@@ -72,15 +71,9 @@ class SwimSections(Sections):
             "tiles": tiles(run),
             "split": split(run),
             "order": "marker, head to tail",
-            "errors": marker_errors(run, self.swims),
+            "errors": marker_errors(run, [swim.compared for swim in self.swims]),
             "trials": trial_rows(run),
             "charts": charts,
-            "swims": swims,
+            "swims": drawn,
             "diverged": {trial.name for trial in run.trials if trial.diverged},
         }
-
-
-def _without_diverged(swim: SwimPair, outcome: Json) -> SwimPair:
-    """The swim, its simulated part NaN if that diverged: what is stored then is no motion."""
-    figures = outcome["held_out" if swim.held_out else "fit"]["trials"][swim.name]
-    return replace(swim, simulated=np.full_like(swim.simulated, np.nan)) if figures.get("divergence") else swim

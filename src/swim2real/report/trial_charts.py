@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from swim2real.calibration import SwimPair
-from swim2real.objective import PlaybackComparison, SensorComparison
+from swim2real.objective import ComparedSensor, ComparedTrial
 from swim2real.report.style import LIGHT, THIRD, new_chart, titled
 from swim2real.robots.robot import Robot
 
@@ -41,22 +40,22 @@ def drawn_trials(trials: Sequence[T]) -> tuple[T, ...]:
     return tuple(trials[i] for i in (round(k * (len(trials) - 1) / (MAX_TRIALS - 1)) for k in range(MAX_TRIALS)))
 
 
-def counted(swim: SwimPair) -> Mask:
+def counted(swim: ComparedTrial) -> Mask:
     """Marker-frames that count: tracked and seen. Shape (T, M)."""
     return (swim.weights > 0) & np.isfinite(swim.real).all(axis=2)
 
 
-def drawn_frames(swim: SwimPair) -> slice:
+def drawn_frames(swim: ComparedTrial) -> slice:
     """Frames to draw: all of a short swim, else about 60 a beat from the first frame on, at most 480."""
     if len(swim.times) <= _MAX_FRAMES:
         return slice(None)
     steps = np.diff(swim.times)
     spacing = float(np.median(steps)) if steps.size else 1.0
-    stride = max(1, int(1 / (max(swim.frequency, 1e-3) * _FRAMES_A_BEAT * max(spacing, 1e-6))))
+    stride = max(1, int(1 / (max(swim.frequency or 0.0, 1e-3) * _FRAMES_A_BEAT * max(spacing, 1e-6))))
     return slice(0, _MAX_FRAMES * stride, stride)
 
 
-def swim_ranges(swims: Sequence[SwimPair], first: int = 0) -> tuple[Range, Range]:
+def swim_ranges(swims: Sequence[ComparedTrial], first: int = 0) -> tuple[Range, Range]:
     """Ranges of x and y that hold what counts of all swims [mm], from a marker on, for the same scale everywhere."""
     points: list[Array] = [np.zeros((0, 2))]
     for swim in swims:
@@ -65,7 +64,7 @@ def swim_ranges(swims: Sequence[SwimPair], first: int = 0) -> tuple[Range, Range
     return _ranges(np.concatenate(points), _MARGIN)
 
 
-def recording_ranges(trials: Sequence[PlaybackComparison]) -> tuple[Range, Range]:
+def recording_ranges(trials: Sequence[ComparedTrial]) -> tuple[Range, Range]:
     """Ranges along both axes that hold all that is drawn of all trials, for the same scale everywhere [mm]."""
     points = [np.zeros((0, 2))]
     for trial in trials:
@@ -89,7 +88,7 @@ def axis_titles(robot: Robot) -> tuple[str, str]:
     return f"from {first} toward {second} (mm)", "to the left of it (mm)"
 
 
-def swim_paths(swim: SwimPair, markers: Sequence[str], ranges: tuple[Range, Range]) -> Figure:
+def swim_paths(swim: ComparedTrial, markers: Sequence[str], ranges: tuple[Range, Range]) -> Figure:
     """Paths of the markers in the body frame, the simulated ones registered; lost marker-frames faint and hollow."""
     across, (low, high) = ranges
     figure, axes = _path_chart(
@@ -113,7 +112,7 @@ def swim_paths(swim: SwimPair, markers: Sequence[str], ranges: tuple[Range, Rang
     return figure
 
 
-def envelope(swim: SwimPair, ranges: tuple[Range, Range]) -> Figure:
+def envelope(swim: ComparedTrial, ranges: tuple[Range, Range]) -> Figure:
     """Smallest and largest sideways position of every marker along the body, over the frames that count."""
     figure, axes = new_chart(LEFT, 2.2, "along the body, head to tail (mm)", "sideways (mm)")
     good = counted(swim)
@@ -132,7 +131,7 @@ def envelope(swim: SwimPair, ranges: tuple[Range, Range]) -> Figure:
     return figure
 
 
-def tail_tip(swim: SwimPair, markers: Sequence[str], ranges: tuple[Range, Range]) -> Figure:
+def tail_tip(swim: ComparedTrial, markers: Sequence[str], ranges: tuple[Range, Range]) -> Figure:
     """Sideways position of the rearmost marker that was tracked, over time."""
     frames, good = drawn_frames(swim), counted(swim)
     seen = np.flatnonzero(good.any(axis=0))
@@ -148,7 +147,7 @@ def tail_tip(swim: SwimPair, markers: Sequence[str], ranges: tuple[Range, Range]
 
 
 def recording_paths(
-    trial: PlaybackComparison, markers: Sequence[str], links: Sequence[tuple[int, int]],
+    trial: ComparedTrial, markers: Sequence[str], links: Sequence[tuple[int, int]],
     ranges: tuple[Range, Range], titles: tuple[str, str],
 ) -> Figure:  # fmt: skip
     """Paths of the markers in the frame of comparison, and the links at some instants, the later the stronger."""
@@ -170,7 +169,7 @@ def recording_paths(
     return figure
 
 
-def errors_over_time(trial: PlaybackComparison, markers: Sequence[str]) -> Figure:
+def errors_over_time(trial: ComparedTrial, markers: Sequence[str]) -> Figure:
     """How far each marker is off over time, and their mean."""
     figure, axes = new_chart(RIGHT, 2.0, "time (s)", "error (mm)")
     lengths = np.where(trial.weights > 0, np.linalg.norm(trial.residual, axis=2), np.nan)
@@ -184,7 +183,7 @@ def errors_over_time(trial: PlaybackComparison, markers: Sequence[str]) -> Figur
     return figure
 
 
-def progress_over_time(trial: PlaybackComparison) -> Figure:
+def progress_over_time(trial: ComparedTrial) -> Figure:
     """How far it has come along the line of travel, over time."""
     figure, axes = new_chart(RIGHT, 2.0, "time (s)", "way (mm)")
     thin = _thinned(trial.times)
@@ -194,7 +193,7 @@ def progress_over_time(trial: PlaybackComparison) -> Figure:
     return figure
 
 
-def sensor_readings(sensor: SensorComparison, unit: str) -> Figure:
+def sensor_readings(sensor: ComparedSensor, unit: str) -> Figure:
     """A sensor's readings over time."""
     figure, axes = new_chart(RIGHT, 2.0, "time (s)", f"{sensor.name} ({unit})")
     thin = _thinned(sensor.times)
@@ -240,7 +239,7 @@ def _draw_links(
         )  # fmt: skip
 
 
-def _name_from_the_tail(axes: Any, swim: SwimPair, good: Mask, markers: Sequence[str], high: float) -> None:
+def _name_from_the_tail(axes: Any, swim: ComparedTrial, good: Mask, markers: Sequence[str], high: float) -> None:
     """Names of markers above their paths, left out where they would overlap; the rearmost one is always there."""
     placed: list[float] = []
     for m in reversed(path_markers(markers)):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
 from swim2real.parameters import ParameterSpace, Values
+from swim2real.settings import ProtocolName
 
 
 class Response(Protocol):
@@ -42,7 +43,6 @@ class Response(Protocol):
 
 
 Score = Callable[[Mapping[str, Any]], float]
-ProtocolName = Literal["aligned", "paper", "playback"]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.calibration import PlaybackProblem, Problem, SwimProblem
-from swim2real.errors import ArgumentError
+from swim2real.calibration import Problem
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.playback import sensor_address
@@ -105,12 +104,10 @@ def to_sysid(problem: Problem, values: Values) -> SysidProblem:
     parameters = sysid.ParameterDict()
     for one in problem.robot.space:
         parameters.add(sysid.Parameter(one.name, checked[one.name], one.lower, one.upper))
-    if isinstance(problem, SwimProblem):
-        trajectories = swim_trajectories(problem, checked)
-    elif isinstance(problem, PlaybackProblem):
+    if problem.protocol.name == "playback":
         trajectories = recording_trajectories(problem, checked)
     else:
-        raise ArgumentError(f"trials of a {type(problem).__name__} can't be made trajectories")
+        trajectories = swim_trajectories(problem, checked)
     return SysidProblem(problem.robot, parameters, trajectories)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from swim2real.calibration import PlaybackProblem
+from swim2real.calibration import Problem
 from swim2real.errors import EngineError
-from swim2real.objective import PlaybackTarget
+from swim2real.objective import Target
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation import Rollout
@@ -17,7 +17,7 @@ from swim2real.simulation.start import WINDOW
 from swim2real.sysid.trajectory import Array, Trajectory, marker_readings, placed
 
 
-def recording_trajectories(problem: PlaybackProblem, values: Values) -> list[Trajectory]:
+def recording_trajectories(problem: Problem, values: Values) -> list[Trajectory]:
     """Each recording from its start on, which is found once, with given values.
 
     Where recordings are compared in a frame on the robot, the track is placed such that its first tenth of a second
@@ -32,13 +32,10 @@ def recording_trajectories(problem: PlaybackProblem, values: Values) -> list[Tra
         TrialError: Nothing tells where a recording begins.
     """
     model = problem.robot.build(values).compile()
-    requests = zip(problem.rollouts, problem.targets, strict=True)
-    return [_trajectory(problem, model, rollout, target) for rollout, target in requests]
+    return [_trajectory(problem, model, prepared.request, prepared.target) for prepared in problem.prepared]
 
 
-def _trajectory(
-    problem: PlaybackProblem, model: mujoco.MjModel, rollout: Rollout, target: PlaybackTarget
-) -> Trajectory:
+def _trajectory(problem: Problem, model: mujoco.MjModel, rollout: Rollout, target: Target) -> Trajectory:
     robot, track = problem.robot, rollout.trial.track
     data, controls = problem.simulator.begin(model, rollout)
     data.time = 0.0
@@ -55,11 +52,10 @@ def _trajectory(
         first = times[times <= WINDOW]
         real = placed(rollout.trial.name, real, _in_plane(robot, sampled(made.sensors, model.opt.timestep, first)))
     stamps, readings = times, marker_readings(robot, model, real)
-    for name in target.worths:
-        found = target.readings(name)
-        column = np.full((len(found.times), model.nsensordata), np.nan)
-        column[:, sensor_address(model, name)] = found.column(name)
-        stamps, readings = _merged(stamps, readings, found.times - track.times[0], column)
+    for sensor in target.sensors:
+        column = np.full((len(sensor.times), model.nsensordata), np.nan)
+        column[:, sensor_address(model, sensor.name)] = sensor.readings
+        stamps, readings = _merged(stamps, readings, sensor.times - track.times[0], column)
     return Trajectory(rollout.trial.name, state, controls, stamps, readings)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from swim2real.calibration import SwimProblem
+from swim2real.calibration import Problem
 from swim2real.errors import ArgumentError, EngineError
-from swim2real.objective import TrialComparison, swims_of
+from swim2real.objective import ComparedTrial
 from swim2real.parameters import Values
 from swim2real.simulation.playback import sampled
 from swim2real.simulation.simulator import SETTLING, Swim
@@ -17,7 +17,7 @@ from swim2real.sysid.trajectory import Array, Trajectory, marker_readings, place
 from swim2real.trials import MarkerTrack, frames
 
 
-def swim_trajectories(problem: SwimProblem, values: Values) -> list[Trajectory]:
+def swim_trajectories(problem: Problem, values: Values) -> list[Trajectory]:
     """Each trial from the steady swim of given values on, at its phase.
 
     The track is registered as these values register it, and placed such that its first beat meets the simulated one.
@@ -31,24 +31,24 @@ def swim_trajectories(problem: SwimProblem, values: Values) -> list[Trajectory]:
         EngineError: A swim of these values diverges.
         TrialError: Nothing tells where a trial begins.
     """
-    if problem.protocol != "aligned":
-        raise ArgumentError(f"protocol is '{problem.protocol}'; swims for the toolbox need 'aligned'")
+    if problem.protocol.name != "aligned":
+        raise ArgumentError(f"protocol is '{problem.protocol.name}'; swims for the toolbox need 'aligned'")
     comparison = problem.evaluate(values)
     if comparison.divergence:
         raise EngineError(f"{comparison.divergence}; export other values")
     model = problem.robot.build(values).compile()
     return [
-        _trajectory(problem, model, swim, target.trial.cut(problem.horizon).track, compared)
-        for swim, target, compared in zip(problem.swims, problem.targets, swims_of(comparison), strict=True)
+        _trajectory(problem, model, prepared.request, prepared.trial.cut(problem.horizon).track, compared)
+        for prepared, compared in zip(problem.prepared, comparison.trials, strict=True)
     ]
 
 
 def _trajectory(
-    problem: SwimProblem, model: mujoco.MjModel, swim: Swim, track: MarkerTrack, compared: TrialComparison
+    problem: Problem, model: mujoco.MjModel, swim: Swim, track: MarkerTrack, compared: ComparedTrial
 ) -> Trajectory:
     period, speed = swim.actuation.period, 2 * np.pi * swim.actuation.frequency
     stepper = Stepper(model, problem.robot, swim.actuation.start_speed or 0.0, speed, 0.0)
-    turns = np.ceil(SETTLING / period) + compared.phase / (2 * np.pi)
+    turns = np.ceil(SETTLING / period) + (compared.phase or 0.0) / (2 * np.pi)
     try:
         settled = run_to(None, stepper, period, turns)
     except DivergedError as error:

@@ -8,7 +8,7 @@ from typing import Any
 from swim2real.advisor.briefing.averages import without_errors
 from swim2real.advisor.briefing.history import history
 from swim2real.advisor.briefing.kinds import telling_of
-from swim2real.objective.evidence import rounded
+from swim2real.objective.comparison import rounded
 from swim2real.optimizers import Evaluation, Situation
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.advisor.briefing.recordings.axes import axes_of
-from swim2real.objective import Comparison, PlaybackComparison, playbacks_of
-from swim2real.objective.windows import mean
+from swim2real.objective import ComparedTrial, Comparison
+from swim2real.objective.motion import finite_mean as mean
 from swim2real.rendering.clip import write_clip
 from swim2real.rendering.drawing import Bytes
 from swim2real.rendering.playback_frame import PlaybackFrames
@@ -25,10 +25,10 @@ class RecordingAlbum:
     """All recordings, in the order of the reference. An `Album`."""
 
     def __init__(self, comparison: Comparison, robot: Robot) -> None:
-        trials = playbacks_of(comparison)
+        trials = comparison.trials
         self._views = [playback_view(trial, robot) for trial in trials]
         self._limits = playback_limits(self._views)
-        losses = [trial.loss(comparison.protocol) for trial in trials]
+        losses = [trial.loss for trial in trials]
         views = zip(self._views, losses, strict=True)
         self.scenes = [RecordingScene(view, loss, self._limits) for view, loss in views]
 
@@ -60,26 +60,26 @@ class RecordingScene:
         return self._view.times[self._view.moments(moments)].clip(min=0.0).tolist()
 
 
-def playback_view(trial: PlaybackComparison, robot: Robot) -> PlaybackView:
+def playback_view(trial: ComparedTrial, robot: Robot) -> PlaybackView:
     """A compared recording as it is drawn: in the plane of comparison, as the loss sees it."""
     seen = trial.weights > 0
     distance = np.where(seen, np.linalg.norm(trial.residual, axis=2), np.nan)
-    real, simulated = _from_first_pose(trial) if trial.travels else (None, None)
+    real, simulated = _from_first_pose(trial) if trial.progress_real is not None else (None, None)
     return PlaybackView(
         trial.name, trial.times, seen, trial.real, trial.simulated, robot.marker_names,
-        np.nan if trial.divergence else trial.marker_error, mean(distance.T), robot.links, axes_of(robot).picture, real,
-        simulated,
+        np.nan if trial.divergence else trial.aligned_marker_error, mean(distance.T), robot.links,
+        axes_of(robot).picture, real, simulated,
     )  # fmt: skip
 
 
-def _from_first_pose(trial: PlaybackComparison) -> tuple[Array, Array] | tuple[None, None]:
+def _from_first_pose(trial: ComparedTrial) -> tuple[Array, Array] | tuple[None, None]:
     """Both in the frame in which each is when the real one is first seen. Shapes (T, M, 2)."""
     if trial.frame is None:
         return None, None
     framed = np.flatnonzero((trial.weights[:, trial.frame] > 0).all(axis=1))
     if not framed.size:
         return None, None
-    real, simulated = (_seen_from(w, framed[0], trial.frame) for w in (trial.world_real, trial.world_simulated))
+    real, simulated = (_seen_from(w, framed[0], trial.frame) for w in (trial.path_real, trial.path_simulated))
     return real, simulated
 
 

@@ -44,7 +44,7 @@ class RecordingTelling:
 
     def outcome(self, trials: Sequence[Facts]) -> dict[str, Any]:
         whole = differences(trials)
-        markers = mean(trial["figures"].get("marker_error") for trial in trials) if whole["sensors"] else None
+        markers = mean(trial["figures"].get("aligned_marker_error") for trial in trials) if whole["sensors"] else None
         return {"marker_error": markers, "sensors": whole["sensors"], **whole["median"]}
 
     def markers(self, facts: Facts) -> str:

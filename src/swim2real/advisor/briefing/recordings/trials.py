@@ -58,7 +58,7 @@ def _marker(i: int, name: str, content: Mapping[str, Any], widest: float) -> dic
         ratio = simulated / real
     return {
         "name": name,
-        "error": None if diverged else content["marker_errors"][i],
+        "error": None if diverged else content["aligned_marker_errors"][i],
         "amplitude": {"real": real, "simulated": simulated, "ratio": ratio},
         "offset": _whole(content["offset"][i]),
         "windows": [_whole(window[i]) for window in content["windows"]["markers"]],

@@ -83,7 +83,7 @@ def _travel(facts: Facts) -> list[str]:
     lines: list[str] = []
     if found["other_way"]:
         lines.append(f"The simulated robot goes the other way in {', '.join(found['other_way'])}.")
-    markers, shape = figures.get("marker_error"), figures.get("shape_error")
+    markers, shape = figures.get("aligned_marker_error"), figures.get("shape_error")
     if facts["compared"]["travels"] and markers is not None and shape is not None:
         lines.append(f"Of the markers' {mm(markers, 1)} mm, {mm(shape, 1)} mm are left without how far it has come.")
     ratio = found["median"]["speed_ratio"]
@@ -117,7 +117,7 @@ def _by_trial(facts: Facts) -> str:
         ("error mm", lambda trial, row: mm(trial["error"], 1)),
     ]
     if found["sensors"]:
-        columns.append(("markers mm", lambda trial, row: mm(trial["figures"].get("marker_error"), 1)))
+        columns.append(("markers mm", lambda trial, row: mm(trial["figures"].get("aligned_marker_error"), 1)))
     for i, one in enumerate(found["sensors"]):
         columns.append((f"{one['name']} {one['unit']}", lambda trial, row, i=i: _reading(trial["sensors"][i]["error"])))
     if any("shape_error" in trial["figures"] for trial in trials):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swim2real.objective import Comparison, TrialComparison, swims_of
+from swim2real.objective import ComparedTrial, Comparison
 from swim2real.rendering.clip import write_clip
 from swim2real.rendering.drawing import Bytes
 from swim2real.rendering.swim_frame import draw_frame
@@ -21,10 +21,10 @@ class SwimAlbum:
     """All swims, by frequency. An `Album`."""
 
     def __init__(self, comparison: Comparison, marker_names: Sequence[str]) -> None:
-        swims = sorted(swims_of(comparison), key=lambda trial: trial.frequency)
+        swims = sorted(comparison.trials, key=lambda trial: trial.frequency or 0.0)
         self._views = [swim_view(trial, marker_names) for trial in swims]
         self._limits = common_limits(self._views)
-        losses = [trial.loss(comparison.protocol) for trial in swims]
+        losses = [trial.loss for trial in swims]
         self.scenes = [SwimScene(view, loss, self._limits) for view, loss in zip(self._views, losses, strict=True)]
 
     def overview(self, moments: int, width: int) -> Bytes:
@@ -56,7 +56,7 @@ class SwimScene:
         return (np.arange(moments) / moments * period + max(self.duration - period, 0) / 2).tolist()
 
 
-def swim_view(trial: TrialComparison, marker_names: Sequence[str]) -> SwimView:
+def swim_view(trial: ComparedTrial, marker_names: Sequence[str]) -> SwimView:
     """A compared swim as it is drawn: registered, as the loss sees it."""
     hidden = np.nan if trial.divergence else 0.0
     seen = trial.weights > 0
@@ -67,5 +67,5 @@ def swim_view(trial: TrialComparison, marker_names: Sequence[str]) -> SwimView:
         offsets = np.stack([np.interp(index, known, trial.registration[known, axis]) for axis in (0, 1)], axis=1)
     return SwimView(
         trial.name, trial.times, seen, trial.real, trial.simulated + offsets + hidden, tuple(marker_names),
-        trial.frequency, trial.course_real, trial.course_simulated + hidden,
+        trial.frequency or 0.0, trial.path_real, trial.path_simulated + hidden,
     )  # fmt: skip

@@ -1,0 +1,301 @@
+"""How real and simulated trials are compared: the one place that knows one kind of trial from another.
+
+A protocol says how a real trial is prepared (what is asked of the simulator, from which start, for how long; which
+marker-frames count; the real side of the comparison, worked out once) and how a simulated trial is matched with it.
+Steady swims are compared by `aligned` or `paper`, recordings by `playback`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Generic, TypeVar
+
+import numpy as np
+
+from swim2real.calibration.from_rest import from_rest
+from swim2real.errors import ArgumentError, TrialError
+from swim2real.objective import ComparedTrial, Target, compare_playback, compare_steady, playback_target, steady_target
+from swim2real.objective.comparison import rounded
+from swim2real.parameters import Values
+from swim2real.robots.robot import Robot
+from swim2real.settings import ProtocolName, Start
+from swim2real.simulation import ForwardModel, PlaybackSimulator, Simulator
+from swim2real.tracking import Beat, LostMarkers, TrackQuality, check_track, identify_beat, unseen
+from swim2real.trials import Actuation, Trial, TrialSet
+
+Model = TypeVar("Model", bound=ForwardModel[Any])
+
+_ROUNDING = 1e-3  # s, of a table's time stamps
+
+
+@dataclass(frozen=True)
+class PreparedTrial:
+    """A real trial, ready to be compared with simulated ones.
+
+    Attributes:
+        trial: The real trial.
+        target: Its side of the comparison.
+        request: What is asked of the simulator.
+        cost: Something that grows with the time that its simulation takes.
+        examination: What was found in the trial, ready for JSON: quality (`usable`, `findings`, …) and what drove it.
+    """
+
+    trial: Trial
+    target: Target
+    request: Any
+    cost: float
+    examination: Mapping[str, Any]
+
+
+class Protocol(ABC, Generic[Model]):
+    """A way to compare trials."""
+
+    name: ClassVar[ProtocolName]
+
+    @abstractmethod
+    def simulator(self, robot: Robot, threads: int | None = None) -> Model:
+        """What simulates the robot's trials, that many at a time; None for all cores."""
+
+    @abstractmethod
+    def prepare(
+        self, reference: TrialSet, robot: Robot, simulator: Model, horizon: float | None
+    ) -> tuple[PreparedTrial, ...]:
+        """Checks real trials and works out all that doesn't depend on a candidate.
+
+        Args:
+            reference: The real trials.
+            robot: The robot that is calibrated.
+            simulator: A simulator of this protocol.
+            horizon: Seconds of each trial that are compared, None for all.
+
+        Raises:
+            TrialError: The trials aren't the robot's, or a trial lacks what the protocol needs.
+        """
+
+    @abstractmethod
+    def compare(self, target: Target, simulated: Trial) -> ComparedTrial:
+        """Matches a simulated trial with its real one."""
+
+    def check_fit(self, simulator: Model, values: Values, prepared: Sequence[PreparedTrial]) -> dict[str, Any]:
+        """What else a fit is tried on when a run ends: entries of its outcome, ready for JSON."""
+        del simulator, values, prepared
+        return {}
+
+
+@dataclass(frozen=True)
+class RealSwim:
+    """A real swim with what was found in it.
+
+    Attributes:
+        trial: The real trial.
+        quality: What was lost in its track.
+        beat: What drove it.
+    """
+
+    trial: Trial
+    quality: TrackQuality
+    beat: Beat
+
+    def summary(self, marker_names: tuple[str, ...]) -> dict[str, Any]:
+        """Quality and beat, ready for JSON."""
+        beat = self.beat
+        driven = {
+            "frequency": beat.frequency,
+            "frequency_std": beat.frequency_std,
+            "phase": beat.phase,
+            "phase_std": beat.phase_std,
+            "start_speed": beat.start_speed,
+            "start_speed_std": beat.start_speed_std,
+            "amplitude": beat.amplitude,
+            "explained": beat.explained,
+        }
+        spreads = {"head_spread": self.quality.head_spread, "body_spread": self.quality.body_spread}
+        return _summary(self.trial, driven, self.quality, spreads, marker_names)
+
+
+def examine_swims(reference: TrialSet, robot: Robot) -> tuple[RealSwim, ...]:
+    """Checks the tracks of steady swims and identifies what drove each of them.
+
+    Raises:
+        TrialError: The markers aren't the robot's, or a trial shows no beat.
+    """
+    if len(reference.marker_names) != len(robot.marker_names):
+        raise TrialError(
+            f"the reference has {len(reference.marker_names)} markers ({', '.join(reference.marker_names)}); "
+            f"robot '{robot.name}' has {len(robot.marker_names)} ({', '.join(robot.marker_names)})"
+        )
+    swims: list[RealSwim] = []
+    for trial in reference:
+        quality = check_track(trial.track, robot.rest_markers)
+        swims.append(
+            RealSwim(trial, quality, identify_beat(trial.track, robot.swims.tail_markers, quality, trial.name))
+        )
+    return tuple(swims)
+
+
+class _Steady(Protocol[Simulator]):
+    """What the two protocols of steady swims share."""
+
+    fit_phase: ClassVar[bool]
+
+    def simulator(self, robot: Robot, threads: int | None = None) -> Simulator:
+        return Simulator(robot, threads)
+
+    def prepare(
+        self, reference: TrialSet, robot: Robot, simulator: Simulator, horizon: float | None
+    ) -> tuple[PreparedTrial, ...]:
+        return tuple(self._prepared(swim, robot, simulator, horizon) for swim in examine_swims(reference, robot))
+
+    def compare(self, target: Target, simulated: Trial) -> ComparedTrial:
+        return compare_steady(target, simulated, fit_phase=self.fit_phase)
+
+    def check_fit(self, simulator: Simulator, values: Values, prepared: Sequence[PreparedTrial]) -> dict[str, Any]:
+        """How each trial's beat swims from rest."""
+        frequencies = {one.trial.name: one.request.actuation.frequency for one in prepared}
+        swims = from_rest(simulator, values, frequencies)
+        return rounded({"from_rest": {name: swim.as_dict() for name, swim in swims.items()}})
+
+    @abstractmethod
+    def actuation(self, swim: RealSwim) -> Actuation:
+        """What drives the simulated motor, and the speed from which it starts."""
+
+    def _prepared(self, swim: RealSwim, robot: Robot, simulator: Simulator, horizon: float | None) -> PreparedTrial:
+        trial, actuation = swim.trial, self.actuation(swim)
+        lead = actuation.period if self.fit_phase else 0.0  # a phase is looked for within one period
+        target = steady_target(trial, swim.quality.weights, actuation.frequency, swim.beat.frequency, horizon)
+        request = simulator.request(trial, actuation, lead)
+        return PreparedTrial(trial, target, request, actuation.period, swim.summary(robot.marker_names))
+
+
+@dataclass(frozen=True)
+class Aligned(_Steady):
+    """The frequency at which the tail beats, a steady cycle, phase and registration fitted, lost markers left out.
+
+    Attributes:
+        start: Where the simulation starts to look for its steady cycle: at the real `speed`, or at `rest`.
+    """
+
+    name: ClassVar[ProtocolName] = "aligned"
+    fit_phase: ClassVar[bool] = True
+
+    start: Start = "speed"
+
+    def actuation(self, swim: RealSwim) -> Actuation:
+        actuation = swim.beat.actuation
+        return replace(actuation, start_speed=0.0) if self.start == "rest" else actuation
+
+
+class Paper(_Steady):
+    """As the paper's text has it: the nominal frequency, from rest, nothing fitted, every marker counts."""
+
+    name: ClassVar[ProtocolName] = "paper"
+    fit_phase: ClassVar[bool] = False
+
+    def actuation(self, swim: RealSwim) -> Actuation:
+        if swim.trial.nominal_frequency is None:
+            raise TrialError(
+                f"trial '{swim.trial.name}' has no nominal frequency, which protocol 'paper' needs; "
+                f"write it into reference.json or use protocol 'aligned'"
+            )
+        return Actuation(swim.trial.nominal_frequency)
+
+
+class Playback(Protocol[PlaybackSimulator]):
+    """Recordings, simulated from their own start under their own controls and compared at the same times."""
+
+    name: ClassVar[ProtocolName] = "playback"
+
+    def simulator(self, robot: Robot, threads: int | None = None) -> PlaybackSimulator:
+        return PlaybackSimulator(robot, threads)
+
+    def prepare(
+        self, reference: TrialSet, robot: Robot, simulator: PlaybackSimulator, horizon: float | None
+    ) -> tuple[PreparedTrial, ...]:
+        if reference.marker_names != robot.marker_names:
+            raise TrialError(
+                f"the reference has the markers {', '.join(reference.marker_names)}; robot '{robot.name}' has "
+                f"{', '.join(robot.marker_names)}; name them alike, in the same order"
+            )
+        return tuple(self._prepared(trial, robot, simulator, horizon) for trial in reference)
+
+    def compare(self, target: Target, simulated: Trial) -> ComparedTrial:
+        return compare_playback(target, simulated)
+
+    def _prepared(
+        self, trial: Trial, robot: Robot, simulator: PlaybackSimulator, horizon: float | None
+    ) -> PreparedTrial:
+        trials, lost, cut = robot.trials, unseen(trial.track), trial.cut(horizon)
+        weights = lost.weights[: cut.track.frame_count]
+        scales = {sensor.name: sensor.meters_per_unit for sensor in trials.sensors}
+        target = playback_target(cut, weights, trials.frame, trials.score_progress, scales)
+        recorded = {
+            "controls": [] if trial.controls is None else list(trial.controls.names),
+            "sensors": [] if trial.sensors is None else list(trial.sensors.names),
+        }
+        summary = _summary(trial, recorded, lost, {}, robot.marker_names)
+        if "table" in trials.controls.values():
+            summary["findings"] += _uncommanded(trial)
+        return PreparedTrial(trial, target, simulator.request(cut, weights), cut.track.duration, summary)
+
+
+def protocol_for(robot: Robot, name: ProtocolName, start: Start = "speed") -> Protocol[Any]:
+    """The protocol of a name, for the trials of a robot; `aligned` means `playback` where trials are recordings.
+
+    Args:
+        robot: The robot that is calibrated.
+        name: Name of the protocol.
+        start: Start of steady swims under protocol `aligned`.
+
+    Raises:
+        ArgumentError: The robot's trials can't be compared like that.
+    """
+    allowed = robot.trials.protocols
+    if name not in allowed:
+        if name != "aligned":
+            raise ArgumentError(
+                f"protocol is '{name}'; the trials of robot '{robot.name}' are {robot.trials.description}, which are "
+                f"compared by protocol {' or '.join(allowed)}"
+            )
+        name = allowed[0]
+    if start != "speed" and name != "aligned":
+        raise ArgumentError(f"start is '{start}', which is for steady swims under protocol aligned, not {name}")
+    protocols: dict[ProtocolName, Protocol[Any]] = {"aligned": Aligned(start), "paper": Paper(), "playback": Playback()}
+    return protocols[name]
+
+
+def _summary(
+    trial: Trial, driven: Mapping[str, Any], lost: LostMarkers, more: Mapping[str, Any], names: tuple[str, ...]
+) -> dict[str, Any]:
+    """What was found in a real trial, ready for JSON."""
+    return rounded(
+        {
+            "nominal_frequency": trial.nominal_frequency,
+            "meters_per_pixel": trial.meters_per_pixel,
+            "duration": trial.track.duration,
+            "frames": trial.track.frame_count,
+            **driven,
+            "lost_share": lost.lost_share,
+            "left_out_share": lost.left_out_share,
+            **more,
+            "usable": lost.usable,
+            "findings": lost.findings(names),
+        }
+    )
+
+
+def _uncommanded(trial: Trial) -> list[str]:
+    """A sentence for each end of a trial that its controls don't reach, where they hold longer than between rows."""
+    if trial.controls is None:
+        return []
+    rows, stamps, sentences = trial.controls.times, trial.track.times, list[str]()
+    if rows[0] > stamps[1]:
+        sentences.append(
+            f"its controls begin at {rows[0]:g} s, its frames at {stamps[0]:g} s; the first value is held until then"
+        )
+    if len(rows) > 1 and stamps[-1] - rows[-1] > np.diff(rows).max() + _ROUNDING:
+        sentences.append(
+            f"its controls end at {rows[-1]:g} s, its frames at {stamps[-1]:g} s; the last value is held from there on"
+        )
+    return sentences

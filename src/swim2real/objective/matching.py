@@ -1,0 +1,131 @@
+"""A simulated trial against its real one: at the real time stamps, in phase and registered where that is fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from swim2real.errors import TrialError
+from swim2real.objective.alignment import align, register
+from swim2real.objective.target import SensorTarget, Target
+from swim2real.objective.trial import ComparedSensor, ComparedTrial
+from swim2real.trials import MarkerTrack, Trial, frames
+
+Array = NDArray[np.float64]
+
+
+def compare_steady(target: Target, simulated: Trial, *, fit_phase: bool = True) -> ComparedTrial:
+    """Compares a steady swim in the body frame.
+
+    Args:
+        target: The real swim, as `steady_target` makes it.
+        simulated: The simulated swim from motor angle 0 on; it covers the trial, and one period more to fit a phase.
+        fit_phase: Whether phase and registration are fitted and the loss is the aligned error; otherwise both are
+            zero, as the paper's text has it, and the loss is its Eq. 1.
+
+    Raises:
+        TrialError: It was simulated for too short a time.
+    """
+    if target.frequency is None or target.swim is None:
+        raise TrialError(f"trial '{target.name}' has no beat; it can't be compared as a steady swim")
+    loss_figure = "aligned_marker_error" if fit_phase else "marker_error"
+    kept, motionless = len(target.times), np.zeros(target.real.shape[1:])
+    if simulated.divergence is not None:
+        nothing = np.full_like(target.real, np.nan)
+        return ComparedTrial(
+            target.name, loss_figure, target.times, target.weights, target.real, nothing, motionless, target.path,
+            nothing, target.frame, target.progress, np.full(kept, np.nan), target.velocity, float("nan"), (),
+            target.frequency, target.beat_frequency, 0.0, 0.0, nothing, simulated.divergence,
+        )  # fmt: skip
+    period = 1 / target.frequency
+    lead = period if fit_phase else 0.0
+    sim_times = simulated.track.times - simulated.track.times[0]
+    if sim_times[-1] + 1e-6 < target.sample_times[-1] + lead:
+        raise TrialError(
+            f"trial '{simulated.name}': simulated for {sim_times[-1]:.2f} s, "
+            f"{target.sample_times[-1] + lead:.2f} s are compared"
+        )
+    shift, registration = 0.0, motionless
+    if fit_phase:
+        body = CubicSpline(sim_times, simulated.track.body.reshape(len(sim_times), -1))
+        alignment = align(
+            lambda t: body(t).reshape(len(t), *motionless.shape), target.real, target.times, target.weights, period
+        )
+        shift, registration = alignment.shift, alignment.registration
+    sampled = MarkerTrack(
+        target.sample_times, CubicSpline(sim_times, simulated.track.positions)(target.sample_times + shift)
+    )
+    body_simulated = sampled.body[:kept]
+    offsets = registration if fit_phase else register(target.real - body_simulated, target.weights)
+    return ComparedTrial(
+        name=target.name,
+        loss_figure=loss_figure,
+        times=target.times,
+        weights=target.weights,
+        real=target.real,
+        simulated=body_simulated,
+        registration=registration,
+        path_real=target.path,
+        path_simulated=sampled.course[:kept],
+        frame=target.frame,
+        progress_real=target.progress,
+        progress_simulated=sampled.progress[:kept],
+        velocity_real=target.velocity,
+        velocity_simulated=sampled.speed,
+        frequency=target.frequency,
+        beat_frequency=target.beat_frequency,
+        phase=2 * np.pi * target.frequency * shift,
+        static_offset=float(np.linalg.norm(offsets, axis=1).mean()),
+        swim_residual=(sampled.swim - target.swim)[:kept],
+    )
+
+
+def compare_playback(target: Target, simulated: Trial) -> ComparedTrial:
+    """Compares a recording at its own time stamps; nothing is fitted.
+
+    Args:
+        target: The recording, as `playback_target` makes it.
+        simulated: Its playback, with the track at the recording's time stamps, and the sensors at those of the
+            recording's sensors that lie within the track.
+
+    Raises:
+        TrialError: It was simulated at other times.
+    """
+    if not np.array_equal(target.times, simulated.track.times):
+        raise TrialError(f"trial '{simulated.name}': it wasn't simulated at the recording's time stamps")
+    world = simulated.track.positions
+    progress = velocity = None
+    if target.progress is not None and target.frame is not None:
+        framed = (target.weights[:, target.frame] > 0).all(axis=1)
+        progress = np.full(len(world), np.nan)
+        if simulated.divergence is None or np.isfinite(world).any():
+            progress = frames.progress(target.times, np.where(framed[:, None, None], world, np.nan), target.frame)
+        velocity = frames.slope(target.times, progress)
+    return ComparedTrial(
+        name=target.name,
+        loss_figure="aligned_marker_error",
+        times=target.times,
+        weights=target.weights,
+        real=target.real,
+        simulated=world if target.frame is None else frames.to_body(world, target.frame),
+        registration=np.zeros(target.real.shape[1:]),
+        path_real=target.path,
+        path_simulated=world,
+        frame=target.frame,
+        progress_real=target.progress,
+        progress_simulated=progress,
+        velocity_real=target.velocity,
+        velocity_simulated=velocity,
+        sensors=tuple(_compared_sensor(sensor, simulated) for sensor in target.sensors),
+        divergence=simulated.divergence,
+    )
+
+
+def _compared_sensor(target: SensorTarget, simulated: Trial) -> ComparedSensor:
+    readings = np.full(len(target.times), np.nan)
+    if simulated.divergence is None:
+        if simulated.sensors is None or not np.array_equal(simulated.sensors.times, target.times):
+            raise TrialError(f"trial '{simulated.name}': its sensors weren't simulated at the recording's time stamps")
+        readings = simulated.sensors.column(target.name)
+    return ComparedSensor(target.name, target.meters_per_unit, target.times, target.readings, readings)

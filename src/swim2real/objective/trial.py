@@ -1,0 +1,303 @@
+"""One simulated trial against its real one: residuals, figures, and the evidence that an advisor judges by.
+
+There is one class for every kind of trial. What a trial hasn't is None or empty: a beat, a way that it has come,
+sensors. Figures in SI.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.objective.alignment import weighted_distance
+from swim2real.objective.motion import beat, finite_mean, main_amplitudes, windowed_means, windows
+from swim2real.trials import frames
+
+Array = NDArray[np.float64]
+LossFigure = Literal["aligned_marker_error", "marker_error"]
+
+FAILED_LOSS = 1.0  # m, the loss of a simulation that diverged: finite and of physical size
+
+AVERAGED = (
+    "marker_error",
+    "aligned_marker_error",
+    "shape_error",
+    "progress_error",
+    "heading_error",
+    "static_offset",
+    "velocity_error",
+    "left_out_share",
+    "unweighted_error",
+    "sensor_errors",
+)
+"""Names of the figures that have a mean over trials."""
+
+
+@dataclass(frozen=True)
+class ComparedSensor:
+    """One sensor's readings, real and simulated, at the real ones' time stamps.
+
+    Attributes:
+        name: Name of the sensor.
+        meters_per_unit: Marker error that an error of one unit counts as [m/unit].
+        times: Time stamps [s]. Shape (R,).
+        real: Real readings, NaN where nothing was read [unit]. Shape (R,).
+        simulated: Simulated readings, NaN everywhere when the simulation diverged [unit]. Shape (R,).
+    """
+
+    name: str
+    meters_per_unit: float
+    times: Array
+    real: Array
+    simulated: Array
+
+    @property
+    def residual(self) -> Array:
+        """Simulated minus real [unit]. Shape (R,)."""
+        return self.simulated - self.real
+
+    @cached_property
+    def error(self) -> float:
+        """Mean absolute difference [unit]; NaN where nothing is known."""
+        known = np.isfinite(self.residual)
+        return float(np.abs(self.residual[known]).mean()) if known.any() else float("nan")
+
+
+@dataclass(frozen=True)
+class ComparedTrial:
+    """One simulated trial against its real one, at the real time stamps that are compared.
+
+    Simulated positions are NaN everywhere when the simulation diverged.
+
+    Attributes:
+        name: Name of the trial.
+        loss_figure: The figure that is the loss, apart from sensors.
+        times: Time stamps [s]. Shape (T,).
+        weights: Weights, 0 where a marker doesn't count. Shape (T, M).
+        real: Real positions in the frame of comparison [m]. Shape (T, M, 2).
+        simulated: Simulated positions in the frame of comparison, in phase, before registration [m]. Shape (T, M, 2).
+        registration: Real minus simulated, static, 0 where nothing is registered [m]. Shape (M, 2).
+        path_real: Real positions in the plane in which its path is drawn: the world, of steady swims turned so that
+            the swim goes toward -x [m]. Shape (T, M, 2).
+        path_simulated: Simulated positions in the same plane [m]. Shape (T, M, 2).
+        frame: Indices of the markers that the frame of comparison stands on; None for the world.
+        progress_real: Way along the line of travel [m]; None where the trial isn't scored by it. Shape (T,).
+        progress_simulated: Way of the simulation [m]. Shape (T,).
+        velocity_real: Real speed along the line of travel [m/s]; None where the trial isn't scored by its progress.
+        velocity_simulated: Simulated speed, negative when it goes tail first [m/s].
+        sensors: Sensors that are compared beside the markers.
+        frequency: Frequency of the simulated motor in a trial with a beat [Hz].
+        beat_frequency: Frequency of the real beat [Hz].
+        phase: Motor angle at the first frame in a trial with a beat [rad].
+        static_offset: Mean length of the registration vectors, whether they are used or not [m]; None in a trial that
+            isn't registered.
+        swim_residual: Simulated minus real in the swim frame [m]; None where there is no such frame. Shape (T, M, 2).
+        divergence: Why the simulation failed, or None.
+    """
+
+    name: str
+    loss_figure: LossFigure
+    times: Array
+    weights: Array
+    real: Array
+    simulated: Array
+    registration: Array
+    path_real: Array
+    path_simulated: Array
+    frame: tuple[int, int] | None = None
+    progress_real: Array | None = None
+    progress_simulated: Array | None = None
+    velocity_real: float | None = None
+    velocity_simulated: float | None = None
+    sensors: tuple[ComparedSensor, ...] = ()
+    frequency: float | None = None
+    beat_frequency: float | None = None
+    phase: float | None = None
+    static_offset: float | None = None
+    swim_residual: Array | None = None
+    divergence: str | None = None
+
+    @cached_property
+    def shape_residual(self) -> Array:
+        """Simulated minus real in the frame of comparison, registered [m]. Shape (T, M, 2)."""
+        return self.simulated + self.registration - self.real
+
+    @cached_property
+    def residual(self) -> Array:
+        """The shape residual and, along x, how much farther the simulation hasn't come [m]. Shape (T, M, 2)."""
+        if self.progress_real is None or self.progress_simulated is None:
+            return self.shape_residual
+        behind = self.progress_real - self.progress_simulated  # a robot moves toward -x of its frame
+        return self.shape_residual + np.stack([behind, np.zeros_like(behind)], axis=1)[:, None]
+
+    @property
+    def loss(self) -> float:
+        """What the trial adds to the loss before the mean over trials [m]; never negative."""
+        if self.divergence is not None:
+            return FAILED_LOSS
+        markers: float = getattr(self, self.loss_figure)
+        return markers + sum(sensor.meters_per_unit * sensor.error for sensor in self.sensors)
+
+    def residual_vector(self) -> Array:
+        """Residuals of the markers, then of each sensor, weighted such that the squares add up to mean squares [m].
+
+        Zero where nothing counts. When the simulation diverged the markers' part is of length `FAILED_LOSS` and the
+        sensors' part zero. Shape (2 T M + sensors' rows,), the same for every candidate.
+        """
+        residual, weights = self.residual, self.weights
+        if self.loss_figure == "marker_error" and self.swim_residual is not None:
+            residual, weights = self.swim_residual, np.ones_like(self.weights)
+        if self.divergence is None:
+            weights = np.where(np.isfinite(residual).all(axis=2), weights, 0.0)
+            vectors = np.nan_to_num(residual)
+        else:
+            vectors = np.full(residual.shape, FAILED_LOSS / np.sqrt(2))
+        share = weights / max(float(weights.sum()), 1e-12)
+        parts = [(np.sqrt(share)[:, :, None] * vectors).ravel()]
+        for sensor in self.sensors:
+            known = np.isfinite(sensor.residual)
+            readings = np.where(known, sensor.residual, 0.0)
+            parts.append(sensor.meters_per_unit * readings / np.sqrt(max(known.sum(), 1)))
+        return np.concatenate(parts)
+
+    @cached_property
+    def marker_error(self) -> float:
+        """The paper's Eq. 1 [m]: mean distance in the swim frame, without registration and weights.
+
+        NaN where there is no swim frame.
+        """
+        if self.divergence is not None:
+            return FAILED_LOSS
+        return float("nan") if self.swim_residual is None else _mean_length(self.swim_residual)
+
+    @cached_property
+    def aligned_marker_error(self) -> float:
+        """Weighted mean distance in the frame of comparison, registered, difference in progress included [m]."""
+        return self._distance(self.residual, self.weights)
+
+    @cached_property
+    def shape_error(self) -> float:
+        """The same without the difference in progress [m]."""
+        return self._distance(self.shape_residual, self.weights)
+
+    @cached_property
+    def unweighted_error(self) -> float:
+        """The aligned error if lost markers counted [m]."""
+        return self._distance(self.residual, np.isfinite(self.residual).all(axis=2).astype(float))
+
+    @cached_property
+    def progress_error(self) -> float:
+        """Mean difference in progress, which thrust and drag explain [m]; NaN where progress isn't scored."""
+        if self.progress_real is None or self.progress_simulated is None:
+            return float("nan")
+        if self.divergence is not None:
+            return FAILED_LOSS
+        return float(np.nanmean(np.abs(self.progress_simulated - self.progress_real)))
+
+    @cached_property
+    def heading_error(self) -> float:
+        """Mean absolute difference of the turn since the first frame [rad]; NaN without a frame of comparison."""
+        if self.frame is None or self.divergence is not None or not self.framed.any():
+            return float("nan")
+        turns: list[Array] = []
+        for path in (self.path_real, self.path_simulated):
+            axes = frames.body_axes(path[self.framed], self.frame)
+            angles = np.unwrap(np.arctan2(axes[:, 1], axes[:, 0]))
+            turns.append(angles - angles[0])
+        return float(np.abs(turns[1] - turns[0]).mean())
+
+    @property
+    def framed(self) -> NDArray[np.bool_]:
+        """Time stamps at which the markers of the frame of comparison count. Shape (T,)."""
+        return np.all(self.weights[:, self.frame or ()] > 0, axis=1)
+
+    @property
+    def left_out_share(self) -> float:
+        """Share of marker positions that don't count."""
+        return float(1 - np.mean(self.weights > 0))
+
+    def marker_errors(self, kind: Literal["marker", "aligned", "shape"]) -> Array:
+        """Mean error of each marker [m], NaN for a marker that never counts. Shape (M,).
+
+        Args:
+            kind: `aligned` and `shape` are the markers' parts of the figures of these names, `marker` of Eq. 1.
+        """
+        if self.divergence is not None:
+            return np.full(self.weights.shape[1], FAILED_LOSS)
+        residuals = {"marker": self.swim_residual, "aligned": self.residual, "shape": self.shape_residual}
+        residual = residuals[kind]
+        if residual is None:
+            return np.full(self.weights.shape[1], np.nan)
+        lengths = np.linalg.norm(residual, axis=2)
+        weights = np.isfinite(lengths).astype(float) if kind == "marker" else self.weights
+        total = weights.sum(axis=0)
+        summed = np.where(weights > 0, lengths, 0.0).sum(axis=0, where=weights > 0)
+        return np.where(total > 0, summed / np.where(total > 0, total, 1.0), np.nan)
+
+    def figures(self) -> dict[str, Any]:
+        """Every figure that the trial has; those of a simulation that diverged are `FAILED_LOSS` or NaN."""
+        figures: dict[str, Any] = {}
+        if self.swim_residual is not None:
+            figures["marker_error"] = self.marker_error
+        figures["aligned_marker_error"] = self.aligned_marker_error
+        if self.frame is not None:
+            figures["shape_error"] = self.shape_error
+        if self.progress_real is not None:
+            figures["progress_error"] = self.progress_error
+        if self.static_offset is not None:
+            figures["static_offset"] = self.static_offset
+        if self.frame is not None and self.phase is None:  # on the real clock the turn can be compared
+            figures["heading_error"] = self.heading_error
+        if self.velocity_real is not None and self.velocity_simulated is not None:
+            figures["velocity_error"] = abs(self.velocity_simulated - self.velocity_real)
+            figures["velocity_real"] = self.velocity_real
+            figures["velocity_simulated"] = self.velocity_simulated
+        if self.sensors:
+            figures["sensor_errors"] = {sensor.name: sensor.error for sensor in self.sensors}
+        if self.frequency is not None:
+            figures["frequency"], figures["phase"] = self.frequency, self.phase
+        figures["left_out_share"], figures["unweighted_error"] = self.left_out_share, self.unweighted_error
+        return {**figures, "loss": self.loss, "divergence": self.divergence}
+
+    def evidence(self) -> dict[str, Any]:
+        """What tells more than the figures: errors of each marker, and how real and simulated markers move.
+
+        A trial with a beat has `beat_real` and `beat_simulated`, as `beat` gives them. Another one has `offset`, the
+        mean residual of each marker [m], `amplitude_real` and `amplitude_simulated` along its main axis [m], and
+        `windows`: the `edges` of windows of time [s], the mean residual in them of all `markers` along both axes [m]
+        and of all `sensors` [unit].
+        """
+        evidence: dict[str, Any] = {}
+        if self.swim_residual is not None:
+            evidence["marker_errors"] = self.marker_errors("marker")
+        evidence["aligned_marker_errors"] = self.marker_errors("aligned")
+        if self.frame is not None:
+            evidence["shape_marker_errors"] = self.marker_errors("shape")
+        if self.frequency is not None:
+            real_frequency = self.beat_frequency or self.frequency
+            evidence["beat_real"] = beat(self.times, self.real, self.weights, real_frequency)
+            evidence["beat_simulated"] = beat(self.times, self.simulated, self.weights, self.frequency)
+            return evidence
+        residual = np.where(self.weights[:, :, None] > 0, self.residual, np.nan)
+        edges = windows(self.times)
+        evidence["offset"] = finite_mean(residual)
+        evidence["amplitude_real"] = main_amplitudes(self.real, self.weights)
+        evidence["amplitude_simulated"] = main_amplitudes(self.simulated, self.weights)
+        evidence["windows"] = {
+            "edges": edges,
+            "markers": windowed_means(self.times, residual, edges),
+            "sensors": {sensor.name: windowed_means(sensor.times, sensor.residual, edges) for sensor in self.sensors},
+        }
+        return evidence
+
+    def _distance(self, residual: Array, weights: Array) -> float:
+        return FAILED_LOSS if self.divergence is not None else weighted_distance(residual, weights)
+
+
+def _mean_length(residual: Array) -> float:
+    """Mean length of the vectors that are known [m]."""
+    return float(np.nanmean(np.linalg.norm(residual, axis=2)))
