@@ -21,10 +21,11 @@ import numpy as np
 from gymnasium import spaces
 
 from swim2real.rl import REAL_MOTOR, make_env, make_vector_env
+from swim2real.rl.body import FISH_LAYOUT
 from swim2real.robots.fish import FISH
 
 COUNT = 8  # environments of a vector
-MARKERS = (*FISH.marker_names, "left_fin_tip", "right_fin_tip")
+MARKERS = (*FISH.marker_names, *FISH_LAYOUT.fin_tips)
 
 
 class PlainForward(gymnasium.Env):

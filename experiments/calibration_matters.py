@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from swim2real.cli.subject import values_of
-from swim2real.rl.assessment import TEST_SEED
-from swim2real.rl.disturbances import Disturbances
-from swim2real.rl.drift import side_by_side
-from swim2real.rl.evaluation import figures, scan_constant_speeds
-from swim2real.rl.policy import Recorded, Trained
-from swim2real.rl.rollout import roll, some_environments
+from swim2real.rl.assessment import TEST_SEED, scan_constant_speeds
+from swim2real.rl.conditions import Disturbances
+from swim2real.rl.environment import make_environments
+from swim2real.rl.policies import RecordedActions, load_policy
+from swim2real.rl.rollout import EpisodeStatistics, run_episodes
 from swim2real.rl.training import train
+from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
 from swim2real.simulation import Simulator
@@ -31,9 +31,9 @@ SECONDS = 2.0
 PHASES = (-math.pi, math.pi)
 
 
-def swims(values, driver, count, what):
-    environments = some_environments("forward", [values], count, robot=FISH, disturbances=what)
-    return roll(environments, driver, range(TEST_SEED, TEST_SEED + count))
+def swim(values, policy, count, disturbances):
+    environments = make_environments("forward", [values], count, disturbances=disturbances)
+    return run_episodes(environments, policy, range(TEST_SEED, TEST_SEED + count))
 
 
 def main():
@@ -54,35 +54,36 @@ def main():
     disturbed = Disturbances(start_phase=PHASES, tendon_friction=a.tendon_friction)
     plain = Disturbances(start_phase=PHASES)
     phases = np.linspace(*PHASES, 8, endpoint=False)
-    constant = scan_constant_speeds(real, FISH, phases, SECONDS, disturbances=disturbed).as_dict()
-    best, frequency = constant["best_distance"], constant["best_distance_frequency"]
+    scan = scan_constant_speeds(real, FISH, phases, SECONDS, disturbances=disturbed)
+    best, frequency = scan.best_distance, scan.best_distance_frequency
     print(f"held out: best constant frequency {1e3 * best:.0f} mm at {frequency:+.2f} Hz", flush=True)
-    results = {"constant": constant, "policies": {}}
+    results = {"constant": scan.as_dict(), "policies": {}}
     for word in a.simulators:
         name, _, path = word.partition("=")
         values = values_of(Path(path), simulator)
         for seed in range(a.seeds):
-            run = a.out / name / f"seed-{seed}"
+            folder = a.out / name / f"seed-{seed}"
             settings = TrainingSettings("forward", a.env_steps, seed, updates=a.updates)
-            if not (run / "outcome.json").is_file() or not json.loads((run / "outcome.json").read_text())["complete"]:
-                train(
-                    settings, [values], FISH, run, disturbances=plain, about={"reference": path},
-                    resume=(run / "settings.json").is_file(),
-                )  # fmt: skip
-            seconds = json.loads((run / "outcome.json").read_text())["seconds"]["total"]
-            policy = Trained(run)
-            own = swims(values, policy, a.episodes, plain)
-            recorded = Recorded(side_by_side([one.actions for one in own]))
-            found = {
-                "seconds": seconds,
-                "own": figures(own),
-                "closed": figures(swims(real, policy, a.episodes, disturbed)),
-                "open": figures(swims(real, recorded, a.episodes, disturbed)),
+            begun = (folder / "settings.json").is_file()
+            outcome = TrainingRun.open(folder).outcome if begun else None
+            if outcome is None or not outcome.complete:
+                outcome = train(
+                    settings, [values], FISH, folder, disturbances=plain, about={"reference": path}, resume=begun
+                )
+            policy, seconds = load_policy(TrainingRun.open(folder)), outcome.seconds.total
+            own = swim(values, policy, a.episodes, plain)
+            recorded = RecordedActions([episode.actions for episode in own])
+            statistics = {
+                "own": EpisodeStatistics.of(own),
+                "closed": EpisodeStatistics.of(swim(real, policy, a.episodes, disturbed)),
+                "open": EpisodeStatistics.of(swim(real, recorded, a.episodes, disturbed)),
             }
-            results["policies"][f"{name}/seed-{seed}"] = found
+            results["policies"][f"{name}/seed-{seed}"] = {
+                "seconds": seconds, **{key: figures.as_dict() for key, figures in statistics.items()}
+            }  # fmt: skip
             text = ", ".join(
-                f"{key} {1e3 * found[key]['distance']:.0f} ± {1e3 * found[key]['distance_std']:.0f} mm"
-                for key in ("own", "closed", "open")
+                f"{key} {1e3 * figures.distance:.0f} ± {1e3 * figures.distance_std:.0f} mm"
+                for key, figures in statistics.items()
             )
             print(f"{name}/seed-{seed}: {text}, trained in {seconds:.0f} s", flush=True)
             (a.out / "results.json").write_text(json.dumps(results, indent=2))

@@ -264,8 +264,6 @@ class TrainingSettings:
     """Share by which the target critics follow, a gradient step."""
     layers: tuple[int, ...] = (256, 256)
     """Widths of the hidden layers of actor and critics."""
-    reward_scale: float = 1.0
-    """By which the learner sees rewards multiplied; episode returns are reported unscaled."""
 
     def __post_init__(self) -> None:
         _choice("task", self.task, TASKS)
@@ -280,7 +278,6 @@ class TrainingSettings:
                 _least(name, value, 1)
         if self.exploration is not None and not 0 <= self.exploration < self.env_steps:
             raise ArgumentError(f"exploration is {self.exploration}; it must be 0 or more and below env_steps")
-        _finite("reward_scale", self.reward_scale, above=0.0)
 
     @property
     def exploration_steps(self) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,6 +35,26 @@ def whole_file(path: str | Path) -> Generator[Path]:
         part.replace(place)
     except BaseException:
         part.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def whole_folder(path: str | Path) -> Generator[Path]:
+    """Gives an empty folder beside a path; it takes the path's place at a clean end and is removed after an error.
+
+    Args:
+        path: Of the folder that is written or replaced.
+    """
+    place = Path(path)
+    part = place.with_name(place.name + PART)
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    try:
+        yield part
+        shutil.rmtree(place, ignore_errors=True)
+        part.replace(place)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
         raise
 
 

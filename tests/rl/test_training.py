@@ -12,78 +12,87 @@ import torch
 from stable_baselines3 import SAC
 
 from swim2real.errors import ArgumentError, RunError
-from swim2real.rl import run_files
-from swim2real.rl.checkpoints import checkpoints
-from swim2real.rl.curriculum import Curriculum
-from swim2real.rl.disturbances import Disturbances
+from swim2real.rl.conditions import Disturbances
+from swim2real.rl.learner import list_checkpoints
+from swim2real.rl.tasks import Curriculum
 from swim2real.rl.training import train
+from swim2real.rl.training_run import EPISODES, EVALUATIONS, LAST, SETTINGS, TrainingRun, read_record
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
 
-SHORT = TrainingSettings("forward", 1200, exploration=400, checkpoint_every=400, updates=1, batch=32, layers=(16, 16))
+SHORT = TrainingSettings("forward", 800, exploration=200, checkpoint_every=400, updates=1, batch=32, layers=(16, 16))
 ANY_PHASE = Disturbances(start_phase=(-math.pi, math.pi))
 
 
 def weights(folder):
-    return SAC.load(folder / run_files.POLICY, device="cpu").policy.state_dict()
+    return SAC.load(folder / LAST, device="cpu").policy.state_dict()
 
 
 def stop_after(blocks):
-    asked = 0
+    calls = 0
 
     def stop():
-        nonlocal asked
-        asked += 1
-        return asked == blocks
+        nonlocal calls
+        calls += 1
+        return calls == blocks
 
     return stop
+
+
+@pytest.fixture(autouse=True, scope="module")
+def short_evaluations():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swim2real.rl.training.EVALUATION_EPISODES", 1)
+        yield
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """A short run that was left alone. Don't write into it."""
     out = tmp_path_factory.mktemp("training") / "run"
-    told = []
-    outcome = train(SHORT, [FISH.space.published], FISH, out, disturbances=ANY_PHASE, on_progress=told.append)
-    return out, outcome, told
+    progress = []
+    outcome = train(SHORT, [FISH.space.published], FISH, out, disturbances=ANY_PHASE, on_progress=progress.append)
+    return out, outcome, progress
 
 
 def test_a_run_is_on_record(finished):
-    out, outcome, told = finished
-    assert outcome["complete"]
-    assert outcome["step"] == 1200
-    assert outcome["gradient_steps"] == 4  # after each 200 transitions but the first two, which explore
-    assert 0 < outcome["learner_share"] < 1
-    assert outcome == run_files.read_json(out / run_files.OUTCOME)
-    episodes = run_files.read_lines(out / run_files.EPISODES)
+    out, outcome, progress = finished
+    assert outcome.complete
+    assert outcome.step == 800
+    assert outcome.gradient_steps == 3  # after each 200 transitions but the first, which explore
+    assert 0 < outcome.learner_share < 1
+    run = TrainingRun.open(out)
+    assert run.outcome == outcome
+    assert run.robot is FISH
+    episodes = run.episodes
     assert [line["step"] for line in episodes] == [800] * 8
     assert all(line["length"] == 100 for line in episodes)
-    assert [line["step"] for line in run_files.read_lines(out / run_files.EVALUATIONS)] == [800, 1200]
-    assert [one.step for one in checkpoints(out)] == [400, 800, 1200]
-    assert [one.resumable for one in checkpoints(out)] == [False, False, True]
+    assert [line["step"] for line in run.evaluations] == [400, 800]
+    assert [checkpoint.step for checkpoint in list_checkpoints(out)] == [400, 800]
+    assert [checkpoint.resumable for checkpoint in list_checkpoints(out)] == [False, True]
     assert list((out / "tensorboard").iterdir())
-    assert told[-1].step == told[-1].total == 1200
-    settings = json.loads((out / run_files.SETTINGS).read_text())
+    assert progress[-1].step == progress[-1].total == 800
+    settings = json.loads((out / SETTINGS).read_text())
     assert settings["parameters"] == [dict(FISH.space.published)]
     assert settings["updates"] == 1
 
 
 @pytest.mark.parametrize(
-    "blocks", [3, pytest.param(5, marks=pytest.mark.slow)]
+    "blocks", [3, pytest.param(1, marks=pytest.mark.slow)]
 )  # between checkpoints, in the middle of episodes
 def test_a_resumed_run_is_the_run_that_was_left_alone(finished, tmp_path, blocks):
     out, whole, _ = finished
     values = [FISH.space.published]
     begun = train(SHORT, values, FISH, tmp_path / "run", disturbances=ANY_PHASE, stop=stop_after(blocks))
-    assert not begun["complete"]
-    assert begun["step"] == 200 * blocks
+    assert not begun.complete
+    assert begun.step == 200 * blocks
     ended = train(SHORT, values, FISH, tmp_path / "run", disturbances=ANY_PHASE, resume=True)
-    assert ended["complete"]
-    assert ended["gradient_steps"] == whole["gradient_steps"]
+    assert ended.complete
+    assert ended.gradient_steps == whole.gradient_steps
     ours, theirs = weights(tmp_path / "run"), weights(out)
     assert all(torch.equal(ours[name], theirs[name]) for name in theirs)
-    for name in (run_files.EPISODES, run_files.EVALUATIONS):
-        assert run_files.read_lines(tmp_path / "run" / name) == run_files.read_lines(out / name)
+    for name in (EPISODES, EVALUATIONS):
+        assert read_record(tmp_path / "run" / name) == read_record(out / name)
 
 
 @pytest.mark.slow
@@ -101,7 +110,7 @@ def test_it_refuses_to_mix_runs(finished):
     out, _, _ = finished
     with pytest.raises(RunError, match="already holds a run; go on with --resume, or choose another folder"):
         train(SHORT, [FISH.space.published], FISH, out)
-    other = TrainingSettings("forward", 1200, seed=1, exploration=400, checkpoint_every=400, updates=1)
+    other = TrainingSettings("forward", 800, seed=1, exploration=200, checkpoint_every=400, updates=1)
     with pytest.raises(RunError, match="was begun with another seed: 0, now 1; resume with the same"):
         train(other, [FISH.space.published], FISH, out, resume=True)
     with pytest.raises(RunError, match=r"is no training run: it has no settings\.json"):

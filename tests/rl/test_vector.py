@@ -15,7 +15,7 @@ from swim2real.robots.fish import FISH
 PUBLISHED = FISH.space.published
 SLOW = {**PUBLISHED, "fluid_slender_drag": 9.9}
 SEEN = rl.Disturbances(estimate=rl.StateEstimate())
-ROUGH = rl.Disturbances((-3.0, 3.0), (0.02, 0.0), 0.3, rl.StateEstimate())
+ROUGH = rl.Disturbances((0.0, 0.0), (0.02, 0.0), 0.3, rl.StateEstimate())
 
 
 def actions(count, steps):
@@ -27,15 +27,15 @@ def actions(count, steps):
 
 @pytest.mark.parametrize(
     ("task", "count", "threads", "disturbances"),
-    [("target", 1, None, SEEN), ("target", 3, 1, SEEN), ("target", 5, 3, SEEN), ("forward", 2, 2, ROUGH)],
+    [("target", 1, 1, SEEN), ("target", 4, 3, SEEN), ("forward", 2, 2, ROUGH)],
 )
 def test_the_same_as_alone_through_ends_and_new_starts(task, count, threads, disturbances):
-    steps, sets = 25, [PUBLISHED, SLOW]
+    steps, sets = 13, [PUBLISHED, SLOW]
     vector = rl.make_vector_env(
-        task, sets, count, threads=threads, seed=7, disturbances=disturbances, seconds=0.2
+        task, sets, count, threads=threads, seed=7, disturbances=disturbances, seconds=0.12
     )  # so that each ends twice
     seen = vector.reset()
-    alone = [rl.make_env(task, sets, seed=7 + i, disturbances=disturbances, seconds=0.2) for i in range(count)]
+    alone = [rl.make_env(task, sets, seed=7 + i, disturbances=disturbances, seconds=0.12) for i in range(count)]
     np.testing.assert_array_equal(seen, [env.reset()[0] for env in alone])
     ends = 0
     for row in actions(count, steps):

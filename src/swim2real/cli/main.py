@@ -111,7 +111,7 @@ def _run(command: args.Command) -> int:
 
             return evaluate(command)
         case args.ExportCommands():
-            from swim2real.cli.export_commands import export_commands
+            from swim2real.cli.rollout import export_commands
 
             return export_commands(command)
         case args.ExportModel():

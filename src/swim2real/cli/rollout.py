@@ -1,97 +1,111 @@
-"""`rollout`."""
+"""`rollout` and `export-commands`: what is done with a trained policy."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import Any
-
-import numpy as np
 
 from swim2real.cli import tables
-from swim2real.cli.rl_arguments import Rollout
+from swim2real.cli.rl_arguments import ExportCommands, Rollout
 from swim2real.cli.subject import values_of
-from swim2real.cli.trained import robot_of_training
-from swim2real.errors import ArgumentError, MissingExtraError
+from swim2real.deployment.commands import XW540_T140, CommandTable, Limits, write_table
+from swim2real.errors import ArgumentError
 from swim2real.report.training_page import write_training_page
-from swim2real.rl import run_files
-from swim2real.rl.assessment import Assessment, assess, trained_disturbances, write_episodes
-from swim2real.rl.disturbances import StateEstimate
+from swim2real.rl.assessment import Assessment, assess, policy_commands
+from swim2real.rl.conditions import StateEstimate
 from swim2real.rl.film import write_film
-from swim2real.rl.target import STAGES
+from swim2real.rl.rollout import save_episodes
+from swim2real.rl.tasks import STAGES
+from swim2real.rl.training_run import TrainingRun
 from swim2real.simulation import Simulator
+from swim2real.store import write_json
 
 
 def rollout(a: Rollout) -> int:
-    """Assesses a policy and writes what was found."""
-    robot = robot_of_training(a.policy)
-    settings = run_files.read_json(a.policy / run_files.SETTINGS)
-    if a.goals and settings["task"] != "target":
+    """Assesses a policy and writes the figures, the episodes, a film and a page."""
+    run = TrainingRun.open(a.policy)
+    task = run.settings.task
+    if a.goals and task != "target":
         raise ArgumentError("--goals is for target policies; this one swims forward: use --episodes")
     if a.stage not in STAGES:
         raise ArgumentError(f"--stage is {a.stage}; there are {', '.join(map(str, STAGES))}")
-    sets = None if a.parameters is None else [values_of(a.parameters, Simulator(robot, 1))]
-    what = trained_disturbances(settings)
+    parameters = None if a.parameters is None else [values_of(a.parameters, Simulator(run.robot, 1))]
+    disturbances = replace(run.settings.disturbances, estimate=None)
     if a.tendon_friction is not None:
-        what = replace(what, tendon_friction=a.tendon_friction)
+        disturbances = replace(disturbances, tendon_friction=a.tendon_friction)
     if a.current is not None:
-        what = replace(what, current=a.current)
-    found = assess(
-        a.policy, robot, a.goals or a.episodes, parameters=sets, disturbances=what, which=a.which, stage=a.stage,
+        disturbances = replace(disturbances, current=a.current)
+    assessment = assess(
+        run, a.goals or a.episodes, parameters=parameters, disturbances=disturbances, which=a.which, stage=a.stage,
         estimate=StateEstimate(a.noise, a.delay) if a.closed_loop else None,
     )  # fmt: skip
-    content = {**found.content, "parameters": str(a.parameters or settings.get("reference", "as trained"))}
+    content = {**assessment.as_dict(), "parameters": str(a.parameters or run.settings.reference)}
     out = a.out or a.policy
     out.mkdir(parents=True, exist_ok=True)
-    run_files.write_json(out / "rollout.json", content)
-    write_episodes(out / "episodes.npz", found.episodes)
+    write_json(out / "rollout.json", content)
+    save_episodes(out / "episodes.npz", assessment.episodes)
     if a.film:
-        threshold = STAGES[a.stage].threshold if settings["task"] == "target" else None
-        try:
-            write_film(out / "rollout.mp4", found.episodes[0], threshold=threshold)
-        except MissingExtraError as error:
-            tables.console.print(f"no film: {error}", soft_wrap=True, markup=False)
-    page = write_training_page(a.policy, out, found)
+        threshold = STAGES[a.stage].threshold if task == "target" else None
+        write_film(out / "rollout.mp4", assessment.episodes[0], threshold=threshold)
+    page = write_training_page(run, out, assessment)
     if a.json:
         print(json.dumps(content, indent=2))
     else:
-        _print(found)
+        _print_assessment(assessment)
         tables.console.print(f"Written: {page}, rollout.json, episodes.npz", soft_wrap=True)
     return 0
 
 
-def _print(found: Assessment) -> None:
-    own, content = found.content["policy"], found.content
+def export_commands(a: ExportCommands) -> int:
+    """Writes a policy's commands, checked and ramped."""
+    limits = Limits(
+        XW540_T140.speed if a.max_speed is None else a.max_speed,
+        XW540_T140.acceleration if a.max_acceleration is None else a.max_acceleration,
+    )
+    speeds = policy_commands(TrainingRun.open(a.policy), a.seconds, which=a.which, phase=a.phase, goal=a.goal)
+    table = CommandTable.of(speeds.tolist())
+    table = (table.clipped(limits) if a.clip else table.within(limits)).ramped(a.ramp)
+    write_table(a.out, table.times, table.velocities)
+    if a.json:
+        content = {
+            "commands": len(table.times), "seconds": table.duration, "speed": table.speed,
+            "acceleration": table.acceleration, "out": str(a.out),
+        }  # fmt: skip
+        print(json.dumps(content, indent=2))
+    else:
+        print(
+            f"{a.out}: {len(table.times)} commands, {table.duration:.2f} s with ramps, at most {table.speed:.2f} rad/s "
+            f"and {table.acceleration:.0f} rad/s²; `swim2real deploy {a.out} --dry-run` tries them"
+        )
+    return 0
+
+
+def _print_assessment(assessment: Assessment) -> None:
+    policy, scan = assessment.statistics, assessment.scan
     rows = [
-        ("episodes", str(own["episodes"])),
-        ("return", f"{own['episode_return']:.2f} ± {own['episode_return_std']:.2f}"),
-        ("distance", f"{own['distance']:.3f} ± {own['distance_std']:.3f} m"),
+        ("episodes", str(policy.episodes)),
+        ("return", f"{policy.episode_return:.2f} ± {policy.episode_return_std:.2f}"),
+        ("distance", f"{policy.distance:.3f} ± {policy.distance_std:.3f} m"),
     ]
-    if own["goal_distance"] is not None:
-        rows.append(("reached", f"{100 * own['success']:.0f} %"))
-        rows.append(("time to target, median", _seconds(own["median_time_to_target"])))
-        rows.append(("left to the goal", f"{own['goal_distance']:.3f} m"))
-    constant = content.get("constant")
-    if constant:
+    if policy.goal_distance is not None:
+        median = policy.median_time_to_target
+        rows.append(("reached", f"{100 * policy.success:.0f} %"))
+        rows.append(("time to target, median", "–" if median is None else f"{median:.1f} s"))
+        rows.append(("left to the goal", f"{policy.goal_distance:.3f} m"))
+    if scan is not None:
         rows.append((
             "best constant frequency, distance",
-            f"{constant['best_distance']:.3f} m at {constant['best_distance_frequency']:+.2f} Hz",
+            f"{scan.best_distance:.3f} m at {scan.best_distance_frequency:+.2f} Hz",
         ))  # fmt: skip
         rows.append((
             "best constant frequency, return",
-            f"{constant['best_return']:.2f} at {constant['best_return_frequency']:+.2f} Hz",
+            f"{scan.best_return:.2f} at {scan.best_return_frequency:+.2f} Hz",
         ))  # fmt: skip
-    tables.table(f"Policy for {content['task']}", ("figure", "value"), rows)
-    if found.loops:
-        tables.table(
-            "Loops", ("loop", "return", "distance m", "drift m", "sideways m", "reached"),
-            [
-                (name, *(f"{one[key]:.3f}" for key in ("episode_return", "distance", "drift", "sideways")),
-                 f"{100 * one['success']:.0f} %")
-                for name, one in content["loops"].items()
-            ],
-        )  # fmt: skip
-
-
-def _seconds(value: Any) -> str:
-    return "–" if value is None or not np.isfinite(value) else f"{value:.1f} s"
+    tables.table(f"Policy for {assessment.task}", ("figure", "value"), rows)
+    if assessment.loops:
+        rows = [
+            (name, f"{loop.statistics.episode_return:.3f}", f"{loop.statistics.distance:.3f}", f"{loop.drift:.3f}",
+             f"{loop.sideways:.3f}", f"{100 * loop.statistics.success:.0f} %")
+            for name, loop in assessment.loops.items()
+        ]  # fmt: skip
+        tables.table("Loops", ("loop", "return", "distance m", "drift m", "sideways m", "reached"), rows)

@@ -15,7 +15,6 @@ from dataclasses import fields
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn
@@ -25,16 +24,15 @@ from swim2real.calibration.ensemble import read_ensemble
 from swim2real.calibration.from_rest import backward_from_rest, from_rest
 from swim2real.calibration.provenance import commit, versions
 from swim2real.cli.compare import chosen_seeds
-from swim2real.cli.interruption import noted_interrupts
 from swim2real.cli.rl_arguments import Train
 from swim2real.cli.subject import robot_for, values_of
 from swim2real.errors import ArgumentError
+from swim2real.interruption import Interruption
 from swim2real.parameters import Values
-from swim2real.rl.disturbances import Disturbances
-from swim2real.rl.motor import REAL_MOTOR
-from swim2real.rl.run_files import SETTINGS
+from swim2real.rl.conditions import REAL_MOTOR, Disturbances
 from swim2real.rl.training import Progress
-from swim2real.rl.training import train as run
+from swim2real.rl.training import train as run_training
+from swim2real.rl.training_run import SETTINGS, TrainingOutcome
 from swim2real.settings import TrainingSettings
 from swim2real.simulation import Simulator
 
@@ -46,7 +44,7 @@ def train(a: Train) -> int:
     if a.workers < 0 or a.threads < 1:
         raise ArgumentError(f"--workers is {a.workers} and --threads {a.threads}; they must be at least 0 and 1")
     if a.seeds:
-        return _several(a, chosen_seeds(a.seeds))
+        return _train_seeds(a, chosen_seeds(a.seeds))
     settings = TrainingSettings(
         a.task, a.env_steps, a.seed, a.environments, a.exploration, a.updates, a.checkpoint_every
     )
@@ -63,24 +61,25 @@ def train(a: Train) -> int:
         "versions": {**versions(), **{name: metadata.version(name) for name in _LEARNING}}, "commit": commit(),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }  # fmt: skip
-    with noted_interrupts() as stop, _shown(a.env_steps, a.quiet) as show:
-        outcome = run(
+    with Interruption() as interruption, _progress_display(a.env_steps, a.quiet) as show:
+        outcome = run_training(
             settings, sets, robot, a.out, about=about, disturbances=Disturbances(phases, (0.0, 0.0), a.tendon_friction),
-            threads=a.threads, resume=a.resume, on_progress=show, stop=stop,
+            threads=a.threads, resume=a.resume, on_progress=show,
+            stop=lambda: bool(interruption),
         )  # fmt: skip
     if a.json:
-        print(json.dumps(outcome, indent=2))
+        print(json.dumps(outcome.as_dict(), indent=2))
     elif not a.quiet:
-        print(_ended(outcome, a.out))
-    if not outcome["complete"]:
-        print(f"swim2real: interrupted at step {outcome['step']}; --resume goes on", file=sys.stderr)
-    return 0 if outcome["complete"] else 1
+        print(_summary(outcome, a.out))
+    if not outcome.complete:
+        print(f"swim2real: interrupted at step {outcome.step}; --resume goes on", file=sys.stderr)
+    return 0 if outcome.complete else 1
 
 
 def _warn_if_backward(path: Path, values: Values, simulator: Simulator) -> None:
-    """Tries the motor's greatest speed from rest."""
-    found = from_rest(simulator, values, {"fastest": REAL_MOTOR.speed / (2 * math.pi)})
-    warning = backward_from_rest({name: swim.as_dict() for name, swim in found.items()})
+    """Swims from rest at the motor's greatest speed, and warns where that goes backward."""
+    swims = from_rest(simulator, values, {"fastest": REAL_MOTOR.speed / (2 * math.pi)})
+    warning = backward_from_rest({name: swim.as_dict() for name, swim in swims.items()})
     if warning:
         print(f"swim2real: warning: '{path}': {warning}", file=sys.stderr)
 
@@ -88,17 +87,15 @@ def _warn_if_backward(path: Path, values: Values, simulator: Simulator) -> None:
 _LEARNING = ("gymnasium", "stable-baselines3", "torch")
 
 
-def _ended(outcome: dict[str, Any], out: Path) -> str:
-    last = outcome["last_evaluation"]
-    found = ""
+def _summary(outcome: TrainingOutcome, out: Path) -> str:
+    last, evaluated = outcome.last_evaluation, ""
     if last:
-        found = f"return {last['episode_return']:.1f}, distance {last['distance']:.3f} m, "
-        found += f"success {100 * last['success']:.0f} %; " if last["goal_distance"] is not None else ""
+        evaluated = f"return {last['episode_return']:.1f}, distance {last['distance']:.3f} m, "
+        evaluated += f"success {100 * last['success']:.0f} %; " if last["goal_distance"] is not None else ""
     return (
-        f"{out}: {outcome['step']} steps, {outcome['gradient_steps']} updates, "
-        f"{outcome['steps_per_second']:.0f} steps/s ({100 * outcome['learner_share']:.0f} % of the time learning, "
-        f"{100 * outcome['simulator_share']:.0f} % simulating); {found}"
-        f"`swim2real rollout {out}` assesses it"
+        f"{out}: {outcome.step} steps, {outcome.gradient_steps} updates, {outcome.steps_per_second:.0f} steps/s "
+        f"({100 * outcome.learner_share:.0f} % of the time learning, {100 * outcome.simulator_share:.0f} % "
+        f"simulating); {evaluated}`swim2real rollout {out}` assesses it"
     )
 
 
@@ -119,17 +116,17 @@ def line(p: Progress) -> str:
 
 
 @contextmanager
-def _shown(total: int, quiet: bool) -> Generator[Callable[[Progress], None]]:
+def _progress_display(total: int, quiet: bool) -> Generator[Callable[[Progress], None]]:
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     if quiet:
         yield lambda progress: None
     elif not console.is_terminal:
-        told = -math.inf
+        last = -math.inf
 
         def plain(p: Progress) -> None:
-            nonlocal told
-            if p.evaluation or p.step >= p.total or time.monotonic() - told > _PLAIN_EVERY:
-                told = time.monotonic()
+            nonlocal last
+            if p.evaluation or p.step >= p.total or time.monotonic() - last > _PLAIN_EVERY:
+                last = time.monotonic()
                 console.print(line(p))
 
         yield plain
@@ -145,19 +142,22 @@ def _shown(total: int, quiet: bool) -> Generator[Callable[[Progress], None]]:
             yield update
 
 
-def _several(a: Train, seeds: list[int]) -> int:
-    """Each seed in a process of its own, so many at a time as there are workers."""
+def _train_seeds(a: Train, seeds: list[int]) -> int:
+    """Trains each seed by a program of its own, as many at a time as there are workers.
+
+    Each program hears of Ctrl-C by a signal, writes its checkpoint and ends.
+    """
     waiting, running, failed = list(seeds), dict[int, subprocess.Popen[bytes]](), list[int]()
     most = a.workers or os.cpu_count() or 1
     a.out.mkdir(parents=True, exist_ok=True)
-    with noted_interrupts() as stop:
-        told = False
-        while running or (waiting and not stop()):
-            while waiting and len(running) < most and not stop():
+    with Interruption() as interruption:
+        signaled = False
+        while running or (waiting and not interruption):
+            while waiting and len(running) < most and not interruption:
                 seed = waiting.pop(0)
-                running[seed] = subprocess.Popen(_words(a, seed), start_new_session=True)
-            if stop() and not told:
-                told = True
+                running[seed] = subprocess.Popen(_command_line(a, seed), start_new_session=True)
+            if interruption and not signaled:
+                signaled = True
                 for process in running.values():
                     process.send_signal(signal.SIGINT)
             for seed, process in list(running.items()):
@@ -172,8 +172,8 @@ def _several(a: Train, seeds: list[int]) -> int:
     return 1 if failed or waiting else 0
 
 
-def _words(a: Train, seed: int) -> list[str]:
-    """The command of one seed."""
+def _command_line(a: Train, seed: int) -> list[str]:
+    """The words of the command that trains one seed."""
     out = a.out / f"seed-{seed}"
     words = [sys.executable, "-m", "swim2real", "train", a.task]
     for field in fields(a):

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from swim2real.report.pages import Charts, render_page, write_page
 from swim2real.report.style import LIGHT, WIDE, legend_over, new_chart, titled
 from swim2real.report.units import duration, percent, text
-from swim2real.rl import run_files
 from swim2real.rl.assessment import Assessment
+from swim2real.rl.training_run import TrainingOutcome, TrainingRun
 
 Array = NDArray[np.float64]
 
@@ -33,13 +33,13 @@ _LOOPS = {
 }
 
 
-def write_training_page(run: str | Path, out: str | Path, found: Assessment) -> Path:
+def write_training_page(run: TrainingRun, out: str | Path, assessment: Assessment) -> Path:
     """Writes the page.
 
     Args:
-        run: Folder of the training.
+        run: The training.
         out: Folder to write; a film `rollout.mp4` in it comes into the page.
-        found: Assessment of the policy.
+        assessment: Assessment of the policy.
 
     Returns:
         Where the page is.
@@ -47,104 +47,101 @@ def write_training_page(run: str | Path, out: str | Path, found: Assessment) -> 
     Raises:
         RunError: The run is damaged, or the page can't be written.
     """
-    return write_page(Path(out) / PAGE, render_training(Path(run), Path(out) / "rollout.mp4", found))
+    return write_page(Path(out) / PAGE, render_training(run, Path(out) / "rollout.mp4", assessment))
 
 
-def render_training(run: Path, film: Path, found: Assessment) -> str:
+def render_training(run: TrainingRun, film: Path, assessment: Assessment) -> str:
     """The page as text."""
     shown = base64.b64encode(film.read_bytes()).decode() if film.is_file() else None
-    content = training_content(run, found)
+    content = training_content(run, assessment)
     charts: Charts = content.pop("charts")
     return render_page("training.html.j2", {**content, "film": shown}, charts, style="report.css", script="report.js")
 
 
-def training_content(run: Path, found: Assessment) -> dict[str, Any]:
+def training_content(run: TrainingRun, assessment: Assessment) -> dict[str, Any]:
     """Everything that the template shows."""
-    settings = run_files.read_json(run / run_files.SETTINGS)
-    outcome_path = run / run_files.OUTCOME
-    outcome = run_files.read_json(outcome_path) if outcome_path.is_file() else None
-    episodes, evaluations = (run_files.read_lines(run / name) for name in (run_files.EPISODES, run_files.EVALUATIONS))
-    constant, task = found.content.get("constant"), settings["task"]
-    shared = {"exploration": settings["exploration"]}
+    episodes, evaluations = run.episodes, run.evaluations
+    scanned, task = assessment.scan, run.settings.task
+    shared = {"exploration": run.settings.exploration}
     charts: dict[str, Any] = {
         "return": partial(learning_curve,
             episodes, evaluations, "episode_return", "episode return",
-            baseline=constant["best_return"] if constant else None, **shared,
+            baseline=scanned.best_return if scanned else None, **shared,
         )
     }  # fmt: skip
     if task == "forward":
         charts["distance"] = partial(learning_curve,
             episodes, evaluations, "distance", "distance (mm)", 1e3,
-            baseline=constant["best_distance"] if constant else None, **shared,
+            baseline=scanned.best_distance if scanned else None, **shared,
         )  # fmt: skip
     else:
         charts["success"] = partial(learning_curve, episodes, evaluations, "success", "reached (%)", 100.0, **shared)
     charts["paths"] = partial(paths_from_above,
-        [one.heads for one in found.episodes], [one.goal for one in found.episodes],
-        [one.success for one in found.episodes],
+        [episode.heads for episode in assessment.episodes], [episode.goal for episode in assessment.episodes],
+        [episode.success for episode in assessment.episodes],
     )  # fmt: skip
-    first = found.episodes[0]
+    first = assessment.episodes[0]
     times = np.arange(len(first.commands)) / first.rate
     series = {"policy": (times, first.commands)}
-    if found.scan is not None:
-        best = float(found.scan.speeds[found.scan.farthest])
+    if scanned is not None:
+        best = float(scanned.speeds[scanned.farthest])
         series["best constant frequency"] = (times, np.full(len(times), best))
         charts["scan"] = partial(
-            frequency_scan, found.scan.speeds / (2 * np.pi), found.scan.distances, found.content["policy"]["distance"]
+            frequency_scan, scanned.speeds / (2 * np.pi), scanned.distances, assessment.statistics.distance
         )
     charts["commands"] = partial(motor_commands, series)
     return {
-        "name": run.resolve().name,
+        "name": run.folder.resolve().name,
         "task": task,
-        "settings": settings,
-        "outcome": outcome,
-        "tiles": _tiles(found),
+        "settings": run.settings,
+        "tiles": _tiles(assessment),
         "loops": [
-            (_LOOPS[name], [text(one[key], 3) for key in ("episode_return", "distance", "drift", "sideways")],
-             percent(one["success"], 0))
-            for name, one in found.content.get("loops", {}).items()
+            (_LOOPS[name],
+             [text(value, 3) for value in (loop.statistics.episode_return, loop.statistics.distance, loop.drift,
+                                           loop.sideways)],
+             percent(loop.statistics.success, 0))
+            for name, loop in assessment.loops.items()
         ],
-        "times": _times(outcome),
+        "times": _times(run.outcome),
         "charts": charts,
     }  # fmt: skip
 
 
-def _tiles(found: Assessment) -> list[tuple[str, str, str]]:
+def _tiles(assessment: Assessment) -> list[tuple[str, str, str]]:
     """Name, value and remark of the headline figures."""
-    own, constant = found.content["policy"], found.content.get("constant")
+    policy, scanned = assessment.statistics, assessment.scan
     tiles = [
         (
             "Return",
-            text(own["episode_return"], 2),
-            f"± {text(own['episode_return_std'], 2)} over {own['episodes']} episodes",
+            text(policy.episode_return, 2),
+            f"± {text(policy.episode_return_std, 2)} over {policy.episodes} episodes",
         ),
-        ("Distance", f"{text(own['distance'], 0, 1e3)} mm", f"± {text(own['distance_std'], 0, 1e3)} mm"),
+        ("Distance", f"{text(policy.distance, 0, 1e3)} mm", f"± {text(policy.distance_std, 0, 1e3)} mm"),
     ]
-    if constant:
-        frequency = constant["best_distance_frequency"]
+    if scanned is not None:
         tiles.append((
-            "Best constant frequency", f"{text(constant['best_distance'], 0, 1e3)} mm", f"at {text(frequency, 2)} Hz",
+            "Best constant frequency", f"{text(scanned.best_distance, 0, 1e3)} mm",
+            f"at {text(scanned.best_distance_frequency, 2)} Hz",
         ))  # fmt: skip
         tiles.append((
-            "Its highest return", text(constant["best_return"], 2),
-            f"at {text(constant['best_return_frequency'], 2)} Hz",
+            "Its highest return", text(scanned.best_return, 2), f"at {text(scanned.best_return_frequency, 2)} Hz",
         ))  # fmt: skip
-    if own["goal_distance"] is not None:
-        median = own["median_time_to_target"]
-        tiles.append(("Goals reached", percent(own["success"], 0), f"of {own['episodes']}"))
+    if policy.goal_distance is not None:
+        median = policy.median_time_to_target
+        tiles.append(("Goals reached", percent(policy.success, 0), f"of {policy.episodes}"))
         tiles.append((
             "Time to target", "–" if median is None else duration(median), "median of those reached"
         ))  # fmt: skip
     return tiles
 
 
-def _times(outcome: dict[str, Any] | None) -> str:
+def _times(outcome: TrainingOutcome | None) -> str:
     if outcome is None:
         return "The run hasn't ended yet."
     return (
-        f"{outcome['step']:,} environment steps and {outcome['gradient_steps']:,} gradient steps in "
-        f"{duration(outcome['seconds']['total'])}: {outcome['steps_per_second']:.0f} steps a second, "
-        f"{percent(outcome['learner_share'], 0)} of the time learning and {percent(outcome['simulator_share'], 0)} "
+        f"{outcome.step:,} environment steps and {outcome.gradient_steps:,} gradient steps in "
+        f"{duration(outcome.seconds.total)}: {outcome.steps_per_second:.0f} steps a second, "
+        f"{percent(outcome.learner_share, 0)} of the time learning and {percent(outcome.simulator_share, 0)} "
         f"simulating."
     )
 

@@ -1,23 +1,45 @@
 """Reinforcement learning: the calibrated robot as environments, and policies trained in them.
 
-Importing it registers `swim2real/Forward-v0` and `swim2real/Target-v0` with Gymnasium. It brings neither torch nor
-MuJoCo; what needs them is imported when it is asked for.
+Importing it registers `swim2real/Forward-v0` and `swim2real/Target-v0` with Gymnasium. Its names are imported when they
+are used, since torch and MuJoCo take a while.
 """
 
 from __future__ import annotations
 
 import importlib
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from swim2real.errors import MissingExtraError
 
 if TYPE_CHECKING:
-    from swim2real.rl.disturbances import UNDISTURBED, Disturbances, StateEstimate
+    from swim2real.rl.assessment import Assessment, assess
+    from swim2real.rl.conditions import (
+        CONTROL_INTERVAL,
+        PUBLISHED_MOTOR,
+        REAL_MOTOR,
+        UNDISTURBED,
+        Disturbances,
+        Motor,
+        StateEstimate,
+    )
     from swim2real.rl.environment import DIVERGED, SwimEnv, make_env
-    from swim2real.rl.forward import Forward
-    from swim2real.rl.motor import CONTROL_INTERVAL, PUBLISHED_MOTOR, REAL_MOTOR, Motor
-    from swim2real.rl.target import STAGES, Stage, Target
+    from swim2real.rl.tasks import STAGES, Forward, Stage, Target
+    from swim2real.rl.training import train
+    from swim2real.rl.training_run import TrainingOutcome, TrainingRun
     from swim2real.rl.vector import SwimVecEnv, make_vector_env
+
+_MODULES = {
+    "assessment": ("Assessment", "assess"),
+    "conditions": (
+        "CONTROL_INTERVAL", "PUBLISHED_MOTOR", "REAL_MOTOR", "UNDISTURBED", "Disturbances", "Motor", "StateEstimate",
+    ),
+    "environment": ("DIVERGED", "SwimEnv", "make_env"),
+    "tasks": ("STAGES", "Forward", "Stage", "Target"),
+    "training": ("train",),
+    "training_run": ("TrainingOutcome", "TrainingRun"),
+    "vector": ("SwimVecEnv", "make_vector_env"),
+}  # fmt: skip
 
 __all__ = [
     "CONTROL_INTERVAL",
@@ -26,6 +48,7 @@ __all__ = [
     "REAL_MOTOR",
     "STAGES",
     "UNDISTURBED",
+    "Assessment",
     "Disturbances",
     "Forward",
     "Motor",
@@ -34,34 +57,30 @@ __all__ = [
     "SwimEnv",
     "SwimVecEnv",
     "Target",
+    "TrainingOutcome",
+    "TrainingRun",
+    "assess",
     "make_env",
     "make_vector_env",
+    "train",
 ]
-
-_PLACES = {
-    "disturbances": ("UNDISTURBED", "Disturbances", "StateEstimate"),
-    "environment": ("DIVERGED", "SwimEnv", "make_env"),
-    "forward": ("Forward",),
-    "motor": ("CONTROL_INTERVAL", "PUBLISHED_MOTOR", "REAL_MOTOR", "Motor"),
-    "target": ("STAGES", "Stage", "Target"),
-    "vector": ("SwimVecEnv", "make_vector_env"),
-}
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in _PLACES.items():
+    for module, names in _MODULES.items():
         if name in names:
             return getattr(importlib.import_module(f"{__name__}.{module}"), name)
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
 
 
 def _register() -> None:
-    try:
-        import gymnasium
-    except ImportError as error:
+    if missing := [name for name in ("gymnasium", "torch", "stable_baselines3") if find_spec(name) is None]:
         raise MissingExtraError(
-            "reinforcement learning needs gymnasium; install it with: pip install 'swim2real[rl]'"
-        ) from error
+            f"reinforcement learning needs {' and '.join(missing)}; install what it needs with: "
+            f"pip install 'swim2real[rl]'"
+        )
+    import gymnasium
+
     for task in ("forward", "target"):
         gymnasium.register(
             f"swim2real/{task.capitalize()}-v0",

@@ -1,11 +1,10 @@
-"""Assesses a trained policy on fixed seeded starts, against constant frequencies, and in open and closed loop."""
+"""Assesses a trained policy on fixed seeded starts, against constant speeds, and in open and closed loop."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,149 +12,292 @@ from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
-from swim2real.rl import run_files
-from swim2real.rl.disturbances import Disturbances, StateEstimate
-from swim2real.rl.drift import compare_loops
-from swim2real.rl.evaluation import SCANNED, Scan, figures, scan_constant_speeds
-from swim2real.rl.policy import Trained, Which
-from swim2real.rl.rollout import Episode, roll, some_environments
+from swim2real.rl.conditions import CONTROL_INTERVAL, REAL_MOTOR, UNDISTURBED, Disturbances, StateEstimate
+from swim2real.rl.environment import TaskName, make_environments
+from swim2real.rl.policies import ConstantSpeed, Policy, RecordedActions, Which, load_policy
+from swim2real.rl.rollout import Episode, EpisodeStatistics, run_episodes
+from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.robot import Robot
 
 Array = NDArray[np.float64]
 
-TEST_SEED = 2_000_000  # of the episodes that a policy is judged by
-SCAN_PHASES = 4
+TEST_SEED = 2_000_000  # of the episodes that a policy is assessed in
+SCANNED_SPEEDS = 20  # constant speeds, of each sign
+SCANNED_PHASES = 4
 SIDE_BY_SIDE = 50  # environments
 
 
 @dataclass(frozen=True)
-class Assessment:
-    """What was found.
+class SpeedScan:
+    """Constant motor speeds and what each reaches, from the same starts as a policy.
 
     Attributes:
-        content: Figures as plain JSON: `policy`, and `constant` of a forward task, and `loops` where asked for.
-        episodes: Of the policy.
-        scan: Of a forward task.
-        loops: Episodes by loop, where asked for.
+        speeds: Speeds [rad/s]. Shape (S,).
+        distances: Mean distances over the starts [m]. Shape (S,).
+        returns: Mean episode returns. Shape (S,).
+        phases: Motor angles at the starts [rad].
     """
 
-    content: dict[str, Any]
+    speeds: Array
+    distances: Array
+    returns: Array
+    phases: tuple[float, ...]
+
+    @property
+    def farthest(self) -> int:
+        """Index of the speed that swims farthest."""
+        return int(np.argmax(self.distances))
+
+    @property
+    def highest(self) -> int:
+        """Index of the speed with the highest return."""
+        return int(np.argmax(self.returns))
+
+    @property
+    def best_distance(self) -> float:
+        """Greatest distance [m]."""
+        return float(self.distances[self.farthest])
+
+    @property
+    def best_distance_frequency(self) -> float:
+        """Frequency that swims farthest [Hz]."""
+        return float(self.speeds[self.farthest] / (2 * np.pi))
+
+    @property
+    def best_return(self) -> float:
+        """Highest return."""
+        return float(self.returns[self.highest])
+
+    @property
+    def best_return_frequency(self) -> float:
+        """Frequency with the highest return [Hz]."""
+        return float(self.speeds[self.highest] / (2 * np.pi))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
+        return {
+            "speeds": self.speeds.tolist(), "distances": self.distances.tolist(), "returns": self.returns.tolist(),
+            "best_distance": self.best_distance, "best_distance_frequency": self.best_distance_frequency,
+            "best_return": self.best_return, "best_return_frequency": self.best_return_frequency,
+            "phases": list(self.phases),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LoopResult:
+    """How a policy swims in one kind of loop.
+
+    Attributes:
+        statistics: Figures of the episodes.
+        drift: Mean distance between a swim's end and the undisturbed swim at the same time [m].
+        sideways: Mean of |y| at the end [m].
+        episodes: The episodes.
+    """
+
+    statistics: EpisodeStatistics
+    drift: float
+    sideways: float
     episodes: list[Episode]
-    scan: Scan | None
-    loops: dict[str, list[Episode]]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON, without the episodes."""
+        return {**self.statistics.as_dict(), "drift": self.drift, "sideways": self.sideways}
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """How well a policy swims.
+
+    Attributes:
+        task: Task of the policy.
+        which: Which policy of the run, `best` or `last`.
+        episodes: Episodes of the policy.
+        statistics: Their figures.
+        scan: Constant speeds; None in a task other than forward.
+        loops: Results by loop, as `compare_loops` gives them; empty where they weren't compared.
+    """
+
+    task: TaskName
+    which: Which
+    episodes: list[Episode]
+    statistics: EpisodeStatistics
+    scan: SpeedScan | None
+    loops: dict[str, LoopResult]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON: `policy`, and `constant` of a forward task, and `loops` where they were compared."""
+        content: dict[str, Any] = {"task": self.task, "which": self.which, "policy": self.statistics.as_dict()}
+        if self.scan is not None:
+            content["constant"] = self.scan.as_dict()
+        if self.loops:
+            content["loops"] = {name: loop.as_dict() for name, loop in self.loops.items()}
+        return content
 
 
 def assess(
-    run: str | Path, robot: Robot, episodes: int, *, parameters: Sequence[Values] | None = None,
+    run: TrainingRun, episodes: int, *, parameters: Sequence[Values] | None = None,
     disturbances: Disturbances | None = None, which: Which = "best", estimate: StateEstimate | None = None,
-    stage: int = 3, scanned: int = SCANNED,
+    stage: int = 3, scanned: int = SCANNED_SPEEDS,
 ) -> Assessment:  # fmt: skip
     """Assesses a policy.
 
     Args:
-        run: Folder of its training.
-        robot: What swims.
-        episodes: How many; their starts depend on their numbers alone.
-        parameters: Of the simulator; None for those that it was trained with.
-        disturbances: Of the simulator; None for those that it was trained with.
-        which: Policy.
-        estimate: Also compare open and closed loop, with this view of a tracker, under `disturbances`.
-        stage: Of the curriculum of target, for goals and threshold.
-        scanned: Constant speeds of each sign that a forward policy is compared with.
+        run: Its training.
+        episodes: Number of episodes; their starts depend on their numbers alone.
+        parameters: Parameter sets of the simulator; None for those that it was trained with.
+        disturbances: Disturbances of the simulator; None for those that it was trained with.
+        which: Which policy of the run.
+        estimate: Tracker's view to compare open and closed loop with, under `disturbances`; None for no comparison.
+        stage: Stage of the curriculum of `target`, for goals and threshold.
+        scanned: Number of constant speeds of each sign that a forward policy is compared with.
 
     Raises:
         RunError: The run has no policy.
-        ArgumentError: No episodes.
+        ArgumentError: No episodes are asked for.
     """
     if episodes < 1:
         raise ArgumentError(f"{episodes} episodes are asked for; an assessment needs at least 1")
-    policy = Trained(run, which)
-    settings = run_files.read_json(Path(run) / run_files.SETTINGS)
-    sets = list(settings["parameters"] if parameters is None else parameters)
-    what = trained_disturbances(settings) if disturbances is None else disturbances
+    policy, settings, robot = load_policy(run, which), run.settings, run.robot
+    task = settings.task
+    sets: list[Values] = list(settings.parameters if parameters is None else parameters)
+    disturbed = settings.disturbances if disturbances is None else disturbances
+    true_state = replace(disturbed, estimate=None)
     seeds = range(TEST_SEED, TEST_SEED + episodes)
-    swum: list[Episode] = []
+    swims: list[Episode] = []
     for first in range(0, episodes, SIDE_BY_SIDE):
-        some = seeds[first : first + SIDE_BY_SIDE]
-        environments = some_environments(
-            policy.task, sets, len(some), robot=robot, disturbances=replace(what, estimate=None), stage=stage
-        )
-        swum += roll(environments, policy, some)
-    content: dict[str, Any] = {"task": policy.task, "which": which, "policy": figures(swum)}
-    scan, loops = None, dict[str, list[Episode]]()
-    if policy.task == "forward":
-        low, high = what.start_phase
-        # as many phases as are drawn from, in the middle of equal shares
-        phases = [low + (high - low) * (i + 0.5) / SCAN_PHASES for i in range(SCAN_PHASES)] if high > low else [low]
+        chunk = seeds[first : first + SIDE_BY_SIDE]
+        environments = make_environments(task, sets, len(chunk), robot=robot, disturbances=true_state, stage=stage)
+        swims += run_episodes(environments, policy, chunk)
+    scan, loops = None, dict[str, LoopResult]()
+    if task == "forward":
+        low, high = disturbed.start_phase
+        # phases in the middle of equal shares of the range that starts are drawn from
+        shares = [(i + 0.5) / SCANNED_PHASES for i in range(SCANNED_PHASES)]
+        phases = [low + (high - low) * share for share in shares] if high > low else [low]
         scan = scan_constant_speeds(
-            sets[0], robot, phases, swum[0].duration, disturbances=replace(what, estimate=None), count=scanned
-        )
-        content["constant"] = {**scan.as_dict(), "phases": phases}
+            sets[0], robot, phases, swims[0].duration, disturbances=true_state, count=scanned
+        )  # fmt: skip
     if estimate is not None:
-        found, loops = compare_loops(
-            policy, policy.task, sets[0], robot, seeds[: min(episodes, SIDE_BY_SIDE)], what, estimate, stage=stage
+        loops = compare_loops(
+            policy, task, sets[0], robot, seeds[: min(episodes, SIDE_BY_SIDE)], disturbed, estimate, stage=stage
         )
-        content["loops"] = found
-    return Assessment(content, swum, scan, loops)
+    return Assessment(task, which, swims, EpisodeStatistics.of(swims), scan, loops)
 
 
-def trained_disturbances(settings: dict[str, Any]) -> Disturbances:
-    """Those that a run was trained with, without a tracker's view."""
-    kept = settings["disturbances"]
-    low, high = kept["start_phase"]
-    x, y = kept["current"]
-    return Disturbances((low, high), (x, y), kept["tendon_friction"])
+def scan_constant_speeds(
+    parameters: Values, robot: Robot, phases: Sequence[float], seconds: float, *,
+    disturbances: Disturbances = UNDISTURBED, count: int = SCANNED_SPEEDS,
+) -> SpeedScan:  # fmt: skip
+    """Swims forward at constant motor speeds, both ways round, up to the motor's limit.
+
+    Args:
+        parameters: Parameters of the simulator.
+        robot: Robot whose values they are.
+        phases: Motor angles at the start [rad]; each speed swims from each.
+        seconds: Length of each swim [s].
+        disturbances: Disturbances of the simulator.
+        count: Number of speeds of each sign.
+    """
+    motor = REAL_MOTOR  # whose limits and acceleration hold here as for a policy
+    positive = motor.speed * np.arange(1, count + 1) / count
+    speeds = np.concatenate([-positive[::-1], positive])
+    environments = make_environments(
+        "forward", [parameters], len(speeds), robot=robot, seconds=seconds, motor=motor, disturbances=disturbances
+    )
+    policy = ConstantSpeed(speeds, motor.acceleration * CONTROL_INTERVAL)
+    distances, returns = np.zeros(len(speeds)), np.zeros(len(speeds))
+    for phase in phases:
+        episodes = run_episodes(environments, policy, range(len(speeds)), [{"phase": phase}] * len(speeds))
+        distances += [episode.distance for episode in episodes]
+        returns += [episode.episode_return for episode in episodes]
+    return SpeedScan(speeds, distances / len(phases), returns / len(phases), tuple(phases))
 
 
-def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
-    """Writes episodes as arrays, each filled up with NaN to the longest: times, actions, commands, heads, markers."""
-    longest = max(len(one.actions) for one in episodes)
-    lengths = np.array([len(one.actions) for one in episodes])
+def compare_loops(
+    policy: Policy, task: TaskName, parameters: Values, robot: Robot, seeds: Sequence[int], disturbances: Disturbances,
+    estimate: StateEstimate, seconds: float | None = None, stage: int = 3,
+) -> dict[str, LoopResult]:  # fmt: skip
+    """Swims each start four times, to see how far a disturbed robot strays from the undisturbed one.
 
-    def filled(name: str, extra: int = 0) -> Array:
-        shape = getattr(episodes[0], name).shape[1:]
-        out = np.full((len(episodes), longest + extra, *shape), np.nan)
-        for i, one in enumerate(episodes):
-            out[i, : lengths[i] + extra] = getattr(one, name)
-        return out
+    `nominal` is without the disturbances. The others are with them: `open` repeats the nominal actions, as the paper's
+    transfer does; `closed` sees the true state; `tracked` sees what a marker tracker reports.
 
-    nowhere = np.full(2, np.nan)
-    np.savez_compressed(
-        path, times=np.arange(longest + 1) / episodes[0].rate, lengths=lengths,
-        seeds=np.array([one.seed for one in episodes]), actions=filled("actions"), commands=filled("commands"),
-        rewards=filled("rewards"), heads=filled("heads", 1), markers=filled("markers"),
-        goals=np.array([nowhere if one.goal is None else one.goal for one in episodes]),
-        distances=np.array([one.distance for one in episodes]), successes=np.array([one.success for one in episodes]),
-    )  # fmt: skip
+    Args:
+        policy: Policy that steers.
+        task: `forward` or `target`.
+        parameters: Parameters of the simulator.
+        robot: Robot whose values they are.
+        seeds: Seeds of the starts.
+        disturbances: What is added; its start phases hold for the nominal swims, too.
+        estimate: The tracker's view.
+        seconds: Length of the episodes [s]; None for the task's own.
+        stage: Stage of the curriculum of `target`.
+
+    Returns:
+        Results by loop.
+    """
+    start_only = Disturbances(start_phase=disturbances.start_phase)
+    true_state, tracked_state = replace(disturbances, estimate=None), replace(disturbances, estimate=estimate)
+
+    def swim(policy: Policy, disturbed: Disturbances) -> list[Episode]:
+        environments = make_environments(
+            task, [parameters], len(seeds), robot=robot, disturbances=disturbed, seconds=seconds, stage=stage
+        )
+        return run_episodes(environments, policy, seeds)
+
+    nominal = swim(policy, start_only)
+    episodes = {
+        "nominal": nominal,
+        "open": swim(RecordedActions([episode.actions for episode in nominal]), true_state),
+        "closed": swim(policy, true_state),
+        "tracked": swim(policy, tracked_state),
+    }
+    return {
+        name: LoopResult(
+            EpisodeStatistics.of(swims),
+            float(np.mean([_drift(swim, reference) for swim, reference in zip(swims, nominal, strict=True)])),
+            float(np.mean([abs(swim.heads[-1, 1]) for swim in swims])),
+            swims,
+        )
+        for name, swims in episodes.items()
+    }
 
 
 def policy_commands(
-    run: str | Path, robot: Robot, seconds: float, *, which: Which = "best", phase: float = 0.0,
+    run: TrainingRun, seconds: float, *, which: Which = "best", phase: float = 0.0,
     goal: tuple[float, float] | None = None,
 ) -> Array:  # fmt: skip
     """Motor commands of a policy in the simulator that it was trained in, from rest [rad/s]. Shape (T,).
 
-    An episode goes on until the seconds are over; one that reaches its goal ends there.
+    An episode that reaches its goal ends there, others when the seconds are over.
 
     Args:
-        run: Folder of its training.
-        robot: What swims.
-        seconds: [s].
-        which: Policy.
-        phase: Of the motor at the start [rad].
-        goal: Of a target task [m]; ahead is -x. None for 1 m straight ahead.
+        run: Its training.
+        seconds: Length [s].
+        which: Which policy of the run.
+        phase: Angle of the motor at the start [rad].
+        goal: Goal of a target task [m]; ahead is -x. None for 1 m straight ahead.
+
+    Raises:
+        RunError: The run has no policy.
+        ArgumentError: The length isn't allowed, a forward policy is given a goal, or the simulation diverges.
     """
-    if not (math.isfinite(seconds) and seconds >= 0.02):
-        raise ArgumentError(f"{seconds:g} s of commands are asked for; it must be at least 0.02 s")
-    policy = Trained(run, which)
-    settings = run_files.read_json(Path(run) / run_files.SETTINGS)
+    if not (math.isfinite(seconds) and seconds >= CONTROL_INTERVAL):
+        raise ArgumentError(f"{seconds:g} s of commands are asked for; it must be at least {CONTROL_INTERVAL:g} s")
+    policy, settings = load_policy(run, which), run.settings
     options: dict[str, Any] = {"phase": phase, "member": 0}
-    if policy.task == "target":
+    if settings.task == "target":
         options["goal"] = goal or (-1.0, 0.0)
     elif goal is not None:
         raise ArgumentError("a goal is for policies of task target; this one swims forward")
-    environments = some_environments(policy.task, settings["parameters"], 1, robot=robot, seconds=seconds)
-    episode = roll(environments, policy, [TEST_SEED], [options])[0]
-    if episode.ended:
-        raise ArgumentError(f"the policy can't be recorded: {episode.ended}")
+    environments = make_environments(settings.task, settings.parameters, 1, robot=run.robot, seconds=seconds)
+    episode = run_episodes(environments, policy, [TEST_SEED], [options])[0]
+    if episode.failure:
+        raise ArgumentError(f"the policy can't be recorded: {episode.failure}")
     return episode.commands
+
+
+def _drift(episode: Episode, reference: Episode) -> float:
+    """Distance between two swims at the last time that both have [m]."""
+    last = min(len(episode.heads), len(reference.heads)) - 1
+    return float(np.linalg.norm(episode.heads[last] - reference.heads[last]))

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal, SupportsFloat, get_args
+from typing import Any, Literal, SupportsFloat, TypedDict, Unpack, get_args
 
 import gymnasium
+import mujoco
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
-from swim2real.rl.body import Bodies
-from swim2real.rl.disturbances import UNDISTURBED, Disturbances
-from swim2real.rl.forward import Forward
-from swim2real.rl.motor import CONTROL_INTERVAL, REAL_MOTOR, Motor
-from swim2real.rl.observation import Reading, Swimmer
-from swim2real.rl.target import Target
-from swim2real.rl.task import Task
-from swim2real.rl.tracked import Tracked
+from swim2real.rl.body import Bodies, BodyState, Swimmer
+from swim2real.rl.conditions import CONTROL_INTERVAL, REAL_MOTOR, UNDISTURBED, Disturbances, Motor
+from swim2real.rl.state_estimation import StateEstimator
+from swim2real.rl.tasks import Forward, Target, Task
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Robot
 
@@ -29,6 +26,10 @@ Observation = NDArray[np.float32]
 TaskName = Literal["forward", "target"]
 
 DIVERGED = -1000.0  # reward of a step that the simulation can't make
+
+_PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
+# compiled robots are made anew in a resumed run; of the one that swims, the physics are kept
+_NOT_SAVED = ("_bodies", "_swimmers", "_swimmer", "observation_space", "action_space", "spec")
 
 
 class SwimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -44,8 +45,9 @@ class SwimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     takes options: `phase`, the motor's angle [rad]; `member`, of an ensemble; `goal` [m].
 
     Attributes:
-        task: What is to be done.
-        motor: What acts.
+        task: Task of the robot.
+        motor: Motor that carries out the actions.
+        command: Speed that the motor is sent [rad/s].
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium declares it
@@ -54,7 +56,14 @@ class SwimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     }
 
     def __init__(self, task: Task, bodies: Bodies, motor: Motor = REAL_MOTOR, seed: int | None = None) -> None:
-        """Makes the environment; the seed is that of the first `reset` that is given none."""
+        """Makes the environment.
+
+        Args:
+            task: Task of the robot.
+            bodies: Parameter sets; one is drawn for every episode.
+            motor: Motor that carries out the actions.
+            seed: Seed of the first `reset` that is called without one.
+        """
         self.task, self.motor = task, motor
         self.render_mode = None
         self._bodies, self._disturbances = bodies, bodies.disturbances
@@ -63,10 +72,10 @@ class SwimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.observation_space = spaces.Box(-bounds, bounds, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self._swimmers: dict[int, Swimmer] = {}
-        self._seen, self._good = np.zeros(len(bounds)), np.zeros(len(bounds))
+        self._next_observation, self._observation = np.zeros(len(bounds)), np.zeros(len(bounds))
         estimate = self._disturbances.estimate
-        self._tracked = None if estimate is None else Tracked(estimate)
-        self._markers = task.needs_markers or self._tracked is not None
+        self._estimator = None if estimate is None else StateEstimator(estimate)
+        self._needs_markers = task.needs_markers or self._estimator is not None
         self._swimmer: Swimmer | None = None
         self.command, self._action, self._steps, self._last = 0.0, 0.0, 0, 0
 
@@ -91,11 +100,11 @@ class SwimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._last = round(self.task.seconds / CONTROL_INTERVAL)
         self.command, self._action, self._steps = 0.0, 0.0, 0
         swimmer.start(phase)
-        reading = swimmer.read(self._markers)
-        if self._tracked is not None:
-            self._tracked.begin(swimmer.body, reading, rng)
-        self._observe(reading)
-        return self._good.astype(np.float32), self._info(reading, False)
+        state = swimmer.read(self._needs_markers)
+        if self._estimator is not None:
+            self._estimator.begin(swimmer.body, state, rng)
+        self._observe(state)
+        return self._observation.astype(np.float32), self._make_info(state, False)
 
     def step(self, action: NDArray[Any]) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Swims one control interval."""
@@ -107,30 +116,30 @@ class SwimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.command = self.motor.next_command(self.command, act)
         self._steps += 1
         if self._swimmer.advance(self.command):
-            reading = self._swimmer.read(self._markers)
-            if self._observe(reading):
-                reward, done = self.task.judge(reading, act)
-                info = self._info(reading, done)
+            state = self._swimmer.read(self._needs_markers)
+            if self._observe(state):
+                reward, done = self.task.score(state, act)
+                info = self._make_info(state, done)
                 over = self._steps >= self._last
                 if done:
                     self._last = self._steps
-                return self._good.astype(np.float32), reward, done, over and not done, info
+                return self._observation.astype(np.float32), reward, done, over and not done, info
         time = self._steps * CONTROL_INTERVAL
         self._last = self._steps
         info = {
-            **self._told,
+            **self._info,
             "time": time,
             "command": self.command,
             "diverged": f"the simulation diverged {time:.2f} s after the start, commanded {self.command:.2f} rad/s",
         }
-        return self._good.astype(np.float32), DIVERGED, True, False, info
+        return self._observation.astype(np.float32), DIVERGED, True, False, info
 
     @property
     def swimmer(self) -> Swimmer:
-        """What swims in this episode.
+        """The robot that swims in this episode.
 
         Raises:
-            ArgumentError: None has begun.
+            ArgumentError: No episode has begun.
         """
         if self._swimmer is None:
             raise ArgumentError("no episode has begun: call reset first")
@@ -146,27 +155,47 @@ class SwimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             raise ArgumentError("only the task 'target' has a curriculum")
         self.task.stage = stage
 
-    def _observe(self, reading: Reading) -> bool:
-        """Writes the observation; False where it can't be believed."""
-        seen = reading if self._tracked is None else self._tracked.see(reading)
-        self.task.observe(seen, self._action, self._seen)
-        if not (np.abs(self._seen) <= self.task.bounds).all():  # NaN too
+    def save_state(self) -> dict[str, Any]:
+        """Everything that decides how a running episode goes on, to be pickled."""
+        swimmer = self.swimmer
+        physics = np.empty(mujoco.mj_stateSize(swimmer.body.model, _PHYSICS))
+        mujoco.mj_getState(swimmer.body.model, swimmer.data, physics, _PHYSICS)
+        return {
+            "member": next(member for member, known in self._swimmers.items() if known is swimmer),
+            "physics": physics,
+            "rest": {name: value for name, value in vars(self).items() if name not in _NOT_SAVED},
+        }
+
+    def restore_state(self, state: dict[str, Any]) -> None:
+        """Goes on with the episode that `save_state` was called in."""
+        self.reset(options={"member": state["member"]})
+        swimmer = self.swimmer
+        mujoco.mj_setState(swimmer.body.model, swimmer.data, state["physics"], _PHYSICS)
+        for name, value in state["rest"].items():
+            setattr(self, name, value)
+        swimmer.read(markers=True)
+
+    def _observe(self, state: BodyState) -> bool:
+        """Writes the observation and returns whether it can be believed."""
+        seen = state if self._estimator is None else self._estimator.update(state)
+        self.task.observe(seen, self._action, self._next_observation)
+        if not (np.abs(self._next_observation) <= self.task.bounds).all():  # NaN too
             return False
-        self._seen, self._good = self._good, self._seen
+        self._next_observation, self._observation = self._observation, self._next_observation
         return True
 
-    def _info(self, reading: Reading, success: bool) -> dict[str, Any]:
-        x, y = float(reading.position[0]), float(reading.position[1])
-        self._told = {
+    def _make_info(self, state: BodyState, success: bool) -> dict[str, Any]:
+        x, y = float(state.position[0]), float(state.position[1])
+        self._info = {
             "time": self._steps * CONTROL_INTERVAL,
             "distance": -x,
             "position": (x, y),
-            "heading": reading.heading,
+            "heading": state.heading,
             "command": self.command,
             "success": success,
-            **self.task.facts(reading),
+            **self.task.info(state),
         }
-        return dict(self._told)  # whoever gets it adds to it
+        return dict(self._info)  # the receiver adds entries to it
 
 
 def make_task(task: TaskName, stage: int = 3, seconds: float | None = None) -> Task:
@@ -174,7 +203,7 @@ def make_task(task: TaskName, stage: int = 3, seconds: float | None = None) -> T
 
     Args:
         task: `forward` or `target`.
-        stage: Of the curriculum of `target`.
+        stage: Stage of the curriculum of `target`.
         seconds: Length of an episode [s]; by default the task's own.
 
     Raises:
@@ -189,26 +218,54 @@ def make_task(task: TaskName, stage: int = 3, seconds: float | None = None) -> T
     return Forward() if seconds is None else Forward(seconds)
 
 
-def make_env(
-    task: TaskName, parameters: Values | Sequence[Values] | None = None, robot: Robot = FISH, *,
-    disturbances: Disturbances = UNDISTURBED, stage: int = 3, seconds: float | None = None, motor: Motor = REAL_MOTOR,
-    seed: int | None = None,
-) -> SwimEnv:  # fmt: skip
-    """An environment.
+class EnvironmentOptions(TypedDict, total=False):
+    """Optional arguments of those that make environments.
+
+    Attributes:
+        robot: Robot that swims; by default the fish.
+        disturbances: What the real water and robot add; by default nothing.
+        stage: Stage of the curriculum of `target`; by default the last.
+        seconds: Length of an episode [s]; by default the task's own.
+        motor: Motor that carries out the actions; by default the real one.
+        seed: Seed of the first environment's first episode that is begun without one.
+    """
+
+    robot: Robot
+    disturbances: Disturbances
+    stage: int
+    seconds: float | None
+    motor: Motor
+    seed: int | None
+
+
+def make_environments(
+    task: TaskName, parameters: Values | Sequence[Values] | None, count: int, **options: Unpack[EnvironmentOptions]
+) -> list[SwimEnv]:
+    """Environments that share compiled robots. The i-th does what `make_env` with the seed + i does.
 
     Args:
         task: `forward` or `target`.
-        parameters: Of the robot; of several sets one is drawn for every episode. By default the published ones.
-        robot: What swims.
-        disturbances: What the real water and robot add.
-        stage: Of the curriculum of `target`.
-        seconds: Length of an episode [s]; by default the task's own.
-        motor: What it can do.
-        seed: Of the first episode that is begun without one.
+        parameters: Parameters of the robot; of several sets one is drawn for every episode. None for the published
+            ones.
+        count: Number of environments.
+        options: See `EnvironmentOptions`.
 
     Raises:
-        ArgumentError: Something asked for isn't there.
+        ArgumentError: There is no such task, stage or length, or no parameter set.
         ParameterError: A value isn't allowed.
     """
+    robot, seed = options.get("robot", FISH), options.get("seed")
     sets = robot.space.published if parameters is None else parameters
-    return SwimEnv(make_task(task, stage, seconds), Bodies(robot, sets, disturbances), motor, seed)
+    bodies = Bodies(robot, sets, options.get("disturbances", UNDISTURBED))
+    stage, seconds, motor = options.get("stage", 3), options.get("seconds"), options.get("motor", REAL_MOTOR)
+    return [
+        SwimEnv(make_task(task, stage, seconds), bodies, motor, None if seed is None else seed + i)
+        for i in range(count)
+    ]
+
+
+def make_env(
+    task: TaskName, parameters: Values | Sequence[Values] | None = None, **options: Unpack[EnvironmentOptions]
+) -> SwimEnv:
+    """One environment; the arguments are those of `make_environments`."""
+    return make_environments(task, parameters, 1, **options)[0]

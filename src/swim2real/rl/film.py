@@ -1,4 +1,4 @@
-"""A film of an episode from above: the robot's midline and fins, the way of its head, its goal, and the motor."""
+"""A film of an episode from above: the robot's midline and fins, the path of its head, its goal, and the motor."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.rendering.drawing import INK, PAGE, Canvas, Color, plain
+from swim2real.rl.body import FISH_LAYOUT
 from swim2real.rl.rollout import Episode
 from swim2real.video.writer import VideoWriter
 
 Array = NDArray[np.float64]
 
 _BODY: Color = (21, 88, 176)
-_WAY: Color = (162, 172, 185)
+_PATH: Color = (162, 172, 185)
 _GOAL: Color = (198, 40, 40)
 _REACHED: Color = (26, 122, 60)
 _MARGIN = 0.12  # m
-_MIDLINE = 9  # markers; the two after them are the fin tips
+_MIDLINE = FISH_LAYOUT.midline_markers  # the two after them are the fin tips
 FPS = 25
 
 
@@ -26,13 +27,12 @@ def write_film(path: str | Path, episode: Episode, width: int = 720, threshold: 
     """Writes a film at half the control rate, in real time.
 
     Args:
-        path: Of the film.
-        episode: What it shows.
-        width: Of the pictures [px].
+        path: File to write.
+        episode: Episode to show.
+        width: Width of the pictures [px].
         threshold: Radius of the goal [m]; None for a dot.
 
     Raises:
-        MissingExtraError: PyAV or Pillow isn't installed.
         VideoError: The file can't be written.
     """
     low, high = _box(episode)
@@ -52,8 +52,8 @@ def write_film(path: str | Path, episode: Episode, width: int = 720, threshold: 
                 canvas.dot(here, 4.0, _REACHED if reached else _GOAL)
                 if threshold is not None:
                     canvas.ring(here, max(3.0, scale * threshold), _REACHED if reached else _GOAL, 1.5)
-            way = episode.heads[: k + 2]
-            canvas.polyline([place(point) for point in way[:: max(1, len(way) // 200)]], _WAY, 1.5)
+            path_points = episode.heads[: k + 2]
+            canvas.polyline([place(point) for point in path_points[:: max(1, len(path_points) // 200)]], _PATH, 1.5)
             if len(markers) > _MIDLINE + 1:
                 fins = (markers[_MIDLINE], (markers[0] + markers[1]) / 2, markers[_MIDLINE + 1])
                 canvas.polyline([place(point) for point in fins], _BODY, 2.0)
@@ -67,7 +67,7 @@ def write_film(path: str | Path, episode: Episode, width: int = 720, threshold: 
 
 
 def _box(episode: Episode) -> tuple[Array, Array]:
-    """What is shown, at least as high as a third of its width."""
+    """The corners of the region that is shown, at least as high as a third of its width [m]."""
     points = [episode.markers.reshape(-1, 2), episode.heads]
     if episode.goal is not None:
         points.append(episode.goal[None])

@@ -1,17 +1,19 @@
-"""Episodes of several environments side by side, steered by a driver, with everything that happened in them."""
+"""Episodes of several environments side by side, steered by a policy: all that happened in them, and their figures."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.rl.conditions import CONTROL_INTERVAL
 from swim2real.rl.environment import SwimEnv
-from swim2real.rl.motor import CONTROL_INTERVAL
-from swim2real.rl.policy import Driver
+from swim2real.rl.policies import Policy
+from swim2real.store import write_arrays
 
 Array = NDArray[np.float64]
 
@@ -21,17 +23,17 @@ class Episode:
     """One episode.
 
     Attributes:
-        seed: Of its start.
+        seed: Seed of its start.
         rate: Steps a second [Hz].
-        actions: Shape (T,).
-        commands: Motor speeds asked for in each step [rad/s]. Shape (T,).
-        rewards: Shape (T,).
+        actions: Actions. Shape (T,).
+        commands: Commanded speed of the motor in each step [rad/s]. Shape (T,).
+        rewards: Rewards. Shape (T,).
         heads: Positions of the head, the start first [m]. Shape (T + 1, 2).
         markers: Positions of the markers after each step [m]. Shape (T, K, 2).
-        goal: [m]; None in a task without one. Shape (2,).
-        distance: Swum forward [m].
+        goal: Goal [m]; None in a task without one. Shape (2,).
+        distance: Distance swum forward [m].
         success: Whether the goal was reached.
-        ended: Why it ended early, in words; empty when it went to its end or reached the goal.
+        failure: Why the simulation diverged, in words; empty where it didn't.
     """
 
     seed: int
@@ -44,7 +46,7 @@ class Episode:
     goal: Array | None
     distance: float
     success: bool
-    ended: str
+    failure: str
 
     @property
     def episode_return(self) -> float:
@@ -53,54 +55,127 @@ class Episode:
 
     @property
     def duration(self) -> float:
-        """[s]."""
+        """Length [s]."""
         return len(self.actions) / self.rate
 
     @property
     def goal_distance(self) -> float | None:
-        """From the head to the goal at the end [m]."""
+        """Distance from the head to the goal at the end [m]; None in a task without a goal."""
         return None if self.goal is None else float(np.linalg.norm(self.heads[-1] - self.goal))
 
 
-def some_environments(task: str, parameters: Sequence[Any], count: int, **more: Any) -> list[SwimEnv]:
-    """Environments that share compiled robots. Arguments as for `make_vector_env`."""
-    from swim2real.rl.vector import make_vector_env
+@dataclass(frozen=True)
+class EpisodeStatistics:
+    """Figures of several episodes.
 
-    return make_vector_env(task, parameters, count, **more).envs  # pyright: ignore[reportArgumentType]
+    Attributes:
+        episodes: Number of episodes.
+        episode_return: Mean return.
+        episode_return_std: Its standard deviation.
+        distance: Mean distance swum forward [m].
+        distance_std: Its standard deviation [m].
+        success: Share of episodes that reached their goal.
+        time_to_target: Mean duration of those [s]; None where none did.
+        median_time_to_target: Median duration of those [s]; None where none did.
+        goal_distance: Mean distance left at the end [m]; None in a task without a goal.
+        action_size: Mean magnitude of the actions.
+        diverged: Number of episodes whose simulation diverged.
+    """
+
+    episodes: int
+    episode_return: float
+    episode_return_std: float
+    distance: float
+    distance_std: float
+    success: float
+    time_to_target: float | None
+    median_time_to_target: float | None
+    goal_distance: float | None
+    action_size: float
+    diverged: int
+
+    @staticmethod
+    def of(episodes: Sequence[Episode]) -> EpisodeStatistics:
+        """Figures of these episodes."""
+        returns = np.array([episode.episode_return for episode in episodes])
+        distances = np.array([episode.distance for episode in episodes])
+        times = [episode.duration for episode in episodes if episode.success]
+        left = [episode.goal_distance for episode in episodes if episode.goal_distance is not None]
+        return EpisodeStatistics(
+            episodes=len(episodes),
+            episode_return=float(returns.mean()),
+            episode_return_std=float(returns.std()),
+            distance=float(distances.mean()),
+            distance_std=float(distances.std()),
+            success=float(np.mean([episode.success for episode in episodes])),
+            time_to_target=float(np.mean(times)) if times else None,
+            median_time_to_target=float(np.median(times)) if times else None,
+            goal_distance=float(np.mean(left)) if left else None,
+            action_size=float(np.mean([np.abs(episode.actions).mean() for episode in episodes])),
+            diverged=sum(bool(episode.failure) for episode in episodes),
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
+        return asdict(self)
 
 
-def roll(
-    environments: Sequence[SwimEnv], driver: Driver, seeds: Sequence[int],
+def run_episodes(
+    environments: Sequence[SwimEnv], policy: Policy, seeds: Sequence[int],
     options: Sequence[dict[str, Any]] | None = None,
 ) -> list[Episode]:  # fmt: skip
-    """One episode in each environment, side by side.
+    """Swims one episode in each environment, side by side.
 
     Args:
-        environments: N of them.
-        driver: Steers all.
-        seeds: Of their starts.
-        options: Of their starts.
+        environments: N environments.
+        policy: Policy that steers all.
+        seeds: Seeds of their starts.
+        options: Options of their starts, as `SwimEnv.reset` takes them.
 
     Returns:
         N episodes.
     """
-    logs = [_Log(env, seed) for env, seed in zip(environments, seeds, strict=True)]
+    recorders = [_Recorder(env, seed) for env, seed in zip(environments, seeds, strict=True)]
     observations = np.stack([
-        log.begin(None if options is None else options[i]) for i, log in enumerate(logs)
+        recorder.begin(None if options is None else options[i]) for i, recorder in enumerate(recorders)
     ])  # fmt: skip
     step = 0
-    while not all(log.over for log in logs):
-        commands = np.array([log.env.command for log in logs])
-        actions = driver.actions(observations, commands, step)
-        for i, log in enumerate(logs):
-            if not log.over:
-                observations[i] = log.step(actions[i])
+    while not all(recorder.over for recorder in recorders):
+        commands = np.array([recorder.env.command for recorder in recorders])
+        actions = policy.actions(observations, commands, step)
+        for i, recorder in enumerate(recorders):
+            if not recorder.over:
+                observations[i] = recorder.step(actions[i])
         step += 1
-    return [log.episode() for log in logs]
+    return [recorder.episode() for recorder in recorders]
 
 
-class _Log:
-    """What happens in one environment."""
+def save_episodes(path: str | Path, episodes: Sequence[Episode]) -> None:
+    """Writes episodes as arrays, each filled up with NaN to the longest: times, actions, commands, heads, markers."""
+    lengths = np.array([len(episode.actions) for episode in episodes])
+    longest = lengths.max()
+
+    def stacked(name: str, extra: int = 0) -> Array:
+        shape = getattr(episodes[0], name).shape[1:]
+        out = np.full((len(episodes), longest + extra, *shape), np.nan)
+        for i, episode in enumerate(episodes):
+            out[i, : lengths[i] + extra] = getattr(episode, name)
+        return out
+
+    no_goal = np.full(2, np.nan)
+    write_arrays(path, {
+        "times": np.arange(longest + 1) / episodes[0].rate, "lengths": lengths,
+        "seeds": np.array([episode.seed for episode in episodes]), "actions": stacked("actions"),
+        "commands": stacked("commands"), "rewards": stacked("rewards"), "heads": stacked("heads", 1),
+        "markers": stacked("markers"),
+        "goals": np.array([no_goal if episode.goal is None else episode.goal for episode in episodes]),
+        "distances": np.array([episode.distance for episode in episodes]),
+        "successes": np.array([episode.success for episode in episodes]),
+    })  # fmt: skip
+
+
+class _Recorder:
+    """Steps one environment and records what happens in it."""
 
     def __init__(self, env: SwimEnv, seed: int) -> None:
         self.env, self.seed, self.over = env, seed, False

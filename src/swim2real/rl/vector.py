@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +14,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 
 from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
-from swim2real.rl.body import Bodies
-from swim2real.rl.disturbances import UNDISTURBED, Disturbances
-from swim2real.rl.environment import Observation, SwimEnv, TaskName, make_task
-from swim2real.rl.motor import REAL_MOTOR, Motor
-from swim2real.robots.fish import FISH
-from swim2real.robots.robot import Robot
+from swim2real.rl.environment import EnvironmentOptions, Observation, SwimEnv, TaskName, make_environments
 
 
 class SwimVecEnv(VecEnv):
@@ -30,10 +26,19 @@ class SwimVecEnv(VecEnv):
 
     Attributes:
         envs: The environments.
+        step_seconds: Time that all steps took so far [s].
     """
 
     def __init__(self, envs: Sequence[SwimEnv], threads: int = 1) -> None:
-        """Takes the environments over; with one thread all is done in the caller's."""
+        """Takes over the environments.
+
+        Args:
+            envs: At least one environment.
+            threads: Number of threads; with 1 all is done in the caller's.
+
+        Raises:
+            ArgumentError: There is no environment or no thread.
+        """
         if not envs:
             raise ArgumentError("a vector of 0 environments is asked for; it needs at least 1")
         if threads < 1:
@@ -44,24 +49,27 @@ class SwimVecEnv(VecEnv):
         shares = min(threads, count)
         self._shares = [range(count * i // shares, count * (i + 1) // shares) for i in range(shares)]
         self._pool = ThreadPoolExecutor(shares) if shares > 1 else None
-        self._seen = np.zeros((count, *(self.envs[0].observation_space.shape or ())), np.float32)
+        self._observations = np.zeros((count, *(self.envs[0].observation_space.shape or ())), np.float32)
         self._rewards = np.zeros(count, np.float32)
         self._ended = np.zeros(count, np.bool_)
         self._infos: list[dict[str, Any]] = [{} for _ in range(count)]
         self._actions: NDArray[Any] = np.zeros((count, 1), np.float32)
+        self.step_seconds = 0.0
 
     def reset(self) -> VecEnvObs:
         self._all(self._begin)
         self._reset_seeds()
         self._reset_options()
-        return self._seen.copy()
+        return self._observations.copy()
 
     def step_async(self, actions: NDArray[Any]) -> None:
         self._actions = actions
 
     def step_wait(self) -> tuple[Observation, Observation, NDArray[np.bool_], list[dict[str, Any]]]:
+        begun = time.perf_counter()
         self._all(self._step)
-        return self._seen.copy(), self._rewards.copy(), self._ended.copy(), list(self._infos)
+        self.step_seconds += time.perf_counter() - begun
+        return self._observations.copy(), self._rewards.copy(), self._ended.copy(), list(self._infos)
 
     def close(self) -> None:
         if self._pool is not None:
@@ -83,6 +91,7 @@ class SwimVecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
     def _all(self, action: Callable[[int], None]) -> None:
+        """Does something with the index of each environment."""
         if self._pool is None:
             for i in range(self.num_envs):
                 action(i)
@@ -95,47 +104,36 @@ class SwimVecEnv(VecEnv):
         list(self._pool.map(share, self._shares))
 
     def _begin(self, i: int) -> None:
-        self._seen[i], self.reset_infos[i] = self.envs[i].reset(seed=self._seeds[i], options=self._options[i])
+        self._observations[i], self.reset_infos[i] = self.envs[i].reset(seed=self._seeds[i], options=self._options[i])
 
     def _step(self, i: int) -> None:
         env = self.envs[i]
-        seen, reward, terminated, truncated, info = env.step(self._actions[i])
+        observation, reward, terminated, truncated, info = env.step(self._actions[i])
         self._rewards[i] = float(reward)
         self._ended[i] = ended = terminated or truncated
         self._infos[i] = info
         info["TimeLimit.truncated"] = truncated and not terminated
         if ended:
-            info["terminal_observation"] = seen
-            seen, self.reset_infos[i] = env.reset()
-        self._seen[i] = seen
+            info["terminal_observation"] = observation
+            observation, self.reset_infos[i] = env.reset()
+        self._observations[i] = observation
 
 
 def make_vector_env(
-    task: TaskName, parameters: Values | Sequence[Values] | None = None, count: int = 1, *, threads: int | None = None,
-    robot: Robot = FISH, disturbances: Disturbances = UNDISTURBED, stage: int = 3, seconds: float | None = None,
-    motor: Motor = REAL_MOTOR, seed: int | None = None,
+    task: TaskName, parameters: Values | Sequence[Values] | None = None, count: int = 1, *, threads: int = 1,
+    **options: Unpack[EnvironmentOptions],
 ) -> SwimVecEnv:  # fmt: skip
-    """Environments that step in one call. The i-th does what `make_env` with the seed + i does.
+    """Environments that step in one call.
 
     Args:
         task: `forward` or `target`.
-        parameters: As for `make_env`.
-        count: Of environments.
-        threads: By default one; more where cores are free.
-        robot: What swims.
-        disturbances: What the real water and robot add.
-        stage: Of the curriculum of `target`.
-        seconds: Length of an episode [s]; by default the task's own.
-        motor: What it can do.
-        seed: Of the first environment.
+        parameters: Parameters of the robot, as for `make_environments`.
+        count: Number of environments.
+        threads: Number of threads that step them; more than 1 where cores are free.
+        options: See `EnvironmentOptions`.
 
     Raises:
-        ArgumentError: Something asked for isn't there.
+        ArgumentError: There is no such task, stage or length, or nothing to step.
         ParameterError: A value isn't allowed.
     """
-    bodies = Bodies(robot, robot.space.published if parameters is None else parameters, disturbances)
-    envs = [
-        SwimEnv(make_task(task, stage, seconds), bodies, motor, None if seed is None else seed + i)
-        for i in range(count)
-    ]
-    return SwimVecEnv(envs, threads or 1)
+    return SwimVecEnv(make_environments(task, parameters, count, **options), threads)

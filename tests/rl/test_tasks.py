@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import swim2real.rl as rl
-from swim2real.rl.target import STAGES, Target
+from swim2real.rl.tasks import STAGES, Target
 from swim2real.robots.fish import FISH
 
 MARKERS = (*FISH.marker_names, "left_fin_tip", "right_fin_tip")

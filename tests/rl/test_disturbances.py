@@ -5,10 +5,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import swim2real.rl as rl
-from swim2real.rl.body import Body
-from swim2real.rl.observation import Swimmer
-from swim2real.rl.tail_fit import TailFit
-from swim2real.rl.tracked import Tracked
+from swim2real.rl.body import Body, Swimmer
+from swim2real.rl.state_estimation import StateEstimator, TailFit
 from swim2real.robots.fish import FISH
 
 PUBLISHED = FISH.space.published
@@ -28,18 +26,18 @@ def test_a_start_at_any_phase_is_drawn_and_rests():
     angles = []
     for _ in range(8):
         env.reset()
-        angles.append(env.swimmer.reading.motor_angle)
+        angles.append(env.swimmer.state.motor_angle)
     assert min(angles) < -1
     assert max(angles) > 1
     env.reset(options={"phase": 2.0})
-    bent = env.swimmer.reading.tail_angles.copy()
+    bent = env.swimmer.state.tail_angles.copy()
     assert np.abs(bent).max() > 0.1
     for _ in range(10):
         env.step(np.zeros(1))
-    reading = env.swimmer.reading
-    assert reading.motor_angle == pytest.approx(2.0, abs=5e-3)  # the velocity servo yields a little
-    assert np.abs(reading.tail_angles - bent).max() < 0.03
-    assert np.linalg.norm(reading.position) < 0.002  # a tail that snapped into place would push it off
+    state = env.swimmer.state
+    assert state.motor_angle == pytest.approx(2.0, abs=5e-3)  # the velocity servo yields a little
+    assert np.abs(state.tail_angles - bent).max() < 0.03
+    assert np.linalg.norm(state.position) < 0.002  # a tail that snapped into place would push it off
 
 
 def test_half_a_turn_later_the_swim_is_mirrored():
@@ -67,13 +65,13 @@ def test_friction_of_the_left_tendon_turns_the_robot_to_its_left():
 def tracked(estimate, steps=60, seed=0):
     """True and tracked readings of a swim, as columns: heading, place, tail angles, rates."""
     body = Body(FISH, PUBLISHED)
-    swimmer, eye, rng = Swimmer(body), Tracked(estimate), np.random.default_rng(seed)
+    swimmer, estimator, rng = Swimmer(body), StateEstimator(estimate), np.random.default_rng(seed)
     swimmer.start(0.0)
-    eye.begin(body, swimmer.read(markers=True), rng)
+    estimator.begin(body, swimmer.read(markers=True), rng)
     rows = []
     for k in range(steps):
         true = swimmer.read(markers=True)
-        seen = eye.see(true)
+        seen = estimator.update(true)
         rows.append([np.hstack([r.heading, r.position, r.tail_angles, r.velocity, r.turning[2], r.tail_rates,
                                 r.markers.ravel(), r.marker_velocities.ravel(), r.motor_angle, r.motor_speed])
                      for r in (true, seen)])  # fmt: skip
@@ -110,15 +108,15 @@ def test_a_late_tracker_sees_what_was_but_knows_its_motor():
 
 def test_a_heading_goes_on_beyond_half_a_turn():
     body = Body(FISH, PUBLISHED)
-    swimmer, eye = Swimmer(body), Tracked(rl.StateEstimate(noise=0.0, delay=0))
+    swimmer, estimator = Swimmer(body), StateEstimator(rl.StateEstimate(noise=0.0, delay=0))
     swimmer.start(0.0)
-    eye.begin(body, swimmer.read(markers=True), np.random.default_rng(0))
-    eye.see(swimmer.read(markers=True))
+    estimator.begin(body, swimmer.read(markers=True), np.random.default_rng(0))
+    estimator.update(swimmer.read(markers=True))
     for heading in np.linspace(0.0, 9.0, 40):
         swimmer.data.qpos[5] = heading
-        seen = eye.see(swimmer.read(markers=True))
+        seen = estimator.update(swimmer.read(markers=True))
         assert seen.heading == pytest.approx(heading, abs=1e-6)
-    np.testing.assert_allclose(seen.position, swimmer.reading.position, atol=1e-6)
+    np.testing.assert_allclose(seen.position, swimmer.state.position, atol=1e-6)
     np.testing.assert_allclose(seen.tail_angles, 0, atol=1e-6)
 
 
@@ -144,14 +142,14 @@ def test_tail_angles_are_the_most_likely_ones():
     clean = joints[segments] + levers[:, None] * np.c_[np.cos(direction), np.sin(direction)][segments]
     seen = clean + 0.0005 * np.random.default_rng(0).standard_normal((4, 2))
 
-    def surprise(angles):
-        way = heading + np.cumsum(angles)
+    def residuals(candidate):
+        way = heading + np.cumsum(candidate)
         steps = 0.03 * np.c_[np.cos(way), np.sin(way)]
         at = place + np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])[segments]
         at = at + levers[:, None] * np.c_[np.cos(way), np.sin(way)][segments]
-        return np.concatenate([(at - seen).ravel() / 0.0005, angles / 0.1])
+        return np.concatenate([(at - seen).ravel() / 0.0005, candidate / 0.1])
 
-    likely = least_squares(surprise, np.zeros(3)).x
-    found = TailFit(hinges, markers, 0.0005).angles(seen, place, heading, np.zeros(3))
-    np.testing.assert_allclose(found, likely, atol=1e-3)
-    assert found.sum() == pytest.approx(true.sum(), abs=0.03)  # a zigzag is smoothed, the fin's direction stays
+    likely = least_squares(residuals, np.zeros(3)).x
+    angles = TailFit(hinges, markers, 0.0005).angles(seen, place, heading, np.zeros(3))
+    np.testing.assert_allclose(angles, likely, atol=1e-3)
+    assert angles.sum() == pytest.approx(true.sum(), abs=0.03)  # a zigzag is smoothed, the fin's direction stays

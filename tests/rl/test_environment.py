@@ -8,9 +8,8 @@ from stable_baselines3.common.env_checker import check_env as check_as_sb3
 
 import swim2real.rl as rl
 from swim2real.errors import ArgumentError, ParameterError
-from swim2real.rl.body import Bodies, Body
+from swim2real.rl.body import Bodies, Body, Swimmer
 from swim2real.rl.environment import make_task
-from swim2real.rl.observation import Swimmer
 from swim2real.robots.fish import FISH, FISH_EXTENDED
 
 PUBLISHED = FISH.space.published
@@ -44,8 +43,8 @@ def test_disturbed_as_both_libraries_want_them(task):
 def test_an_action_is_an_acceleration_that_becomes_a_limited_speed():
     env = rl.make_env("forward")
     env.reset(seed=0)
-    told = [env.step(GO)[4]["command"] for _ in range(6)]
-    assert told == pytest.approx([2.0, 4.0, 6.0, *[rl.REAL_MOTOR.speed] * 3])
+    commands = [env.step(GO)[4]["command"] for _ in range(6)]
+    assert commands == pytest.approx([2.0, 4.0, 6.0, *[rl.REAL_MOTOR.speed] * 3])
     assert rl.REAL_MOTOR.speed == pytest.approx(7.29, abs=0.005)
     assert env.step(np.array([-0.5]))[4]["command"] == pytest.approx(rl.REAL_MOTOR.speed - 1.0)
     assert env.step(np.array([-7.0]))[4]["command"] == pytest.approx(rl.REAL_MOTOR.speed - 3.0)  # cut off at -1
@@ -118,9 +117,9 @@ def test_the_engines_own_step_swims_the_same():
     bodies = [Body(FISH, PUBLISHED, rough) for _ in range(2)]
     bodies[1]._fast = None
     swimmers = [Swimmer(body) for body in bodies]
-    for one in swimmers:
-        one.start(0.0)
-        assert all(one.advance(6.0) for _ in range(30))
+    for swimmer in swimmers:
+        swimmer.start(0.0)
+        assert all(swimmer.advance(6.0) for _ in range(30))
     np.testing.assert_allclose(swimmers[0].data.qpos, swimmers[1].data.qpos, atol=1e-8)
     swimmers[1].data.qvel[8] = np.nan
     assert not swimmers[1].advance(6.0)

@@ -1,0 +1,229 @@
+"""A training folder: its settings, a line for every episode and every evaluation, its outcome, and their files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+
+from swim2real.checking import read
+from swim2real.errors import ArgumentError, RunError
+from swim2real.rl.conditions import Disturbances
+from swim2real.robots import robot_named
+from swim2real.robots.robot import Robot
+from swim2real.settings import Task
+from swim2real.store import append_line, drop_cut_line, read_lines, write_json, write_text
+
+SETTINGS, OUTCOME = "settings.json", "outcome.json"
+EPISODES, EVALUATIONS, PROGRESS = "episodes.jsonl", "evaluations.jsonl", "progress.jsonl"
+LAST, BEST = "policy.zip", "best.zip"
+
+
+class RecordedSettings(BaseModel):
+    """What settings.json says of a run that others need; the file says more.
+
+    Attributes:
+        kind: Kind of run.
+        task: Task of the policy.
+        robot: Name of the robot.
+        seed: Seed of the run.
+        env_steps: Environment steps.
+        exploration: Random steps at the start.
+        parameters: Parameter sets of the simulator.
+        disturbances: Disturbances of the simulator.
+        reference: Where the parameters are from, in words.
+    """
+
+    kind: Literal["training"] = "training"
+    task: Task
+    robot: str
+    seed: int
+    env_steps: int
+    exploration: int
+    parameters: list[dict[str, float]] = Field(min_length=1)
+    disturbances: Disturbances
+    reference: str = "as trained"
+
+
+@dataclass(frozen=True)
+class TrainingSeconds:
+    """Where the time of a training went [s].
+
+    Attributes:
+        total: All of it.
+        learner: Gradient steps.
+        simulator: Steps of the environments.
+        evaluation: Evaluations of the policy.
+    """
+
+    total: float = 0.0
+    learner: float = 0.0
+    simulator: float = 0.0
+    evaluation: float = 0.0
+
+
+@dataclass(frozen=True)
+class TrainingOutcome:
+    """What became of a training.
+
+    Attributes:
+        complete: Whether all steps were made.
+        step: Environment steps that were made.
+        seconds: Where the time went.
+        gradient_steps: Gradient steps that were made.
+        episodes: Number of episodes that ended.
+        last_evaluation: Figures of the last evaluation, as in evaluations.jsonl; None before the first one.
+    """
+
+    complete: bool
+    step: int
+    seconds: TrainingSeconds
+    gradient_steps: int
+    episodes: int
+    last_evaluation: dict[str, Any] | None
+
+    @property
+    def steps_per_second(self) -> float:
+        """Environment steps a second."""
+        return self.step / max(self.seconds.total, 1e-9)
+
+    @property
+    def learner_share(self) -> float:
+        """Share of the time that gradient steps took."""
+        return self.seconds.learner / max(self.seconds.total, 1e-9)
+
+    @property
+    def simulator_share(self) -> float:
+        """Share of the time that environment steps took."""
+        return self.seconds.simulator / max(self.seconds.total, 1e-9)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
+        return {
+            "complete": self.complete, "step": self.step, "seconds": asdict(self.seconds),
+            "steps_per_second": self.steps_per_second, "learner_share": self.learner_share,
+            "simulator_share": self.simulator_share, "gradient_steps": self.gradient_steps,
+            "episodes": self.episodes, "last_evaluation": self.last_evaluation,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """A training folder that can be read.
+
+    Attributes:
+        folder: The folder.
+        settings: Its settings.
+    """
+
+    folder: Path
+    settings: RecordedSettings
+
+    @classmethod
+    def open(cls, folder: str | Path) -> TrainingRun:
+        """Opens a training folder.
+
+        Raises:
+            RunError: The folder is no training run, or its settings are damaged.
+        """
+        path = Path(folder) / SETTINGS
+        if not path.is_file():
+            raise RunError(f"'{folder}' is no training run: it has no {SETTINGS}; `swim2real train` makes one")
+        try:
+            settings = read(RecordedSettings, path, "training settings", RunError)
+        except ArgumentError as error:
+            raise RunError(f"training settings '{path}': {error}") from error
+        return cls(Path(folder), settings)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that the policy was trained for.
+
+        Raises:
+            RunError: It isn't known here.
+        """
+        try:
+            return robot_named(self.settings.robot)
+        except ArgumentError as error:
+            raise RunError(f"'{self.folder}': {error}") from error
+
+    @property
+    def outcome(self) -> TrainingOutcome | None:
+        """What became of the training; None while it runs for the first time."""
+        path = self.folder / OUTCOME
+        return read(TrainingOutcome, path, "training outcome", RunError) if path.is_file() else None
+
+    @property
+    def episodes(self) -> list[dict[str, Any]]:
+        """A line for every episode that ended while learning."""
+        return read_record(self.folder / EPISODES)
+
+    @property
+    def evaluations(self) -> list[dict[str, Any]]:
+        """A line for every evaluation."""
+        return read_record(self.folder / EVALUATIONS)
+
+
+def write_settings(folder: Path, content: Mapping[str, Any]) -> None:
+    """Makes the folder and writes settings.json.
+
+    Raises:
+        RunError: They can't be written.
+    """
+    path = folder / SETTINGS
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(path, content)
+    except OSError as error:
+        raise RunError(f"'{path}' can't be written: {error.strerror or error}; make room or choose another") from error
+
+
+def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
+    """Checks that a run to be resumed was begun with the same settings.
+
+    Raises:
+        RunError: A setting differs; the sentence names it with both values.
+    """
+    path = folder / SETTINGS
+    if not path.is_file():
+        raise RunError(f"'{folder}' is no training run: it has no {SETTINGS}; `swim2real train` makes one")
+    recorded = read(dict[str, Any], path, "training settings", RunError)
+    for key, value in content.items():
+        if recorded.get(key) != value:
+            raise RunError(
+                f"'{folder}' was begun with another {key}: {_short(recorded.get(key))}, now {_short(value)}; "
+                f"resume with the same, or begin a new run"
+            )
+
+
+def append_record(path: Path, lines: list[dict[str, Any]]) -> None:
+    """Adds lines to a record."""
+    for line in lines:
+        append_line(path, line)
+
+
+def read_record(path: Path) -> list[dict[str, Any]]:
+    """Lines of a record; a line that a crash cut off doesn't count, and a file that isn't there has none.
+
+    Raises:
+        RunError: A line isn't JSON.
+    """
+    try:
+        return [json.loads(line) for line in read_lines(path)]
+    except ValueError as error:
+        raise RunError(f"record '{path}' is damaged: {error}") from error
+
+
+def cut_record(path: Path, step: int) -> None:
+    """Drops the lines of a record that were written after an environment step."""
+    drop_cut_line(path)
+    write_text(path, "".join(json.dumps(line) + "\n" for line in read_record(path) if line["step"] <= step))
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
