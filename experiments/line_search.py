@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 from recover import hidden
+from simulated_vlm import SimulatedVlm, VlmErrors
 
-from swim2real.advisor.simulated_vlm import SimulatedVlm, VlmErrors
 from swim2real.calibration import Problem
 from swim2real.optimizers import BacktrackingLineSearch, Evaluation, first_point
 from swim2real.robots.fish import FISH

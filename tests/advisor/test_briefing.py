@@ -12,9 +12,9 @@ from worlds import SPACE
 
 from recorded import PENDULUM, PENDULUM_HIDDEN, pendulum_reference
 from swim2real.advisor.briefing.briefing import Briefing
+from swim2real.advisor.vlm.advisor import repair_request
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.files import HOW_TO
-from swim2real.advisor.vlm.prompt import repair
 from swim2real.calibration import Problem
 from swim2real.errors import WaitingForReply
 from swim2real.optimizers import Proposal
@@ -54,7 +54,7 @@ def film(tmp_path_factory):
 
 def everything(request: Request) -> str:
     """All the text of a question and of its repair."""
-    mended = repair(request, "{}", "'parameters' is missing", 100)
+    mended = repair_request(request, "{}", "'parameters' is missing", 100)
     parts = [part if isinstance(part, str) else part.label for part in (*request.parts, *mended.parts)]
     return "\n".join([request.instructions, HOW_TO, json.dumps(request.schema), *parts])
 

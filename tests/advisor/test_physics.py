@@ -11,8 +11,14 @@ from worlds import FASTER, SPACE, World, hidden_point, search, situation
 from pools import LOGARITHMIC, hidden_values
 from swim2real.advisor import PhysicsAdvisor, make_advisor
 from swim2real.advisor.physics.advisor import caution, trust_radius
-from swim2real.advisor.physics.features import from_scale, swims, to_scale, without_outliers
-from swim2real.advisor.physics.surrogate import Kernel, Surrogate
+from swim2real.advisor.physics.model import (
+    Kernel,
+    Surrogate,
+    from_speed_scale,
+    read_swims,
+    to_speed_scale,
+    without_outliers,
+)
 from swim2real.demo import Camera, synthetic_reference
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, Situation, Step
@@ -308,23 +314,23 @@ def test_a_hair_of_progress_isnt_progress():
 
 def test_the_speed_scale_is_odd_and_goes_back():
     speeds = np.array([-0.3, -0.01, 0.0, 0.001, 0.05, 0.4])
-    np.testing.assert_allclose(from_scale(to_scale(speeds)), speeds, atol=1e-12)
-    np.testing.assert_allclose(to_scale(-speeds), -to_scale(speeds))
-    assert np.all(np.diff(to_scale(speeds)) > 0)
+    np.testing.assert_allclose(from_speed_scale(to_speed_scale(speeds)), speeds, atol=1e-12)
+    np.testing.assert_allclose(to_speed_scale(-speeds), -to_speed_scale(speeds))
+    assert np.all(np.diff(to_speed_scale(speeds)) > 0)
 
 
 def test_the_beat_is_read_relative_to_the_tail_tip():
     evidence = World().evidence(MIDDLE)
-    plain = swims(evidence, "simulated")
+    plain = read_swims(evidence, "simulated")
     for trial in evidence["trials"].values():
         trial["beat_simulated"]["phase"] = [phase + 1.234 for phase in trial["beat_simulated"]["phase"]]
-    np.testing.assert_allclose(swims(evidence, "simulated").beat, plain.beat, atol=1e-12)
+    np.testing.assert_allclose(read_swims(evidence, "simulated").beat, plain.beat, atol=1e-12)
     np.testing.assert_allclose(plain.beat[:, 17], 0.0, atol=1e-12)
     assert plain.features.shape == (4, 19)
 
 
 def test_a_lost_marker_is_nan_in_what_it_sees_and_nothing_else_is():
-    real = swims(World(lost=[(1, 5)]).evidence(MIDDLE), "real")
+    real = read_swims(World(lost=[(1, 5)]).evidence(MIDDLE), "real")
     expected = np.zeros((4, 18), dtype=bool)
     expected[1, [5, 14]] = True
     np.testing.assert_array_equal(np.isnan(real.beat), expected)
@@ -334,7 +340,7 @@ FREQUENCIES = np.array([0.4, 0.7, 0.9, 1.1, 1.3, 1.5])
 
 
 def test_one_staggering_trial_is_replaced_by_what_its_neighbors_suggest():
-    smooth = to_scale(0.12 * FREQUENCIES)
+    smooth = to_speed_scale(0.12 * FREQUENCIES)
     for index in range(1, len(smooth)):  # the slowest, far from the others, has the slope to itself
         spoiled = smooth.copy()
         spoiled[index] -= 1.0
@@ -346,7 +352,7 @@ def test_one_staggering_trial_is_replaced_by_what_its_neighbors_suggest():
 
 @pytest.mark.parametrize("power", [0.7, 1.0, 1.3])
 def test_smooth_speeds_are_kept_as_they_are(power):
-    scaled = to_scale(0.1 * FREQUENCIES**power) + 0.02 * np.sin(7 * FREQUENCIES)
+    scaled = to_speed_scale(0.1 * FREQUENCIES**power) + 0.02 * np.sin(7 * FREQUENCIES)
     np.testing.assert_array_equal(without_outliers(scaled, FREQUENCIES), scaled)
 
 
@@ -463,7 +469,8 @@ def test_the_law_bends_toward_what_was_seen():
     seen = FASTER * law.speeds(points, values, frequencies) + 0.03
     bent = law.adapted(points, values, seen, frequencies)
     before, after = (
-        np.abs(to_scale(one.speeds(points, values, frequencies)) - to_scale(seen)).mean() for one in (law, bent)
+        np.abs(to_speed_scale(one.speeds(points, values, frequencies)) - to_speed_scale(seen)).mean()
+        for one in (law, bent)
     )
     assert after < 0.6 * before
     np.testing.assert_array_equal(bent.beat, law.beat)  # speeds tell nothing of it

@@ -3,18 +3,15 @@ import json
 import numpy as np
 import pytest
 
-from swim2real.advisor.vlm.advisor import Limits, VlmAdvisor
-from swim2real.advisor.vlm.client import make_client
+from swim2real.advisor.vlm.advisor import Limits, ReplayAdvisor, VlmAdvisor
+from swim2real.advisor.vlm.client import RetryPolicy, make_client
 from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
-from swim2real.advisor.vlm.prompt import instructions
-from swim2real.advisor.vlm.replay import ReplayAdvisor
 from swim2real.advisor.vlm.reply import reply_schema
-from swim2real.advisor.vlm.retrying import Patience
 from swim2real.advisor.vlm.transcript import Transcript, totals
 from swim2real.errors import AdvisorError, ArgumentError
 from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, Situation, Step
 from swim2real.parameters import Parameter, ParameterSpace
-from vlm_server import drops, hangs, refuses, replies, sends
+from vlm_server import drops, refuses, replies, sends
 
 SPACE = ParameterSpace(
     (
@@ -44,7 +41,7 @@ class Brief:
 
     def question(self, situation: Situation, level: int = 0) -> Request:
         text = f"the loss is {1e3 * situation.incumbent.loss:.1f} mm" + " in short" * level
-        return Request(instructions("what differs", "what looks alike"), (text, PICTURE), reply_schema(SPACE), 2000)
+        return Request("Say what differs.", (text, PICTURE), reply_schema(SPACE), 2000)
 
 
 @pytest.fixture
@@ -54,7 +51,7 @@ def ask(vlm, tmp_path):
     def make(limits: Limits | None = None, tries: int = 2, provider="openai", timeout: float = 20.0) -> VlmAdvisor:
         client = make_client(
             f"{provider}:some-model", vlm.url(provider), timeout=timeout,
-            patience=Patience(tries, sleep=lambda seconds: None),
+            retry=RetryPolicy(tries, sleep=lambda seconds: None),
         )  # fmt: skip
         make.events = []
         return VlmAdvisor(client, Brief(), SPACE, Transcript(tmp_path), limits, make.events.append)
@@ -114,7 +111,6 @@ def test_a_round_that_is_on_record_is_not_paid_for_twice(ask, vlm):
 
 BAD = {
     "nan": ('{"parameters": {"drag": NaN}}', "'drag' is NaN; it must be a finite number from 0 to 10"),
-    "text": ('{"parameters": {"arm": "20 mm"}}', "'arm' is \"20 mm\"; it must be a finite number"),
     "no change": (
         json.dumps({"parameters": {k: float(f"{v:.4g}") for k, v in SPACE.to_values([0.5, 0.5]).items()}}),
         "no parameter changes",
@@ -124,8 +120,10 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("kind", BAD)
-@pytest.mark.parametrize("provider", ["google", "openai", "anthropic"])
+@pytest.mark.parametrize(
+    ("provider", "kind"),
+    [("google", "prose"), ("anthropic", "nan"), ("openai", "broken"), ("openai", "no change")],
+)
 def test_a_bad_reply_is_mended_by_a_question_without_media(ask, vlm, tmp_path, provider, kind):
     text, problem = BAD[kind]
     vlm.script(replies(text), replies(good()))
@@ -183,29 +181,12 @@ def test_three_failed_rounds_in_a_row_end_the_run_with_a_sentence(ask, vlm, tmp_
     assert ask(provider="google").propose(START).notes["calls"] == [1, 2, 3, 4]  # and it goes on
 
 
-@pytest.mark.parametrize(
-    "behavior",
-    [
-        refuses(429, "slow down", "rate_limit_exceeded", {"retry-after": "1"}),
-        refuses(500, "oh", "server_error"),
-        sends("<html>Bad gateway</html>"),
-        sends("<html>Bad gateway</html>", 502),
-        drops,
-    ],
-    ids=["429", "500", "HTML as 200", "HTML as 502", "dropped"],
-)
-def test_what_passes_is_tried_again_within_the_call(ask, vlm, tmp_path, behavior):
-    vlm.script(behavior, replies(good()))
-    ask().propose(START)
+def test_what_passes_is_tried_again_within_the_call(ask, vlm, tmp_path):
+    vlm.script(sends("<html>Bad gateway</html>", 502), drops, replies(good()))
+    ask(tries=3).propose(START)
     (call,) = calls(tmp_path)
-    assert [bool(attempt["error"]) for attempt in call["attempts"]] == [True, False]
-    assert [event.kind for event in ask.events] == ["asks", "waits", "received", "answered"]
-
-
-def test_a_server_that_says_nothing_is_given_up(ask, vlm, tmp_path):
-    vlm.script(hangs, replies(good()))
-    assert ask(timeout=0.3).propose(START).notes["calls"] == [1]
-    assert calls(tmp_path)[0]["attempts"][0]["error"] == "no answer in time"
+    assert [bool(attempt["error"]) for attempt in call["attempts"]] == [True, True, False]
+    assert [event.kind for event in ask.events] == ["asks", "waits", "waits", "received", "answered"]
 
 
 def test_a_context_that_is_too_long_is_shortened_once(ask, vlm, tmp_path):
@@ -234,9 +215,8 @@ def test_a_safety_filter_fails_the_round(ask, vlm, tmp_path):
     assert "PROHIBITED_CONTENT" in calls(tmp_path)[0]["problem"]
 
 
-@pytest.mark.parametrize("status", [401, 403, 404])
-def test_a_wrong_setting_ends_the_run_at_once(ask, vlm, status):
-    vlm.script(then=refuses(status, "no such model or key", "not_found"))
+def test_a_wrong_setting_ends_the_run_at_once(ask, vlm):
+    vlm.script(then=refuses(404, "no such model or key", "not_found"))
     assert "openai:some-model' can't be asked" in refusal(ask())
     assert len(vlm.requests) == 1
 
@@ -263,7 +243,7 @@ class Dear:
     name, takes_video, price_known = "shop:dear", False, True
 
     def call(self, request, on_attempt=None) -> Reply:
-        return Reply(good(), "stop", "dear", 100, 10, 0.4, (Attempt(1.0),))
+        return Reply(good(), "stop", "dear", 100, 10, 0.4, attempts=(Attempt(1.0),))
 
 
 def test_the_cost_is_limited_before_it_is_spent(tmp_path):
@@ -342,7 +322,7 @@ def test_there_must_be_something_to_replay(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda text: text[: len(text) // 2], "is damaged"),
+        (lambda text: text[: len(text) // 2], "can't be read as JSON"),
         (lambda text: text.replace('"format": 1', '"format": 9'), "its format is 9, this version of swim2real reads 1"),
         (lambda text: text.replace('"outcome"', '"income"'), "'outcome' is missing"),
     ],

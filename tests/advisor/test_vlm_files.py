@@ -5,17 +5,15 @@ import time
 import pytest
 
 from swim2real.advisor.vlm import files
+from swim2real.advisor.vlm.advisor import repair_request
 from swim2real.advisor.vlm.exchange import Media, Request
 from swim2real.advisor.vlm.files import FilesClient
-from swim2real.advisor.vlm.prompt import instructions, repair
 from swim2real.errors import AdvisorError, WaitingForReply
 
 SCHEMA = {"type": "object"}
 PICTURE = Media("what is seen", "image/png", b"a picture")
 FILM = Media("what is filmed", "video/mp4", b"a film", 12.0)
-QUESTION = Request(
-    instructions("what differs", "what looks alike"), ("the loss is 50 mm", PICTURE, FILM), SCHEMA, 2000, round=3
-)
+QUESTION = Request("Say what differs.", ("the loss is 50 mm", PICTURE, FILM), SCHEMA, 2000, round=3)
 
 
 @pytest.fixture
@@ -83,7 +81,7 @@ def test_what_is_wrong_is_explained_in_place_until_it_is_put_right(tmp_path, fol
         (folder / "reply.json").write_text('{"parameters": {"drag": 3}}')
 
     timer = later(mend)
-    again = client.call(repair(QUESTION, "drag: 3", "the reply holds no JSON object", 2000))
+    again = client.call(repair_request(QUESTION, "drag: 3", "the reply holds no JSON object", 2000))
     timer.join()
     assert again.text == '{"parameters": {"drag": 3}}'
     assert seen == ["the reply holds no JSON object\n"]
@@ -96,7 +94,7 @@ def test_once_says_where_the_problem_is_explained(tmp_path, folder):
     (folder / "reply.json").write_text("drag: 3")
     client.call(QUESTION)
     with pytest.raises(WaitingForReply, match=r"'.*reply\.problem\.txt' says what is wrong with '.*reply\.json'; then"):
-        client.call(repair(QUESTION, "drag: 3", "the reply holds no JSON object", 2000))
+        client.call(repair_request(QUESTION, "drag: 3", "the reply holds no JSON object", 2000))
 
 
 def test_a_reply_that_is_no_text_is_read_all_the_same(tmp_path, folder):

@@ -12,7 +12,7 @@ import pytest
 from test_report import EVIL, ROBOT, Run, page_of, searched, visible
 
 from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
-from swim2real.advisor.vlm.transcript import Call, Transcript
+from swim2real.advisor.vlm.transcript import Call, Incumbent, Transcript
 from swim2real.cli import main
 from swim2real.report.page import content
 from swim2real.report.reading import read_run
@@ -20,6 +20,7 @@ from swim2real.report.units import count, dollars, duration, listed, shortened
 from swim2real.robots.fish import FISH
 from vlm_server import replies
 
+INCUMBENT = Incumbent((0.5,) * 3, 0.1)
 # a picture of one pixel, so that a browser shows it
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
@@ -52,10 +53,8 @@ class VlmRun(Run):
         cost: float | None = 0.125, problem: str | None = None, repair: bool = False,
         attempts: tuple[Attempt, ...] = (Attempt(12.0),),
     ) -> Call:  # fmt: skip
-        reply = None if outcome == "failed" else Reply("{}", "stop", model, 16000, 750, cost, attempts)
-        call = Call(
-            0, number, repair, self.advisor, outcome, problem, {"point": [0.5] * 3, "loss": 0.1}, reply, attempts
-        )  # type: ignore[arg-type]
+        reply = None if outcome == "failed" else Reply("{}", "stop", model, 16000, 750, cost, attempts=attempts)
+        call = Call(0, number, repair, self.advisor, outcome, problem, INCUMBENT, reply, attempts)
         request = Request("Look.", ("Text", *media), {}, 1000, number, "mend it" if repair else "")
         return Transcript(self.path).write(call, request)
 
@@ -133,8 +132,8 @@ def test_nothing_is_claimed_about_what_nobody_knows(tmp_path: Path) -> None:
     run = VlmRun(tmp_path / "run")
     run.add(0.3, (0.5, 0.5, 0.5))
     run.advisor = "files"
-    reply = Reply("{}", "stop", None, None, None, None, (Attempt(7300.0),))
-    call = Call(0, 1, False, "files", "used", None, {"point": [0.5] * 3, "loss": 0.1}, reply, reply.attempts)
+    reply = Reply("{}", "stop", None, None, None, None, attempts=(Attempt(7300.0),))
+    call = Call(0, 1, False, "files", "used", None, INCUMBENT, reply, reply.attempts)
     Transcript(run.path).write(call, Request("Look.", ("Text",), {}, 1000))
     shown = visible(page_of(run))
     assert "1 call: none failed and no repairs tokens not counted price not known 2 h 1 min waited" in shown
@@ -253,14 +252,14 @@ def spoil(run: VlmRun, **changes: object) -> None:
 @pytest.mark.parametrize(
     ("damage", "sentence"),
     [
-        (lambda run: (run.transcript / "call_0002.json").write_text("{"), "call_0002.json is damaged (Expecting"),
-        (lambda run: (run.transcript / "call_0002.json").write_text("[" * 100_000), "maximum recursion depth"),
-        (lambda run: (run.transcript / "call_0002.json").write_bytes(b"\xff"), "advisor/call_0002.json is damaged"),
+        (lambda run: (run.transcript / "call_0002.json").write_text("{"), "can&#39;t be read as JSON: Expecting"),
+        (lambda run: (run.transcript / "call_0002.json").write_text("[" * 100_000), "nested too deeply"),
+        (lambda run: (run.transcript / "call_0002.json").write_bytes(b"\xff"), "advisor/call_0002.json&#39; can&#39;t"),
         (lambda run: spoil(run, format=2), "this version of swim2real reads 1"),
-        (lambda run: spoil(run, round="two"), "call 2 of round &#39;two&#39; is damaged (an entry is of a wrong kind)"),
-        (lambda run: spoil(run, number=10**15), "is damaged (an entry is of a wrong kind)"),
-        (lambda run: spoil(run, attempts=[{"seconds": None, "error": None, "waited": 0}]), "of a wrong kind"),
-        (lambda run: spoil(run, request={}), "advisor/call_0002.json is damaged (&#39;parts&#39; is missing)"),
+        (lambda run: spoil(run, round="two"), "&#39;round&#39; is &#34;two&#34;; it must be a whole number"),
+        (lambda run: spoil(run, number=10**15), "&#39;number&#39; is 1000000000000000; it must be below"),
+        (lambda run: spoil(run, attempts=[{"seconds": None}]), "&#39;attempts[0].seconds&#39; is null"),
+        (lambda run: spoil(run, request={}), "&#39;request.parts&#39; is missing"),
         (lambda run: spoil(run, request={"parts": [{"media": "../../key.png", "label": "", "media_type": "image/png",
                                                     "sha256": ""}]}), "it names media outside of the transcript"),
     ],

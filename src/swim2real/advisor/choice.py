@@ -8,12 +8,10 @@ from pathlib import Path
 
 from swim2real.advisor.briefing.briefing import Briefing
 from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
-from swim2real.advisor.vlm.advisor import REPAIRS, Limits, VlmAdvisor
-from swim2real.advisor.vlm.client import make_client
-from swim2real.advisor.vlm.events import AdvisorEvent
+from swim2real.advisor.vlm.advisor import REPAIRS, AdvisorEvent, Limits, ReplayAdvisor, VlmAdvisor
+from swim2real.advisor.vlm.client import RetryPolicy, make_client
 from swim2real.advisor.vlm.exchange import Client
 from swim2real.advisor.vlm.files import FilesClient
-from swim2real.advisor.vlm.replay import ReplayAdvisor
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.advisor.vlm.transcript import Transcript, totals
 from swim2real.errors import ArgumentError
@@ -25,20 +23,20 @@ from swim2real.settings import FILES, PHYSICS, REPLAY, BriefingSettings, VlmAcce
 
 
 @dataclass(frozen=True)
-class Surroundings:
-    """What an advisor that looks at swims needs of its run.
+class AdvisorContext:
+    """What an advisor that is shown trials needs of its run.
 
     Attributes:
         run: Folder of the run, for the transcript.
-        look: Simulates values once more, to be drawn.
-        videos: Real films by trial, where there are any.
-        briefing: What is shown.
+        simulate: Simulates parameter values once more, so that they can be drawn.
+        videos: Real films by the names of their trials, where there are any.
+        briefing: Settings of what is shown.
         access: How a VLM is reached.
         on_event: Called as things happen.
     """
 
     run: Path
-    look: Callable[[Values], Comparison]
+    simulate: Callable[[Values], Comparison]
     videos: Mapping[str, Path] = field(default_factory=dict[str, Path])
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
     access: VlmAccess = field(default_factory=VlmAccess)
@@ -56,17 +54,17 @@ def replayed_run(name: str) -> Path | None:
 
 
 def make_advisor(
-    name: str, robot: Robot, space: ParameterSpace, seed: int, surroundings: Surroundings | None = None
+    name: str, robot: Robot, space: ParameterSpace, seed: int, context: AdvisorContext | None = None
 ) -> Advisor:
     """The advisor of a name.
 
     Args:
         name: `physics`, `files`, `replay:RUN`, or `PROVIDER:MODEL`. The first begins with the robot's measured response
             where there is one, and measures sensitivities itself where there is none.
-        robot: Whose simulator is calibrated.
-        space: Of its parameters, on the run's scale.
-        seed: Of the physics advisor's random choices.
-        surroundings: For the others.
+        robot: The robot whose simulator is calibrated.
+        space: Its parameters, on the run's scale.
+        seed: Seed of the physics advisor's random choices.
+        context: What the advisors that ask need; the physics advisor and a replay need none.
 
     Raises:
         ArgumentError: There is none of that name, or it can't be had like this.
@@ -74,30 +72,30 @@ def make_advisor(
     """
     check_advisor(name)
     if name == PHYSICS:
-        return (
-            PhysicsAdvisor(robot, space, seed) if robot.trials.response is not None else SensitivityAdvisor(space, seed)
-        )
+        measured = robot.trials.response is not None
+        return PhysicsAdvisor(robot, space, seed) if measured else SensitivityAdvisor(space, seed)
     if (source := replayed_run(name)) is not None:
         return ReplayAdvisor(source, space)
-    if surroundings is None:
-        raise ArgumentError(f"advisor '{name}' needs the surroundings of a run")
-    here, access = surroundings, surroundings.access
-    transcript = Transcript(here.run)
+    if context is None:
+        raise ArgumentError(f"advisor '{name}' needs the context of a run")
+    access = context.access
+    transcript = Transcript(context.run)
     repairs: int | None = REPAIRS
     if name == FILES:
 
         def on_wait(text: str, number: int) -> None:
-            here.on_event(AdvisorEvent("waits", number, text, totals(transcript.calls)))
+            context.on_event(AdvisorEvent("waits", number, text, totals(transcript.calls)))
 
-        schema, films = reply_schema(space, bounds=True), here.briefing.media == "video"
-        client: Client = FilesClient(here.run, schema, films, access.once, on_wait)
+        schema, films = reply_schema(space, bounds=True), context.briefing.media == "video"
+        client: Client = FilesClient(context.run, schema, films, access.once, on_wait)
         repairs = None  # a person may try as often as they like
     else:
+        retry = RetryPolicy(access.tries)
         client = make_client(
-            name, access.base_url, access.key_variable, access.timeout, access.tries, here.briefing.media
-        )
+            name, access.base_url, access.key_variable, access.timeout, context.briefing.media, retry
+        )  # fmt: skip
     briefing = Briefing(
-        robot, space, here.look, here.videos, here.briefing, client.takes_video, access.reply_tokens
+        robot, space, context.simulate, context.videos, context.briefing, client.takes_video, access.reply_tokens
     )  # fmt: skip
     limits = Limits(access.max_calls, access.max_cost, repairs)
-    return VlmAdvisor(client, briefing, space, transcript, limits, here.on_event)
+    return VlmAdvisor(client, briefing, space, transcript, limits, context.on_event)

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from swim2real.advisor import AdvisorEvent, Surroundings, asks_a_vlm, make_advisor, replayed_run
+from swim2real.advisor import AdvisorContext, AdvisorEvent, asks_a_vlm, make_advisor, replayed_run
 from swim2real.calibration import (
     Outcome,
     Problem,
@@ -83,12 +83,12 @@ def run(
     }  # fmt: skip
     _check_replay(settings.advisor, resolved)
     videos = {trial.name: trial.video for trial in fitted if trial.video is not None}
-    surroundings = Surroundings(
+    context = AdvisorContext(
         folder.path, problem.evaluate, videos, settings.briefing, access or VlmAccess(), on_advisor
     )  # fmt: skip
     advisor = None
     if settings.method in ADVISED:
-        advisor = make_advisor(settings.advisor, robot, space, settings.seed, surroundings)
+        advisor = make_advisor(settings.advisor, robot, space, settings.seed, context)
     with folder.locked():
         if resume:
             if settings.method == "staged" and folder.settings().get("budget") != settings.budget:

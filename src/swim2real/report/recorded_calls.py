@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,12 +10,9 @@ from typing import Any
 from swim2real.advisor import replayed_run
 from swim2real.advisor.vlm.transcript import CALLS, Call, Transcript
 from swim2real.errors import AdvisorError
-from swim2real.report.units import listed, shortened
+from swim2real.report.units import listed
 
 Json = Mapping[str, Any]
-
-_MOST = 1_000_000  # calls or rounds, more is an error
-_MEDIA = re.compile(r"media/\w+\.\w+")  # nothing outside of the transcript
 
 
 @dataclass(frozen=True)
@@ -85,12 +79,15 @@ def read_calls(folder: Path, settings: Json, entries: Sequence[Json]) -> Recorde
         )
     try:
         calls = Transcript(folder).calls
-        for call in calls:
-            _check(call)
-        shown = {call.number: _shown(folder / CALLS / _name(call)) for call in calls}
-    except (AdvisorError, RecursionError) as error:
+    except AdvisorError as error:
         what = str(error).replace(f"{folder}/", "")
         return RecordedCalls(folder, problem=f"The transcript of the advisor's calls can't be read: {what}.")
+    shown = {
+        call.number: tuple(
+            Shown(file.label, f"{CALLS}/{file.media}", file.media_type, file.sha256) for file in call.media
+        )
+        for call in calls
+    }
     lost = sorted((told | set(range(1, max(shown) + 1))) - set(shown))
     return RecordedCalls(folder, calls, shown, _missing(lost))
 
@@ -109,42 +106,3 @@ def _missing(numbers: Sequence[int]) -> str:
         f"Call{'' if one else 's'} {listed(numbers)} {'is' if one else 'are'} missing in the transcript, the folder "
         f"'{CALLS}' of the run; the sums below are without {'it' if one else 'them'}."
     )
-
-
-def _name(call: Call) -> str:
-    return f"call_{call.number:04d}.json"
-
-
-def _check(call: Call) -> None:
-    """Whether its entries are of their kinds, which the transcript takes as they come."""
-    reply = call.reply
-    measured: list[Any] = [one for attempt in call.attempts for one in (attempt.seconds, attempt.waited)]
-    known: list[Any] = [] if reply is None else [reply.input_tokens, reply.output_tokens, reply.cost]
-    whole: list[Any] = [call.number, call.round]
-    texts: list[Any] = [call.advisor, call.outcome]
-    maybe: list[Any] = [call.problem, *(attempt.error for attempt in call.attempts)]
-    if reply is not None:
-        maybe += [reply.model, *reply.notes]
-    right = (
-        all(isinstance(one, int) and 0 < one < _MOST for one in whole)
-        and all(isinstance(one, int | float) and math.isfinite(one) for one in measured)
-        and all(one is None or (isinstance(one, int | float) and math.isfinite(one)) for one in known)
-        and all(isinstance(one, str) for one in texts)
-        and all(one is None or isinstance(one, str) for one in maybe)
-    )
-    if not right:
-        named = f"call {call.number!r} of round {call.round!r}"
-        raise AdvisorError(f"{shortened(named)} is damaged (an entry is of a wrong kind); restore it")
-
-
-def _shown(path: Path) -> tuple[Shown, ...]:
-    try:
-        parts: list[Any] = json.loads(path.read_text(encoding="utf-8"))["request"]["parts"]
-        media = [part for part in parts if not isinstance(part, str)]
-        found = [Shown(str(m["label"]), m["media"], str(m["media_type"]), str(m["sha256"])) for m in media]
-        if not all(_MEDIA.fullmatch(one.path) for one in found):
-            raise ValueError("it names media outside of the transcript")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        what = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else error
-        raise AdvisorError(f"{CALLS}/{path.name} is damaged ({what}); restore it") from error
-    return tuple(Shown(one.label, f"{CALLS}/{one.path}", one.media_type, one.sha256) for one in found)

@@ -11,13 +11,40 @@ from swim2real.advisor.briefing.kinds import telling_of
 from swim2real.advisor.briefing.media import gather_media
 from swim2real.advisor.briefing.words import words
 from swim2real.advisor.vlm.exchange import Request
-from swim2real.advisor.vlm.prompt import instructions
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.objective import Comparison
 from swim2real.optimizers import Situation
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import BriefingSettings
+
+_INSTRUCTIONS = """\
+You calibrate a physics simulator of a robot. Each round you are shown how simulated motion differs from the real \
+robot's, as pictures or films, as numbers, or both. Simulated is blue, real is red.
+
+Work in this order:
+1. diagnosis: name the physical discrepancies that you see or read, {look_for}.
+2. reasoning: say which parameters are responsible and which way each must go. Keep effects apart that look alike: \
+{alike}. Learn from the history: a direction that was rejected is wrong or too long; don't repeat it.
+3. parameters: propose a value for every parameter, within its bounds. Repeat the current value of those you would \
+keep. Change the few that explain most rather than all at once: changes that cancel one another teach nothing.
+
+Your proposal is tried at the full change first, then at half of it, then at a quarter; the first that lowers the loss \
+is kept. So the direction matters most, and a bold step costs little.
+
+Answer with one JSON object and nothing else: \
+{{"diagnosis": text, "reasoning": text, "parameters": {{name: number}}}}. \
+Numbers are plain numbers in the units given, without units, text, null or NaN."""
+
+
+def instructions(look_for: str, alike: str) -> str:
+    """The system's part of the prompt.
+
+    Args:
+        look_for: Discrepancies that may be seen.
+        alike: Effects that look alike, and what tells them apart.
+    """
+    return _INSTRUCTIONS.format(look_for=look_for, alike=alike)
 
 
 class Briefing:

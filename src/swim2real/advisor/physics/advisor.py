@@ -13,10 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, minimize
 
-from swim2real.advisor.physics.features import Swims, frequencies, from_scale, swims, to_scale, without_outliers
-from swim2real.advisor.physics.model import Expectation, shape_floor
-from swim2real.advisor.physics.surrogate import Kernel, Surrogate
-from swim2real.advisor.physics.words import diagnose, reason
+from swim2real.advisor.physics.model import (
+    Expectation,
+    Kernel,
+    Surrogate,
+    Swims,
+    from_speed_scale,
+    read_swims,
+    shape_floor,
+    to_speed_scale,
+    trial_frequencies,
+    without_outliers,
+)
+from swim2real.advisor.physics.words import diagnose_swims, reason
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import Evaluation, Proposal, Round, Situation
 from swim2real.parameters import ParameterSpace
@@ -42,9 +51,9 @@ class PhysicsAdvisor:
         """Prepares the advisor.
 
         Args:
-            robot: Whose simulator is calibrated.
-            space: As the optimizer uses it, on any scale; the advisor itself thinks on the logarithmic one.
-            seed: Of the run.
+            robot: The robot whose simulator is calibrated.
+            space: Parameters as the optimizer uses them, on any scale. The advisor itself uses the logarithmic one.
+            seed: Seed of the run.
 
         Raises:
             ArgumentError: Nobody has measured the robot's response.
@@ -71,13 +80,13 @@ class PhysicsAdvisor:
         expectation = self._expectation(usable, situation.incumbent, situation.rounds)
         point = self._best_point(expectation, here, trust, rng)
         before, after = expectation.losses(np.array([here, point]))
-        real, simulated = (swims(situation.incumbent.detail, side) for side in ("real", "simulated"))
+        real, simulated = (read_swims(situation.incumbent.detail, side) for side in ("real", "simulated"))
         notes = {
             "trust": round(trust, 4), "expected_loss": float(after), "expected_loss_here": float(before),
         }  # fmt: skip
         return Proposal(
             self._back(point),
-            diagnose(frequencies(situation.incumbent.detail), real, simulated, situation.incumbent.detail),
+            diagnose_swims(trial_frequencies(situation.incumbent.detail), real, simulated, situation.incumbent.detail),
             reason(self._own, here, point, self._gains(expectation, here, point)),
             notes,
         )
@@ -91,19 +100,19 @@ class PhysicsAdvisor:
     def _expectation(
         self, evaluations: Sequence[Evaluation], incumbent: Evaluation, rounds: Sequence[Round]
     ) -> Expectation:
-        real = swims(incumbent.detail, "real")
+        real = read_swims(incumbent.detail, "real")
         points = np.array([self._point(e) for e in evaluations])
-        driven = frequencies(incumbent.detail)
-        seen = [_filled(swims(e.detail, "simulated"), real, driven) for e in evaluations]
-        features = np.array([one.features.ravel() for one in seen])
+        driven = trial_frequencies(incumbent.detail)
+        simulated = [_filled(read_swims(e.detail, "simulated"), real, driven) for e in evaluations]
+        features = np.array([swims.features.ravel() for swims in simulated])
         per_trial = real.features.shape[1]
         spread = np.tile([SPEED_SPREAD, *[BEAT_SPREAD] * (per_trial - 1)], len(driven))
         response = self._response.adapted(
-            points, self._own.to_array(points), np.array([one.speed for one in seen]), driven
+            points, self._own.to_array(points), np.array([swims.speed for swims in simulated]), driven
         )
         surrogate = Surrogate(KERNEL, lambda p: self._prior(response, p, driven), spread, points, features)
         trials = list(incumbent.detail["trials"].values())
-        here = swims(incumbent.detail, "simulated")
+        here = read_swims(incumbent.detail, "simulated")
         # a trial that goes backward or staggers while the others don't: its speed was replaced above
         replaced = np.abs(here.speed - _filled(here, real, driven).speed) > 1e-4
         apart = replaced & (np.median(here.speed) > 0)
@@ -120,7 +129,7 @@ class PhysicsAdvisor:
     def _prior(self, response: Response, points: Array, driven: Array) -> Array:
         """Features that a response expects. Shape (N, d) to (N, F (1 + 2 M))."""
         speeds, beats = response.speeds(points, self._own.to_array(points), driven), response.beats(points, driven)
-        return np.concatenate([to_scale(speeds)[:, :, None], beats], axis=2).reshape(len(points), -1)
+        return np.concatenate([to_speed_scale(speeds)[:, :, None], beats], axis=2).reshape(len(points), -1)
 
     def _best_point(self, expectation: Expectation, here: Array, trust: float, rng: np.random.Generator) -> Array:
         low, high = np.maximum(here - trust, 0.0), np.minimum(here + trust, 1.0)
@@ -130,8 +139,8 @@ class PhysicsAdvisor:
         samples[: _SAMPLES // 2][keep] = np.broadcast_to(here, keep.shape)[keep]
         losses = expectation.losses(samples)
         starts = [here, *samples[np.argsort(losses)[:_STARTS]]]
-        found = [self._descend(expectation, start, low, high) for start in starts]
-        return min(found, key=lambda result: result[0])[1]
+        minima = [self._descend(expectation, start, low, high) for start in starts]
+        return min(minima, key=lambda result: result[0])[1]
 
     def _descend(self, expectation: Expectation, start: Array, low: Array, high: Array) -> tuple[float, Array]:
         def value_and_slope(point: Array) -> tuple[float, Array]:
@@ -156,13 +165,13 @@ class PhysicsAdvisor:
 def trust_radius(rounds: Sequence[Round]) -> float:
     """Half width of the box around the incumbent that a proposal stays in: grows and shrinks with its successes."""
     trust = TRUST_START
-    for one in rounds:
-        if not one.accepted:
+    for finished in rounds:
+        if not finished.accepted:
             trust *= SHRINK
-        elif len(one.steps) == 1:
+        elif len(finished.steps) == 1:
             trust *= GROW
         else:
-            trust *= one.steps[-1].step_size ** 0.25
+            trust *= finished.steps[-1].step_size ** 0.25
         trust = float(np.clip(trust, TRUST_LEAST, TRUST_MOST))
     return trust
 
@@ -170,8 +179,9 @@ def trust_radius(rounds: Sequence[Round]) -> float:
 def caution(rounds: Sequence[Round]) -> float:
     """Weight of what the surrogate doesn't know: a run that gets nowhere tries what it is less sure of."""
     weight = CAUTION
-    for one in reversed(rounds):
-        if one.accepted and one.steps[-1].evaluation.loss < (1 - PROGRESS) * one.incumbent.loss:
+    for finished in reversed(rounds):
+        gained = finished.accepted and finished.steps[-1].evaluation.loss < (1 - PROGRESS) * finished.incumbent.loss
+        if gained:
             break
         weight *= BOLDER
     return weight
@@ -179,5 +189,5 @@ def caution(rounds: Sequence[Round]) -> float:
 
 def _filled(simulated: Swims, real: Swims, driven: Array) -> Swims:
     """What can be learned from: no outlying speeds, and zeros for markers that never count."""
-    speed = from_scale(without_outliers(to_scale(simulated.speed), driven))
+    speed = from_speed_scale(without_outliers(to_speed_scale(simulated.speed), driven))
     return Swims(speed, np.where(np.isfinite(real.beat), np.nan_to_num(simulated.beat), 0.0))

@@ -12,10 +12,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.advisor.physics.sensitivities import Sensitivities, learned, residual_of, usable
-from swim2real.advisor.physics.sensitivity_words import diagnose
-from swim2real.advisor.physics.unseen import unseen
-from swim2real.advisor.physics.words import reason
+from swim2real.advisor.physics.sensitivities import (
+    Sensitivities,
+    is_usable,
+    learn_sensitivities,
+    residual_of,
+    unidentified_directions,
+)
+from swim2real.advisor.physics.words import diagnose_sensitivities, reason
 from swim2real.optimizers import Advice, Evaluation, Measurement, Proposal, Round, Situation
 from swim2real.parameters import ParameterSpace
 
@@ -24,7 +28,7 @@ Array = NDArray[np.float64]
 TRUST_START, TRUST_LEAST, TRUST_MOST = 0.4, 1e-4, 1.0  # half width of the trusted box, in the unit cube
 GROW, SHRINK = 2.0, 0.5
 DIFFERENCE, LEAST_DIFFERENCE = 0.03, 1e-3  # change of a parameter that is measured, in the unit cube
-_TRIES = 2  # at measuring a parameter: to one side, and where that diverges to the other
+_ATTEMPTS = 2  # at measuring a parameter: to one side, and where that diverges to the other
 
 
 class SensitivityAdvisor:
@@ -36,21 +40,21 @@ class SensitivityAdvisor:
         """Prepares the advisor.
 
         Args:
-            space: As the optimizer uses it.
-            seed: Of the run.
+            space: Parameters as the optimizer uses them.
+            seed: Seed of the run.
         """
         self._space, self._seed = space, seed
 
     def propose(self, situation: Situation) -> Advice:
         """What to measure before the next proposal, or the point that promises most within its trust."""
         incumbent = situation.incumbent
-        if not usable(incumbent):
+        if not is_usable(incumbent):
             return self._elsewhere(situation)
-        sensitivities = learned([e for e in situation.evaluations if usable(e)])
+        sensitivities = learn_sensitivities([e for e in situation.evaluations if is_usable(e)])
         trust = trust_radius(situation.rounds)
-        next_one = self._next_to_measure(situation)
-        if next_one is not None:
-            return self._measurement(next_one, situation, sensitivities, trust)
+        parameter = self._next_to_measure(situation)
+        if parameter is not None:
+            return self._measurement(parameter, situation, sensitivities, trust)
         return self._proposal(incumbent, sensitivities, trust)
 
     def _elsewhere(self, situation: Situation) -> Measurement:
@@ -60,14 +64,14 @@ class SensitivityAdvisor:
 
     def _next_to_measure(self, situation: Situation) -> int | None:
         """A parameter, None when a proposal is due."""
-        tried = [e for e in situation.measurements if "parameter" in e.candidate.note]
+        measured = [e for e in situation.measurements if "parameter" in e.candidate.note]
         last = situation.rounds[-1] if situation.rounds else None
-        worn = last is not None and not last.accepted and not last.measurements
-        if last is not None and not worn and not tried:
+        outworn = last is not None and not last.accepted and not last.measurements
+        if last is not None and not outworn and not measured:
             return None
         for i, name in enumerate(self._space.names):
-            mine = [usable(e) for e in tried if e.candidate.note["parameter"] == name]
-            if not any(mine) and len(mine) < _TRIES:
+            outcomes = [is_usable(e) for e in measured if e.candidate.note["parameter"] == name]
+            if not any(outcomes) and len(outcomes) < _ATTEMPTS:
                 return i
         return None
 
@@ -91,9 +95,9 @@ class SensitivityAdvisor:
         point = np.clip(here + step, 0.0, 1.0)
         all_but_one = np.where(np.eye(len(step), dtype=bool), 0.0, step)
         left, *without = incumbent.loss * sensitivities.remaining(residual, np.vstack([step, all_but_one]))
-        blind = unseen(sensitivities, residual)
+        unidentified = unidentified_directions(sensitivities, residual)
         effects = np.linalg.norm(sensitivities.measured, axis=1)
-        missing = {i for one in blind for i in one.members}
+        missing = {i for direction in unidentified for i in direction.members}
         notes = {
             "trust": round(trust, 4),
             "expected_loss": float(left),
@@ -101,7 +105,9 @@ class SensitivityAdvisor:
         }
         return Proposal(
             point,
-            diagnose(self._space, sensitivities.place, incumbent.loss, effects, blind, incumbent.detail),
+            diagnose_sensitivities(
+                self._space, sensitivities.place, incumbent.loss, effects, unidentified, incumbent.detail
+            ),
             reason(self._space, here, point, np.array(without) - left),
             notes,
         )
@@ -110,14 +116,14 @@ class SensitivityAdvisor:
 def trust_radius(rounds: Sequence[Round]) -> float:
     """Half width of the box around the incumbent that a proposal stays in, from how far the steps so far were good."""
     trust = TRUST_START
-    for one in rounds:
+    for finished in rounds:
         full, last = (
-            float(np.abs(step.evaluation.candidate.point - one.incumbent.candidate.point).max())
-            for step in (one.steps[0], one.steps[-1])
+            float(np.abs(step.evaluation.candidate.point - finished.incumbent.candidate.point).max())
+            for step in (finished.steps[0], finished.steps[-1])
         )
-        if not one.accepted:
+        if not finished.accepted:
             trust = SHRINK * last
-        elif len(one.steps) == 1:
+        elif len(finished.steps) == 1:
             trust = max(trust, GROW * full)
         else:
             trust = last

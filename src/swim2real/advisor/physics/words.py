@@ -1,24 +1,28 @@
-"""Plain sentences: what differs, and which parameters are held responsible."""
+"""Plain sentences of both physics advisors: what differs, what the trials tell, and which parameters are changed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.advisor.physics.features import Swims
+from swim2real.advisor.physics.model import Swims
+from swim2real.advisor.physics.sensitivities import Unidentified
 from swim2real.parameters import ParameterSpace
 
 Array = NDArray[np.float64]
 
 _CLOSE = 0.05  # relative difference that isn't worth a word
 _NAMED = 5  # parameters that are named in the reasoning
+_MOST_SENSITIVE = 3  # parameters that the residual answers to most
+_ALIKE = 1.25  # two changes whose ratio is less may be the same
+_NUDGE = 1e-4  # of the cube
 _SMALL = 0.01  # of a parameter's range
 
 
-def diagnose(frequencies: Array, real: Swims, simulated: Swims, evidence: Mapping[str, Any]) -> str:
+def diagnose_swims(frequencies: Array, real: Swims, simulated: Swims, evidence: Mapping[str, Any]) -> str:
     """What differs between simulated and real swims: speed over frequency first, then the beat."""
     order = np.argsort(frequencies)
     speeds = [
@@ -48,9 +52,9 @@ def reason(space: ParameterSpace, here: Array, point: Array, gains: Array) -> st
     """Which parameters are changed, and what each change is expected to bring.
 
     Args:
-        space: On the scale of the points.
-        here: Incumbent. Shape (d,).
-        point: Proposal. Shape (d,).
+        space: Parameters, on the scale of the points.
+        here: Point of the incumbent. Shape (d,).
+        point: Point that is proposed. Shape (d,).
         gains: Expected decrease of the loss by each change [m]. Shape (d,).
     """
     before, after = space.to_values(here), space.to_values(point)
@@ -109,3 +113,81 @@ def _beat(real: Swims, simulated: Swims) -> str:
 
 def _listed(values: Array) -> str:
     return ", ".join(f"{value:.2f}" for value in values)
+
+
+def diagnose_sensitivities(
+    space: ParameterSpace,
+    place: Array,
+    loss: float,
+    effects: Array,
+    unidentified: Sequence[Unidentified],
+    evidence: Any,
+) -> str:
+    """How far off the simulation is, and which parameters the trials identify.
+
+    Args:
+        space: On the scale of the place.
+        place: Where the effects were measured. Shape (d,).
+        loss: Loss of the incumbent [m].
+        effects: By how much each parameter changes the residual over its whole range [m]. Shape (d,).
+        unidentified: Directions in which the trials tell nothing.
+        evidence: Evidence of the incumbent. The worst trial is read from it, where it has any.
+    """
+    alone = {direction.members[0] for direction in unidentified if len(direction.members) == 1}
+    order = [int(i) for i in np.argsort(-effects, kind="stable") if i not in alone]
+    sentences = [f"The simulation is {1e3 * loss:.3g} mm off.", *_worst(evidence)]
+    if order:
+        effective = [f"{space.names[i]} ({1e3 * effects[i]:.3g} mm over its range)" for i in order[:_MOST_SENSITIVE]]
+        sentences.append(f"The error answers most to {listed(effective)}.")
+    if alone:
+        names = listed([space.names[i] for i in sorted(alone)])
+        sentences.append(
+            f"It hardly answers to {names}: these trials don't tell {'it' if len(alone) == 1 else 'them'} so far."
+        )
+    combinations = [_combination(space, place, direction) for direction in unidentified if len(direction.members) > 1]
+    return " ".join(sentences + combinations)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence: `a`, `a and b`, `a, b and c`."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def _worst(evidence: Any) -> list[str]:
+    trials: Any = evidence.get("trials") if isinstance(evidence, Mapping) else None
+    if not isinstance(trials, Mapping) or len(trials) < 2:
+        return []
+    errors = {str(name): trial.get("loss", trial.get("aligned_marker_error")) for name, trial in trials.items()}
+    known = {name: error for name, error in errors.items() if error is not None}
+    if not known:
+        return []
+    worst = max(known, key=lambda name: known[name])
+    return [f"The worst trial is {worst} with {1e3 * known[worst]:.3g} mm."]
+
+
+def _combination(space: ParameterSpace, place: Array, direction: Unidentified) -> str:
+    names = listed([space.names[i] for i in direction.members])
+    kind = _kind(space, place, direction) if len(direction.members) == 2 else None
+    return f"Of {names} only {f'the {kind}' if kind else 'a combination'} is seen."
+
+
+def _kind(space: ParameterSpace, place: Array, direction: Unidentified) -> str | None:
+    """What of two parameters stays the same along an unidentified direction; None if nothing simple does."""
+    members, there = list(direction.members), np.clip(place, _NUDGE, 1 - _NUDGE)
+    slopes = space.to_array(there + _NUDGE) - space.to_array(there - _NUDGE)
+    changes = slopes[members] * direction.changes
+    values = space.to_array(there)[members]
+    opposite = changes[0] * changes[1] < 0
+    unlike = {}
+    if len({space.parameters[i].unit for i in members}) == 1:
+        unlike["sum" if opposite else "difference"] = _unlike(changes)
+    if np.all(values != 0):
+        unlike["product" if opposite else "ratio"] = _unlike(changes / values)
+    kind = min(unlike, key=lambda name: unlike[name], default=None)
+    return kind if kind is not None and unlike[kind] <= _ALIKE else None
+
+
+def _unlike(pair: Array) -> float:
+    """How many times as large one is as the other."""
+    small, large = np.sort(np.abs(pair))
+    return float(large / small) if small > 0 else np.inf

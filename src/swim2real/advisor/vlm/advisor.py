@@ -1,34 +1,58 @@
-"""The advisor that asks a VLM: brief, ask, understand, have it mended, and give up in good order."""
+"""The advisor that asks a VLM, and the one that replays what it answered.
+
+A round is briefed, asked and parsed. The model is asked to repair a reply that can't be used; a round that fails is
+asked anew, and given up in good order after three times.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from pathlib import Path
+from typing import Literal, Protocol
 
-from swim2real.advisor.vlm.events import AdvisorEvent, Kind
 from swim2real.advisor.vlm.exchange import Attempt, CallError, Client, Reply, Request
-from swim2real.advisor.vlm.prompt import repair
 from swim2real.advisor.vlm.providers import same_model
-from swim2real.advisor.vlm.reply import ReplyError, Understood, understand
-from swim2real.advisor.vlm.transcript import Call, Outcome, Transcript, stated, totals
+from swim2real.advisor.vlm.reply import ParsedReply, ReplyError, parse_reply
+from swim2real.advisor.vlm.transcript import Call, Incumbent, Outcome, Totals, Transcript, totals
 from swim2real.errors import AdvisorError, ArgumentError
 from swim2real.optimizers import Proposal, Situation
 from swim2real.parameters import ParameterSpace
 
 REPAIRS = 2  # of one reply
 FAILURES = 3  # rounds without a proposal, in a row, before a run stops
+_LONGEST_QUOTE = 6000  # characters of an earlier reply that are shown again
+
+EventKind = Literal["asks", "waits", "received", "answered", "unusable", "failed", "warning"]
 
 
-class Briefer(Protocol):
+@dataclass(frozen=True)
+class AdvisorEvent:
+    """What a person wants to see while an advisor is asked.
+
+    Attributes:
+        kind: `asks` when a call begins, `waits` while it lasts, `received` or `failed` when it ends; then `answered`
+            when the reply is used or `unusable` when it has to be repaired; `warning` for what a person should know.
+        round: Round of the run, from 1 on.
+        text: What happened, in a sentence.
+        totals: What the calls of the run took so far.
+    """
+
+    kind: EventKind
+    round: int
+    text: str
+    totals: Totals
+
+
+class PromptBuilder(Protocol):
     """Writes the question of a round."""
 
     def question(self, situation: Situation, level: int = 0) -> Request:
         """What is shown.
 
         Args:
-            situation: Of the run.
-            level: 0 as asked for, 1 shorter, for a context that is too small.
+            situation: Situation of the run.
+            level: 0 for the detail of the settings, 1 for less, where a context is too small.
         """
         ...
 
@@ -38,9 +62,9 @@ class Limits:
     """What a run's calls may take.
 
     Attributes:
-        max_calls: Calls, repairs and failed ones included; None for any number.
-        max_cost: [USD]; None for any.
-        repairs: Of one reply; None as often as it takes.
+        max_calls: Most calls, repairs and failed ones included; None for any number.
+        max_cost: Highest cost [USD]; None for any.
+        repairs: Most repairs of one reply; None for any number.
     """
 
     max_calls: int | None = None
@@ -62,23 +86,23 @@ class VlmAdvisor:
     """
 
     def __init__(
-        self, client: Client, briefer: Briefer, space: ParameterSpace, transcript: Transcript,
+        self, client: Client, prompts: PromptBuilder, space: ParameterSpace, transcript: Transcript,
         limits: Limits | None = None, on_event: Callable[[AdvisorEvent], None] = lambda event: None,
     ) -> None:  # fmt: skip
         """Prepares the advisor.
 
         Args:
             client: Carries requests.
-            briefer: Writes them.
-            space: Of the parameters.
-            transcript: Of the run, where every call is kept.
-            limits: On calls and cost.
+            prompts: Writes the questions.
+            space: Parameters of the simulator.
+            transcript: Transcript of the run, where every call is kept.
+            limits: Limits of calls and cost.
             on_event: Called as things happen.
 
         Raises:
-            ArgumentError: A cost is limited and nobody knows the price.
+            ArgumentError: The cost is limited and the price isn't known.
         """
-        self._client, self._briefer, self._space, self._transcript = client, briefer, space, transcript
+        self._client, self._prompts, self._space, self._transcript = client, prompts, space, transcript
         self._limits, self._on_event = limits or Limits(), on_event
         if self._limits.max_cost is not None and not client.price_known:
             raise ArgumentError(
@@ -94,56 +118,55 @@ class VlmAdvisor:
             AdvisorError: Three rounds in a row failed, a limit is reached, or a setting is wrong.
         """
         number = len(situation.rounds) + 1
-        used = self._transcript.answer(number, situation.incumbent)
+        recorded = self._transcript.answer(number, situation.incumbent)
+        if recorded is not None:
+            parsed = parse_recorded(recorded, situation, self._space)
+            return proposal_of(recorded, parsed, self._transcript, situation, self._space)
         problem = ""
         for _ in range(FAILURES):
-            if used is None:
-                used, problem = self._ask(situation, number, problem)
-        if used is None:
-            raise AdvisorError(
-                f"round {number}: {FAILURES} times in a row there was no usable reply from {self._client.name}; the "
-                f"last time, {problem}; nothing is lost, --resume asks again"
-            )
-        return proposal_of(used, self._transcript.of_round(number), situation, self._space)
+            answer = self._ask(situation, number, problem)
+            if not isinstance(answer, str):
+                return proposal_of(*answer, self._transcript, situation, self._space)
+            problem = answer
+        raise AdvisorError(
+            f"round {number}: {FAILURES} times in a row there was no usable reply from {self._client.name}; the "
+            f"last time, {problem}; nothing is lost, --resume asks again"
+        )
 
-    def _ask(self, situation: Situation, number: int, earlier: str) -> tuple[Call | None, str]:
-        """One try of a round: the call whose reply can be used, or None and why there is none."""
+    def _ask(self, situation: Situation, number: int, earlier: str) -> tuple[Call, ParsedReply] | str:
+        """One try of a round: the call whose reply can be used, and what it says; or why there is none."""
         question = self._question(situation, number, earlier)
-        request, repairs, shrunk = question, 0, False
+        request, repairs, shortened = question, 0, False
         current = self._space.to_values(situation.incumbent.candidate.point)
         while True:
             try:
                 reply = self._call(request, situation)
             except CallError as error:
-                if error.kind == "too_long" and not shrunk:
+                if error.kind == "too_long" and not shortened:
                     question = request = self._question(situation, number, earlier, 1)
-                    shrunk = True
+                    shortened = True
                     continue
                 if error.kind == "settings":
                     raise
-                return None, str(error)
-            problem = ""
+                return str(error)
             try:
-                understand(reply.text, self._space, current)
+                parsed = parse_reply(reply.text, self._space, current)
             except ReplyError as error:
-                problem = {
-                    "length": f"the reply was cut off after {reply.output_tokens or request.max_tokens} tokens, "
-                    f"so {error}; answer more briefly",
-                    "refusal": "the reply declined to answer; this is about numbers of a physics simulation",
-                }.get(reply.finish, str(error))
-            call = self._keep(request, situation, "unusable" if problem else "used", problem or None, reply)
-            if not problem:
-                self._tell("answered", number, _summary(call))
-                return call, ""
-            self._tell("unusable", number, problem)
+                problem = _why_unusable(reply, request, error)
+            else:
+                call = self._record(request, situation, "used", None, reply)
+                self._report("answered", number, _summary(call))
+                return call, parsed
+            self._record(request, situation, "unusable", problem, reply)
+            self._report("unusable", number, problem)
             if self._limits.repairs is not None and repairs == self._limits.repairs:
-                return None, f"{problem} (after {repairs} repairs)"
+                return f"{problem} (after {repairs} repairs)"
             repairs += 1
             longer = 2 if reply.finish == "length" else 1
-            request = repair(question, reply.text, problem, longer * request.max_tokens)
+            request = repair_request(question, reply.text, problem, longer * request.max_tokens)
 
     def _question(self, situation: Situation, number: int, earlier: str, level: int = 0) -> Request:
-        question = replace(self._briefer.question(situation, level), round=number)
+        question = replace(self._prompts.question(situation, level), round=number)
         if not earlier:
             return question
         note = f"An earlier answer to this could not be used: {earlier}."
@@ -153,22 +176,22 @@ class VlmAdvisor:
         self._check_limits()
         number = request.round
         media = request.media
-        size = sum(len(one.data) for one in media)
+        size = sum(len(file.data) for file in media)
         shown = f" with {len(media)} pictures or films ({size / 1e6:.1f} MB)" if media else ""
-        self._tell("asks", number, f"{'repair' if request.is_repair else 'question'}{shown} to {self._client.name}")
+        self._report("asks", number, f"{'repair' if request.is_repair else 'question'}{shown} to {self._client.name}")
 
         def on_attempt(attempt: Attempt) -> None:
-            self._tell("waits", number, f"{attempt.error}; again in {attempt.waited:.0f} s")
+            self._report("waits", number, f"{attempt.error}; again in {attempt.waited:.0f} s")
 
         try:
             reply = self._client.call(request, on_attempt)
-            self._tell("received", number, "")
+            self._report("received", number, "")
         except CallError as error:
-            self._keep(request, situation, "failed", str(error), None, error.attempts)
-            self._tell("failed", number, str(error))
+            self._record(request, situation, "failed", str(error), None, error.attempts)
+            self._report("failed", number, str(error))
             raise
         except KeyboardInterrupt:
-            self._keep(request, situation, "failed", "interrupted", None)
+            self._record(request, situation, "failed", "interrupted", None)
             raise
         self._check_model(reply, number)
         return reply
@@ -189,60 +212,141 @@ class VlmAdvisor:
             )
 
     def _check_model(self, reply: Reply, number: int) -> None:
-        asked = self._client.name.partition(":")[2]
-        if reply.model and asked and not same_model(asked, reply.model) and reply.model not in self._warned:
+        requested = self._client.name.partition(":")[2]
+        if reply.model and requested and not same_model(requested, reply.model) and reply.model not in self._warned:
             self._warned.add(reply.model)
-            self._tell("warning", number, f"{asked} was asked and {reply.model} answered; the record says which")
+            self._report("warning", number, f"{requested} was asked and {reply.model} answered; the record says which")
 
-    def _keep(
+    def _record(
         self, request: Request, situation: Situation, outcome: Outcome, problem: str | None, reply: Reply | None,
         attempts: tuple[Attempt, ...] = (),
     ) -> Call:  # fmt: skip
         made = attempts if reply is None else reply.attempts
         call = Call(
-            0, request.round, request.is_repair, self._client.name, outcome, problem, stated(situation.incumbent),
-            reply, made,
+            0, request.round, request.is_repair, self._client.name, outcome, problem,
+            Incumbent.of(situation.incumbent), reply, made,
         )  # fmt: skip
         return self._transcript.write(call, request)
 
-    def _tell(self, kind: Kind, number: int, text: str) -> None:
+    def _report(self, kind: EventKind, number: int, text: str) -> None:
         self._on_event(AdvisorEvent(kind, number, text, totals(self._transcript.calls)))
 
 
-def proposal_of(used: Call, calls: tuple[Call, ...], situation: Situation, space: ParameterSpace) -> Proposal:
-    """The proposal that a recorded reply makes: the same today and in a replay.
+class ReplayAdvisor:
+    """Answers from another run's transcript, without a network or a key, as long as the run takes the same way."""
 
-    Args:
-        used: The call whose reply is used.
-        calls: All of its round.
-        situation: That it answers.
-        space: Of the parameters.
+    def __init__(self, run: str | Path, space: ParameterSpace) -> None:
+        """Opens the transcript.
+
+        Args:
+            run: Run folder whose calls are on record.
+            space: Parameters of the simulator, on the scale of that run.
+
+        Raises:
+            ArgumentError: There is no call on record.
+            AdvisorError: The transcript is damaged.
+        """
+        self._run, self._space, self._transcript = Path(run), space, Transcript(run)
+        if not self._transcript.calls:
+            raise ArgumentError(
+                f"'{run}' has no calls on record, so there is nothing to replay; give the folder of a run with a VLM "
+                f"or with --advisor files"
+            )
+
+    def propose(self, situation: Situation) -> Proposal:
+        """The recorded proposal.
+
+        Raises:
+            AdvisorError: The record ends before, or this run has come elsewhere.
+        """
+        number = len(situation.rounds) + 1
+        recorded = self._transcript.answer(number, situation.incumbent)
+        if recorded is not None:
+            parsed = parse_recorded(recorded, situation, self._space)
+            return proposal_of(recorded, parsed, self._transcript, situation, self._space)
+        used = [call for call in self._transcript.of_round(number) if call.outcome == "used"]
+        if used:
+            raise AdvisorError(
+                f"round {number} of '{self._run}' began at a loss of {1e3 * used[0].incumbent.loss:.3f} mm and here it "
+                f"is {1e3 * situation.incumbent.loss:.3f} mm; a replay needs the same reference, settings and versions"
+            )
+        raise AdvisorError(
+            f"the replies in '{self._run}' end before round {number}; a budget up to that run's replays without it"
+        )
+
+
+def parse_recorded(call: Call, situation: Situation, space: ParameterSpace) -> ParsedReply:
+    """What a recorded reply says in a situation.
 
     Raises:
-        AdvisorError: The reply can't be understood.
+        AdvisorError: There is no reply, or it can't be used.
     """
-    if used.reply is None:
-        raise AdvisorError(f"call {used.number} has no reply")
-    start = situation.incumbent.candidate.point
-    said: Understood = understand(used.reply.text, space, space.to_values(start))
+    if call.reply is None:
+        raise AdvisorError(f"call {call.number} has no reply")
+    return parse_reply(call.reply.text, space, space.to_values(situation.incumbent.candidate.point))
+
+
+def proposal_of(
+    call: Call, parsed: ParsedReply, transcript: Transcript, situation: Situation, space: ParameterSpace
+) -> Proposal:
+    """The proposal that a call's reply makes: the same when it is answered and in a replay.
+
+    Args:
+        call: Call whose reply is used.
+        parsed: What its reply says.
+        transcript: Transcript of the run, with all calls of the round.
+        situation: Situation that it answers.
+        space: Parameters of the simulator.
+    """
+    calls = transcript.of_round(call.round)
     sums = totals(calls)
     notes = {
-        "advisor": used.advisor, "model": used.reply.model, "calls": [call.number for call in calls],
+        "advisor": call.advisor, "model": call.reply and call.reply.model, "calls": [made.number for made in calls],
         "input_tokens": sums.input_tokens, "output_tokens": sums.output_tokens, "cost": sums.cost,
-        "seconds": round(sums.seconds, 3), **said.notes(),
+        "seconds": round(sums.seconds, 3), **parsed.notes(),
     }  # fmt: skip
-    if used.reply.notes:
-        notes["remarks"] = list(used.reply.notes)
-    return Proposal(said.point(space, start), said.diagnosis, said.reasoning, notes)
+    if call.reply and call.reply.notes:
+        notes["remarks"] = list(call.reply.notes)
+    point = parsed.point(space, situation.incumbent.candidate.point)
+    return Proposal(point, parsed.diagnosis, parsed.reasoning, notes)
+
+
+def repair_request(question: Request, reply: str, problem: str, max_tokens: int) -> Request:
+    """A follow-up that asks to repair a reply, without showing the media again.
+
+    Args:
+        question: Request that was sent first.
+        reply: Text of the earlier reply.
+        problem: Why it can't be used.
+        max_tokens: Most tokens of the new reply.
+    """
+    texts = [part for part in question.parts if isinstance(part, str)]
+    quote = reply if len(reply) <= _LONGEST_QUOTE else reply[:_LONGEST_QUOTE] + " […]"
+    quoted = f"Your reply was:\n\n{quote}\n\n" if quote.strip() else ""
+    ask = (
+        f"{quoted}It can't be used: {problem}.\n\n"
+        "Answer again with the whole JSON object, put right. The pictures or films aren't shown again; keep what you "
+        "saw in them."
+    )
+    return replace(question, parts=(*texts, ask), max_tokens=max_tokens, problem=problem)
+
+
+def _why_unusable(reply: Reply, request: Request, error: ReplyError) -> str:
+    match reply.finish:
+        case "length":
+            tokens = reply.output_tokens or request.max_tokens
+            return f"the reply was cut off after {tokens} tokens, so {error}; answer more briefly"
+        case "refusal":
+            return "the reply declined to answer; this is about numbers of a physics simulation"
+        case "stop":
+            return str(error)
 
 
 def _summary(call: Call) -> str:
     reply = call.reply
-    if reply is None:
-        return ""
     parts = [f"{call.seconds:.0f} s"]
-    if reply.input_tokens is not None and reply.output_tokens is not None:
+    if reply and reply.input_tokens is not None and reply.output_tokens is not None:
         parts.append(f"{reply.input_tokens} + {reply.output_tokens} tokens")
-    if reply.cost is not None:
+    if reply and reply.cost is not None:
         parts.append(f"{reply.cost:.3f} USD")
     return ", ".join(parts)

@@ -1,4 +1,9 @@
-"""A client for the VLMs of three providers, and for any server that speaks like one of them."""
+"""A client for the VLMs of three providers, and for any server that speaks the protocol of one of them.
+
+Attempts are repeated by tenacity, around the whole exchange. The transports with retries that pydantic-ai offers work
+below it, on single HTTP responses: they don't see a page of HTML or a broken body that came with status 200, they don't
+bound an attempt whose bytes drip in, and they keep no record of attempts, which the transcript of a run holds.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +12,83 @@ import time
 import warnings
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from typing import Any, Literal, TypeVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from urllib.parse import urlsplit
 
+from swim2real.advisor.vlm.errors import (
+    AttemptError,
+    classify_error,
+    classify_response,
+    quiet_libraries,
+    read_key,
+    redact,
+    reply_text,
+)
 from swim2real.advisor.vlm.exchange import Attempt, CallError, Client, Reply, Request
-from swim2real.advisor.vlm.failures import Failure, judge, judge_reply, reply_text
-from swim2real.advisor.vlm.prices import price
-from swim2real.advisor.vlm.providers import PLACEHOLDER, Provider, Sent, check_installed, find_provider, send
-from swim2real.advisor.vlm.redaction import quiet_libraries, read_key, redact
-from swim2real.advisor.vlm.retrying import Patience
+from swim2real.advisor.vlm.providers import (
+    PLACEHOLDER,
+    Provider,
+    RawReply,
+    check_installed,
+    find_provider,
+    price,
+    send,
+)
 from swim2real.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from tenacity import RetryCallState, Retrying
 
 MediaChoice = Literal["auto", "video", "images"]
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class RetryPolicy:
+    """How often a request is sent, and how long to wait in between: exponential waits with full jitter.
+
+    Attributes:
+        tries: Attempts in all.
+        first_wait: Longest wait before the second attempt; it doubles from there [s].
+        longest_wait: Longest wait of our own choice [s].
+        longest_requested_wait: Longest wait that a server may ask for [s].
+        sleep: Function that waits so many seconds.
+    """
+
+    tries: int = 6
+    first_wait: float = 2.0
+    longest_wait: float = 60.0
+    longest_requested_wait: float = 120.0
+    sleep: Callable[[float], None] = time.sleep
+
+    def __post_init__(self) -> None:
+        if self.tries < 1:
+            raise ArgumentError(f"tries is {self.tries}; it must be at least 1")
+
+    def retrying(self, before_wait: Callable[[float], None]) -> Retrying:
+        """A caller of functions that repeats them after an `AttemptError` of the kind `retry`.
+
+        Args:
+            before_wait: Called before each wait with its length [s].
+        """
+        import tenacity
+
+        own_wait = tenacity.wait_random_exponential(multiplier=self.first_wait, max=self.longest_wait)
+
+        def wait(state: RetryCallState) -> float:
+            error = state.outcome.exception() if state.outcome else None
+            requested = (error.retry_after if isinstance(error, AttemptError) else None) or 0.0
+            return min(self.longest_requested_wait, max(own_wait(state), requested))
+
+        return tenacity.Retrying(
+            stop=tenacity.stop_after_attempt(self.tries),
+            retry=tenacity.retry_if_exception(lambda error: isinstance(error, AttemptError) and error.kind == "retry"),
+            wait=wait,
+            before_sleep=lambda state: before_wait(state.upcoming_sleep),
+            sleep=self.sleep,
+            reraise=True,
+        )
 
 
 def make_client(
@@ -28,9 +96,8 @@ def make_client(
     base_url: str | None = None,
     key_variable: str | None = None,
     timeout: float = 180.0,
-    tries: int = 6,
     media: MediaChoice = "auto",
-    patience: Patience | None = None,
+    retry: RetryPolicy | None = None,
 ) -> Client:
     """A client for a model.
 
@@ -39,15 +106,14 @@ def make_client(
 
     Args:
         name: Provider and model: `google:MODEL`, `openai:MODEL` or `anthropic:MODEL`.
-        base_url: Of another server that speaks the provider's protocol, such as `http://127.0.0.1:8000/v1`.
-        key_variable: The environment variable that holds the key, if it isn't the provider's usual one.
-        timeout: For one attempt, from the start to the last byte [s].
-        tries: Attempts for one request.
+        base_url: Base URL of another server that speaks the provider's protocol, such as `http://127.0.0.1:8000/v1`.
+        key_variable: Environment variable that holds the key, if it isn't the provider's usual one.
+        timeout: Time for one attempt, from the start to the last byte [s].
         media: `images` shows no films; `video` insists on them; `auto` shows them where the provider takes them.
-        patience: How to wait between attempts; `tries` is then without effect.
+        retry: How often an attempt is repeated; None for the usual policy.
 
     Raises:
-        ArgumentError: The name, the address or the key won't do.
+        ArgumentError: The name, the address or the key is not allowed.
         MissingExtraError: The extra `vlm` isn't installed.
     """
     provider, model = find_provider(name)
@@ -62,7 +128,7 @@ def make_client(
         if address.username or address.password:
             raise ArgumentError("the base URL holds a password; put the key in a variable and name it: --key-variable")
     check_installed()
-    client = ModelClient(provider, model, base_url, key_variable, timeout, patience or Patience(tries), media)
+    client = ModelClient(provider, model, base_url, key_variable, timeout, retry or RetryPolicy(), media)
     client.check_key()
     return client
 
@@ -79,26 +145,17 @@ class ModelClient:
     """
 
     def __init__(
-        self,
-        provider: Provider,
-        model: str,
-        base_url: str | None,
-        key_variable: str | None,
-        timeout: float,
-        patience: Patience,
-        media: MediaChoice = "auto",
-    ) -> None:
+        self, provider: Provider, model: str, base_url: str | None, key_variable: str | None, timeout: float,
+        retry: RetryPolicy, media: MediaChoice,
+    ) -> None:  # fmt: skip
         self.name = f"{provider.name}:{model}"
         self.takes_video = provider.takes_video and media != "images"
         self.price_known = base_url is None and price(provider.name, model, 1, 1) is not None
-        self._provider = provider
-        self._model = model
-        self._base_url = base_url
+        self._provider, self._model, self._base_url = provider, model, base_url
         usual = () if base_url else provider.key_variables
         self._variables = (key_variable,) if key_variable else usual
-        self._timeout = timeout
-        self._patience = patience
-        self._schema = True  # until the server refuses it
+        self._timeout, self._retry = timeout, retry
+        self._with_schema = True  # until the server refuses it
 
     def __repr__(self) -> str:
         return f"ModelClient({self.name!r})"
@@ -111,89 +168,97 @@ class ModelClient:
         """
         key = read_key(self._variables)
         if key is None and self._variables:
-            named = " or ".join(self._variables)
-            raise ArgumentError(f"there is no key for '{self.name}': set the environment variable {named}")
+            names = " or ".join(self._variables)
+            raise ArgumentError(f"there is no key for '{self.name}': set the environment variable {names}")
         return key or PLACEHOLDER
 
     def call(self, request: Request, on_attempt: Callable[[Attempt], None] = lambda attempt: None) -> Reply:
-        """Asks, with a bounded number of attempts; see `Client.call`."""
+        """Sends a request, with a bounded number of attempts; see `Client.call`."""
         key = self.check_key()
         attempts: list[Attempt] = []
-        failed = 0
-        while True:
-            started = time.monotonic()
-            outcome = self._try(request, key)
-            seconds = time.monotonic() - started
-            if isinstance(outcome, Reply):
-                return replace(outcome, attempts=(*attempts, Attempt(seconds)))
-            failed += 1
-            wait = 0.0
-            if outcome.kind == "schema" and self._schema:
-                self._schema = False
-                failed -= 1  # the same request without it is no repetition
-            elif outcome.kind == "again" and failed < self._patience.tries:
-                wait = self._patience.wait(failed, outcome.asked)
-            else:
-                raise self._error(outcome, (*attempts, Attempt(seconds, outcome.reason)))
-            attempts.append(Attempt(seconds, outcome.reason, wait))
-            on_attempt(attempts[-1])
-            if wait > 0:
-                self._patience.sleep(wait)
 
-    def _try(self, request: Request, key: str) -> Reply | Failure:
-        """One attempt. Texts in what comes back are free of keys."""
+        def attempt() -> Reply:
+            while True:
+                started = time.monotonic()
+                result = self._attempt(request, key)
+                seconds = time.monotonic() - started
+                if isinstance(result, Reply):
+                    attempts.append(Attempt(seconds))
+                    return result
+                attempts.append(Attempt(seconds, result.reason))
+                if result.kind != "schema" or not self._with_schema:
+                    raise result
+                self._with_schema = False  # the same request without it is no repetition
+                on_attempt(attempts[-1])
+
+        def before_wait(seconds: float) -> None:
+            attempts[-1] = replace(attempts[-1], waited=seconds)
+            on_attempt(attempts[-1])
+
+        try:
+            reply = self._retry.retrying(before_wait)(attempt)
+        except AttemptError as error:
+            raise self._call_error(error, tuple(attempts)) from None
+        return replace(reply, attempts=tuple(attempts))
+
+    def _attempt(self, request: Request, key: str) -> Reply | AttemptError:
+        """One attempt. Its texts are free of keys; the error is returned, so that no cause with a key hangs on it."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", DeprecationWarning)  # of models that will be switched off
             try:
-                sent = _run(self._send(request, key))
-                finish = judge_reply(sent.response)
+                raw = _run(self._send(request, key))
+                finish = classify_response(raw.response)
+            except AttemptError as error:
+                return self._redacted(error)
             except Exception as error:
-                key_from = self._variables[0] if self._variables else "the key, which --key-variable names"
-                failure = judge(error, key_from, self._model)
-                return replace(failure, reason=self._redact(failure.reason))
-        if isinstance(finish, Failure):
-            return replace(finish, reason=self._redact(finish.reason))
+                key_source = self._variables[0] if self._variables else "the key, which --key-variable names"
+                return self._redacted(classify_error(error, key_source, self._model))
         notes = [self._redact(str(warning.message).split("\n")[0]) for warning in caught]
-        if not sent.schema:
+        if not raw.with_schema:
             notes.append("asked for JSON in words, since the model or its server takes no schema")
-        usage = sent.response.usage
+        usage = raw.response.usage
         return Reply(
-            text=self._redact(reply_text(sent.response)),
+            text=self._redact(reply_text(raw.response)),
             finish=finish,
-            model=None if sent.model is None else self._redact(sent.model),
+            model=None if raw.model is None else self._redact(raw.model),
             input_tokens=usage.input_tokens or None,
             output_tokens=usage.output_tokens if usage.input_tokens else None,
-            cost=self._cost(sent),
-            attempts=(),
+            cost=self._cost(raw),
             notes=tuple(notes),
         )
 
-    def _cost(self, sent: Sent) -> float | None:
-        usage = sent.response.usage
+    def _cost(self, raw: RawReply) -> float | None:
+        usage = raw.response.usage
         if self._base_url is not None or not usage.input_tokens:
             return None
-        model, cached = sent.model or self._model, (usage.cache_read_tokens, usage.cache_write_tokens)
+        model, cached = raw.model or self._model, (usage.cache_read_tokens, usage.cache_write_tokens)
         return price(self._provider.name, model, usage.input_tokens, usage.output_tokens, *cached)
 
-    async def _send(self, request: Request, key: str) -> Sent:
+    async def _send(self, request: Request, key: str) -> RawReply:
         quiet_libraries()
-        return await send(self._provider, self._model, self._base_url, key, request, self._schema, self._timeout)
+        return await send(
+            self._provider, self._model, self._base_url, key, request, self._with_schema, self._timeout
+        )  # fmt: skip
 
-    def _error(self, failure: Failure, attempts: tuple[Attempt, ...]) -> CallError:
-        match failure.kind:
+    def _call_error(self, error: AttemptError, attempts: tuple[Attempt, ...]) -> CallError:
+        match error.kind:
             case "too_long":
-                return CallError("too_long", f"the request is too long for '{self.name}' ({failure.reason})", attempts)
+                return CallError("too_long", f"the request is too long for '{self.name}' ({error.reason})", attempts)
             case "blocked":
-                return CallError("blocked", f"'{self.name}' blocked the request ({failure.reason})", attempts)
+                return CallError("blocked", f"'{self.name}' blocked the request ({error.reason})", attempts)
             case "settings" | "schema":
-                return CallError("settings", f"'{self.name}' can't be asked: {failure.reason}", attempts)
-            case "again":
+                return CallError("settings", f"'{self.name}' can't be asked: {error.reason}", attempts)
+            case "retry":
                 count = f"{len(attempts)} attempt{'s' if len(attempts) > 1 else ''}"
-                sentence = f"'{self.name}' gave no reply in {count}, at last: {failure.reason}"
+                sentence = f"'{self.name}' gave no reply in {count}, at last: {error.reason}"
                 return CallError("unreachable", f"{sentence}; check the network, or try again later", attempts)
 
+    def _redacted(self, error: AttemptError) -> AttemptError:
+        return AttemptError(error.kind, self._redact(error.reason), error.retry_after)
+
     def _redact(self, text: str) -> str:
-        return redact(text, self._variables)
+        """Text without keys, and without what can't be written in UTF-8."""
+        return redact(text, self._variables).encode("utf-8", "replace").decode("utf-8")
 
 
 def _run(work: Coroutine[Any, Any, T]) -> T:

@@ -1,4 +1,4 @@
-"""What goes to a VLM and what comes back: plain data, whoever carries it."""
+"""What goes to a VLM and what comes back, as plain data: request, media, reply, attempts, and who carries them."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, Protocol
 
+from pydantic import FiniteFloat
+
 from swim2real.errors import AdvisorError
 
 Finish = Literal["stop", "length", "refusal"]
-Failure = Literal["unreachable", "blocked", "too_long", "settings"]
+FailureKind = Literal["unreachable", "blocked", "too_long", "settings"]
 
 
 @dataclass(frozen=True)
@@ -19,9 +21,9 @@ class Media:
     """A picture or a film that is shown.
 
     Attributes:
-        label: What it shows, in a line that stands before it.
+        label: What it shows, in a line that is sent before it.
         media_type: `image/png`, `image/jpeg` or `video/mp4`.
-        data: The file.
+        data: Content of the file.
         fps: Frames a second that the model should look at; None for a picture.
     """
 
@@ -40,12 +42,12 @@ class Request:
     """One question to a VLM.
 
     Attributes:
-        instructions: The system's part of the prompt.
+        instructions: System prompt.
         parts: Texts and media in the order in which they are shown.
         schema: JSON schema of the reply, without bounds on numbers.
         max_tokens: Most tokens of the reply, those of its thinking included.
-        round: Of the run that it belongs to.
-        problem: Of an earlier reply that this request asks to mend; empty for a question.
+        round: Round of the run, from 1 on.
+        problem: Why an earlier reply can't be used, which this request asks to repair; empty for a question.
     """
 
     instructions: str
@@ -66,21 +68,17 @@ class Request:
 
 @dataclass(frozen=True)
 class Attempt:
-    """One try to get a request through.
+    """One attempt to have a request answered.
 
     Attributes:
-        seconds: That it took [s].
+        seconds: Time that it took [s].
         error: What went wrong in a sentence, None when it was answered.
-        waited: Before the next one [s].
+        waited: Time before the next attempt [s].
     """
 
-    seconds: float
+    seconds: FiniteFloat
     error: str | None = None
-    waited: float = 0.0
-
-    def as_dict(self) -> dict[str, Any]:
-        """Ready for JSON."""
-        return {"seconds": round(self.seconds, 3), "error": self.error, "waited": round(self.waited, 3)}
+    waited: FiniteFloat = 0.0
 
 
 @dataclass(frozen=True)
@@ -88,14 +86,14 @@ class Reply:
     """What a VLM answered.
 
     Attributes:
-        text: As it came, JSON or not.
-        finish: `length` when it was cut off, `refusal` when the model declined in so many words.
-        model: That answered, by its own account; None where it doesn't say.
-        input_tokens: As the provider counts them; None where it doesn't say.
-        output_tokens: Likewise, with the thinking.
-        cost: [USD], None where the price isn't known.
-        attempts: All that were made, the last one answered.
-        notes: What else should be kept, such as a request that went without its schema.
+        text: Text as it came, JSON or not.
+        finish: `stop` for a complete reply, `length` when it was cut off, `refusal` when the model declined in words.
+        model: Model that answered, by its own account; None where it doesn't say.
+        input_tokens: Tokens of the request as the provider counts them; None where it doesn't say.
+        output_tokens: Tokens of the reply with the thinking, as the provider counts them; None where it doesn't say.
+        cost: Cost [USD], None where the price isn't known.
+        notes: Remarks to keep, such as that the request was sent without its schema.
+        attempts: All attempts that were made; the last one was answered.
     """
 
     text: str
@@ -103,28 +101,23 @@ class Reply:
     model: str | None
     input_tokens: int | None
     output_tokens: int | None
-    cost: float | None
-    attempts: tuple[Attempt, ...]
+    cost: FiniteFloat | None
     notes: tuple[str, ...] = ()
-
-    @property
-    def seconds(self) -> float:
-        """From the first attempt to the reply, waiting included [s]."""
-        return sum(attempt.seconds + attempt.waited for attempt in self.attempts)
+    attempts: tuple[Attempt, ...] = ()
 
 
 class CallError(AdvisorError):
     """A request wasn't answered.
 
     Attributes:
-        kind: `unreachable`: after all attempts. `blocked`: by a safety filter. `too_long`: for the model's context.
-            `settings`: a wrong key, model or address, which no further attempt can mend.
-        attempts: All that were made.
+        kind: `unreachable` after all attempts failed, `blocked` by a safety filter, `too_long` for the model's
+            context, or `settings` for a wrong key, model or address, which no further attempt can mend.
+        attempts: All attempts that were made.
     """
 
-    def __init__(self, kind: Failure, sentence: str, attempts: tuple[Attempt, ...] = ()) -> None:
+    def __init__(self, kind: FailureKind, sentence: str, attempts: tuple[Attempt, ...] = ()) -> None:
         super().__init__(sentence)
-        self.kind: Failure = kind
+        self.kind: FailureKind = kind
         self.attempts = attempts
 
 
@@ -142,13 +135,13 @@ class Client(Protocol):
     price_known: bool
 
     def call(self, request: Request, on_attempt: Callable[[Attempt], None] = lambda attempt: None) -> Reply:
-        """Asks, with a bounded number of attempts.
+        """Sends a request, with a bounded number of attempts.
 
         Args:
-            request: The question.
+            request: What is asked.
             on_attempt: Called after an attempt that failed and will be repeated, before the wait.
 
         Raises:
-            CallError: No reply was had.
+            CallError: No attempt was answered.
         """
         ...

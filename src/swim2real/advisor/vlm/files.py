@@ -1,8 +1,7 @@
-"""An advisor without a key: a folder a round, in which a person, or any chat window, leaves a reply."""
+"""A client without a key: a folder a round, in which a person, or any chat window, leaves a reply."""
 
 from __future__ import annotations
 
-import json
 import mimetypes
 import time
 from collections.abc import Callable, Mapping
@@ -12,6 +11,7 @@ from typing import Any
 from swim2real.advisor.vlm.exchange import Attempt, Reply, Request
 from swim2real.advisor.vlm.transcript import CALLS
 from swim2real.errors import AdvisorError, WaitingForReply
+from swim2real.store import write_bytes, write_json, write_text
 
 BRIEFING, SCHEMA, REPLY, PROBLEM = "briefing.md", "reply.schema.json", "reply.json", "reply.problem.txt"
 _POLL = 0.5  # s
@@ -29,7 +29,7 @@ class FilesClient:
     Attributes:
         name: `files`.
         takes_video: Whether films are written beside the page, in place of pictures.
-        price_known: Never.
+        price_known: False, since a person's reply has no price.
     """
 
     name = "files"
@@ -43,9 +43,9 @@ class FilesClient:
 
         Args:
             run: Run folder.
-            schema: Of a reply, with bounds.
-            takes_video: Write films.
-            once: Don't wait: write, and leave with `WaitingForReply` until there is a reply.
+            schema: JSON schema of a reply, with bounds.
+            takes_video: Whether films are written in place of pictures.
+            once: Whether to leave with `WaitingForReply` instead of waiting where there is no reply yet.
             on_wait: Called with a sentence and the round when the wait begins.
         """
         self._folder, self._schema, self.takes_video = Path(run) / CALLS, schema, takes_video
@@ -56,17 +56,17 @@ class FilesClient:
         """Writes the page, or what is wrong with the reply that is there, and waits for a reply or a better one.
 
         Raises:
-            WaitingForReply: There is none, and nobody waits.
+            WaitingForReply: There is no reply, and the client was made not to wait.
             AdvisorError: The disk failed.
         """
         folder = self._folder / f"round_{request.round:03d}"
         began = time.monotonic()
         try:
             if request.is_repair:
-                _write(folder / PROBLEM, f"{request.problem}\n".encode())
+                write_text(folder / PROBLEM, f"{request.problem}\n")
             else:
                 self._unusable = ""
-                self._brief(folder, request)
+                self._write_briefing(folder, request)
             text = self._wait(folder, request)
             (folder / PROBLEM).unlink(missing_ok=True)
         except OSError as error:
@@ -74,9 +74,9 @@ class FilesClient:
                 f"can't work in '{folder}': {error.strerror or error}; make room or allow writing, --resume goes on"
             ) from error
         self._unusable = text
-        return Reply(text, "stop", None, None, None, None, (Attempt(time.monotonic() - began),))
+        return Reply(text, "stop", None, None, None, None, attempts=(Attempt(time.monotonic() - began),))
 
-    def _brief(self, folder: Path, request: Request) -> None:
+    def _write_briefing(self, folder: Path, request: Request) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         page = [request.instructions, HOW_TO]
         count = 0
@@ -86,15 +86,15 @@ class FilesClient:
                 continue
             count += 1
             name = f"{count}{mimetypes.guess_extension(part.media_type) or ''}"
-            _write(folder / name, part.data)
+            write_bytes(folder / name, part.data)
             mark = "!" if part.media_type.startswith("image/") else ""
             page.append(f"{part.label}\n\n{mark}[{name}]({name})")
-        _write(folder / SCHEMA, (json.dumps(self._schema, indent=2) + "\n").encode())
-        _write(folder / BRIEFING, ("\n\n".join(page) + "\n").encode("utf-8", "replace"))
+        write_json(folder / SCHEMA, self._schema)
+        write_text(folder / BRIEFING, ("\n\n".join(page) + "\n").encode("utf-8", "replace").decode())
 
     def _wait(self, folder: Path, request: Request) -> str:
         path = folder / REPLY
-        told, before = False, None
+        announced, before = False, None
         while True:
             text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
             # once more the same: whoever saves it is done
@@ -105,14 +105,8 @@ class FilesClient:
                 raise WaitingForReply(
                     f"round {request.round} waits: read '{folder / BRIEFING}'; {what} '{path}'; then --resume goes on"
                 )
-            if not told:
-                told = True
+            if not announced:
+                announced = True
                 self._on_wait(f"'{folder / BRIEFING}' waits for '{path}'", request.round)
             before = text
             time.sleep(_POLL)
-
-
-def _write(path: Path, data: bytes) -> None:
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(data)
-    part.replace(path)

@@ -1,4 +1,4 @@
-"""The providers of VLMs: their names, addresses and keys, and a request in the words of each."""
+"""The providers of VLMs: their names, addresses, keys and prices, and one request to one of them by pydantic-ai."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
+from swim2real.advisor.vlm.errors import redact
 from swim2real.advisor.vlm.exchange import Request
-from swim2real.advisor.vlm.redaction import redact
 from swim2real.errors import MissingExtraError
 from swim2real.settings import split_vlm_name
 
@@ -25,13 +25,13 @@ PLACEHOLDER = "no-key"  # what a server without keys is sent, since the librarie
 
 @dataclass(frozen=True)
 class Provider:
-    """Who runs models.
+    """A provider of models.
 
     Attributes:
-        name: As it stands before the colon.
-        address: Where its models are asked.
-        key_variables: Environment variables that may hold its key, the first that is set counts.
-        takes_video: Whether its models are shown films; pictures are taken everywhere.
+        name: Name as it stands before the colon.
+        address: Base URL of its service.
+        key_variables: Environment variables that may hold its key; the first that is set counts.
+        takes_video: Whether its models can be shown films; all take pictures.
     """
 
     name: Name
@@ -44,12 +44,7 @@ class Provider:
 PROVIDERS: dict[str, Provider] = {
     provider.name: provider
     for provider in (
-        Provider(
-            "google",
-            "https://generativelanguage.googleapis.com",
-            ("GOOGLE_API_KEY", "GEMINI_API_KEY"),
-            True,
-        ),
+        Provider("google", "https://generativelanguage.googleapis.com", ("GOOGLE_API_KEY", "GEMINI_API_KEY"), True),
         Provider("openai", "https://api.openai.com/v1", ("OPENAI_API_KEY",), False),
         Provider("anthropic", "https://api.anthropic.com", ("ANTHROPIC_API_KEY",), False),
     )
@@ -57,18 +52,18 @@ PROVIDERS: dict[str, Provider] = {
 
 
 @dataclass(frozen=True)
-class Sent:
+class RawReply:
     """A reply as it came.
 
     Attributes:
-        response: What pydantic-ai makes of it.
-        model: That it says to be from; None where it doesn't say.
-        schema: Whether the provider was to keep it to the schema.
+        response: Response as pydantic-ai has it.
+        model: Model that the reply says to be from; None where it doesn't say.
+        with_schema: Whether the provider was asked to keep the reply to the schema.
     """
 
     response: ModelResponse
     model: str | None
-    schema: bool
+    with_schema: bool
 
 
 def find_provider(name: str) -> tuple[Provider, str]:
@@ -83,7 +78,7 @@ def find_provider(name: str) -> tuple[Provider, str]:
 
 def check_installed() -> None:
     """Raises MissingExtraError if a library of the extra `vlm` is missing, without importing any."""
-    for library in ("pydantic_ai", "openai", "anthropic", "genai_prices"):
+    for library in ("pydantic_ai", "openai", "anthropic", "genai_prices", "tenacity"):
         if find_spec(library) is None:
             raise _missing(library)
     if find_spec("google") is None or find_spec("google.genai") is None:
@@ -114,22 +109,46 @@ def _bare(model: str) -> str:
     return re.sub(r"-(\d{4}-\d{2}-\d{2}|\d{8}|\d{3,4}|latest)$", "", model)
 
 
+def price(
+    provider: str, model: str, input_tokens: int, output_tokens: int, cache_read: int = 0, cache_write: int = 0
+) -> float | None:
+    """Cost of a reply by the price list that genai-prices carries [USD]; None for a model that isn't on the list.
+
+    Args:
+        provider: `google`, `openai` or `anthropic`.
+        model: Model that answered.
+        input_tokens: All tokens of the request, those from and to the provider's cache included.
+        output_tokens: Tokens of the reply, those of its thinking included.
+        cache_read: Input tokens that were found in the cache, which are cheaper.
+        cache_write: Input tokens that were stored in the cache.
+    """
+    from genai_prices import Usage, calc_price
+
+    usage = Usage(
+        input_tokens=input_tokens,
+        output_tokens=output_tokens,
+        cache_read_tokens=cache_read,
+        cache_write_tokens=cache_write,
+    )
+    try:
+        return float(calc_price(usage, model, provider_id=provider).total_price)
+    except LookupError:
+        return None
+
+
 async def send(
-    provider: Provider, model: str, base_url: str | None, key: str, request: Request, schema: bool, timeout: float
-) -> Sent:
+    provider: Provider, model: str, base_url: str | None, key: str, request: Request, with_schema: bool, timeout: float
+) -> RawReply:
     """Sends one request once, and closes everything behind it.
 
     Args:
-        provider: Whose protocol is spoken.
+        provider: Provider whose protocol is spoken.
         model: The model's own name.
-        base_url: Of a server that isn't the provider's, or None.
-        key: Goes into a header.
-        request: The question.
-        schema: Whether the provider is to keep the reply to the schema; if not, the instructions ask for it.
-        timeout: From the start to the last byte [s].
-
-    Returns:
-        The reply.
+        base_url: Base URL of a server that isn't the provider's, or None.
+        key: Key, which is sent in a header.
+        request: What is asked.
+        with_schema: Whether the provider is to keep the reply to the schema; if not, the instructions ask for it.
+        timeout: Time from the start to the last byte [s].
     """
     import httpx2
     from pydantic_ai.direct import model_request
@@ -164,10 +183,10 @@ async def send(
         "response": [keep_name],
     }
     async with httpx2.AsyncClient(timeout=limits, follow_redirects=False, event_hooks=hooks) as http:
-        spoken_to = _open(provider, model, base_url, key, http)
-        native = schema and spoken_to.profile.get("supports_json_schema_output", False)
+        pydantic_model = _open(provider, model, base_url, key, http)
+        native = with_schema and pydantic_model.profile.get("supports_json_schema_output", False)
         response = await model_request(
-            spoken_to,
+            pydantic_model,
             [ModelRequest(parts=[UserPromptPart(content=content)], instructions=request.instructions)],
             model_settings={
                 "max_tokens": request.max_tokens,
@@ -180,7 +199,7 @@ async def send(
                 output_object=OutputObjectDefinition(json_schema=dict(request.schema), name="proposal"),
             ),
         )
-    return Sent(response, named[0] if named else None, native)
+    return RawReply(response, named[0] if named else None, native)
 
 
 def _open(provider: Provider, model: str, base_url: str | None, key: str, http: httpx2.AsyncClient) -> Model[Any]:

@@ -1,4 +1,4 @@
-"""Reads what a VLM or a person answered: strict about numbers, patient with everything around them."""
+"""Parses what a VLM or a person answered: strict about numbers, tolerant of everything around them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Strict, TypeAdapter, ValidationError
 
+from swim2real.checking import explained, shown
 from swim2real.errors import AdvisorError
 from swim2real.parameters import ParameterSpace
 from swim2real.parameters.space import unknown_name
 
 SAME = 1e-3  # relative: a value that is repeated as it was shown, rounded, is no change
 _LONGEST_TEXT = 20_000  # characters that are kept of a diagnosis
+_LONGEST_NAME = 80  # characters that are kept of an unknown name
 _MOST_BRACES = 500  # at which a JSON object is looked for
-_MANY = 6  # problems that one message lists
+_MOST_PROBLEMS = 6  # that one message lists
 
 
 class ReplyError(AdvisorError):
@@ -27,11 +29,11 @@ class ReplyError(AdvisorError):
 
 
 @dataclass(frozen=True)
-class Understood:
+class ParsedReply:
     """What a usable reply says.
 
     Attributes:
-        values: Of all parameters, within bounds.
+        values: Values of all parameters, within bounds.
         diagnosis: What differs.
         reasoning: Which parameters are responsible.
         ignored: Names that aren't parameters.
@@ -47,9 +49,9 @@ class Understood:
     clipped: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def notes(self) -> dict[str, Any]:
-        """What was mended in silence, ready for JSON."""
-        found = {"ignored": list(self.ignored), "missing": list(self.missing), "clipped": dict(self.clipped)}
-        return {name: value for name, value in found.items() if value}
+        """What was corrected without asking again, ready for JSON."""
+        notes = {"ignored": list(self.ignored), "missing": list(self.missing), "clipped": dict(self.clipped)}
+        return {name: content for name, content in notes.items() if content}
 
     def point(self, space: ParameterSpace, incumbent: NDArray[np.float64]) -> NDArray[np.float64]:
         """In the unit cube; coordinates of parameters that keep their values are the incumbent's own. Shape (d,)."""
@@ -58,20 +60,21 @@ class Understood:
         return np.where(moved, space.to_cube(self.values), incumbent)
 
 
-def _joined(value: Any) -> Any:
-    """Some answer with a list of sentences."""
+def _join_lines(value: Any) -> Any:
+    """Some models answer with a list of sentences."""
     lines: Any = value
     return "\n".join(lines) if isinstance(value, list) and all(isinstance(line, str) for line in lines) else value
 
 
-Words = Annotated[str, BeforeValidator(_joined)]
+Text = Annotated[str, BeforeValidator(_join_lines)]
+_NUMBER: TypeAdapter[float] = TypeAdapter(Annotated[float, Strict()])
 
 
 class _Answer(BaseModel):
     model_config = ConfigDict(strict=True, extra="ignore")
 
-    diagnosis: Words = ""
-    reasoning: Words = ""
+    diagnosis: Text = ""
+    reasoning: Text = ""
     parameters: dict[str, Any]
 
 
@@ -79,18 +82,18 @@ def reply_schema(space: ParameterSpace, bounds: bool = False) -> dict[str, Any]:
     """JSON schema of a reply.
 
     Args:
-        space: Whose parameters are asked for.
+        space: Parameters that are asked for.
         bounds: Whether it says what a value may be. Services refuse schemas with many bounds.
     """
     numbers: dict[str, Any] = {}
-    for one in space:
-        limits = {"minimum": one.lower, "maximum": one.upper} if bounds else {}
-        numbers[one.name] = {"type": "number", "description": one.unit, **limits}
-    words = {"diagnosis": "what differs, seen and measured", "reasoning": "which parameters are responsible, and why"}
+    for parameter in space:
+        limits = {"minimum": parameter.lower, "maximum": parameter.upper} if bounds else {}
+        numbers[parameter.name] = {"type": "number", "description": parameter.unit, **limits}
+    texts = {"diagnosis": "what differs, seen and measured", "reasoning": "which parameters are responsible, and why"}
     return {
         "type": "object",
         "properties": {
-            **{name: {"type": "string", "description": text} for name, text in words.items()},
+            **{name: {"type": "string", "description": text} for name, text in texts.items()},
             "parameters": {
                 "type": "object",
                 "properties": numbers,
@@ -108,15 +111,15 @@ def is_same(value: float, current: float) -> bool:
     return abs(value - current) <= SAME * abs(current)
 
 
-def understand(text: str, space: ParameterSpace, current: Mapping[str, float]) -> Understood:
-    """Makes values of a reply.
+def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) -> ParsedReply:
+    """Makes parameter values of a reply.
 
     JSON may stand in a fence or among prose. Unknown names are ignored, missing ones (or null) keep their value, values
     out of bounds are clipped; each is noted.
 
     Args:
-        text: The reply.
-        space: Names and bounds.
+        text: Text of the reply.
+        space: Names and bounds of the parameters.
         current: Values of the incumbent.
 
     Raises:
@@ -126,63 +129,61 @@ def understand(text: str, space: ParameterSpace, current: Mapping[str, float]) -
     try:
         answer = _Answer.model_validate(content)
     except ValidationError as error:
-        raise ReplyError(_fields(error)) from None
-    values, clipped, wrong = dict(current), dict[str, float](), list[str]()
+        raise ReplyError(_listed([explained(detail) for detail in error.errors(include_url=False)])) from None
     given = {name: value for name, value in answer.parameters.items() if value is not None}
-    known = [name for name in space.names if name in given]
-    for name in known:
-        value, one = given[name], space[name]
-        number = _number(value)
-        if number is None:
-            wrong.append(f"'{name}' is {_short(value)}; it must be a finite number from {one.lower:g} to {one.upper:g}")
+    values, clipped, problems = dict(current), dict[str, float](), list[str]()
+    for parameter in space:
+        name = parameter.name
+        if name not in given:
             continue
-        values[name] = min(max(number, one.lower), one.upper)
+        number = _number(given[name])
+        if number is None:
+            allowed = f"it must be a finite number from {parameter.lower:g} to {parameter.upper:g}"
+            problems.append(f"'{name}' is {shown(given[name])}; {allowed}")
+            continue
+        values[name] = min(max(number, parameter.lower), parameter.upper)
         if values[name] != number:
             clipped[name] = number
-    ignored = tuple(_tidy(name)[:80] for name in given if name not in space.names)
-    if wrong:
-        more = f"; and {len(wrong) - _MANY} more" if len(wrong) > _MANY else ""
-        raise ReplyError("; ".join(wrong[:_MANY]) + more)
-    if not known:
+    if problems:
+        raise ReplyError(_listed(problems))
+    ignored = tuple(_cleaned(name)[:_LONGEST_NAME] for name in given if name not in space.names)
+    missing = tuple(name for name in space.names if name not in given)
+    if len(missing) == len(space):
         hint = unknown_name(ignored[0], space.names) if ignored else "'parameters' is empty"
         raise ReplyError(f"no parameter of the simulator has a value: {hint}")
     if all(is_same(values[name], current[name]) for name in space.names):
         raise ReplyError("no parameter changes; propose values that differ from the current ones")
-    missing = tuple(name for name in space.names if name not in given)
-    return Understood(values, _tidy(answer.diagnosis), _tidy(answer.reasoning), ignored, missing, clipped)
+    return ParsedReply(values, _cleaned(answer.diagnosis), _cleaned(answer.reasoning), ignored, missing, clipped)
 
 
 def _json_object(text: str) -> dict[str, Any]:
-    """The last JSON object in a text that has parameters, or the only one there is."""
-    found: list[dict[str, Any]] = []
+    """The last JSON object in a text that has parameters."""
+    objects: list[dict[str, Any]] = []
     problem = ""
     at = text.find("{")
     for _ in range(_MOST_BRACES):
         if at < 0:
             break
         try:
-            content, at = _READER.raw_decode(text, at)
-            found.append(content)
+            content, at = _DECODER.raw_decode(text, at)
+            objects.append(content)
+        except json.JSONDecodeError as error:
+            problem = problem or f"{error.msg} in line {error.lineno}, column {error.colno}"
+            at += 1
         except (ValueError, RecursionError) as error:
-            problem = problem or _said(error)
+            problem = problem or (str(error) if isinstance(error, ValueError) else "it is nested too deeply")
             at += 1
         at = text.find("{", at)
-    whole = [one for one in found if "parameters" in one]
-    if whole:
-        return whole[-1]
+    with_parameters = [content for content in objects if "parameters" in content]
+    if with_parameters:
+        return with_parameters[-1]
     if "{" not in text:
-        has = "holds no JSON object" if text.strip() else "is empty"
-        raise ReplyError(f"the reply {has}; answer with one that has diagnosis, reasoning and parameters")
+        state = "holds no JSON object" if text.strip() else "is empty"
+        raise ReplyError(f"the reply {state}; answer with one that has diagnosis, reasoning and parameters")
     raise ReplyError(f"the reply is not valid JSON: {problem}" if problem else "'parameters' is missing")
 
 
-def _said(error: ValueError | RecursionError) -> str:
-    if isinstance(error, json.JSONDecodeError):
-        return f"{error.msg} in line {error.lineno}, column {error.colno}"
-    return str(error) if isinstance(error, ValueError) else "it is nested too deep"
-
-
-def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content = dict(pairs)
     for name, value in pairs:
         if content[name] != value and not (isinstance(value, float) and math.isnan(value)):
@@ -190,37 +191,23 @@ def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return content
 
 
-_READER = json.JSONDecoder(object_pairs_hook=_without_doubles)
+_DECODER = json.JSONDecoder(object_pairs_hook=_without_duplicates)
 
 
 def _number(value: Any) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
     try:
-        number = float(value)
-    except OverflowError:
+        number = _NUMBER.validate_python(value)
+    except (ValidationError, OverflowError):
         return None
     return number if math.isfinite(number) else None
 
 
-def _fields(error: ValidationError) -> str:
-    problems: list[str] = []
-    for one in error.errors()[:_MANY]:
-        name = ".".join(str(place) for place in one["loc"])
-        if one["type"] == "missing":
-            problems.append(f"'{name}' is missing")
-        else:
-            wanted = "an object of names and numbers" if name == "parameters" else "text"
-            problems.append(f"'{name}' is {_short(one['input'])}; it must be {wanted}")
-    return "; ".join(problems)
+def _listed(problems: list[str]) -> str:
+    more = f"; and {len(problems) - _MOST_PROBLEMS} more" if len(problems) > _MOST_PROBLEMS else ""
+    return "; ".join(problems[:_MOST_PROBLEMS]) + more
 
 
-def _short(value: Any) -> str:
-    text = json.dumps(value) if isinstance(value, str | int | float | bool | None) else f"a {type(value).__name__}"
-    return text if len(text) <= 40 else text[:37] + "…"
-
-
-def _tidy(text: str) -> str:
-    """Without what can't be written to a file, and not endless."""
+def _cleaned(text: str) -> str:
+    """Text without what can't be written to a file, and of limited length."""
     clean = text.encode("utf-8", "replace").decode("utf-8").replace("\x00", "").strip()
     return clean if len(clean) <= _LONGEST_TEXT else clean[: _LONGEST_TEXT - 1] + "…"

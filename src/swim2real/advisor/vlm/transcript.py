@@ -1,57 +1,121 @@
-"""The transcript of a run's calls: one file a call, media beside them. It is also what a run is repeated from."""
+"""The transcript of a run's calls: one file a call, media beside them. It is also what a run is replayed from."""
 
 from __future__ import annotations
 
-import json
 import mimetypes
-import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-import numpy as np
+from pydantic import AfterValidator, Field, FiniteFloat
 
 from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
+from swim2real.checking import check, read, shown
 from swim2real.errors import AdvisorError
 from swim2real.optimizers import Evaluation
+from swim2real.store import write_bytes, write_json
 
 FORMAT = 1
 CALLS = "advisor"  # folder of a run
 MEDIA = "media"
 Outcome = Literal["used", "unusable", "failed"]
 
+_MOST_CALLS = 1_000_000  # calls or rounds; more is an error
+_MEDIA_PATH = re.compile(rf"{MEDIA}/\w+\.\w+")
+
+
+@dataclass(frozen=True)
+class Incumbent:
+    """The evaluation that a round began with, by what it is recognized by.
+
+    Attributes:
+        point: Point in the unit cube.
+        loss: Loss [m].
+    """
+
+    point: tuple[FiniteFloat, ...]
+    loss: FiniteFloat
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> Incumbent:
+        return cls(tuple(float(x) for x in evaluation.candidate.point), evaluation.loss)
+
+
+def _check_media_path(path: str) -> str:
+    if not _MEDIA_PATH.fullmatch(path):
+        raise ValueError("it names media outside of the transcript")
+    return path
+
+
+@dataclass(frozen=True)
+class ShownMedia:
+    """A picture or film of a request, as the transcript names it.
+
+    Attributes:
+        media: Path within the folder of the transcript.
+        sha256: Hash of the file, as it was shown.
+        label: What it shows.
+        media_type: Such as `image/png`.
+    """
+
+    media: Annotated[str, AfterValidator(_check_media_path)]
+    sha256: str
+    label: str
+    media_type: str
+
+
+@dataclass(frozen=True)
+class ShownRequest:
+    """What was shown in a request.
+
+    Attributes:
+        parts: Texts and media in the order in which they were shown.
+    """
+
+    parts: tuple[ShownMedia | str, ...]
+
 
 @dataclass(frozen=True)
 class Call:
-    """One call as it is on record.
+    """One call as it is on record; also the model that a file of the transcript is checked against.
 
     Attributes:
-        number: Within the run, from 1 on.
-        round: That it belongs to.
-        is_repair: Whether it asked to mend an earlier reply.
-        advisor: Who was asked.
-        outcome: `used`: a proposal was made of the reply. `unusable`: it asked for a repair. `failed`: no reply.
+        number: Number within the run, from 1 on; 0 before it is written.
+        round: Round that it belongs to.
+        is_repair: Whether it asked to repair an earlier reply.
+        advisor: Name of the advisor that was asked.
+        outcome: `used` where a proposal was made of the reply, `unusable` where it asked for a repair, `failed` where
+            there was no reply.
         problem: Why it wasn't used, in a sentence.
-        incumbent: Point and loss of the evaluation that the round began with.
-        reply: None when there was none.
-        attempts: That were made.
+        incumbent: Evaluation that the round began with.
+        reply: Reply, None when there was none. Its attempts are those of the call.
+        attempts: Attempts that were made.
+        request: What was shown; given when the call is written.
     """
 
-    number: int
-    round: int
+    number: Annotated[int, Field(gt=0, lt=_MOST_CALLS)]
+    round: Annotated[int, Field(gt=0, lt=_MOST_CALLS)]
     is_repair: bool
     advisor: str
     outcome: Outcome
     problem: str | None
-    incumbent: Mapping[str, Any]
+    incumbent: Incumbent
     reply: Reply | None
     attempts: tuple[Attempt, ...]
+    request: ShownRequest = ShownRequest(())
 
     @property
     def seconds(self) -> float:
+        """Time from the first attempt to the end, waiting included [s]."""
         return sum(attempt.seconds + attempt.waited for attempt in self.attempts)
+
+    @property
+    def media(self) -> tuple[ShownMedia, ...]:
+        """Pictures and films that were shown."""
+        return tuple(part for part in self.request.parts if isinstance(part, ShownMedia))
 
 
 @dataclass(frozen=True)
@@ -59,12 +123,12 @@ class Totals:
     """What the calls of a run took.
 
     Attributes:
-        calls: Repairs and failed ones included.
-        failed: Of them, those that weren't answered.
-        input_tokens: As far as the services say.
-        output_tokens: Likewise.
-        cost: As far as prices are known [USD], None where none is.
-        seconds: Waiting included [s].
+        calls: Number of calls, repairs and failed ones included.
+        failed: Number of calls that weren't answered.
+        input_tokens: Tokens of the requests, as far as the services say.
+        output_tokens: Tokens of the replies, as far as the services say.
+        cost: Cost as far as prices are known [USD], None where none is.
+        seconds: Time, waiting included [s].
     """
 
     calls: int = 0
@@ -76,7 +140,7 @@ class Totals:
 
 
 def totals(calls: Sequence[Call]) -> Totals:
-    """The sum of some calls."""
+    """Sums over some calls."""
     replies = [call.reply for call in calls if call.reply is not None]
     costs = [reply.cost for reply in replies if reply.cost is not None]
     return Totals(
@@ -98,7 +162,7 @@ class Transcript:
 
     @cached_property
     def _calls(self) -> list[Call]:
-        return [_read(path) for path in sorted(self.folder.glob("call_*.json"))]
+        return [_read_call(path) for path in sorted(self.folder.glob("call_*.json"))]
 
     @property
     def calls(self) -> tuple[Call, ...]:
@@ -113,103 +177,68 @@ class Transcript:
         return tuple(call for call in self._calls if call.round == number)
 
     def answer(self, round_number: int, incumbent: Evaluation) -> Call | None:
-        """The call that a round's proposal came of, if the round began at this incumbent; None without one."""
+        """The call whose reply a round's proposal was made of, if the round began at this incumbent; None without."""
+        began = Incumbent.of(incumbent)
         for call in reversed(self.of_round(round_number)):
-            if call.outcome == "used" and _is(call.incumbent, incumbent):
+            if call.outcome == "used" and call.incumbent == began:
                 return call
         return None
 
     def write(self, call: Call, request: Request) -> Call:
-        """Adds a call, with its media; it is on the disk when this returns.
+        """Adds a call with its media, each file whole or not at all.
 
         Args:
-            call: Its number is given here.
+            call: Call to add; its number is given here.
             request: What was asked.
 
         Raises:
             AdvisorError: The disk failed.
         """
-        numbered = replace(call, number=max((one.number for one in self._calls), default=0) + 1)
+        number = max((earlier.number for earlier in self._calls), default=0) + 1
+        path = self.folder / f"call_{number:04d}.json"
         try:
             (self.folder / MEDIA).mkdir(parents=True, exist_ok=True)
-            asked = [part if isinstance(part, str) else self._keep(part) for part in request.parts]
-            path = self.folder / f"call_{numbered.number:04d}.json"
-            _replace(path, json.dumps(_content(numbered, request, asked), indent=1, allow_nan=False).encode())
+            parts = [part if isinstance(part, str) else self._write_media(part) for part in request.parts]
+            write_json(path, _content(replace(call, number=number), request, parts), indent=1)
         except OSError as error:
             raise AdvisorError(
                 f"can't write the transcript '{self.folder}': {error.strerror or error}; make room or allow writing "
                 f"there, --resume goes on"
             ) from error
-        self._calls.append(_read(path))  # as a later reader will find it, to the last digit
+        self._calls.append(_read_call(path))  # as a later reader will have it, to the last digit
         return self._calls[-1]
 
-    def _keep(self, media: Media) -> dict[str, Any]:
+    def _write_media(self, media: Media) -> dict[str, Any]:
         ending = mimetypes.guess_extension(media.media_type) or ""
         path = self.folder / MEDIA / f"{media.sha256[:16]}{ending}"
         if not path.is_file():
-            _replace(path, media.data)
+            write_bytes(path, media.data)
         return {
             "media": f"{MEDIA}/{path.name}", "sha256": media.sha256, "bytes": len(media.data), "label": media.label,
             "media_type": media.media_type, "fps": media.fps,
         }  # fmt: skip
 
 
-def stated(incumbent: Evaluation) -> dict[str, Any]:
-    """Point and loss of an evaluation, to know it by."""
-    return {"point": [float(x) for x in incumbent.candidate.point], "loss": incumbent.loss}
-
-
-def _is(kept: Mapping[str, Any], incumbent: Evaluation) -> bool:
-    return kept["loss"] == incumbent.loss and np.array_equal(kept["point"], incumbent.candidate.point)
-
-
-def _content(call: Call, request: Request, asked: list[Any]) -> dict[str, Any]:
-    reply = call.reply
-    return {
-        "format": FORMAT,
-        "number": call.number,
-        "round": call.round,
-        "is_repair": call.is_repair,
-        "advisor": call.advisor,
-        "outcome": call.outcome,
-        "problem": call.problem,
-        "incumbent": dict(call.incumbent),
-        "reply": None if reply is None else {
-            "text": reply.text, "finish": reply.finish, "model": reply.model, "input_tokens": reply.input_tokens,
-            "output_tokens": reply.output_tokens, "cost": reply.cost, "notes": list(reply.notes),
-        },
-        "attempts": [attempt.as_dict() for attempt in call.attempts],
-        "request": {
-            "instructions": request.instructions, "parts": asked, "schema": dict(request.schema),
-            "max_tokens": request.max_tokens,
-        },
+def _content(call: Call, request: Request, parts: list[Any]) -> dict[str, Any]:
+    content: dict[str, Any] = {"format": FORMAT, **asdict(call)}
+    for attempt in content["attempts"]:
+        attempt.update(seconds=round(attempt["seconds"], 3), waited=round(attempt["waited"], 3))
+    if call.reply is not None:
+        del content["reply"]["attempts"]  # they stand beside it, for a failed call has some as well
+    content["request"] = {
+        "instructions": request.instructions, "parts": parts, "schema": dict(request.schema),
+        "max_tokens": request.max_tokens,
     }  # fmt: skip
+    return content
 
 
-def _read(path: Path) -> Call:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content["format"] != FORMAT:
-            raise ValueError(f"its format is {content['format']!r}, this version of swim2real reads {FORMAT}")
-        attempts = tuple(Attempt(one["seconds"], one["error"], one["waited"]) for one in content["attempts"])
-        said = content["reply"]
-        reply = None if said is None else Reply(
-            said["text"], said["finish"], said["model"], said["input_tokens"], said["output_tokens"], said["cost"],
-            attempts, tuple(said["notes"]),
-        )  # fmt: skip
-        return Call(
-            content["number"], content["round"], content["is_repair"], content["advisor"], content["outcome"],
-            content["problem"], content["incumbent"], reply, attempts,
-        )  # fmt: skip
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        what = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else error
-        raise AdvisorError(f"{path} is damaged ({what}); restore it, or remove it to ask again") from error
-
-
-def _replace(path: Path, data: bytes) -> None:
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
+def _read_call(path: Path) -> Call:
+    remedy = "restore it, or remove it to ask again"
+    content: Any = read(dict[str, Any], path, "call", AdvisorError, remedy)
+    if content.get("format") != FORMAT:
+        version = shown(content.get("format"))
+        raise AdvisorError(
+            f"call '{path}': its format is {version}, this version of swim2real reads {FORMAT}; {remedy}"
+        )
+    call = check(Call, content, f"call '{path}'", AdvisorError, remedy)
+    return call if call.reply is None else replace(call, reply=replace(call.reply, attempts=call.attempts))

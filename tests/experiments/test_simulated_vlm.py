@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from simulated_vlm import SimulatedVlm, VlmErrors
 
-from swim2real.advisor.simulated_vlm import SimulatedVlm, VlmErrors
 from swim2real.errors import ArgumentError, ParameterError
 from swim2real.optimizers import (
     BacktrackingLineSearch,
