@@ -1,5 +1,6 @@
 """Who takes part, and which jobs come of it."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -176,10 +177,28 @@ def test_a_plan_is_read_back_as_it_was(plan, tmp_path):
     assert read_plan(tmp_path) == whole
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": 2}', '{"format": 1, "seeds": 3}'])
-def test_a_damaged_plan_is_a_sentence(text, tmp_path):
-    (tmp_path / "plan.json").write_text(text)
-    with pytest.raises(RunError, match=r"plan\.json can't be read: .*; restore it or use another folder"):
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"format": 2}, "'format' is 2"),
+        ({"seeds": 3}, "'seeds' is 3; it must be a list"),
+        ({"contestants": [{"name": "magic"}]}, "there is no method 'magic'"),
+        ({"budget": 0}, "budget is 0"),
+        ({"protocols": ["mine"]}, r"'protocols\[0\]' is \"mine\""),
+    ],
+    ids=str,
+)
+def test_a_damaged_plan_is_a_sentence(plan, changes, says, tmp_path):
+    plan.write(tmp_path)
+    path = tmp_path / "plan.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    with pytest.raises(RunError, match=rf"plan '.*plan\.json': .*{says}.*; restore it or use another folder"):
+        read_plan(tmp_path)
+    path.write_text("{}")
+    with pytest.raises(RunError, match=r"plan\.json': 'contestants' is missing"):
+        read_plan(tmp_path)
+    path.write_text("nothing")
+    with pytest.raises(RunError, match=r"plan\.json' can't be read as JSON"):
         read_plan(tmp_path)
 
 

@@ -1,5 +1,6 @@
 """Statistics over seeds: numbers that can be worked out by hand, and the tables made of them."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -16,7 +17,7 @@ from made_results import (
     playback_results,
     two_methods,
 )
-from swim2real.comparison.results import ComparisonResults
+from swim2real.comparison.results import ComparisonResults, load_results
 from swim2real.comparison.statistics import (
     best_method,
     bootstrap_interval,
@@ -230,8 +231,11 @@ def test_figures_of_recordings_are_those_that_there_are() -> None:
     assert turning["figures"].rows[0][1][1].text == "90.0 ± 0.0"
 
 
-def test_results_of_recordings_come_back_with_their_units() -> None:
+def test_results_of_recordings_come_back_with_their_units(tmp_path) -> None:
     made = playback_results()
-    assert ComparisonResults.from_dict(made.as_dict()) == made
+    path = tmp_path / "results.json"
+    path.write_text(json.dumps(made.as_dict()))
+    assert load_results(tmp_path) == made
     earlier = {key: value for key, value in made.as_dict().items() if key != "sensors"}
-    assert ComparisonResults.from_dict(earlier).sensors == {}
+    path.write_text(json.dumps(earlier))
+    assert load_results(tmp_path).sensors == {}

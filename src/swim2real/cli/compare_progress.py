@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from swim2real.comparison import ComparisonProgress
+from swim2real.comparison import ComparisonProgress, JobReport
 
 
 @contextmanager
@@ -38,7 +37,7 @@ def comparison_shown(quiet: bool) -> Generator[Callable[[ComparisonProgress], No
             )
             text = f"runs {p.jobs_done}/{p.jobs}{_left(p)}" + (f", best (mm): {best}" if best else "")
             bar.update(task, completed=p.evaluations, total=p.budget, text=text)
-            if p.finished is not None and p.finished["state"] != "read":
+            if p.finished is not None and p.finished.state != "read":
                 bar.console.print(_line(p, p.finished), markup=False)
 
         yield update
@@ -48,13 +47,13 @@ def _left(p: ComparisonProgress) -> str:
     return "" if p.seconds_left is None else f", {_clock(p.seconds_left)} left"
 
 
-def _line(p: ComparisonProgress, job: Mapping[str, Any]) -> str:
+def _line(p: ComparisonProgress, job: JobReport) -> str:
     width = len(str(p.jobs))
-    head = f"{p.jobs_done:{width}d}/{p.jobs} {job['key']}: "
-    if job["state"] in ("failed", "stopped"):
-        return head + job["state"]
-    best = "no swim" if job["best"] is None else f"best {1e3 * job['best']:.1f} mm"
-    return head + best + (", done before" if job["state"] == "read" else f", {job['seconds']:.1f} s")
+    head = f"{p.jobs_done:{width}d}/{p.jobs} {job.key}: "
+    if job.state in ("failed", "stopped"):
+        return head + job.state
+    best = "no swim" if job.best is None else f"best {1e3 * job.best:.1f} mm"
+    return head + best + (", done before" if job.state == "read" else f", {job.seconds:.1f} s")
 
 
 def _clock(seconds: float) -> str:

@@ -2,18 +2,28 @@
 
 from swim2real.comparison.compare import ComparisonProgress, compare
 from swim2real.comparison.contestants import Contestant, contestant, contestants, table_methods
+from swim2real.comparison.jobs import JobReport
 from swim2real.comparison.plan import Job, Plan, make_plan, read_plan
-from swim2real.comparison.reading import read_results, write_results
-from swim2real.comparison.results import ComparisonResults, RunResult, StepRound, load_results
+from swim2real.comparison.results import (
+    ComparisonResults,
+    RunResult,
+    StepRound,
+    VlmUsage,
+    load_results,
+    read_results,
+    write_results,
+)
 
 __all__ = [
     "ComparisonProgress",
     "ComparisonResults",
     "Contestant",
     "Job",
+    "JobReport",
     "Plan",
     "RunResult",
     "StepRound",
+    "VlmUsage",
     "compare",
     "contestant",
     "contestants",

@@ -1,30 +1,28 @@
-"""Runs a comparison: hands its jobs to whoever does the work, follows them, and reads what came of them."""
+"""Runs a comparison: hands its jobs to processes or a cluster, follows them, and reads their results."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 from swim2real.advisor import asks_a_vlm
 from swim2real.calibration.run_folder import RECORD
-from swim2real.comparison import executors
-from swim2real.comparison.jobs import Work, new_summary, note_problem, read_job, run_job
+from swim2real.comparison.cluster import dask_cluster, explain_failure, session
+from swim2real.comparison.jobs import JobReport, Work, failed_job, read_job, run_job
 from swim2real.comparison.plan import RUNS, Job, Plan, read_plan
-from swim2real.comparison.reading import read_results, write_results
-from swim2real.comparison.results import ComparisonResults
-from swim2real.comparison.session import alone, judge, probe, session
+from swim2real.comparison.results import ComparisonResults, read_results, write_results
+from swim2real.errors import RunError
 from swim2real.processes import ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess
+from swim2real.store import locked
 from swim2real.trials import TrialSet
 
-_LOOK = 1.0  # s between two looks at how far the runs are
+_PROGRESS_INTERVAL = 1.0  # s
 # of one evaluation relative to a random search's, with what the method itself takes; only the order hangs on it
 _COST: Mapping[str, float] = {"bayesopt": 3.0, "staged": 2.0}
 
@@ -34,13 +32,13 @@ class ComparisonProgress:
     """How far a comparison is.
 
     Attributes:
-        jobs_done: Those that were finished before, too.
-        jobs: Of all.
-        evaluations: That are on record.
-        budget: Evaluations of all jobs.
+        jobs_done: Number of jobs that have ended, with those that were finished before.
+        jobs: Number of all jobs.
+        evaluations: Number of evaluations on record.
+        budget: Number of evaluations of all jobs.
         best: Lowest loss of each method's finished runs [m].
-        seconds_left: Estimate [s], None while there is nothing to estimate from.
-        finished: The summary of the job that has just ended, as `run_job` describes it; None between two.
+        seconds_left: Estimated time that is left [s], None while there is nothing to estimate from.
+        finished: Report of the job that has just ended; None between two.
     """
 
     jobs_done: int
@@ -49,7 +47,7 @@ class ComparisonProgress:
     budget: int
     best: Mapping[str, float]
     seconds_left: float | None
-    finished: Mapping[str, Any] | None = None
+    finished: JobReport | None = None
 
 
 def compare(
@@ -60,12 +58,12 @@ def compare(
     """Runs what isn't finished of a comparison. Called again, it goes on; with a larger plan, it adds to what is there.
 
     Args:
-        plan: What to run.
+        plan: The runs.
         reference: The real trials.
-        robot: What is calibrated.
+        robot: The robot that is calibrated.
         out: Folder of the comparison.
         workers: Processes on this machine; None for as many as there are cores.
-        cluster: Dask scheduler to use instead: its address, or `local:N`.
+        cluster: Dask scheduler that is used instead: its address, or `local:N`.
         access: How VLMs are reached.
         on_progress: Called when a job ends, and about once a second.
 
@@ -77,68 +75,75 @@ def compare(
         Swim2RealError: The folder holds another comparison, or the work can't be begun.
     """
     root = Path(out).resolve()
-    with alone(root):
+    with _exclusive(root):
         before = read_plan(root) if (root / RUNS).is_dir() else None  # a plan without a run binds nobody
         plan = plan if before is None else plan.extending(before)
         plan.write(root)
         with session(root) as token:
             work = Work(root, token, reference, robot, plan.basis, plan.source, access or VlmAccess())
-            _run(plan.jobs(root), work, lambda: _team(root, token, workers, cluster), on_progress)
+
+            def begin() -> AbstractContextManager[Executor]:
+                return ProcessPool(workers) if cluster is None else dask_cluster(cluster, root, token)
+
+            _run(plan.jobs(root), work, begin, on_progress)
         results = read_results(root, plan)
         write_results(results, root)
         return results
 
 
-def _team(root: Path, token: str, workers: int | None, cluster: str | None) -> AbstractContextManager[Executor]:
-    if cluster is None:
-        return ProcessPool(workers)
-    return executors.dask(cluster, partial(probe, root, token), partial(judge, root=root))
+@contextmanager
+def _exclusive(root: Path) -> Generator[None]:
+    """Makes the folder of a comparison where there is none and keeps other comparisons out of it."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(locked(root))
+        except BlockingIOError:
+            raise RunError(f"another process is working on comparison '{root}'; wait or use another folder") from None
+        except OSError as error:
+            raise RunError(f"can't write '{root}': {error.strerror or error}; choose another folder") from error
+        yield
 
 
 def _run(
-    jobs: Sequence[Job], work: Work, make_team: Callable[[], AbstractContextManager[Executor]],
+    jobs: Sequence[Job], work: Work, begin: Callable[[], AbstractContextManager[Executor]],
     on_progress: Callable[[ComparisonProgress], None],
 ) -> None:  # fmt: skip
-    counts = _Counts(jobs)
+    """Does the jobs that aren't finished."""
+    counter = _EvaluationCounter(jobs)
     best: dict[str, float] = {}
     ended = 0
 
-    def tell(summary: Mapping[str, Any] | None = None) -> None:
+    def report(finished: JobReport | None = None) -> None:
         nonlocal ended
-        if summary is not None:
+        if finished is not None:
             ended += 1
-            if summary["best"] is not None:
-                method = summary["method"]
-                best[method] = min(best.get(method, summary["best"]), summary["best"])
-        on_progress(counts.progress(ended, best, summary))
+            if finished.best is not None:
+                best[finished.method] = min(best.get(finished.method, finished.best), finished.best)
+        on_progress(counter.progress(ended, best, finished))
 
     due: list[Job] = []
     for job in jobs:
-        if (summary := read_job(job, work)) is None:
+        if (finished := read_job(job, work)) is None:
             due.append(job)
         else:
-            tell(summary)
+            report(finished)
     if not due:
         return
-    with make_team() as team:
-        futures = {team.submit(run_job, job, work): job for job in sorted(due, key=_cost, reverse=True)}
+    with begin() as executor:
+        futures = {executor.submit(run_job, job, work): job for job in sorted(due, key=_cost, reverse=True)}
         left = set(futures)
         while left:
-            done, left = wait(left, timeout=_LOOK, return_when=FIRST_COMPLETED)
-            counts.look(futures[future] for future in left | done)
+            done, left = wait(left, timeout=_PROGRESS_INTERVAL, return_when=FIRST_COMPLETED)
+            counter.update(futures[future] for future in left | done)
             for future in done:
-                tell(_summary(future, futures[future]))
+                report(_ended_job(future, futures[future]))
             if not done:
-                tell()
+                report()
 
 
-def _summary(future: Future[dict[str, Any]], job: Job) -> dict[str, Any]:
+def _ended_job(future: Future[JobReport], job: Job) -> JobReport:
     error = CancelledError() if future.cancelled() else future.exception()
-    if error is None:
-        return future.result()
-    problem = executors.explained(error)
-    note_problem(job.folder, problem)
-    return {**new_summary(job), "state": "failed", "problem": problem}
+    return future.result() if error is None else failed_job(job, explain_failure(error))
 
 
 def _cost(job: Job) -> float:
@@ -148,7 +153,7 @@ def _cost(job: Job) -> float:
     return method * (0.8 if settings.hold_out else 1.0)
 
 
-class _Counts:
+class _EvaluationCounter:
     """Counts evaluations by the lines of the records, which grow on whatever machine."""
 
     def __init__(self, jobs: Sequence[Job]) -> None:
@@ -156,10 +161,10 @@ class _Counts:
         self._count = len(jobs)
         self._lines = {job.key: 0 for job in jobs}
         self._read = {job.key: 0 for job in jobs}  # bytes
-        self.look(jobs)
+        self.update(jobs)
         self._before, self._began = sum(self._lines.values()), time.monotonic()
 
-    def look(self, jobs: Iterable[Job]) -> None:
+    def update(self, jobs: Iterable[Job]) -> None:
         for job in jobs:
             try:
                 with (job.folder / RECORD).open("rb") as file:
@@ -170,10 +175,8 @@ class _Counts:
             self._read[job.key] += len(more)
             self._lines[job.key] += more.count(b"\n")
 
-    def progress(
-        self, done: int, best: Mapping[str, float], finished: Mapping[str, Any] | None
-    ) -> ComparisonProgress:  # fmt: skip
+    def progress(self, done: int, best: Mapping[str, float], finished: JobReport | None) -> ComparisonProgress:
         lines = sum(self._lines.values())
-        fresh, seconds = lines - self._before, time.monotonic() - self._began
-        left = seconds / fresh * (self._budget - lines) if fresh > 0 else None
+        new, seconds = lines - self._before, time.monotonic() - self._began
+        left = seconds / new * (self._budget - lines) if new > 0 else None
         return ComparisonProgress(done, self._count, lines, self._budget, dict(best), left, finished)

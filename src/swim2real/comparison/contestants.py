@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import cast
 
+from swim2real.checking import did_you_mean
 from swim2real.errors import ArgumentError
 from swim2real.pipeline.methods import ADVISED
 from swim2real.robots.robot import Robot
@@ -16,8 +16,8 @@ from swim2real.settings import METHODS, Method, Scale, check_advisor
 
 ABLATION = "no-line-search"
 NAMES: tuple[str, ...] = (*METHODS, ABLATION)
-_NOT_IN_TABLES = ("mujoco-sysid", "warm-start")
 SCALES = ("auto", "log", "linear")
+_NOT_BY_DEFAULT = ("mujoco-sysid", "warm-start")
 
 
 @dataclass(frozen=True)
@@ -25,35 +25,48 @@ class Contestant:
     """A method with its advisor and scale.
 
     Attributes:
-        name: As on the command line, without its scale: a method, or `METHOD@ADVISOR`.
-        method: Of the run's settings.
-        advisor: Likewise.
-        max_steps: Likewise.
-        scale: Of the parameters; None takes the protocol's.
+        name: Name without the scale: `METHOD`, or `METHOD@ADVISOR`.
+        scale: Scale of the parameters; None takes the protocol's.
     """
 
     name: str
-    method: Method
-    advisor: str = "physics"
-    max_steps: int = 3
     scale: Scale | None = None
 
-    def as_dict(self) -> dict[str, Any]:
-        return {"name": self.name, "scale": self.scale}
+    def __post_init__(self) -> None:
+        method, at, advisor = self.name.partition("@")
+        if method not in NAMES:
+            raise ArgumentError(
+                f"there is no method '{method}'; there are {_all_methods()}{did_you_mean(method, NAMES)}"
+            )
+        if at and self.method not in ADVISED:
+            raise ArgumentError(f"method {method} has no advisor; write '{method}' without '@{advisor}'")
+        if at:
+            check_advisor(advisor)
+        if advisor == "files":
+            raise ArgumentError(
+                "advisor 'files' waits for a person, and the runs of a comparison for nobody; "
+                "use `swim2real calibrate --advisor files`, then '@replay:RUN' here"
+            )
 
-    @classmethod
-    def from_dict(cls, content: dict[str, Any]) -> Contestant:
-        return replace(contestant(content["name"]), scale=content["scale"])
+    @property
+    def method(self) -> Method:
+        """Method in the settings of a run."""
+        method = self.name.partition("@")[0]
+        return "line-search" if method == ABLATION else cast("Method", method)
 
-    def label(self, own_scale: Scale) -> str:
-        """What it is called under a protocol with a scale of its own."""
-        return self.name if self.scale in (None, own_scale) else f"{self.name}+{self.scale}"
+    @property
+    def advisor(self) -> str:
+        """Advisor in the settings of a run."""
+        return self.name.partition("@")[2] or "physics"
 
+    @property
+    def max_steps(self) -> int:
+        """Steps of the line search in the settings of a run."""
+        return 1 if self.name.partition("@")[0] == ABLATION else 3
 
-def table_methods(robot: Robot) -> tuple[str, ...]:
-    """Of the paper's table, and more, but for stages where nobody has planned any for the robot."""
-    left_out = _NOT_IN_TABLES if robot.trials.fit_plan is not None else (*_NOT_IN_TABLES, "staged")
-    return tuple(name for name in NAMES if name not in left_out)
+    def label(self, protocol_scale: Scale) -> str:
+        """What it is called in tables: its name, with the scale where that isn't the protocol's."""
+        return self.name if self.scale in (None, protocol_scale) else f"{self.name}+{self.scale}"
 
 
 def contestant(name: str) -> Contestant:
@@ -62,28 +75,12 @@ def contestant(name: str) -> Contestant:
     Raises:
         ArgumentError: There is none.
     """
-    whole, scale = name, None
-    for one in SCALES[1:]:
-        if name.endswith(f"+{one}"):
-            whole, scale = name.removesuffix(f"+{one}"), one
-    method, at, advisor = whole.partition("@")
-    if method not in NAMES:
-        near = difflib.get_close_matches(method, NAMES, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
-        raise ArgumentError(f"there is no method '{method}'; there are {_all()}{hint}")
-    settings = "line-search" if method == ABLATION else cast("Method", method)
-    if at and settings not in ADVISED:
-        raise ArgumentError(f"method {method} has no advisor; write '{method}' without '@{advisor}'")
-    if at:
-        check_advisor(advisor)
-        if advisor == "files":
-            raise ArgumentError(
-                "advisor 'files' waits for a person, and the runs of a comparison for nobody; "
-                "use `swim2real calibrate --advisor files`, then '@replay:RUN' here"
-            )
-    if advisor == "physics":  # one name for one thing
-        whole = method
-    return Contestant(whole, settings, advisor or "physics", 1 if method == ABLATION else 3, scale)
+    scale: Scale | None = None
+    if name.endswith(("+log", "+linear")):
+        name, _, ending = name.rpartition("+")
+        scale = cast("Scale", ending)
+    named = Contestant(name, scale)
+    return replace(named, name=name.removesuffix("@physics"))  # which is the advisor where none is named
 
 
 def contestants(names: Sequence[str], scales: Sequence[str] = ("auto",)) -> tuple[Contestant, ...]:
@@ -92,18 +89,25 @@ def contestants(names: Sequence[str], scales: Sequence[str] = ("auto",)) -> tupl
     Raises:
         ArgumentError: A name or scale is unknown, or there is none.
     """
-    unknown = next((one for one in scales if one not in SCALES), None)
+    unknown = next((scale for scale in scales if scale not in SCALES), None)
     if unknown is not None:
         raise ArgumentError(f"there is no scale '{unknown}'; there are {', '.join(SCALES)}")
     if not names or not scales:
-        raise ArgumentError(f"a comparison needs a method and a scale; there are {_all()} and {', '.join(SCALES)}")
-    found: dict[Contestant, None] = {}
-    for name in names:
-        one = contestant(name)
+        raise ArgumentError(
+            f"a comparison needs a method and a scale; there are {_all_methods()} and {', '.join(SCALES)}"
+        )
+    chosen: dict[Contestant, None] = {}
+    for named in map(contestant, names):
         for scale in scales:
-            chosen = one.scale or (None if scale == "auto" else cast("Scale", scale))
-            found[replace(one, scale=chosen)] = None
-    return tuple(found)
+            own_scale = named.scale or (None if scale == "auto" else cast("Scale", scale))
+            chosen[replace(named, scale=own_scale)] = None
+    return tuple(chosen)
+
+
+def table_methods(robot: Robot) -> tuple[str, ...]:
+    """Names of the methods that are compared by default: without stages for a robot that has no plan of them."""
+    left_out = _NOT_BY_DEFAULT if robot.trials.fit_plan is not None else (*_NOT_BY_DEFAULT, "staged")
+    return tuple(name for name in NAMES if name not in left_out)
 
 
 def folder_name(label: str) -> str:
@@ -114,6 +118,6 @@ def folder_name(label: str) -> str:
     return f"{plain[:80]}-{hashlib.sha256(label.encode()).hexdigest()[:6]}"
 
 
-def _all() -> str:
+def _all_methods() -> str:
     advised = [name for name in NAMES if name in (*ADVISED, ABLATION)]
     return f"{', '.join(NAMES)}, and with another advisor {', '.join(f'{name}@ADVISOR' for name in advised)}"

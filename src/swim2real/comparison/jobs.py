@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import time
 import traceback
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -17,20 +17,19 @@ from filelock import FileLock, Timeout
 from swim2real.advisor import asks_a_vlm
 from swim2real.calibration import Progress, RunFolder
 from swim2real.calibration.run_folder import SETTINGS
-from swim2real.comparison.files import write_text
+from swim2real.comparison.cluster import SessionEnded, check_session
 from swim2real.comparison.plan import Job
-from swim2real.comparison.session import Stopped, check_session
 from swim2real.errors import RunError, Swim2RealError
 from swim2real.pipeline import run
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess
 from swim2real.simulation import Engine
-from swim2real.store import LOCK
+from swim2real.store import LOCK, write_text
 from swim2real.trials import TrialSet
 
 PROBLEM = "problem.txt"
-_PLANNED_BY_BUDGET = ("staged",)
-_FREE_FOR = 60.0  # s that a run folder is waited for, which a worker taken for lost may still hold
+_PLANNED_BY_BUDGET = ("staged",)  # methods that can't go on with a higher budget
+_LOCK_TIMEOUT = 60.0  # s that a run folder is waited for, which a worker taken for lost may still hold
 
 
 @dataclass(frozen=True)
@@ -39,9 +38,9 @@ class Work:
 
     Attributes:
         root: Folder of the comparison.
-        token: Of the session. Jobs stop when the session's file is gone or another session's.
+        token: Token of the session; jobs stop when it has ended.
         reference: The real trials.
-        robot: What is calibrated.
+        robot: The robot that is calibrated.
         basis: What every run must rest on, as `Plan.basis` says it.
         source: Where the reference came from.
         access: How VLMs are reached.
@@ -56,59 +55,76 @@ class Work:
     access: VlmAccess = field(default_factory=VlmAccess)
 
 
-def new_summary(job: Job) -> dict[str, Any]:
-    """What is told of a job: `key`, `method`, `state`, `problem`, `best`, `evaluations`, `seconds` and `where`.
+@dataclass(frozen=True)
+class JobReport:
+    """How a job ended.
 
-    The state is `read` (it was finished before), `done`, `stopped` or `failed`; the problem a sentence or None; the
-    best loss in meters; the seconds those that it took here.
+    Attributes:
+        key: Key of the job.
+        method: Label of its method.
+        state: `read` if it was finished before, `stopped` if its session has ended.
+        problem: Why it failed, in a sentence; None where it didn't.
+        best: Lowest loss [m]; None without one.
+        evaluations: Evaluations on record.
+        seconds: Time that it took here [s].
     """
-    return {
-        "key": job.key, "method": job.method, "state": "done", "problem": None, "best": None, "evaluations": 0,
-        "seconds": 0.0, "where": f"{socket.gethostname()}:{os.getpid()}",
-    }  # fmt: skip
+
+    key: str
+    method: str
+    state: Literal["read", "done", "stopped", "failed"]
+    problem: str | None = None
+    best: float | None = None
+    evaluations: int = 0
+    seconds: float = 0.0
 
 
-def read_job(job: Job, work: Work) -> dict[str, Any] | None:
-    """The summary of a job that is finished, None for one that is to be done."""
+def read_job(job: Job, work: Work) -> JobReport | None:
+    """The report of a job that is finished, None for one that is to be done."""
     try:
         if is_finished(job, work.basis):
-            return {**new_summary(job), "state": "read", **_found(job)}
+            return _report(job, "read")
     except Swim2RealError:
         pass  # which is said when the job is done
     return None
 
 
-def run_job(job: Job, work: Work) -> dict[str, Any]:
-    """Does a job in the process that calls, and returns its summary. Nothing that goes wrong in it is raised."""
+def run_job(job: Job, work: Work) -> JobReport:
+    """Does a job in this process. Nothing that goes wrong in it is raised; the report says it."""
     began = time.monotonic()
-    summary = new_summary(job)
     try:
         check_session(work.root, work.token)
-        if is_finished(job, work.basis):
-            summary["state"] = "read"
-        else:
-            _go_on(job, work)
-        summary.update(_found(job))
+        finished = is_finished(job, work.basis)
+        if not finished:
+            _continue(job, work)
         (job.folder / PROBLEM).unlink(missing_ok=True)
-    except Stopped:
-        summary["state"] = "stopped"
+        report = _report(job, "read" if finished else "done")
+    except SessionEnded:
+        report = JobReport(job.key, job.method, "stopped")
     except Swim2RealError as error:
-        summary.update(state="failed", problem=str(error))
-        note_problem(job.folder, str(error))
+        report = failed_job(job, str(error))
     except Exception as error:  # a fault of ours ends one job, not the comparison
-        summary.update(state="failed", problem=f"unexpected {type(error).__name__}: {error}")
-        note_problem(job.folder, summary["problem"], traceback.format_exc())
-    return {**summary, "seconds": round(time.monotonic() - began, 3)}
+        report = failed_job(job, f"unexpected {type(error).__name__}: {error}", traceback.format_exc())
+    return replace(report, seconds=round(time.monotonic() - began, 3))
 
 
-def _found(job: Job) -> dict[str, Any]:
-    record = RunFolder(job.folder).record()
-    losses = [entry["loss"] for entry in record if not entry["failed"]]
-    return {"evaluations": len(record), "best": min(losses, default=None)}
+def failed_job(job: Job, problem: str, trace: str = "") -> JobReport:
+    """The report of a job that failed; the problem is left in its run folder, too, as far as the disk allows."""
+    with suppress(OSError):
+        job.folder.mkdir(parents=True, exist_ok=True)
+        write_text(job.folder / PROBLEM, f"{problem}\n{trace}")
+    return JobReport(job.key, job.method, "failed", problem)
+
+
+def read_problem(folder: Path) -> str | None:
+    """The sentence that a failed job left in its folder."""
+    try:
+        return (folder / PROBLEM).read_text(encoding="utf-8").splitlines()[0]
+    except (OSError, IndexError):
+        return None
 
 
 def is_finished(job: Job, basis: Mapping[str, Any]) -> bool:
-    """Whether a run is finished, with the settings that are asked for.
+    """Whether a run is finished, with the settings of its job.
 
     Raises:
         RunError: It was made with others, or is damaged.
@@ -137,23 +153,14 @@ def is_finished(job: Job, basis: Mapping[str, Any]) -> bool:
     return bool(np.isclose(outcome["fit"]["loss"], best["loss"], rtol=1e-6, atol=0.0))
 
 
-def note_problem(folder: Path, problem: str, trace: str = "") -> None:
-    """Leaves word of a problem in a run folder, as far as the disk allows."""
-    try:
-        write_text(folder / PROBLEM, f"{problem}\n{trace}")
-    except RunError:
-        return
+def _report(job: Job, state: Literal["read", "done"]) -> JobReport:
+    record = RunFolder(job.folder).record()
+    losses = [entry["loss"] for entry in record if not entry["failed"]]
+    return JobReport(job.key, job.method, state, None, min(losses, default=None), len(record))
 
 
-def read_problem(folder: Path) -> str | None:
-    """The sentence that a failed job left in its folder."""
-    try:
-        return (folder / PROBLEM).read_text(encoding="utf-8").splitlines()[0]
-    except (OSError, IndexError):
-        return None
-
-
-def _go_on(job: Job, work: Work) -> None:
+def _continue(job: Job, work: Work) -> None:
+    """Runs a job from where its record ends."""
     engine = Engine.of(work.robot).as_dict()
     wanted = work.basis["engine"]
     if engine != wanted:
@@ -163,13 +170,13 @@ def _go_on(job: Job, work: Work) -> None:
         )
     _prepare(job)
 
-    def watch(progress: Progress) -> None:
+    def check(progress: Progress) -> None:
         if not progress.replayed:
-            check_session(work.root, work.token, patience=1.0)
+            check_session(work.root, work.token, timeout=1.0)
 
     run(
         work.reference, work.robot, job.settings, job.folder, source=work.source,
-        resume=RunFolder(job.folder).exists, access=work.access, on_progress=watch,
+        resume=RunFolder(job.folder).exists, access=work.access, on_progress=check,
     )  # fmt: skip
 
 
@@ -178,7 +185,7 @@ def _prepare(job: Job) -> None:
     if not job.folder.is_dir():
         return
     try:
-        with FileLock(job.folder / LOCK, timeout=_FREE_FOR):
+        with FileLock(job.folder / LOCK, timeout=_LOCK_TIMEOUT):
             if RunFolder(job.folder).exists and job.settings.method in _PLANNED_BY_BUDGET:
                 _set_aside(job)
     except (Timeout, OSError):
@@ -189,8 +196,8 @@ def _set_aside(job: Job) -> None:
     before = RunFolder(job.folder).settings().get("budget")
     if before == job.settings.budget:
         return
-    there = job.folder / f"budget-{before}"
-    there.mkdir(exist_ok=True)
+    aside = job.folder / f"budget-{before}"
+    aside.mkdir(exist_ok=True)
     files = [file for file in job.folder.iterdir() if file.is_file() and file.name != LOCK]
     for file in sorted(files, key=lambda file: file.name == SETTINGS):  # last, so that this can be done again
-        file.replace(there / file.name)
+        file.replace(aside / file.name)

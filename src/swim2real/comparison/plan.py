@@ -5,20 +5,22 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
+from swim2real import checking
 from swim2real.advisor import asks_a_vlm
 from swim2real.calibration import protocol_for, reference_fingerprint, versions
 from swim2real.comparison.contestants import Contestant, folder_name
-from swim2real.comparison.files import write_json
 from swim2real.errors import ArgumentError, RunError
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
 from swim2real.settings import HORIZON, BriefingSettings, CalibrationSettings, ProtocolName, Start
 from swim2real.simulation import Engine
+from swim2real.store import write_json
 from swim2real.trials import TrialSet
 
 FORMAT = 1
@@ -32,10 +34,10 @@ class Job:
     """One run of a comparison.
 
     Attributes:
-        key: Such as `aligned/line-search/seed-0`.
+        key: Its name, such as `aligned/line-search/seed-0`.
         folder: Run folder.
-        method: The contestant's label.
-        settings: Of the run.
+        method: Label of the contestant.
+        settings: Settings of the run.
     """
 
     key: str
@@ -45,31 +47,33 @@ class Job:
 
     @property
     def held_out(self) -> str | None:
+        """Name of the trial that is left out of the fit, None where there is none."""
         return self.settings.hold_out[0] if self.settings.hold_out else None
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A comparison as it was asked for, and what it rests on.
+    """Which runs a comparison consists of, and what they rest on.
 
     Attributes:
-        contestants: Who takes part.
-        seeds: Each contestant runs with each.
-        protocols: Likewise.
+        contestants: Methods that take part.
+        seeds: Seeds that each contestant runs with.
+        protocols: Protocols that each contestant runs under.
         budget: Evaluations of a run.
-        robot: Name of what is calibrated.
+        robot: Name of the robot that is calibrated.
         trials: Names of the real trials.
         markers: Names of the markers.
         reference: Fingerprint of the real trials.
-        engine: That simulates.
+        engine: Physics engine that simulates.
         leave_one_out: Whether every run is made once more for each trial, without it.
         horizon: Seconds of each trial that are compared, None for all.
         briefing: What VLMs are shown.
         source: Where the reference came from.
-        versions: Of what the numbers depend on.
-        robot_fingerprint: Of the robot file; None for a robot known by its name.
+        versions: Versions of the libraries that the numbers depend on.
+        robot_fingerprint: Fingerprint of the robot file; None for a robot known by its name.
         sensors: Units of the sensors that are compared, by name.
-        start: Of steady swims under protocol aligned.
+        start: Where steady swims begin under protocol aligned.
+        format: Version of the file's format.
     """
 
     contestants: tuple[Contestant, ...]
@@ -89,6 +93,7 @@ class Plan:
     robot_fingerprint: str | None = None
     sensors: Mapping[str, str] = field(default_factory=dict[str, str])
     start: Start = "speed"
+    format: Literal[1] = FORMAT
 
     def __post_init__(self) -> None:
         if not self.contestants or not self.seeds or not self.protocols:
@@ -105,35 +110,36 @@ class Plan:
     def jobs(self, root: str | Path) -> list[Job]:
         """Every run, in the order of the table, with its folder in the comparison's."""
         runs = Path(root) / RUNS
-        found: dict[str, Job] = {}
+        jobs: dict[str, Job] = {}
         for protocol in self.protocols:
-            for one in self.contestants:
-                label = one.label(CalibrationSettings(protocol=protocol).resolved_scale)
+            for contestant in self.contestants:
+                label = contestant.label(CalibrationSettings(protocol=protocol).resolved_scale)
                 for seed in self.seeds:
                     for trial in (None, *self.trials) if self.leave_one_out else (None,):
                         key = f"{protocol}/{folder_name(label)}/seed-{seed}"
                         if trial is not None:
                             key += f"/without-{folder_name(trial)}"
                         settings = CalibrationSettings(
-                            method=one.method, advisor=one.advisor, protocol=protocol, budget=self.budget, seed=seed,
-                            scale=one.scale or "auto", max_steps=one.max_steps, horizon=self.horizon,
+                            method=contestant.method, advisor=contestant.advisor, protocol=protocol,
+                            budget=self.budget, seed=seed, scale=contestant.scale or "auto",
+                            max_steps=contestant.max_steps, horizon=self.horizon,
                             start=self.start if protocol == "aligned" else "speed",
                             hold_out=() if trial is None else (trial,), briefing=self.briefing, threads=1,
                         )  # fmt: skip
-                        found[key] = Job(key, runs / key, label, settings)
-        return list(found.values())
+                        jobs[key] = Job(key, runs / key, label, settings)
+        return list(jobs.values())
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Labels, in order."""
+        """Labels of the contestants, in order."""
         return tuple(dict.fromkeys(job.method for job in self.jobs(".")))
 
     @property
     def basis(self) -> dict[str, Any]:
         """What every run must rest on, by its name in a run's settings."""
-        described = {} if self.robot_fingerprint is None else {"robot_fingerprint": self.robot_fingerprint}
+        robot_file = {} if self.robot_fingerprint is None else {"robot_fingerprint": self.robot_fingerprint}
         return {
-            "robot": self.robot, **described, "reference_fingerprint": self.reference, "engine": dict(self.engine),
+            "robot": self.robot, **robot_file, "reference_fingerprint": self.reference, "engine": dict(self.engine),
         }  # fmt: skip
 
     def extending(self, before: Plan) -> Plan:
@@ -143,14 +149,14 @@ class Plan:
             RunError: The two can't share a table.
         """
         fixed: list[tuple[str, Any, Any]] = [
-            ("reference", _named_reference(before), _named_reference(self)),
+            ("reference", _describe_reference(before), _describe_reference(self)),
             ("robot", before.robot, self.robot),
             ("robot file", before.robot_fingerprint, self.robot_fingerprint),
-            ("engine", _named_engine(before.engine), _named_engine(self.engine)),
+            ("engine", _describe_engine(before.engine), _describe_engine(self.engine)),
             ("horizon", before.horizon, self.horizon),
             ("start", before.start, self.start),
         ]
-        if any(asks_a_vlm(one.advisor) for one in (*before.contestants, *self.contestants)):
+        if any(asks_a_vlm(contestant.advisor) for contestant in (*before.contestants, *self.contestants)):
             fixed.append(("briefing", asdict(before.briefing), asdict(self.briefing)))
         for what, then, now in fixed:
             if then != now:
@@ -176,9 +182,13 @@ class Plan:
         )
 
     def write(self, root: Path) -> None:
-        """Writes plan.json."""
-        content = {**asdict(self), "contestants": [one.as_dict() for one in self.contestants]}
-        write_json(root / PLAN, {"format": FORMAT, **content})
+        """Writes plan.json.
+
+        Raises:
+            RunError: The disk failed.
+        """
+        with writing(root):
+            write_json(root / PLAN, {"format": FORMAT, **asdict(self)}, indent=1)
 
 
 def make_plan(
@@ -210,28 +220,39 @@ def read_plan(root: str | Path) -> Plan | None:
         RunError: It is damaged, or of another format.
     """
     path = Path(root) / PLAN
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content.pop("format") != FORMAT:
-            raise ValueError("its format is another version's")
-        read: dict[str, Any] = {key: tuple(content[key]) for key in ("seeds", "protocols", "trials", "markers")}
-        read["contestants"] = tuple(Contestant.from_dict(one) for one in content["contestants"])
-        read["briefing"] = BriefingSettings(**content["briefing"])
-        return Plan(**{**content, **read})
-    except FileNotFoundError:
+    if not path.exists():
         return None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, ArgumentError) as error:
-        raise RunError(f"{path} can't be read: {error}; restore it or use another folder") from error
+    remedy = "restore it or use another folder"
+    try:
+        return checking.read(Plan, path, "plan", RunError, remedy)
+    except ArgumentError as error:  # settings that can't be
+        raise RunError(f"plan '{path}': {error}; {remedy}") from error
 
 
-def _union(one: Sequence[T], other: Sequence[T]) -> tuple[T, ...]:
-    return tuple(dict.fromkeys((*one, *other)))
+@contextmanager
+def writing(place: str | Path) -> Generator[None]:
+    """Turns errors of the disk into a sentence.
+
+    Raises:
+        RunError: The disk failed.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise RunError(
+            f"can't write '{error.filename or place}': {error.strerror or error}; what was run so far is kept, the "
+            f"same command goes on"
+        ) from error
 
 
-def _named_reference(plan: Plan) -> str:
+def _union(first: Sequence[T], second: Sequence[T]) -> tuple[T, ...]:
+    return tuple(dict.fromkeys((*first, *second)))
+
+
+def _describe_reference(plan: Plan) -> str:
     return f"{plan.reference[:12]} ({', '.join(plan.trials)})"
 
 
-def _named_engine(engine: Mapping[str, Any]) -> str:
+def _describe_engine(engine: Mapping[str, Any]) -> str:
     forces = hashlib.sha256(json.dumps(engine.get("fluid_fingerprint")).encode()).hexdigest()
     return f"{engine.get('name')} ({engine.get('integrator')}, {engine.get('timestep')} s, fluid forces {forces[:8]})"

@@ -1,21 +1,30 @@
-"""The runs of a comparison as plain data: what tables, figures and pages are made of."""
+"""The finished runs of a comparison as plain data: read from their folders, written as one JSON file and one table."""
 
 from __future__ import annotations
 
-import json
+import csv
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import RunError
+from swim2real import checking
+from swim2real.advisor import asks_a_vlm
+from swim2real.advisor.vlm.transcript import Transcript, totals
+from swim2real.calibration import RunFolder
+from swim2real.comparison.jobs import is_finished, read_problem
+from swim2real.comparison.plan import RUNS, Job, Plan, read_plan, writing
+from swim2real.errors import RunError, Swim2RealError
+from swim2real.store import write_json, write_text
 
 FORMAT = 1
-RESULTS = "results.json"
+RESULTS, TABLE = "results.json", "results.csv"
+_NOT_AVERAGED = ("loss", "skipped", "protocol", "horizon", "trials")  # entries of a fit that aren't means over trials
 
 Array = NDArray[np.float64]
 
@@ -26,7 +35,7 @@ class StepRound:
 
     Attributes:
         begin: Index of the first step's evaluation.
-        sizes: Of the steps that were tried, from the full one on.
+        sizes: Sizes of the steps, from the full one on.
         accepted: Whether the last of them improved on the incumbent.
         finished: False for a last round that the budget cut short: neither accepted nor rejected.
     """
@@ -38,25 +47,43 @@ class StepRound:
 
 
 @dataclass(frozen=True)
+class VlmUsage:
+    """What a VLM's calls took.
+
+    Attributes:
+        failed_calls: Calls without an answer.
+        input_tokens: Tokens that were sent, as far as the service says.
+        output_tokens: Tokens that came back.
+        cost: Cost [USD], None where no price is known.
+        seconds: Time, waiting included [s].
+    """
+
+    failed_calls: int
+    input_tokens: int
+    output_tokens: int
+    cost: float | None
+    seconds: float
+
+
+@dataclass(frozen=True)
 class RunResult:
     """One finished run: a method with a seed under a protocol.
 
     Attributes:
-        method: Its label, which tells the advisor and a scale that isn't the protocol's own, too.
-        seed: Of the run.
+        method: Label of the method, with its advisor and a scale that isn't the protocol's own.
+        seed: Seed of the run.
         protocol: `aligned`, `paper` or `playback`.
-        scale: Of the parameters: `log` or `linear`.
+        scale: Scale of the parameters: `log` or `linear`.
         held_out: Name of the trial that was left out of the fit, None when it was made of all.
-        losses: Of every evaluation, in order [m].
+        losses: Loss of every evaluation, in order [m].
         failed: Whether each evaluation failed.
-        rounds: Of a line search, in order; none for other methods.
-        calls: Calls of an advisor, failed ones and repairs of a VLM included.
-        spent: `failed_calls`, `input_tokens`, `output_tokens`, `cost` [USD, None where not known] and `seconds` of a
-            VLM's calls; None for other advisors.
+        rounds: Rounds of a line search, in order; none for other methods.
+        calls: Calls of an advisor, with the failed ones and the repairs of a VLM.
+        spent: What a VLM's calls took; None for other advisors.
         fit: Evidence of the best parameters on the trials that were fitted, as `objective.evidence` describes it.
-        held_out_fit: The same on the trial that was left out.
+        held_out_fit: Evidence of the best parameters on the trial that was left out.
         values: The best parameters.
-        seconds: That the evaluations took.
+        seconds: Time that the evaluations took [s].
         folder: Run folder, relative to the comparison's, with `/`.
     """
 
@@ -69,7 +96,7 @@ class RunResult:
     failed: tuple[bool, ...]
     rounds: tuple[StepRound, ...]
     calls: int
-    spent: Mapping[str, Any] | None
+    spent: VlmUsage | None
     fit: Mapping[str, Any]
     held_out_fit: Mapping[str, Any] | None
     values: Mapping[str, float]
@@ -83,18 +110,18 @@ class RunResult:
     @cached_property
     def best(self) -> Array:
         """Lowest loss so far after each evaluation, as the run's incumbent [m]. Shape (B,)."""
-        counted = np.where(self.failed, np.inf, self.losses)
-        counted[0] = self.losses[0]
-        return np.minimum.accumulate(counted)
+        losses = np.where(self.failed, np.inf, self.losses)
+        losses[0] = self.losses[0]
+        return np.minimum.accumulate(losses)
 
     @property
     def best_loss(self) -> float:
-        """[m]."""
+        """Lowest loss of all evaluations [m]."""
         return float(self.best[-1])
 
     @property
     def best_evaluation(self) -> int:
-        """How many evaluations it took to find the best."""
+        """Number of the evaluation that had the lowest loss, from 1 on."""
         return int(np.argmin(self.best)) + 1
 
 
@@ -103,16 +130,17 @@ class ComparisonResults:
     """All finished runs of a comparison.
 
     Attributes:
-        runs: Ordered by protocol, method, seed and what was left out, as planned.
-        methods: Labels, as planned; those without a finished run too.
-        protocols: As planned.
+        runs: The runs, ordered by protocol, method, seed and the trial that was left out, as planned.
+        methods: Labels of the methods, as planned, also of those without a finished run.
+        protocols: Protocols, as planned.
         trials: Names of the real trials.
         markers: Names of the markers.
         budget: Evaluations of a run.
         reference: Fingerprint of the real trials.
         missing: Why each planned run that isn't here isn't, by key.
-        engine: That it was simulated with.
+        engine: Physics engine that simulated.
         sensors: Units of the sensors that are compared, by name.
+        format: Version of the file's format.
     """
 
     runs: tuple[RunResult, ...]
@@ -125,12 +153,11 @@ class ComparisonResults:
     missing: Mapping[str, str] = field(default_factory=dict[str, str])
     engine: Mapping[str, Any] = field(default_factory=dict[str, Any])
     sensors: Mapping[str, str] = field(default_factory=dict[str, str])
+    format: Literal[1] = FORMAT
 
-    def of(self, method: str, protocol: str, held_out: str | None = None) -> tuple[RunResult, ...]:
-        """The runs of a method under a protocol, one a seed; by default those that were made of all trials."""
-        return tuple(
-            run for run in self.runs if (run.method, run.protocol, run.held_out) == (method, protocol, held_out)
-        )
+    def of(self, method: str, protocol: str) -> tuple[RunResult, ...]:
+        """The runs of a method under a protocol that were fitted to all trials, one for each seed."""
+        return tuple(run for run in self.runs if (run.method, run.protocol, run.held_out) == (method, protocol, None))
 
     def left_out(self, method: str, protocol: str) -> tuple[RunResult, ...]:
         """The runs of a method under a protocol that left a trial out."""
@@ -139,48 +166,63 @@ class ComparisonResults:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Ready for JSON; `from_dict` reads it back. Each run has its curve of the best loss in it, too."""
+        """Ready for JSON. Each run has its curve of the best loss in it, too."""
         runs = [{**asdict(run), "best": [float(loss) for loss in run.best]} for run in self.runs]
         return {"format": FORMAT, **{**asdict(self), "runs": runs}}
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> ComparisonResults:
-        """What `as_dict` gave.
-
-        Raises:
-            RunError: It is of another format.
-        """
-        if content.get("format") != FORMAT:
-            raise RunError(
-                f"the results have format {content.get('format')!r}; this version of swim2real reads {FORMAT}"
-            )
-        return cls(
-            runs=tuple(_run(one) for one in content["runs"]),
-            methods=tuple(content["methods"]),
-            protocols=tuple(content["protocols"]),
-            trials=tuple(content["trials"]),
-            markers=tuple(content["markers"]),
-            budget=content["budget"],
-            reference=content["reference"],
-            missing=content["missing"],
-            engine=content["engine"],
-            sensors=content.get("sensors", {}),
-        )
 
 
 def load_results(folder: str | Path) -> ComparisonResults:
     """Reads results.json of a comparison.
 
     Raises:
-        RunError: It isn't there, or damaged.
+        RunError: It isn't there, or damaged, or of another format.
     """
     path = Path(folder) / RESULTS
-    try:
-        return ComparisonResults.from_dict(json.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        raise RunError(f"'{folder}' has no {RESULTS}; `swim2real compare` writes it") from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise RunError(f"{path} can't be read: {error!r}; run the comparison again to write it anew") from error
+    if not path.is_file():
+        raise RunError(f"'{folder}' has no {RESULTS}; `swim2real compare` writes it")
+    return checking.read(ComparisonResults, path, "results", RunError, "run the comparison again to write it anew")
+
+
+def read_results(root: str | Path, plan: Plan | None = None) -> ComparisonResults:
+    """Reads every finished run of a comparison. A run that can't be read is missing, with the reason.
+
+    Args:
+        root: Folder of the comparison.
+        plan: Plan of the comparison; None reads it from the folder.
+
+    Raises:
+        RunError: There is no comparison.
+    """
+    plan = plan or read_plan(root)
+    if plan is None:
+        raise RunError(f"'{root}' is no comparison: it has no plan.json; `swim2real compare` makes one")
+    runs: list[RunResult] = []
+    missing: dict[str, str] = {}
+    for job in plan.jobs(root):
+        try:
+            if is_finished(job, plan.basis):
+                runs.append(_read_run(job))
+            else:
+                missing[job.key] = read_problem(job.folder) or _describe_progress(job)
+        except Swim2RealError as error:
+            missing[job.key] = str(error)
+    return ComparisonResults(
+        tuple(runs), plan.methods, plan.protocols, plan.trials, plan.markers, plan.budget, plan.reference, missing,
+        plan.engine, plan.sensors,
+    )  # fmt: skip
+
+
+def write_results(results: ComparisonResults, root: str | Path) -> None:
+    """Writes results.json and results.csv. The table holds nothing that another run of the same would change."""
+    rows = [_row(run) for run in results.runs]
+    columns = list(dict.fromkeys(column for row in rows for column in row))
+    text = io.StringIO()
+    table = csv.DictWriter(text, columns, restval="", lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    with writing(root):
+        write_json(Path(root) / RESULTS, results.as_dict(), indent=1)
+        write_text(Path(root) / TABLE, text.getvalue())
 
 
 def step_rounds(record: Sequence[Mapping[str, Any]], max_steps: int) -> tuple[StepRound, ...]:
@@ -203,9 +245,68 @@ def step_rounds(record: Sequence[Mapping[str, Any]], max_steps: int) -> tuple[St
     return tuple(rounds)
 
 
-def _run(content: Mapping[str, Any]) -> RunResult:
-    kept = {key: value for key, value in content.items() if key != "best"}
-    rounds = tuple(StepRound(r["begin"], tuple(r["sizes"]), r["accepted"], r["finished"]) for r in kept["rounds"])
-    return RunResult(
-        **{**kept, "losses": tuple(kept["losses"]), "failed": tuple(kept["failed"]), "rounds": rounds}  # pyright: ignore[reportArgumentType]
-    )
+def _read_run(job: Job) -> RunResult:
+    folder = RunFolder(job.folder)
+    record, outcome = folder.record(), folder.outcome()
+    if outcome is None:
+        raise RunError(f"run '{job.folder}' has no outcome; run the comparison again")
+    try:
+        best = min((entry for entry in record if not entry["failed"]), key=lambda e: e["loss"], default=record[0])
+        calls, spent = _calls(job, record)
+        return RunResult(
+            method=job.method,
+            seed=job.settings.seed,
+            protocol=job.settings.protocol,
+            scale=job.settings.resolved_scale,
+            held_out=job.held_out,
+            losses=tuple(entry["loss"] for entry in record),
+            failed=tuple(entry["failed"] for entry in record),
+            rounds=step_rounds(record, job.settings.max_steps),
+            calls=calls,
+            spent=spent,
+            fit=outcome["fit"],
+            held_out_fit=outcome["held_out"],
+            values=best["values"],
+            seconds=round(sum(entry["seconds"] for entry in record), 3),
+            folder=f"{RUNS}/{job.key}",
+        )
+    except (KeyError, TypeError) as error:
+        raise RunError(f"run '{job.folder}' is damaged: {error!r}; remove it and run the comparison again") from error
+
+
+def _calls(job: Job, record: Sequence[Mapping[str, Any]]) -> tuple[int, VlmUsage | None]:
+    if not asks_a_vlm(job.settings.advisor):
+        return sum("proposal" in entry["note"] for entry in record), None
+    total = totals(Transcript(job.folder).calls)
+    usage = VlmUsage(total.failed, total.input_tokens, total.output_tokens, total.cost, total.seconds)
+    return total.calls, usage
+
+
+def _describe_progress(job: Job) -> str:
+    done = len(RunFolder(job.folder).record())
+    return f"{done} of {job.settings.budget} evaluations are done" if done else "not begun"
+
+
+def _row(run: RunResult) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "protocol": run.protocol, "method": run.method, "seed": run.seed, "held_out": run.held_out or "",
+        "scale": run.scale, "evaluations": len(run.losses), "failed": sum(run.failed), "first_loss": run.losses[0],
+        "best_loss": run.best_loss, "best_evaluation": run.best_evaluation, "auc": float(run.best.mean()),
+        "calls": run.calls, "rounds": len(run.rounds), "accepted": sum(r.accepted for r in run.rounds),
+    }  # fmt: skip
+    row.update(_means(run.fit))
+    if run.held_out_fit is not None:
+        held_out = {"loss": run.held_out_fit["loss"], **_means(run.held_out_fit)}
+        row.update({f"held_out_{name}": value for name, value in held_out.items()})
+    row.update(run.values)
+    return row
+
+
+def _means(fit: Mapping[str, Any]) -> dict[str, Any]:
+    """The figures of a fit that are means over trials; those that have several numbers as `FIGURE.NAME`."""
+    means: dict[str, Any] = {}
+    for name, value in fit.items():
+        if name in _NOT_AVERAGED:
+            continue
+        means |= {f"{name}.{key}": part for key, part in value.items()} if isinstance(value, dict) else {name: value}
+    return means
