@@ -8,7 +8,7 @@ import pytest
 
 EXTRAS = (
     "plotly", "torch", "cv2", "pydantic_ai", "openai", "anthropic", "google", "genai_prices", "cma", "skopt", "sklearn",
-    "distributed", "dask", "gymnasium", "stable_baselines3", "dynamixel_sdk", "imageio", "tabulate",
+    "distributed", "dask", "gymnasium", "stable_baselines3", "dynamixel_sdk", "imageio", "tabulate", "pandas",
 )  # fmt: skip
 CORE = ("mujoco", "scipy", "numpy", "numba", "jinja2", "matplotlib", "PIL", "av", "pooch", "requests")
 HEAVY = (*CORE, *EXTRAS)
@@ -40,7 +40,7 @@ def test_videos_and_tracking_need_no_physics_engine():
     [
         "swim2real.pipeline",
         "swim2real.demo",
-        "swim2real.comparison, swim2real.report, swim2real.advisor, swim2real.cli.compare",
+        "swim2real.comparison, swim2real.report, swim2real.advisor",
         "swim2real.sysid, swim2real.cli.sysid",
         "swim2real.video, swim2real.rendering.pool, swim2real.rendering.overlay",
         "swim2real.cli.track, swim2real.cli.pick, swim2real.cli.import_tracks, swim2real.cli.demo",

@@ -22,12 +22,14 @@ from swim2real.comparison.statistics import (
     best_method,
     bootstrap_interval,
     differences,
+    evaluations_to_reach,
+    held_out_errors,
+    marker_errors,
     method_statistics,
-    reached,
+    speeds,
+    step_statistics,
 )
-from swim2real.comparison.statistics_detail import left_out, marker_errors, nan_mean, speeds, step_statistics
-from swim2real.comparison.statistics_tables import tables
-from swim2real.comparison.statistics_text import all_tables, as_markdown, as_text
+from swim2real.comparison.tables import all_tables, as_markdown, as_text, tables
 from swim2real.errors import ArgumentError, RunError
 
 
@@ -45,13 +47,13 @@ def test_best_worst_and_auc_are_what_they_say(results: ComparisonResults) -> Non
     assert (good.method, bad.method) == ("good", "bad")
     assert good.seeds == (0, 1, 2)
     np.testing.assert_allclose(good.final.values, [0.010, 0.012, 0.014])
-    assert good.final.mean == pytest.approx(0.012)
-    assert good.final.std == pytest.approx(0.002)
-    assert good.final.worst == pytest.approx(0.014)
-    assert good.final.median == pytest.approx(0.012)
+    assert good.final.mean() == pytest.approx(0.012)
+    assert good.final.std() == pytest.approx(0.002)
+    assert good.final.max() == pytest.approx(0.014)
+    assert good.final.median() == pytest.approx(0.012)
     # 0.2, then 0.08 twice, then 0.04 four times, then the seed's own
-    assert good.auc.values[0] == pytest.approx((0.2 + 2 * 0.08 + 4 * 0.04 + 0.01) / 8)
-    assert bad.auc.values[2] == pytest.approx((6 * 0.2 + 0.1 + 0.064) / 8)
+    assert good.auc[0] == pytest.approx((0.2 + 2 * 0.08 + 4 * 0.04 + 0.01) / 8)
+    assert bad.auc[2] == pytest.approx((6 * 0.2 + 0.1 + 0.064) / 8)
     assert good.typical_run().seed == 1
     assert best_method((bad, good)).method == "good"
 
@@ -59,12 +61,12 @@ def test_best_worst_and_auc_are_what_they_say(results: ComparisonResults) -> Non
 def test_one_seed_has_no_deviation_and_no_interval() -> None:
     made = made_results(*flat("a", [0.03]), *flat("b", [0.05]))
     first, second = method_statistics(made, "aligned")
-    assert math.isnan(first.final.std)
+    assert math.isnan(first.final.std())
     gap = differences((first, second))["b"]
     assert gap
     assert gap.mean == pytest.approx(0.02)
     assert math.isnan(gap.low)
-    assert not gap.is_sure
+    assert not gap.is_significant
     assert "±" not in as_text(tables(made, "aligned")[0]).split("Best: mean")[0]
 
 
@@ -81,7 +83,7 @@ def test_differences_are_paired_by_seed() -> None:
     assert gap.reference == "a"
     assert gap.seeds == (0, 1, 2, 3, 4)
     assert (gap.low, gap.mean, gap.high) == pytest.approx((0.001,) * 3)
-    assert gap.is_sure
+    assert gap.is_significant
 
 
 def test_only_common_seeds_are_compared() -> None:
@@ -113,15 +115,10 @@ def test_the_interval_is_seeded_and_covers_as_it_should() -> None:
 
 def test_how_soon_an_error_is_reached_counts_those_who_never_do(results: ComparisonResults) -> None:
     good, bad = method_statistics(results, "aligned")
-    at_80, at_40, at_12 = reached(good, (0.08, 0.04, 0.012))
-    assert (at_80.median, at_80.count) == (2, 3)  # at or below
-    assert (at_40.median, at_40.count) == (4, 3)
-    assert (at_12.median, at_12.count) == (8, 2)
-    (never,) = reached(bad, (0.03,))
-    assert never.count == 0
-    assert math.isinf(never.median)
-    assert np.isnan(never.evaluations).all()
-    assert reached(good, (0.2,))[0].median == 1
+    found = evaluations_to_reach(good, (0.2, 0.08, 0.04, 0.012))
+    assert found.median().tolist() == [1, 2, 4, 8]  # at or below
+    assert found.count().tolist() == [3, 3, 3, 2]
+    assert evaluations_to_reach(bad, (0.03,)).isna().all(axis=None)
 
 
 def test_failures_are_no_losses() -> None:
@@ -134,7 +131,7 @@ def test_runs_below_the_budget_are_refused_and_those_above_are_cut() -> None:
     with pytest.raises(RunError, match=r"run 'runs/aligned/a/seed-0' has 3 of 8 evaluations; run the comparison again"):
         method_statistics(made_results(made_run("a", 0, [0.3, 0.2, 0.1])), "aligned")
     (one,) = method_statistics(made_results(made_run("a", 0, [0.3] * 8 + [0.01])), "aligned")
-    assert one.final.values[0] == 0.3
+    assert one.final[0] == 0.3
 
 
 def test_nothing_to_compare() -> None:
@@ -151,7 +148,7 @@ def test_rounds_that_the_budget_cut_short_are_not_counted() -> None:
     assert found.accept_rate == pytest.approx(2 / 3)
     assert found.shares == {1.0: 0.5, 0.5: 0.5, 0.25: 0.0}
     assert found.steps_per_accepted == 3
-    assert found.calls.tolist() == [4, 4]
+    assert found.calls == 4
     assert step_statistics([made_run("a", 0, [0.2] * 8)]) is None
     none = step_statistics([made_run("a", 0, [0.2] * 8, rounds=ROUNDS[2:])])
     assert none
@@ -167,7 +164,7 @@ def test_speeds_go_by_frequency_and_divergence_is_no_speed() -> None:
     assert found
     assert found.trials == ("slow", "fast")
     np.testing.assert_allclose(found.errors, [[0.03, 0.03], [0.03, np.nan]])
-    np.testing.assert_allclose(found.mean_error.values, [0.03, 0.03])
+    np.testing.assert_allclose(found.mean_error, [0.03, 0.03])
     assert speeds([]) is None
 
 
@@ -176,18 +173,17 @@ def test_marker_errors_grow_from_head_to_tail_and_skip_lost_ones() -> None:
     np.testing.assert_allclose(marker_errors(runs, "aligned"), [[0.05, 0.1, 0.15], [0.1, 0.2, 0.3]])
     np.testing.assert_allclose(marker_errors(runs, "marker"), 2 * marker_errors(runs, "aligned"))
     np.testing.assert_allclose(marker_errors(runs, "shape"), [[0, 0.05, 0.1], [0, 0.1, np.nan]])
-    np.testing.assert_allclose(nan_mean(marker_errors(runs, "shape"), axis=0), [0, 0.075, 0.1])
+    np.testing.assert_allclose(marker_errors(runs, "shape").mean(), [0, 0.075, 0.1])
 
 
 def test_left_out_trials_are_judged_beside_the_fit_that_knew_them(results: ComparisonResults) -> None:
-    found = left_out(results, "good", "aligned")
-    assert found
-    assert found.trials == TRIALS
-    np.testing.assert_allclose(found.unseen, [0.03, 0.03])
-    np.testing.assert_allclose(found.seen, [0.02, 0.02])
-    np.testing.assert_allclose(found.in_fit, [0.01, 0.01])
-    assert found.of_trial("slow").mean == pytest.approx(0.03)
-    assert left_out(results, "bad", "aligned") is None
+    found = held_out_errors(results, "good", "aligned")
+    assert found is not None
+    assert tuple(found["trial"]) == TRIALS
+    np.testing.assert_allclose(found["held_out"], [0.03, 0.03])
+    np.testing.assert_allclose(found["fitted"], [0.02, 0.02])
+    np.testing.assert_allclose(found["same_when_fitted"], [0.01, 0.01])
+    assert held_out_errors(results, "bad", "aligned") is None
     # and no statistic mixes them with the others
     assert all(run.held_out is None for one in method_statistics(results, "aligned") for run in one.runs)
 

@@ -13,8 +13,7 @@ from swim2real.cli.comparison_files import write_files, write_theory
 from swim2real.comparison import ComparisonResults, contestants, make_plan, table_methods
 from swim2real.comparison import compare as run
 from swim2real.comparison.statistics import method_statistics
-from swim2real.comparison.statistics_tables import paper_table
-from swim2real.comparison.statistics_text import as_text
+from swim2real.comparison.tables import as_text, paper_table
 from swim2real.errors import ArgumentError
 from swim2real.robots import robot_named
 from swim2real.settings import BriefingSettings, VlmAccess

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from swim2real.calibration import RunFolder, examine_swims
 from swim2real.comparison import ComparisonResults, load_results
-from swim2real.comparison.statistics_text import all_tables, as_markdown
+from swim2real.comparison.tables import all_tables, as_markdown
 from swim2real.errors import MissingExtraError, RunError, TrialError
 from swim2real.objective import steady_target
 from swim2real.objective.elongated_body import predict_speeds

@@ -1,4 +1,4 @@
-"""What tables and figures say of each protocol: what is minimized, which figures a fit has, which errors a marker."""
+"""How tables and charts describe each protocol: the loss, the figures that a fit has, the errors that a marker has."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class FitFigure:
     """One figure of a fit.
 
     Attributes:
-        name: In evidence; `sensor_errors.NAME` is that of a sensor.
-        heading: What it is, with unit.
-        factor: From SI to that unit.
-        digits: After the point; None for three in all, where nobody knows the size before.
+        name: Key in the evidence of a fit; `sensor_errors.NAME` is the error of a sensor.
+        heading: Heading of its column, with the unit.
+        factor: Factor from SI to that unit.
+        digits: Digits after the point; None for three significant ones, where the size isn't known beforehand.
     """
 
     name: str
@@ -28,25 +28,25 @@ class FitFigure:
     factor: float = 1e3
     digits: int | None = 1
 
-    def of(self, fit: Mapping[str, Any]) -> float | None:
-        """Its value in evidence [SI]; None where it isn't known, or there is no such figure."""
+    def value(self, fit: Mapping[str, Any]) -> float | None:
+        """Its value in the evidence of a fit [SI]; None where the fit hasn't it."""
         group, _, sensor = self.name.partition(".")
         return (fit.get(group) or {}).get(sensor) if sensor else fit.get(group)
 
 
 @dataclass(frozen=True)
-class ProtocolWords:
-    """What is said of one protocol.
+class ProtocolDescription:
+    """How one protocol is described.
 
     Attributes:
-        loss: What is minimized.
-        trial_loss: Its name in the evidence of a trial.
-        figures: That a fit may have, but for its sensors.
-        markers: Kinds of errors by marker, with their words.
-        markers_title: Of what shows them.
-        markers_order: What the axis of the markers is.
-        markers_note: How to read them.
-        frequencies: Whether its trials have one, so that there is a speed against it.
+        loss: Name of the loss.
+        trial_loss: Key of the loss in the evidence of a trial.
+        figures: Figures that a fit may have, without those of its sensors.
+        markers: Kinds of errors that a marker has, each with its description.
+        markers_title: Title of tables and charts of these errors.
+        markers_order: Label of the axis of the markers.
+        markers_note: How to read these errors.
+        has_frequencies: Whether its trials have a frequency, so that there is a speed against it.
     """
 
     loss: str
@@ -56,7 +56,7 @@ class ProtocolWords:
     markers_title: str
     markers_order: str
     markers_note: str
-    frequencies: bool
+    has_frequencies: bool
 
 
 _SWIM_FIGURES = (
@@ -74,17 +74,17 @@ _PLAYBACK_FIGURES = (
 )
 _HEAD_TO_TAIL = ("Error from head to tail", "marker, head to tail")
 
-PROTOCOLS: Mapping[str, ProtocolWords] = {
-    "aligned": ProtocolWords(
+PROTOCOLS: Mapping[str, ProtocolDescription] = {
+    "aligned": ProtocolDescription(
         "aligned marker error", "aligned_marker_error", _SWIM_FIGURES,
         (("marker", "not registered (Eq. 1)"), ("aligned", "registered"), ("shape", "registered, shape alone")),
         *_HEAD_TO_TAIL, "Registration takes a static offset of each marker and trial out.", True,
     ),
-    "paper": ProtocolWords(
+    "paper": ProtocolDescription(
         "marker error (Eq. 1)", "marker_error", _SWIM_FIGURES, (("marker", "Eq. 1"), ("shape", "shape alone")),
         *_HEAD_TO_TAIL, "Under the paper's protocol nothing is registered.", True,
     ),
-    "playback": ProtocolWords(
+    "playback": ProtocolDescription(
         "playback error", "loss", _PLAYBACK_FIGURES, (("marker", "at the same times"),),
         "Error of each marker", "marker", "Real and simulated markers are compared at the same times.", False,
     ),
@@ -92,11 +92,11 @@ PROTOCOLS: Mapping[str, ProtocolWords] = {
 
 
 def figures_of(protocol: str, sensors: Mapping[str, str]) -> tuple[FitFigure, ...]:
-    """The figures that a fit may have.
+    """All figures that a fit may have.
 
     Args:
-        protocol: Under which.
+        protocol: Name of the protocol.
         sensors: Units of the sensors that are compared, by name.
     """
-    readings = [FitFigure(f"{SENSORS}.{name}", f"{name} ({unit})", 1.0, None) for name, unit in sensors.items()]
-    return (*PROTOCOLS[protocol].figures, *readings)
+    sensor_figures = [FitFigure(f"{SENSORS}.{name}", f"{name} ({unit})", 1.0, None) for name, unit in sensors.items()]
+    return (*PROTOCOLS[protocol].figures, *sensor_figures)

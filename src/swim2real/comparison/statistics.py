@@ -1,17 +1,28 @@
-"""How good each method is and how surely: spreads over seeds, differences with intervals, errors reached."""
+"""How good each method is and how surely: spreads over seeds, differences with intervals, errors by trial and marker.
+
+A `Series` has one value for each seed, a `DataFrame` one row for each seed. Missing values are NaN, and pandas leaves
+them out of means.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swim2real.comparison.protocols import PROTOCOLS, ProtocolWords, figures_of
+from swim2real.comparison.protocols import PROTOCOLS, MarkerKind, ProtocolDescription, figures_of
 from swim2real.comparison.results import ComparisonResults, RunResult
-from swim2real.errors import ArgumentError, RunError
+from swim2real.errors import ArgumentError, MissingExtraError, RunError
+
+try:
+    import pandas as pd
+except ImportError as error:
+    raise MissingExtraError(
+        "statistics of a comparison need pandas; install it with: pip install 'swim2real[compare]'"
+    ) from error
 
 Array = NDArray[np.float64]
 Figure = Literal["final", "auc"]
@@ -19,80 +30,48 @@ Figure = Literal["final", "auc"]
 ERRORS = (0.1, 0.05, 0.03, 0.02, 0.016)  # m, that a method should reach
 _RESAMPLES = 10_000
 _LEVEL = 0.95
-
-
-@dataclass(frozen=True)
-class Spread:
-    """One figure of a method over its seeds.
-
-    Attributes:
-        values: NaN where a seed has none. Shape (S,).
-    """
-
-    values: Array
-
-    @property
-    def known(self) -> Array:
-        """The values that there are. Shape (≤ S,)."""
-        return self.values[np.isfinite(self.values)]
-
-    @property
-    def mean(self) -> float:
-        return float(np.mean(self.known)) if self.known.size else float("nan")
-
-    @property
-    def std(self) -> float:
-        """Standard deviation of the seeds as a sample (n - 1); NaN for a single seed."""
-        return float(np.std(self.known, ddof=1)) if self.known.size > 1 else float("nan")
-
-    @property
-    def median(self) -> float:
-        return float(np.median(self.known)) if self.known.size else float("nan")
-
-    @property
-    def worst(self) -> float:
-        return float(np.max(self.known)) if self.known.size else float("nan")
+_MARKER_KEYS = {"marker": "marker_errors", "aligned": "aligned_marker_errors", "shape": "shape_marker_errors"}
 
 
 @dataclass(frozen=True)
 class MethodStatistics:
-    """A method under a protocol, over its seeds, on runs made of all trials.
+    """A method under a protocol, over its seeds, on the runs that were fitted to all trials.
 
     Attributes:
-        method: Its label.
+        method: Label of the method.
         protocol: `aligned`, `paper` or `playback`.
-        runs: One a seed, at least one.
-        curves: Best loss so far after each evaluation [m]. Shape (S, B).
+        runs: One run for each of S seeds, S ≥ 1.
+        curves: Best loss so far after each of B evaluations [m]. Shape (S, B).
         final: Best loss of each seed [m].
         auc: Mean over the budget of the best loss so far, the first evaluation's included [m].
-        figures: Overall figures at the best parameters, by name; NaN where a fit has none [SI].
+        figures: Overall figures at the best parameters, a column for each figure [SI].
     """
 
     method: str
     protocol: str
     runs: tuple[RunResult, ...]
     curves: Array
-    final: Spread
-    auc: Spread
-    figures: Mapping[str, Spread]
+    final: pd.Series[float]
+    auc: pd.Series[float]
+    figures: pd.DataFrame
 
     @property
-    def words(self) -> ProtocolWords:
-        """What is said of its protocol."""
+    def description(self) -> ProtocolDescription:
+        """Description of the protocol."""
         return PROTOCOLS[self.protocol]
 
     @property
     def seeds(self) -> tuple[int, ...]:
+        """Seed of each run."""
         return tuple(run.seed for run in self.runs)
 
-    def by_seed(self, figure: Figure) -> dict[int, float]:
-        """A figure of each seed [m]."""
-        values = (self.final if figure == "final" else self.auc).values
-        return dict(zip(self.seeds, values.tolist(), strict=True))
+    def mean(self, figure: Figure) -> float:
+        """Mean of a figure over the seeds [m]."""
+        return float((self.final if figure == "final" else self.auc).mean())
 
     def typical_run(self) -> RunResult:
         """The run with the median final loss; the better of the two middle ones for an even number."""
-        order = np.argsort(self.final.values, kind="stable")
+        order = np.argsort(self.final.to_numpy(), kind="stable")
         return self.runs[int(order[(len(order) - 1) // 2])]
 
 
@@ -101,11 +80,11 @@ class Difference:
     """A method's mean minus that of the best method, over the seeds that both have.
 
     Attributes:
-        reference: The best method.
-        mean: [m].
+        reference: Label of the best method.
+        mean: Mean difference [m].
         low: Lower end of the 95 % interval; NaN for fewer than two seeds [m].
-        high: Upper end [m].
-        seeds: That both have.
+        high: Upper end of the interval [m].
+        seeds: Seeds that both have.
     """
 
     reference: str
@@ -115,42 +94,85 @@ class Difference:
     seeds: tuple[int, ...]
 
     @property
-    def is_sure(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether zero lies outside the interval."""
         return bool(self.low > 0 or self.high < 0)
 
 
 @dataclass(frozen=True)
-class Reached:
-    """How soon the seeds of a method got to an error.
+class StepStatistics:
+    """What became of the proposals of a line search, over all seeds.
 
     Attributes:
-        error: [m].
-        evaluations: How many it took; NaN where it was not reached. Shape (S,).
+        rounds: Number of rounds that were decided: accepted or rejected.
+        accepted: Number of accepted rounds.
+        cut_short: Number of rounds that the budget ended before they were decided; they count nowhere else.
+        steps: Evaluations of the decided rounds.
+        by_size: Accepted rounds by the step size that was accepted, the largest first.
+        calls: Mean number of advisor calls in a run.
     """
 
-    error: float
-    evaluations: Array
+    rounds: int
+    accepted: int
+    cut_short: int
+    steps: int
+    by_size: Mapping[float, int]
+    calls: float
 
     @property
-    def count(self) -> int:
-        """Seeds that reached it."""
-        return int(np.isfinite(self.evaluations).sum())
+    def accept_rate(self) -> float:
+        """Share of the decided rounds that were accepted; NaN without rounds."""
+        return self.accepted / self.rounds if self.rounds else float("nan")
 
     @property
-    def median(self) -> float:
-        """Over all seeds, one that did not reach it taking forever; infinite where most did not."""
-        ordered = np.sort(np.where(np.isfinite(self.evaluations), self.evaluations, np.inf))
-        return float((ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2)
+    def shares(self) -> dict[float, float]:
+        """Share of the accepted rounds by step size; empty when none was accepted."""
+        return {size: count / self.accepted for size, count in self.by_size.items() if self.accepted}
+
+    @property
+    def steps_per_accepted(self) -> float:
+        """Evaluations that an accepted proposal costs; infinite when none was accepted."""
+        return self.steps / self.accepted if self.accepted else float("inf")
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """Forward speeds of a method at its best parameters. Trials are ordered by frequency.
+
+    Attributes:
+        frequencies: Frequency that the simulated motor turned at, by trial [Hz].
+        real: Real speed by trial [m/s].
+        simulated: Simulated speed, a column for each trial; NaN where the simulation diverged [m/s].
+    """
+
+    frequencies: pd.Series[float]
+    real: pd.Series[float]
+    simulated: pd.DataFrame
+
+    @property
+    def trials(self) -> tuple[str, ...]:
+        """Names of the trials."""
+        return tuple(self.frequencies.index)
+
+    @property
+    def errors(self) -> pd.DataFrame:
+        """Absolute error in speed, a column for each trial [m/s]."""
+        return (self.simulated - self.real).abs()
+
+    @property
+    def mean_error(self) -> pd.Series[float]:
+        """Mean error over the trials [m/s]."""
+        return self.errors.mean(axis=1)
 
 
 def method_statistics(results: ComparisonResults, protocol: str) -> tuple[MethodStatistics, ...]:
-    """Every method that has runs under a protocol, as planned.
+    """Statistics of every method that has runs under a protocol, in the order of the plan.
 
     Raises:
         RunError: A run is shorter than the budget.
     """
-    found: list[MethodStatistics] = []
+    statistics: list[MethodStatistics] = []
+    figures = figures_of(protocol, results.sensors)
     for method in results.methods:
         runs = results.of(method, protocol)
         if not runs:
@@ -162,54 +184,45 @@ def method_statistics(results: ComparisonResults, protocol: str) -> tuple[Method
                     f"run the comparison again, it goes on from there"
                 )
         curves = np.array([run.best[: results.budget] for run in runs])
-        figures = {
-            figure.name: Spread(numbers([figure.of(run.fit) for run in runs]))
-            for figure in figures_of(protocol, results.sensors)
-        }
-        spreads = Spread(curves[:, -1]), Spread(curves.mean(axis=1))
-        found.append(MethodStatistics(method, protocol, runs, curves, *spreads, figures))
-    return tuple(found)
+        seeds = pd.Index([run.seed for run in runs])
+        final, auc = pd.Series(curves[:, -1], seeds), pd.Series(curves.mean(axis=1), seeds)
+        values = pd.DataFrame(
+            {figure.name: [figure.value(run.fit) for run in runs] for figure in figures}, seeds, dtype=float
+        )
+        statistics.append(MethodStatistics(method, protocol, runs, curves, final, auc, values))
+    return tuple(statistics)
 
 
 def best_method(methods: Sequence[MethodStatistics], figure: Figure = "final") -> MethodStatistics:
-    """The one with the lowest mean; the first of equals.
+    """The method with the lowest mean; the first of equals.
 
     Raises:
         ArgumentError: There is none.
     """
     if not methods:
         raise ArgumentError("there is no method with a finished run to compare; run the comparison first")
-    return min(methods, key=lambda one: (one.final if figure == "final" else one.auc).mean)
+    return min(methods, key=lambda method: method.mean(figure))
 
 
-def differences(
-    methods: Sequence[MethodStatistics], figure: Figure = "final", seed: int = 0
-) -> dict[str, Difference | None]:
+def differences(methods: Sequence[MethodStatistics], figure: Figure = "final") -> dict[str, Difference | None]:
     """How much worse than the best method each one is, by method; None for the best itself and without common seeds.
 
     The interval is a percentile bootstrap over seeds. Seeds are drawn in pairs, since methods of a seed begin at the
     same point; all methods see the same draws. With few seeds such an interval is too narrow, and no better one is to
     be had: 5 seeds can't tell how far their tails reach.
-
-    Args:
-        methods: Under one protocol.
-        figure: `final` or `auc`.
-        seed: Of the draws.
     """
     if not methods:
         return {}
     best = best_method(methods, figure)
-    reference = best.by_seed(figure)
-    found: dict[str, Difference | None] = {}
-    for one in methods:
-        own = one.by_seed(figure)
-        common = tuple(sorted(own.keys() & reference.keys()))
-        if one.method == best.method or not common:
-            found[one.method] = None
-            continue
-        gaps = np.array([own[s] - reference[s] for s in common])
-        found[one.method] = Difference(best.method, float(gaps.mean()), *bootstrap_interval(gaps, seed), common)
-    return found
+    by_method: dict[str, Difference | None] = {}
+    for method in methods:
+        gaps = (getattr(method, figure) - getattr(best, figure)).dropna()  # of the seeds that both have
+        if method is best or gaps.empty:
+            by_method[method.method] = None
+        else:
+            interval = bootstrap_interval(gaps)
+            by_method[method.method] = Difference(best.method, float(gaps.mean()), *interval, tuple(gaps.index))
+    return by_method
 
 
 def bootstrap_interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
@@ -223,16 +236,79 @@ def bootstrap_interval(values: ArrayLike, seed: int = 0) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def reached(method: MethodStatistics, errors: Sequence[float] = ERRORS) -> tuple[Reached, ...]:
-    """How many evaluations a method takes to get to or below each error [m]."""
-    found: list[Reached] = []
-    for error in errors:
-        below = method.curves <= error
-        first = np.where(below.any(axis=1), below.argmax(axis=1) + 1.0, np.nan)
-        found.append(Reached(error, first))
-    return tuple(found)
+def evaluations_to_reach(method: MethodStatistics, errors: Sequence[float] = ERRORS) -> pd.DataFrame:
+    """How many evaluations each seed takes to get to or below an error [m], a column for each; NaN where it doesn't."""
+    below = method.curves[:, :, None] <= np.asarray(errors)
+    first = np.where(below.any(axis=1), below.argmax(axis=1) + 1.0, np.nan)
+    return pd.DataFrame(first, method.final.index, list(errors))
 
 
-def numbers(values: Sequence[float | None]) -> Array:
-    """A row of numbers from evidence, which has None for what is not known. Shape (n,)."""
-    return np.array([np.nan if value is None else value for value in values], dtype=float)
+def step_statistics(runs: Sequence[RunResult]) -> StepStatistics | None:
+    """Rounds of a method's runs, counted together; None for a method without rounds."""
+    rounds = [step_round for run in runs for step_round in run.rounds]
+    if not rounds:
+        return None
+    decided = [step_round for step_round in rounds if step_round.finished]
+    accepted_sizes = [step_round.sizes[-1] for step_round in decided if step_round.accepted]
+    sizes = sorted({size for step_round in decided for size in step_round.sizes}, reverse=True)
+    return StepStatistics(
+        rounds=len(decided),
+        accepted=len(accepted_sizes),
+        cut_short=len(rounds) - len(decided),
+        steps=sum(len(step_round.sizes) for step_round in decided),
+        by_size={size: accepted_sizes.count(size) for size in sizes},
+        calls=float(np.mean([run.calls for run in runs])),
+    )
+
+
+def speeds(runs: Sequence[RunResult]) -> Speeds | None:
+    """Speeds of a method's runs, by frequency; None without runs, and of trials without frequencies."""
+    if not runs or not PROTOCOLS[runs[0].protocol].has_frequencies:
+        return None
+    trials = runs[0].fit["trials"]
+    names = sorted(trials, key=lambda name: (trials[name]["frequency"] or 0.0, name))
+    simulated = [[_simulated_speed(run.fit["trials"].get(name, {})) for name in names] for run in runs]
+    return Speeds(
+        pd.Series({name: trials[name]["frequency"] for name in names}, dtype="float64"),
+        pd.Series({name: trials[name]["velocity_real"] for name in names}, dtype="float64"),
+        pd.DataFrame(simulated, [run.seed for run in runs], names, float),
+    )
+
+
+def marker_errors(runs: Sequence[RunResult], kind: MarkerKind) -> pd.DataFrame:
+    """Mean error of each marker over the trials, a column for each marker [m].
+
+    Args:
+        runs: Runs of a method.
+        kind: `marker` is without registration, of swims the paper's Eq. 1; `aligned` is registered, in the body frame,
+            with the difference in progress; `shape` is the same without progress.
+    """
+    key = _MARKER_KEYS[kind]
+    rows = [pd.DataFrame([trial[key] for trial in run.fit["trials"].values()], dtype=float).mean() for run in runs]
+    return pd.DataFrame(rows, [run.seed for run in runs])
+
+
+def held_out_errors(results: ComparisonResults, method: str, protocol: str) -> pd.DataFrame | None:
+    """Errors of a method on trials that it was not fitted to, a row for each run; None without such runs.
+
+    Columns: `trial` is the name of the trial that was left out and `seed` the run's seed; `held_out` is the error on
+    that trial, in the protocol's own figure, and `fitted` the error on the others; `same_when_fitted` is the error on
+    the same trial of the run of that seed that was fitted to it; `velocity` is the error in speed on the trial that was
+    left out [m, m/s].
+    """
+    key = PROTOCOLS[protocol].trial_loss
+    fitted_to_all = {run.seed: run.fit["trials"] for run in results.of(method, protocol)}
+    rows = [
+        {
+            "trial": run.held_out, "seed": run.seed, "held_out": run.held_out_fit.get(key), "fitted": run.fit.get(key),
+            "same_when_fitted": fitted_to_all.get(run.seed, {}).get(run.held_out, {}).get(key),
+            "velocity": run.held_out_fit.get("velocity_error"),
+        }
+        for run in results.left_out(method, protocol) if run.held_out_fit is not None
+    ]  # fmt: skip
+    numbers = dict.fromkeys(("held_out", "fitted", "same_when_fitted", "velocity"), float)
+    return pd.DataFrame(rows).astype(numbers) if rows else None
+
+
+def _simulated_speed(trial: Mapping[str, Any]) -> float | None:
+    return None if trial.get("divergence") else trial.get("velocity_simulated")

@@ -58,9 +58,9 @@ def chronophotography(
     Raises:
         RunError: A run has no swims, or none of this name.
     """
-    if not methods[0].words.frequencies:
+    if not methods[0].description.has_frequencies:
         raise RunError("its trials are recordings, not swims with a frequency")
-    ordered = sorted(methods, key=lambda one: one.final.mean)
+    ordered = sorted(methods, key=lambda one: one.mean("final"))
     chosen = [("best", ordered[0])] + ([("worst", ordered[-1])] if len(ordered) > 1 else [])
     swims = [_swim(folder / one.typical_run().folder, trial) for _, one in chosen]
     real = swims[0]
@@ -76,7 +76,7 @@ def chronophotography(
     return _draw(
         lanes,
         real.times[frames],
-        f"{real.name}, {real.frequency:.2f} Hz;  mm: {methods[0].words.loss} of this swim",
+        f"{real.name}, {real.frequency:.2f} Hz;  mm: {methods[0].description.loss} of this swim",
     )
 
 

@@ -6,17 +6,15 @@ The same functions draw the page's charts and the figures for papers; only width
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from swim2real.comparison.results import RunResult
-from swim2real.comparison.statistics import MethodStatistics
-from swim2real.comparison.statistics_cells import spread_cell
-from swim2real.comparison.statistics_detail import Speeds, marker_errors, nan_mean, speeds, step_statistics
-from swim2real.comparison.statistics_tables import THEORY
+from swim2real.comparison.statistics import MethodStatistics, Speeds, marker_errors, speeds, step_statistics
+from swim2real.comparison.tables import THEORY, spread_cell
 from swim2real.report.style import (
     COLUMN,
     DOUBLE,
@@ -32,6 +30,9 @@ from swim2real.report.style import (
     titled,
 )
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 Styles = Mapping[str, MethodStyle]
 
 _ACCEPTED = ("#00416a", "#2f7fb8", "#85bce0", "#c3dff1", "#e0eff8")  # dark to light with the step getting smaller
@@ -46,7 +47,7 @@ def convergence(methods: Sequence[MethodStatistics], styles: Styles, width: floa
     height = 2.4 + 0.24 * (width - COLUMN)
     figure = new_figure(width, height + 0.14 * legend_rows([one.method for one in methods], width))
     axes: Any = figure.subplots()
-    ordered = sorted(methods, key=lambda one: one.final.mean)
+    ordered = sorted(methods, key=lambda one: one.mean("final"))
     budget = methods[0].curves.shape[1]
     evaluations = np.arange(1, budget + 1)
     spacing = 0.028 * budget * COLUMN / width
@@ -64,8 +65,8 @@ def convergence(methods: Sequence[MethodStatistics], styles: Styles, width: floa
         titled(line, f"{one.method}, mean of {len(one.seeds)}")
         place = np.full(len(one.runs), budget + (i + 1) * spacing)
         axes.plot(
-            place, 1e3 * one.final.values, style.mark, color=style.light, markersize=3, markeredgewidth=0, alpha=0.85,
-            clip_on=False, zorder=4,
+            place, 1e3 * one.final.to_numpy(), style.mark, color=style.light, markersize=3, markeredgewidth=0,
+            alpha=0.85, clip_on=False, zorder=4,
         )  # fmt: skip
         handles.append(handle(label=one.method, linewidth=1.5, **style.line))
     curves = 1e3 * np.concatenate([one.curves for one in methods])
@@ -77,21 +78,21 @@ def convergence(methods: Sequence[MethodStatistics], styles: Styles, width: floa
     axes.set_xticks([1, *range(step, budget + 1, step)] if step > 1 else evaluations)
     axes.set_xlabel("evaluations")
     axes.xaxis.set_label_coords(0.5 * budget / end, -0.11 * 2.4 / height)
-    axes.set_ylabel(f"best {methods[0].words.loss} so far (mm)")
+    axes.set_ylabel(f"best {methods[0].description.loss} so far (mm)")
     legend_above(figure, handles, width)
     return figure
 
 
 def strip(methods: Sequence[MethodStatistics], styles: Styles, width: float = COLUMN) -> Figure:
     """One row a method, the best first: a dot a seed, a bar at the mean, mean ± standard deviation at the side."""
-    ordered = sorted(methods, key=lambda one: one.final.mean)
+    ordered = sorted(methods, key=lambda one: one.mean("final"))
     figure = new_figure(width, 0.75 + 0.24 * len(ordered))
     axes: Any = figure.subplots()
     axes.grid(visible=True, axis="x")
     axes.grid(visible=False, axis="y")
     for row, one in enumerate(ordered):
         style = styles[one.method]
-        values = 1e3 * one.final.values
+        values = 1e3 * one.final.to_numpy()
         offsets = 0.26 * (np.arange(len(values)) - (len(values) - 1) / 2) / max(len(values) - 1, 1) * 1.6
         for seed, value, offset in zip(one.seeds, values, offsets, strict=True):
             (point,) = axes.plot(
@@ -99,7 +100,7 @@ def strip(methods: Sequence[MethodStatistics], styles: Styles, width: float = CO
                 markeredgewidth=0.3, zorder=3, clip_on=False,
             )  # fmt: skip
             titled(point, f"{one.method}, seed {seed}: {value:.1f} mm")
-        axes.plot([1e3 * one.final.mean] * 2, [row - 0.34, row + 0.34], color=LIGHT["text"], linewidth=1.1, zorder=2)
+        axes.plot([1e3 * one.mean("final")] * 2, [row - 0.34, row + 0.34], color=LIGHT["text"], linewidth=1.1, zorder=2)
         axes.annotate(
             spread_cell(one.final).text, (1.0, row), xycoords=("axes fraction", "data"), xytext=(4, 0),
             textcoords="offset points", va="center", ha="left", fontsize=7.5, annotation_clip=False,
@@ -108,13 +109,13 @@ def strip(methods: Sequence[MethodStatistics], styles: Styles, width: float = CO
         "mean ± std", (1.0, -0.62), xycoords=("axes fraction", "data"), xytext=(4, 0), textcoords="offset points",
         va="bottom", ha="left", fontsize=6.5, color=LIGHT["muted"], annotation_clip=False,
     )  # fmt: skip
-    values = 1e3 * np.concatenate([one.final.values for one in methods])
+    values = 1e3 * np.concatenate([one.final.to_numpy() for one in methods])
     log_axis(axes.xaxis, 0.88 * float(values.min()), 1.12 * float(values.max()))
     axes.set_ylim(len(ordered) - 0.4, -0.6)
     axes.set_yticks(range(len(ordered)), [one.method for one in ordered])
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
-    axes.set_xlabel(f"best {methods[0].words.loss} (mm)")
+    axes.set_xlabel(f"best {methods[0].description.loss} (mm)")
     return figure
 
 
@@ -130,7 +131,7 @@ def velocity(
         theory: Speeds that elongated body theory predicts, by trial [m/s].
         width: [inches].
     """
-    ordered = sorted(methods, key=lambda one: one.figures["velocity_error"].mean)
+    ordered = sorted(methods, key=lambda one: one.figures["velocity_error"].mean())
     by_method = {one.method: own for one in ordered if (own := speeds(one.runs)) is not None}
     if not by_method:
         return None
@@ -147,7 +148,7 @@ def velocity(
         shift = min(0.07, 0.36 / len(by_method)) * gap * (i - (len(by_method) - 1) / 2)
         _draw_range(left, own, own.simulated, style, shift, method, bars=len(by_method) <= MANY)
         _draw_range(right, own, own.errors, style, shift, method, bars=True)
-        handles.append(handle(label=f"{method} ({1e3 * own.mean_error.mean:.1f} mm/s)", **style.line))
+        handles.append(handle(label=f"{method} ({1e3 * own.mean_error.mean():.1f} mm/s)", **style.line))
     if theory is not None:
         predicted = np.array([theory.get(name, np.nan) for name in first.trials])
         line: dict[str, Any] = {"color": LIGHT["muted"], "linestyle": (0, (1, 1.3)), "marker": "+"}
@@ -172,17 +173,15 @@ def velocity(
 
 
 def _draw_range(
-    axes: Any, own: Speeds, values: Any, style: MethodStyle, shift: float, method: str, bars: bool
+    axes: Any, own: Speeds, values: pd.DataFrame, style: MethodStyle, shift: float, method: str, bars: bool
 ) -> None:  # fmt: skip
-    """The mean over seeds as a line and the range as bars. Values of shape (S, N) [m/s]."""
-    known = np.isfinite(values)
-    low = np.where(known.any(axis=0), np.where(known, values, np.inf).min(axis=0), np.nan)
-    high = np.where(known.any(axis=0), np.where(known, values, -np.inf).max(axis=0), np.nan)
-    x = own.frequencies + shift
-    (line,) = axes.plot(x, 1e3 * nan_mean(values, axis=0), linewidth=1, zorder=3, **style.line)
+    """The mean over seeds as a line and the range as bars; the values have a column for each trial [m/s]."""
+    x = own.frequencies.to_numpy() + shift
+    (line,) = axes.plot(x, 1e3 * values.mean().to_numpy(), linewidth=1, zorder=3, **style.line)
     titled(line, method)
     if bars:
-        axes.vlines(x, 1e3 * low, 1e3 * high, color=style.light, linewidth=0.7, alpha=0.5, zorder=2)
+        low, high = 1e3 * values.min().to_numpy(), 1e3 * values.max().to_numpy()
+        axes.vlines(x, low, high, color=style.light, linewidth=0.7, alpha=0.5, zorder=2)
 
 
 def markers(
@@ -196,25 +195,23 @@ def markers(
         names: Of the markers.
         width: [inches].
     """
-    words = methods[0].words
+    protocol = methods[0].description
     figure = new_figure(width, 0.29 * width + 0.14 * legend_rows([one.method for one in methods], width))
-    panels = figure.subplots(1, len(words.markers), squeeze=False)[0]
+    panels = figure.subplots(1, len(protocol.markers), squeeze=False)[0]
     places = list(range(len(names)))
-    for axes, (kind, kind_words), name in zip(panels, words.markers, "abc", strict=False):
+    for axes, (kind, description), name in zip(panels, protocol.markers, "abc", strict=False):
         for one in methods:
             style = styles[one.method]
             errors = 1e3 * marker_errors(one.runs, kind)
-            (line,) = axes.plot(places, nan_mean(errors, axis=0), markersize=3.2, zorder=3, clip_on=False, **style.line)
+            (line,) = axes.plot(places, errors.mean(), markersize=3.2, zorder=3, clip_on=False, **style.line)
             titled(line, one.method)
             if len(methods) > MANY:
                 continue
-            axes.fill_between(
-                places, errors.min(axis=0), errors.max(axis=0), color=style.light, alpha=0.13, linewidth=0, zorder=1
-            )
+            axes.fill_between(places, errors.min(), errors.max(), color=style.light, alpha=0.13, linewidth=0, zorder=1)
         axes.set_ylim(bottom=0)
         axes.set_xticks(places, list(names))
-        axes.set_xlabel(words.markers_order)
-        panel_title(axes, f"({name}) {kind_words}")
+        axes.set_xlabel(protocol.markers_order)
+        panel_title(axes, f"({name}) {description}")
     panels[0].set_ylabel("error (mm)")
     legend_above(figure, [handle(label=one.method, **styles[one.method].line) for one in methods], width)
     return figure
@@ -258,7 +255,7 @@ def line_search(methods: Sequence[MethodStatistics], styles: Styles) -> Figure |
     run = many.typical_run()
     _draw_run(right, run, styles[many.method].light)
     panel_title(right, f"(b) {many.method}, seed {run.seed}")
-    right.set_ylabel(f"{many.words.loss} (mm)")
+    right.set_ylabel(f"{many.description.loss} (mm)")
     return figure
 
 

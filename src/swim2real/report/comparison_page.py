@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from swim2real.comparison.protocols import PROTOCOLS, ProtocolWords
+from swim2real.comparison.protocols import PROTOCOLS, ProtocolDescription
 from swim2real.comparison.results import ComparisonResults, load_results
 from swim2real.comparison.statistics import MethodStatistics, best_method, differences, method_statistics
-from swim2real.comparison.statistics_cells import Cell, Table, as_number, mm_cell
-from swim2real.comparison.statistics_tables import tables
+from swim2real.comparison.tables import Cell, Table, format_number, mm_cell, tables
 from swim2real.report.comparison_charts import convergence, markers, strip, velocity
 from swim2real.report.page import REPORT
 from swim2real.report.pages import Charts, render_page, write_page
@@ -30,13 +29,13 @@ class Board:
 
     Attributes:
         protocol: `aligned`, `paper` or `playback`.
-        words: What is said of it.
+        description: Description of the protocol.
         verdict: Sentences that say who is best and how surely; empty without runs.
         tables: By key.
     """
 
     protocol: str
-    words: ProtocolWords
+    description: ProtocolDescription
     verdict: tuple[str, ...]
     tables: Mapping[str, Table]
 
@@ -76,9 +75,9 @@ def comparison_content(
     charts: dict[str, Any] = {}
     for protocol in results.protocols:
         methods = method_statistics(results, protocol)
-        words = PROTOCOLS[protocol]
+        description = PROTOCOLS[protocol]
         made = {table.key: table for table in tables(results, protocol, theory)}
-        boards.append(Board(protocol, words, verdict(methods), made))
+        boards.append(Board(protocol, description, verdict(methods), made))
         if not methods:
             continue
         charts |= {
@@ -86,7 +85,7 @@ def comparison_content(
             f"strip-{protocol}": partial(strip, methods, styles, WIDE),
             f"markers-{protocol}": partial(markers, methods, styles, results.markers, WIDE),
         }
-        if words.frequencies:
+        if description.has_frequencies:
             charts[f"velocity-{protocol}"] = partial(velocity, methods, styles, theory, WIDE)
     seeds = sorted({run.seed for run in results.runs})
     return {
@@ -108,9 +107,9 @@ def verdict(methods: tuple[MethodStatistics, ...]) -> tuple[str, ...]:
     if not methods:
         return ()
     best = best_method(methods)
-    loss, count = best.words.loss, len(best.runs)
-    first = f"{best.method} has the lowest mean {loss}: {_mm(best.final.mean)}"
-    first += f", and {_mm(best.final.worst)} with its worst seed." if count > 1 else ", with a single seed."
+    loss, count = best.description.loss, len(best.runs)
+    first = f"{best.method} has the lowest mean {loss}: {_mm(best.mean('final'))}"
+    first += f", and {_mm(best.final.max())} with its worst seed." if count > 1 else ", with a single seed."
     said = [first]
     gaps = [(name, gap) for name, gap in differences(methods).items() if gap is not None]
     if gaps:
@@ -119,15 +118,15 @@ def verdict(methods: tuple[MethodStatistics, ...]) -> tuple[str, ...]:
         if len(gap.seeds) < 2:
             said.append(f"{then}; one seed can't tell how surely.")
         else:
-            sure = "which leaves out zero" if gap.is_sure else "which holds zero, so it may be chance"
+            sure = "which leaves out zero" if gap.is_significant else "which holds zero, so it may be chance"
             said.append(f"{then} (95 % interval {_mm(gap.low)} to {_mm(gap.high)}, {len(gap.seeds)} seeds), {sure}.")
     area = best_method(methods, "auc")
-    said.append(f"The lowest mean AUC has {area.method}: {_mm(area.auc.mean)}.")
+    said.append(f"The lowest mean AUC has {area.method}: {_mm(area.mean('auc'))}.")
     return tuple(said)
 
 
 def _mm(value: float) -> str:
-    return f"{as_number(value, 1, 1e3)} mm"
+    return f"{format_number(value, 1, 1e3)} mm"
 
 
 def run_table(results: ComparisonResults) -> Table:
