@@ -85,8 +85,11 @@ def two_methods() -> ComparisonResults:
 
 def playback_evidence(error: float, **more: Any) -> dict[str, Any]:
     """Evidence of a fit to a recording."""
-    trial = {"marker_errors": [0.0, 2 * error], "loss": error, "marker_error": error, "velocity_simulated": 0.1}
-    return {"marker_error": error, "loss": error, **more, "trials": {"a": trial}}
+    trial = {
+        "aligned_marker_errors": [0.0, 2 * error], "loss": error, "aligned_marker_error": error,
+        "velocity_simulated": 0.1,
+    }  # fmt: skip
+    return {"aligned_marker_error": error, "loss": error, **more, "trials": {"a": trial}}
 
 
 def playback_results(**more: Any) -> ComparisonResults:

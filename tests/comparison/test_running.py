@@ -141,7 +141,7 @@ def test_a_comparison_is_run_folders_results_and_a_table(finished):
         assert run_.values == record[run_.best_evaluation - 1]["values"]
         assert run_.fit == outcome["fit"]
         assert (run_.held_out, run_.held_out_fit, run_.spent) == (None, None, None)
-        assert len(run_.fit["trials"]["a"]["marker_errors"]) == 3
+        assert len(run_.fit["trials"]["a"]["aligned_marker_errors"]) == 3
         assert folder.settings()["threads"] == 1
         assert len(load_trials(folder)) == 2
     starts = {(run_.seed, run_.losses[0]) for run_ in results.runs}

@@ -235,3 +235,16 @@ def test_results_of_recordings_come_back_with_their_units(tmp_path) -> None:
     earlier = {key: value for key, value in made.as_dict().items() if key != "sensors"}
     path.write_text(json.dumps(earlier))
     assert load_results(tmp_path).sensors == {}
+
+
+def test_results_of_version_0_1_have_todays_names(tmp_path) -> None:
+    made = playback_results()
+    earlier = (
+        json.dumps(made.as_dict())
+        .replace("aligned_marker", "marker")
+        .replace('"fit": {', '"fit": {"protocol": "playback", ')
+    )
+    (tmp_path / "results.json").write_text(earlier)
+    run = load_results(tmp_path).runs[0]
+    assert run.fit["aligned_marker_error"] == made.runs[0].fit["aligned_marker_error"]
+    assert run.fit["trials"]["a"]["aligned_marker_errors"] == made.runs[0].fit["trials"]["a"]["aligned_marker_errors"]

@@ -106,7 +106,11 @@ class RunFolder:
         if not (self.path / OUTCOME).is_file():
             return None
         content = self._read_json(OUTCOME, "")
-        return {**content, "fit": _upgraded(content.get("fit")), "held_out": _upgraded(content.get("held_out"))}
+        return {
+            **content,
+            "fit": upgraded_evidence(content.get("fit")),
+            "held_out": upgraded_evidence(content.get("held_out")),
+        }
 
     def record(self) -> list[dict[str, Any]]:
         """All recorded evaluations. A last line that was cut off by a crash doesn't count.
@@ -125,7 +129,9 @@ class RunFolder:
                 raise RunError(f"{path}, line {number} is damaged ({error}); {self.RESTORE}") from error
             if not isinstance(entry, dict):
                 raise RunError(f"{path}, line {number} is damaged (no evaluation); {self.RESTORE}")
-            entries.append({**cast("dict[str, Any]", entry), "evidence": _upgraded(cast("Any", entry).get("evidence"))})
+            entries.append(
+                {**cast("dict[str, Any]", entry), "evidence": upgraded_evidence(cast("Any", entry).get("evidence"))}
+            )
         return entries
 
     def drop_cut_line(self) -> None:
@@ -222,7 +228,7 @@ def still_falling(entries: Sequence[Mapping[str, Any]], settings: Mapping[str, A
     )
 
 
-def _upgraded(evidence: Any) -> Any:
+def upgraded_evidence(evidence: Any) -> Any:
     """Evidence as this version has it: of recordings 0.1 called the aligned error `marker_error`."""
     if not isinstance(evidence, dict) or cast("Any", evidence).get("protocol") != "playback":
         return cast("Any", evidence)

@@ -85,7 +85,7 @@ PROTOCOLS: Mapping[str, ProtocolDescription] = {
         *_HEAD_TO_TAIL, "Under the paper's protocol nothing is registered.", True,
     ),
     "playback": ProtocolDescription(
-        "playback error", "loss", _PLAYBACK_FIGURES, (("marker", "at the same times"),),
+        "playback error", "loss", _PLAYBACK_FIGURES, (("aligned", "at the same times"),),
         "Error of each marker", "marker", "Real and simulated markers are compared at the same times.", False,
     ),
 }  # fmt: skip

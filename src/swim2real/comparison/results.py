@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +17,7 @@ from swim2real import checking
 from swim2real.advisor import asks_a_vlm
 from swim2real.advisor.vlm.transcript import Transcript, totals
 from swim2real.calibration import RunFolder
+from swim2real.calibration.run_folder import upgraded_evidence
 from swim2real.comparison.jobs import is_finished, read_problem
 from swim2real.comparison.plan import RUNS, Job, Plan, read_plan, writing
 from swim2real.errors import RunError, Swim2RealError
@@ -180,7 +181,12 @@ def load_results(folder: str | Path) -> ComparisonResults:
     path = Path(folder) / RESULTS
     if not path.is_file():
         raise RunError(f"'{folder}' has no {RESULTS}; `swim2real compare` writes it")
-    return checking.read(ComparisonResults, path, "results", RunError, "run the comparison again to write it anew")
+    results = checking.read(ComparisonResults, path, "results", RunError, "run the comparison again to write it anew")
+    runs = (
+        replace(run, fit=upgraded_evidence(run.fit), held_out_fit=upgraded_evidence(run.held_out_fit))
+        for run in results.runs
+    )
+    return replace(results, runs=tuple(runs))
 
 
 def read_results(root: str | Path, plan: Plan | None = None) -> ComparisonResults:
