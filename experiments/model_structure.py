@@ -27,8 +27,7 @@ from scipy.optimize import lsq_linear
 from swim2real.calibration import Problem
 from swim2real.parameters import Parameter, ParameterSpace, read_parameters
 from swim2real.robots.fish import FISH, FISH_EXTENDED
-from swim2real.robots.fish.extended import ExtendedResponse
-from swim2real.robots.fish.response import fish_response
+from swim2real.robots.fish.response import ExtendedResponse, fish_response
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, load_reference
 

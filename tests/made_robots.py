@@ -65,13 +65,13 @@ lower = 1e-3
 upper = 1.0
 scale = "log"
 meaning = "Damping of both joints."
-writes = 'joint "link*" damping'
+targets = 'joint "link*" damping'
 """
 
 
-def parameter(writes: str, lower: float = 0.001, upper: float = 100.0, more: str = "") -> str:
-    """A [[parameters]] table that writes to a place; `writes` is TOML."""
-    return f'[[parameters]]\nname = "x"\nlower = {lower}\nupper = {upper}\nmeaning = "-"\nwrites = {writes}\n{more}\n'
+def parameter(targets: str, lower: float = 0.001, upper: float = 100.0, more: str = "") -> str:
+    """A [[parameters]] table that sets a place; `targets` is TOML."""
+    return f'[[parameters]]\nname = "x"\nlower = {lower}\nupper = {upper}\nmeaning = "-"\ntargets = {targets}\n{more}\n'
 
 
 def made(folder: Path, *parts: str, model: str = ARM, name: str = "arm") -> Path:

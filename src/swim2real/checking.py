@@ -8,10 +8,11 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from swim2real.errors import Swim2RealError
@@ -59,7 +60,12 @@ def check(model: type[Model], content: Any, what: str, error: type[Swim2RealErro
     try:
         return TypeAdapter(model).validate_python(content)
     except ValidationError as found:
-        told = explained(found.errors(include_url=False)[0])
+        details, unknown = found.errors(include_url=False), ("extra_forbidden", "unexpected_keyword_argument")
+        # a key that isn't known tells more than the one that it should have been, which is missing
+        detail = next((detail for detail in details if detail["type"] in unknown), details[0])
+        told = explained(detail)
+        if detail["type"] in unknown:
+            told += did_you_mean(str(detail["loc"][-1]), _field_names(model))
         raise error(f"{what}: {told}" + (f"; {remedy}" if remedy else "")) from None
 
 
@@ -102,9 +108,14 @@ def explained(detail: ErrorDetails) -> str:
 
 
 def key_path(location: Sequence[str | int]) -> str:
-    """Where something stands in nested tables and lists, such as `markers.M0[1]`."""
+    """Where something stands in nested tables and lists, such as `markers.M0[1]`.
+
+    Names in angle brackets are left out: tags that tell the members of a union apart.
+    """
     path = ""
     for key in location:
+        if isinstance(key, str) and key.startswith("<"):
+            continue
         path += f"[{key}]" if isinstance(key, int) else f".{key}" if path else key
     return path
 
@@ -122,6 +133,14 @@ def did_you_mean(name: str, known: Sequence[str]) -> str:
     """A hint at the known name that is nearest to one that isn't known; empty where none is near."""
     near = difflib.get_close_matches(name, known, n=1)
     return f"; did you mean '{near[0]}'?" if near else ""
+
+
+def _field_names(model: Any) -> list[str]:
+    """Names of the fields of a pydantic model and of the models within it; none of anything else."""
+    if isinstance(model, type) and issubclass(model, BaseModel):
+        within = [_field_names(field.annotation) for field in model.model_fields.values()]
+        return [*model.model_fields, *chain.from_iterable(within)]
+    return list(chain.from_iterable(_field_names(part) for part in get_args(model)))
 
 
 def _allowed(kind: str, context: Mapping[str, Any], message: str) -> str:

@@ -18,7 +18,7 @@ start = "markers"
 [recordings.controls]
 torque = "table"
 [recordings.sensors]
-"gyro[1]" = {unit = "rad/s", worth = 0.001}
+"gyro[1]" = {unit = "rad/s", meters_per_unit = 0.001}
 [[parameters]]
 name = "shoulder_damping"
 unit = "N·m·s/rad"
@@ -26,7 +26,7 @@ lower = 0.0005
 upper = 0.02
 scale = "log"
 meaning = "Damping of the shoulder."
-writes = 'joint "shoulder" damping'
+targets = 'joint "shoulder" damping'
 [[parameters]]
 name = "elbow_damping"
 unit = "N·m·s/rad"
@@ -34,7 +34,7 @@ lower = 0.0002
 upper = 0.01
 scale = "log"
 meaning = "Damping of the elbow."
-writes = 'joint "elbow" damping'
+targets = 'joint "elbow" damping'
 """
 
 

@@ -26,7 +26,7 @@ name = "damping"
 lower = 0.01
 upper = 1.0
 meaning = "Of the joint."
-writes = 'joint "j" damping'
+targets = 'joint "j" damping'
 """
 
 

@@ -107,7 +107,7 @@ def test_what_is_worth_knowing_of_a_parameter_fails_nothing(program, tmp_path):
 
 
 def test_what_drives_a_trial_is_told(program, tmp_path):
-    sensors = '[recordings.sensors]\nangle = {unit = "rad", worth = 0.1}\n'
+    sensors = '[recordings.sensors]\nangle = {unit = "rad", meters_per_unit = 0.1}\n'
     about = 'frame = ["base", "tip"]\nstart = "up"\n'
     place = made(tmp_path, ROBOT, RECORDINGS, about, DRIVEN, sensors, DAMPING)
     program("check", place, "--out", tmp_path / "picture.png").done()

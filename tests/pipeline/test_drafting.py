@@ -8,7 +8,7 @@ import pytest
 from small_models import ARM, FINGER, HOPPER, MODELS, PENDULUM, snake
 from swim2real.errors import EngineError, RobotError
 from swim2real.pipeline.drafting import draft_robot, write_draft
-from swim2real.robots.drafting.draft import candidates
+from swim2real.robots.candidates import candidates
 from swim2real.robots.file import load_robot
 from swim2real.robots.robot import Recordings
 from swim2real.simulation.probing import FAINT, probe
@@ -88,7 +88,7 @@ def test_sites_of_tendons_are_no_markers_and_sensors_are_suggested(begun):
     assert draft.routing == ("anchor", "guide0", "guide1")
     text = out.read_text()
     assert "# tendons run through these sites, so they are left out: anchor, guide0, guide1" in text
-    assert '# length = {unit = "m", worth = 0.01}' in text
+    assert '# length = {unit = "m", meters_per_unit = 0.01}' in text
     gear = next(one for one in tomllib.loads(text)["parameters"] if one["name"] == "pull_gear")
     assert gear["writes"] == {"to": 'actuator "pull" gear[0]', "relative": True}  # it is negative
 
@@ -101,8 +101,8 @@ def test_a_free_robot_travels_and_its_keyframes_are_named(begun):
     ]  # fmt: skip
     text = out.read_text()
     assert "or a keyframe: stand\n" in text
-    assert '# "imu[2]" = {unit = "m/s²", worth = 0.01}' in text
-    assert '# "hip angle" = {unit = "rad", worth = 0.01}' in text
+    assert '# "imu[2]" = {unit = "m/s²", meters_per_unit = 0.01}' in text
+    assert '# "hip angle" = {unit = "rad", meters_per_unit = 0.01}' in text
     assert "place" not in text
     assert "floor" not in text
 
@@ -128,7 +128,7 @@ def test_twins_are_one_parameter_only_where_they_have_one_value():
         '<joint name="elbow"', '<joint name="right_joint"'
     )
     both = candidates(mujoco.MjSpec.from_string(xml), mujoco.MjModel.from_xml_string(xml))
-    assert both["joint_damping"].writes == ('joint "left_joint", "right_joint" damping',)
+    assert both["joint_damping"].targets == ('joint "left_joint", "right_joint" damping',)
     xml = xml.replace('name="left_joint"', 'name="left_joint" damping="0.1"')
     each = candidates(mujoco.MjSpec.from_string(xml), mujoco.MjModel.from_xml_string(xml))
     assert {"left_joint_damping", "right_joint_damping", "joint_stiffness"} <= set(each)

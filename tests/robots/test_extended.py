@@ -13,7 +13,7 @@ from swim2real.parameters import read_parameters
 from swim2real.pipeline import run
 from swim2real.robots import ROBOTS, robot_named
 from swim2real.robots.fish import FISH, FISH_EXTENDED
-from swim2real.robots.fish.extended import DRAG
+from swim2real.robots.fish.response import DRAG
 from swim2real.settings import CalibrationSettings
 from swim2real.simulation import Simulator, Swim
 from swim2real.simulation.stepper import Stepper

@@ -15,8 +15,8 @@ from swim2real.errors import ArgumentError, MissingExtraError
 from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
 from swim2real.robots import ROBOTS, robot_file, robot_named
+from swim2real.robots.effects import why_no_effect
 from swim2real.robots.file import PLANES, RobotFile, open_robot_file
-from swim2real.robots.idle import why_idle
 from swim2real.robots.robot import Control, Recordings, Robot, Sine
 from swim2real.simulation.marker_view import MarkerView
 from swim2real.simulation.misfits import misfits, misplaced
@@ -51,7 +51,7 @@ def _parameters(file: RobotFile, probes: list[Probe]) -> None:
     rows: list[tuple[str, ...]] = []
     for one, calibrated in zip(probes, file.calibrated, strict=True):
         p = one.parameter
-        name = escape("\n  ".join([p.name, *map(str, calibrated.writes)]))
+        name = escape("\n  ".join([p.name, *map(str, calibrated.targets)]))
         rows.append((name, p.unit, f"{p.lower:g} to {p.upper:g}", f"{p.published:.4g}",
                      _cell(one.lower), _cell(one.upper)))  # fmt: skip
     columns = ("parameter, what it writes", "unit", "bounds", "value", "lower mm", "upper mm")
@@ -148,7 +148,7 @@ def _wrong(file: RobotFile, robot: Robot, one: Probe) -> Iterator[str]:
     yield from refused
     if not refused and one.idle:
         what = "moves no marker" if one.reach.changes else "changes nothing of the model"
-        why = why_idle(file, robot, one.parameter.name)
+        why = why_no_effect(file, robot, one.parameter.name)
         yield f"{one.parameter.name} {what}{f': {why}' if why else ''}"
 
 

@@ -11,7 +11,7 @@ from swim2real.cli import tables
 from swim2real.cli.hints import for_robot
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.robots import robot_named
-from swim2real.robots.rigid import rigid_markers
+from swim2real.robots.compiled import rigid_markers
 from swim2real.robots.robot import Robot
 from swim2real.tracking.camera import Camera, CameraFile, camera_for, read_camera
 from swim2real.trials import MarkerTrack, Trial

@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 
 from swim2real.errors import RobotError
+from swim2real.robots.candidates import candidates, carrying
 from swim2real.robots.compiled import compiled
-from swim2real.robots.drafting.draft import Draft, candidates
-from swim2real.robots.drafting.passive import carrying
+from swim2real.robots.draft import Draft
 from swim2real.robots.file import PLANES, load_robot, read_mjcf
 from swim2real.robots.robot import Robot
 from swim2real.simulation.probing import FAINT, Probe, moved, probe

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from swim2real import __version__
 from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.objective.comparison import rounded
-from swim2real.robots.rigid import rigid_markers
+from swim2real.robots.compiled import rigid_markers
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
 from swim2real.tracking.camera import camera_for, read_camera

@@ -1,4 +1,4 @@
-"""Models compiled, and their numbers."""
+"""Compiled models: their numbers, in what two of them differ, and which of their markers are rigidly connected."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import mujoco
 import numpy as np
 
 from swim2real.errors import RobotError
+from swim2real.robots.robot import Robot
 
 
 def compiled(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
-    """A model of a spec, which then holds what the compiler made of it.
+    """The model of a spec, which then holds what the compiler made of it.
 
     Args:
-        spec: It is changed.
-        where: File and place, for the message.
+        spec: Spec that is compiled and changed by it.
+        where: What a message begins with: file and place.
 
     Raises:
         RobotError: It doesn't compile.
@@ -24,11 +25,11 @@ def compiled(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
     try:
         return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise RobotError(f"{where}: the model doesn't compile: {said(error)}") from error
+        raise RobotError(f"{where}: the model doesn't compile: {one_line(error)}") from error
 
 
-def said(error: Exception) -> str:
-    """What MuJoCo says of a model, in one line."""
+def one_line(error: Exception) -> str:
+    """The message of an error without line breaks."""
     return " ".join(str(error).split())
 
 
@@ -51,14 +52,25 @@ def same(first: mujoco.MjModel, second: mujoco.MjModel) -> bool:
 
 def largest_difference(first: mujoco.MjModel, second: mujoco.MjModel) -> tuple[str, float]:
     """The array in which two models differ most, by a share of its largest number; infinite for other shapes."""
-    found = ("", 0.0)
+    largest = ("", 0.0)
     for (name, a), (_, b) in zip(numbers(first), numbers(second), strict=True):
-        one, other = np.asarray(a), np.asarray(b)
-        if one.dtype.kind != "f" or not one.size:
+        expected, actual = np.asarray(a), np.asarray(b)
+        if expected.dtype.kind != "f" or not expected.size:
             continue
-        if one.shape != other.shape:
+        if expected.shape != actual.shape:
             return name, np.inf
-        gap = float(np.nanmax(np.abs(one - other)) / max(float(np.nanmax(np.abs(one))), 1e-300))
-        if gap > found[1]:
-            found = (name, gap)
-    return found
+        gap = float(np.nanmax(np.abs(expected - actual)) / max(float(np.nanmax(np.abs(expected))), 1e-300))
+        if gap > largest[1]:
+            largest = (name, gap)
+    return largest
+
+
+def rigid_markers(robot: Robot) -> tuple[int, ...]:
+    """Indices of the first marker and of those on its body, or on bodies that are welded to it.
+
+    They keep their distances as the robot moves, so the scale of a video can be told from them.
+    """
+    model = robot.build(robot.space.published).compile()
+    sensors = [model.sensor(i) for i in range(model.nsensor)][-len(robot.marker_names) :]
+    bodies = [int(model.body_weldid[model.site_bodyid[int(sensor.objid[0])]]) for sensor in sensors]
+    return tuple(m for m, body in enumerate(bodies) if body == bodies[0])

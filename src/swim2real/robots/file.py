@@ -1,64 +1,53 @@
 """Robot files: a TOML file beside an MJCF model says what is calibrated, which sites are markers and what a trial is.
 
-```
-format = 1
-name = "finger"
-description = "..."                    for a person or a VLM who has never seen it
-model = "finger.xml"                   MJCF beside this file, or "python:module:function" that returns an MjSpec
-camera = "side"                        above (x right, y up), side (x right, z up) or front (y right, z up)
-markers = ["base", "knuckle", "tip"]   sites, in the order in which they are tracked
-links = [["base", "knuckle"]]          lines of pictures; by default from each marker to the next
-
-[recordings]                           or [swims], for a motor that turns at a constant speed
-start = "markers"                      rest, markers or the name of a keyframe
-frame = ["base", "knuckle"]            compare in the frame of two markers; left out: in the world
-travels = false                        whether a speed means something
-[recordings.controls]
-tendon = "table"                       or "frequency", a number, or {amplitude = 1.0, phase = 0.0, offset = 0.0}
-[recordings.sensors]
-load = {unit = "N", worth = 0.01}      an error of 1 N counts as much as 10 mm
-
-[[parameters]]
-name = "knuckle_damping"
-unit = "N·m·s/rad"
-lower = 1e-4
-upper = 1e-1
-scale = "log"                          or linear; log_offset moves the logarithm's zero
-meaning = "..."
-value = 1e-3                           by default what the model has
-writes = ['joint "knuckle" damping']   or {to = ..., factor = 1.0, offset = 0.0, relative = true}
-```
-
-A file that says `extends = "OTHER.toml"` takes over what it doesn't say itself, and adds its parameters.
+The tables and keys of the file are those of `schema.py`; here they are held against the model.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import importlib
+import importlib.util
+import re
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from swim2real.errors import RobotError
-from swim2real.parameters import ParameterSpace, Values
-from swim2real.robots.calibrated import Calibrated, read_calibrated
-from swim2real.robots.compiled import compiled, said
-from swim2real.robots.hooks import called, hook_file
-from swim2real.robots.robot import Robot, SteadySwims
-from swim2real.robots.table import Table, read_toml
-from swim2real.robots.trial_table import marker_index, read_trials
+from swim2real.checking import check
+from swim2real.errors import ParameterError, RobotError
+from swim2real.parameters import Parameter, ParameterSpace, Values
+from swim2real.robots.compiled import compiled, one_line
+from swim2real.robots.robot import Control, Recordings, Robot, Sensor, Sine, SteadySwims
+from swim2real.robots.schema import (
+    ControlEntry,
+    ParameterTable,
+    RecordingsTable,
+    RobotTable,
+    SineTable,
+    SwimsTable,
+    read_content,
+)
+from swim2real.robots.targets import Target
 
-FORMAT = 1
 PLANES = {"above": (0, 1), "side": (0, 2), "front": (1, 2)}
 MARKER = "marker:"  # before the name of a marker's sensor, where the model may have others
-_KEYS = (
-    "format", "extends", "name", "description", "model", "camera", "markers", "links", "recordings", "swims",
-    "parameters",
-)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CalibratedParameter:
+    """A parameter of a robot file and what it sets.
+
+    Attributes:
+        parameter: Its published value is the model's own, or what the file says.
+        targets: Places in the model that it sets, one at least.
+    """
+
+    parameter: Parameter
+    targets: tuple[Target, ...]
 
 
 @dataclass(frozen=True)
@@ -66,16 +55,18 @@ class RobotFile:
     """A robot file and the model that it is about.
 
     Attributes:
-        place: Of the file.
+        path: Path of the file.
+        where: What a message about the file begins with.
         table: All that it says, with what it takes over from others.
         spec: The model before any parameter is written to it.
-        calibrated: The parameters and what they write.
+        calibrated: The parameters and what they set.
     """
 
-    place: Path
-    table: Table
+    path: Path
+    where: str
+    table: RobotTable
     spec: mujoco.MjSpec
-    calibrated: tuple[Calibrated, ...]
+    calibrated: tuple[CalibratedParameter, ...]
 
 
 def load_robot(path: str | Path) -> Robot:
@@ -85,32 +76,36 @@ def load_robot(path: str | Path) -> Robot:
         RobotError: The file can't be read, or doesn't fit its model; names the place and what exists.
     """
     file = open_robot_file(path)
-    table, spec = file.table, file.spec
-    marker_names, sites, given_rest = _markers(table, spec)
-    links = _links(table, marker_names)
-    plane = PLANES[table.one_of("camera", tuple(PLANES), "above")]
-    trials = read_trials(table, spec, marker_names, file.place.parent)
-    prefix = "" if isinstance(trials, SteadySwims) else MARKER
-    space = ParameterSpace(tuple(one.parameter for one in file.calibrated))
-    builder = _Builder(file, space, tuple(zip(marker_names, sites, strict=True)), prefix)
-    positions = _rest(builder.build(space.published), sites, table)
+    table = file.table
+    markers = _markers(file)
+    names = tuple(markers)
+    links = None if table.links is None else tuple(_pair(file, "links", pair, names) for pair in table.links)
+    trials = _trials(file, names)
+    space = ParameterSpace(tuple(entry.parameter for entry in file.calibrated))
+    builder = _Builder(file, space, markers, "" if table.recordings is None else MARKER)
+    plane = PLANES[table.camera]
+    model = compiled(builder.build(space.published), file.where)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    positions = np.array([data.site(site).xpos for site in markers.values()])
+    given_rest = np.array([marker.rest or [np.nan, np.nan] for marker in table.markers])
     rest = positions[:, plane] - positions[0, plane]
     rest = np.where(np.isfinite(given_rest), given_rest, rest)
     right, up = np.eye(3)[list(plane)]
     heights = positions @ np.cross(right, up)  # toward the camera
     rest.flags.writeable = heights.flags.writeable = False
     return Robot(
-        name=table.text("name"),
-        description=" ".join(table.text("description").split()),
+        name=table.name,
+        description=" ".join(table.description.split()),
         space=space,
         build=builder.build,
-        marker_names=marker_names,
+        marker_names=names,
         rest_markers=rest,
         marker_heights=heights,
         trials=trials,
         plane=plane,
-        links=links,
-        source=file.place,
+        links=tuple((i, i + 1) for i in range(len(names) - 1)) if links is None else links,
+        source=file.path,
     )
 
 
@@ -121,73 +116,23 @@ def open_robot_file(path: str | Path) -> RobotFile:
         RobotError: One can't be read, or a parameter doesn't fit the model.
     """
     place = Path(path)
-    table = read_whole(place)
-    spec = _base(table, place.parent)
-    return RobotFile(place, table, spec, read_calibrated(table, spec))
-
-
-def read_whole(place: Path, by: tuple[Path, ...] = ()) -> Table:
-    """A robot file with what it takes over from others, whose places are given from this file.
-
-    Raises:
-        RobotError: It or one of them can't be read, or they go round in circles.
-    """
-    table = read_toml(place)
-    table.allow(*_KEYS)
-    if "extends" in table.content:
-        folder = Path(table.text("extends")).parent
-        path = place.parent / table.text("extends")
-        if path.resolve() in (place.resolve(), *by):
-            raise table.wrong("extends", table.text("extends"), "must not lead back to the file itself")
-        taken = read_whole(path, (place.resolve(), *by))
-        other, ours = _moved(taken.content, folder), dict(table.content)
-        content: dict[str, Any] = {**other, **ours}
-        for key in ("swims", "recordings"):
-            if isinstance(ours.get(key), dict) and isinstance(other.get(key), dict):
-                content[key] = {**other[key], **ours[key]}
-        content["parameters"] = [*taken.list("parameters"), *table.list("parameters")]
-        content.pop("extends")
-        table = Table(content, table.where)
-    if table.content.get("format") != FORMAT:
-        raise table.wrong("format", table.content.get("format"), f"must be {FORMAT} for this version")
-    return table
-
-
-def _moved(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """What a file says, with the places that it names seen from another folder."""
-
-    def moved(value: Any) -> Any:
-        file = hook_file(value) if isinstance(value, str) else None
-        return value if file is None else f"python:{(folder / file).as_posix()}:{value.rpartition(':')[2]}"
-
-    found = dict(content)
-    model = found.get("model")
-    if isinstance(model, str):
-        found["model"] = moved(model) if model.startswith("python:") else (folder / model).as_posix()
-    if isinstance(found.get("swims"), dict):
-        found["swims"] = {key: moved(value) for key, value in found["swims"].items()}
-    return found
-
-
-def _base(table: Table, folder: Path) -> mujoco.MjSpec:
-    """The model before anything is written to it."""
-    model = table.text("model")
-    if model.startswith("python:"):
-        spec = called(table, "model", folder)
-        if not isinstance(spec, mujoco.MjSpec):
-            raise table.wrong("model", model, f"must return an MjSpec, not {type(spec).__name__}")
-        return spec.copy()  # it may be used again
-    path = folder / model
-    if not path.is_file():
-        raise RobotError(f"{table.where}: model '{path}' is not there; give the MJCF file's way from the robot file")
-    return read_mjcf(path, f"{table.where}: ")
+    content = read_content(place)
+    where = f"robot file '{place}'"
+    table = check(RobotTable, content, where, RobotError)
+    spec = _base(table, place.parent, where)
+    calibrated = tuple(_calibrated(entry, i, spec, where) for i, entry in enumerate(table.parameters))
+    names = [entry.parameter.name for entry in calibrated]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise RobotError(f"{where}: two parameters are named '{twice}'; give each its own name")
+    return RobotFile(place, where, table, spec, calibrated)
 
 
 def read_mjcf(path: Path, where: str = "") -> mujoco.MjSpec:
     """The model of an MJCF file.
 
     Args:
-        path: Of the file.
+        path: Path of the file.
         where: What a message begins with.
 
     Raises:
@@ -196,21 +141,19 @@ def read_mjcf(path: Path, where: str = "") -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(path.resolve()))  # its meshes are found from any working directory
     except ValueError as error:
-        raise RobotError(f"{where}MuJoCo can't read model '{path}': {said(error)}") from error
+        raise RobotError(f"{where}MuJoCo can't read model '{path}': {one_line(error)}") from error
 
 
 class _Builder:
     """Makes specs for parameter values."""
 
-    def __init__(
-        self, file: RobotFile, space: ParameterSpace, markers: tuple[tuple[str, str], ...], prefix: str
-    ) -> None:
+    def __init__(self, file: RobotFile, space: ParameterSpace, markers: Mapping[str, str], prefix: str) -> None:
         base = file.spec
-        self._base, self._space, self._calibrated, self._place = base, space, file.calibrated, file.place.resolve()
+        self._base, self._space, self._calibrated, self._path = base, space, file.calibrated, file.path.resolve()
         if not prefix:  # only the markers' own
             for sensor in list(base.sensors):
                 base.delete(sensor)
-        for name, site in markers:
+        for name, site in markers.items():
             base.add_sensor(
                 name=f"{prefix}{name}", type=mujoco.mjtSensor.mjSENS_FRAMEPOS, objtype=mujoco.mjtObj.mjOBJ_SITE,
                 objname=site,
@@ -218,7 +161,7 @@ class _Builder:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A spec can't go to another process; the file is read again there."""
-        return _builder_of, (self._place,)
+        return _builder_of, (self._path,)
 
     def build(self, values: Values) -> mujoco.MjSpec:
         """A spec ready to compile.
@@ -229,50 +172,198 @@ class _Builder:
         checked = self._space.check(values)
         spec = self._base.copy()
         # all places are found before any is written, since a number may tell what kind of servo it is part of
-        found = [(write.into(spec), checked[one.parameter.name]) for one in self._calibrated for write in one.writes]
-        for write, value in found:
-            write(value)
+        setters = [
+            (target.setter(spec), checked[entry.parameter.name])
+            for entry in self._calibrated for target in entry.targets
+        ]  # fmt: skip
+        for setter, value in setters:
+            setter(value)
         return spec
 
 
-def _builder_of(place: Path) -> _Builder:
-    return load_robot(place).build.__self__  # type: ignore[attr-defined]
+def _builder_of(path: Path) -> _Builder:
+    return load_robot(path).build.__self__  # type: ignore[attr-defined]
 
 
-def _markers(table: Table, spec: mujoco.MjSpec) -> tuple[tuple[str, ...], tuple[str, ...], NDArray[np.float64]]:
-    """Names, sites, and positions at rest where the file gives them [m]. Shape (M, 2)."""
-    there = [site.name for site in spec.sites if site.name]
-    names: list[str] = []
-    sites: list[str] = []
-    rest: list[list[float]] = []
-    for entry in table.list("markers"):
-        one = Table(entry if isinstance(entry, dict) else {"site": entry}, f"{table.where}, markers")
-        one.allow("site", "name", "rest")
-        site = one.text("site")
-        if site not in there:
-            raise RobotError(f"{one.where}: the model has no site '{site}'; there are {', '.join(there) or 'none'}")
-        sites.append(site)
-        names.append(one.text("name", site))
-        rest.append(one.numbers("rest", 2, "in m from the first marker") if "rest" in one.content else [np.nan] * 2)
-    if not names or len(set(names)) < len(names):
-        raise table.wrong("markers", names, f"must name one site at least, each once; there are {', '.join(there)}")
-    return tuple(names), tuple(sites), np.array(rest)
+def _base(table: RobotTable, folder: Path, where: str) -> mujoco.MjSpec:
+    """The model before anything is written to it."""
+    if table.model.startswith("python:"):
+        spec = _call(table.model, folder, f"{where}: 'model'")
+        if not isinstance(spec, mujoco.MjSpec):
+            raise RobotError(
+                f"{where}: 'model' is '{table.model}'; it must return an MjSpec, not {type(spec).__name__}"
+            )
+        return spec.copy()  # it may be used again
+    path = folder / table.model
+    if not path.is_file():
+        raise RobotError(f"{where}: model '{path}' is not there; give the MJCF file's path from the robot file")
+    return read_mjcf(path, f"{where}: ")
 
 
-def _links(table: Table, names: tuple[str, ...]) -> tuple[tuple[int, int], ...]:
-    if "links" not in table.content:
-        return tuple((i, i + 1) for i in range(len(names) - 1))
-    found: list[tuple[int, int]] = []
-    for pair in table.list("links"):
-        if not isinstance(pair, list) or len(pair) != 2:
-            raise table.wrong("links", pair, "must be pairs of markers")
-        found.append((marker_index(table, "links", pair[0], names), marker_index(table, "links", pair[1], names)))
-    return tuple(found)
+def _call(hook: str, folder: Path, where: str) -> Any:
+    """What a function returns that a robot file names. It is the user's code and runs as such."""
+    try:
+        _, module, name = hook.split(":")
+    except ValueError:
+        raise RobotError(f"{where} is '{hook}'; it must be python:MODULE:FUNCTION or python:FILE.py:FUNCTION") from None
+    try:
+        loaded = _load_module(folder / module) if module.endswith(".py") else importlib.import_module(module)
+        function = getattr(loaded, name)
+    except Exception as error:  # whatever the user's code does
+        raise RobotError(f"{where} '{hook}' can't be imported: {type(error).__name__}: {error}") from error
+    if not callable(function):
+        raise RobotError(f"{where} is '{hook}'; it must name a function")
+    try:
+        return function()
+    except Exception as error:
+        raise RobotError(f"{where} '{hook}' failed: {type(error).__name__}: {error}") from error
 
 
-def _rest(spec: mujoco.MjSpec, sites: tuple[str, ...], table: Table) -> NDArray[np.float64]:
-    """Positions of the sites in the pose of the model [m]. Shape (M, 3)."""
-    model = compiled(spec, table.where)
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    return np.array([data.site(site).xpos for site in sites])
+def _load_module(path: Path) -> Any:
+    name = f"swim2real_robot_file.{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"no Python file '{path}'")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+def _known(where: str, key: str, name: str, what: str, known: Sequence[str]) -> None:
+    """Refuses a name that isn't among the known ones."""
+    if name not in known:
+        raise RobotError(f"{where}: '{key}' is '{name}'; it must be {what}: {', '.join(known) or 'there are none'}")
+
+
+def _index(where: str, key: str, name: str, names: tuple[str, ...]) -> int:
+    _known(where, key, name, "a marker", names)
+    return names.index(name)
+
+
+def _pair(file: RobotFile, key: str, pair: Sequence[str], names: tuple[str, ...]) -> tuple[int, int]:
+    first, second = (_index(file.where, key, name, names) for name in pair)
+    return first, second
+
+
+def _markers(file: RobotFile) -> dict[str, str]:
+    """The site of each marker, by the marker's name."""
+    sites = [site.name for site in file.spec.sites if site.name]
+    markers: dict[str, str] = {}
+    for marker in file.table.markers:
+        _known(file.where, "markers", marker.site, "a site of the model", sites)
+        name = marker.name or marker.site
+        if name in markers:
+            raise RobotError(f"{file.where}: 'markers' has '{name}' twice; name each marker once")
+        markers[name] = marker.site
+    return markers
+
+
+def _trials(file: RobotFile, markers: tuple[str, ...]) -> SteadySwims | Recordings:
+    if file.table.swims is not None:
+        return _swims(file, file.table.swims, markers)
+    assert file.table.recordings is not None  # the schema has checked that there is one of the two
+    return _recordings(file, file.table.recordings, markers)
+
+
+def _swims(file: RobotFile, table: SwimsTable, markers: tuple[str, ...]) -> SteadySwims:
+    spec, where, folder = file.spec, f"{file.where}, [swims]", file.path.parent
+    joints = [joint.name for joint in spec.joints]
+    for key, name in (*(("surge_joints", name) for name in table.surge_joints), ("motor_joint", table.motor_joint)):
+        _known(where, key, name, "a joint of the model", joints)
+    if len(spec.actuators) != 1:
+        raise RobotError(
+            f"{where}: the model has {len(spec.actuators)} actuators; steady swims need one, which turns "
+            f"motor_joint at the speed that it is given [rad/s]; use [recordings] for other robots"
+        )
+    if len(markers) < 2:
+        raise RobotError(f"{where}: there is one marker; steady swims need two, the first two on the head")
+    return SteadySwims(
+        surge_joints=(table.surge_joints[0], table.surge_joints[1]),
+        motor_joint=table.motor_joint,
+        tail_markers=tuple(_index(where, "tail_markers", name, markers) for name in table.tail_markers),
+        response=None if table.response is None else _call(table.response, folder, f"{where}: 'response'"),
+        fit_plan=None if table.fit_plan is None else _call(table.fit_plan, folder, f"{where}: 'fit_plan'"),
+    )
+
+
+def _recordings(file: RobotFile, table: RecordingsTable, markers: tuple[str, ...]) -> Recordings:
+    spec, where = file.spec, f"{file.where}, [recordings]"
+    actuators = [actuator.name for actuator in spec.actuators]
+    for name in table.controls:
+        _known(where, "controls", name, "an actuator of the model", actuators)
+    _known(where, "start", table.start, "one of", ["rest", "markers", *(key.name for key in spec.keys)])
+    return Recordings(
+        {name: _control(entry) for name, entry in table.controls.items()},
+        _sensors(file, table),
+        table.start,
+        None if table.frame is None else _pair(file, "frame", table.frame, markers),
+        table.score_progress,
+    )
+
+
+def _control(entry: ControlEntry) -> Control:
+    return Sine(entry.amplitude, entry.phase, entry.offset) if isinstance(entry, SineTable) else entry
+
+
+def _sensors(file: RobotFile, table: RecordingsTable) -> tuple[Sensor, ...]:
+    if not table.sensors:
+        return ()
+    model = compiled(file.spec.copy(), file.where)
+    sizes = {model.sensor(i).name: int(model.sensor_dim[i]) for i in range(model.nsensor) if model.sensor(i).name}
+    for name in table.sensors:
+        _check_sensor(f"{file.where}, [recordings.sensors]", name, sizes)
+    return tuple(Sensor(name, entry.unit, entry.meters_per_unit) for name, entry in table.sensors.items())
+
+
+def _check_sensor(where: str, name: str, sizes: Mapping[str, int]) -> None:
+    """Checks a name: `NAME`, or `"NAME[I]"` for one number of a vector."""
+    matched = re.fullmatch(r"(.*)\[(\d+)\]", name)
+    stem, index = (name, None) if name in sizes or matched is None else (matched[1], int(matched[2]))
+    if stem not in sizes:
+        raise RobotError(f"{where}: the model has no sensor '{stem}'; there are {', '.join(sizes) or 'none'}")
+    size = sizes[stem]
+    if index is None and size > 1:
+        raise RobotError(
+            f'{where}: sensor \'{stem}\' has {size} values; say which one: "{stem}[0]" to "{stem}[{size - 1}]"'
+        )
+    if index is not None and index >= size:
+        raise RobotError(f"{where}: sensor '{stem}' has {size} values, from [0]; there is no [{index}]")
+
+
+def _calibrated(entry: Mapping[str, Any], number: int, spec: mujoco.MjSpec, where: str) -> CalibratedParameter:
+    label = f"{where}, parameter {entry.get('name', number + 1)!r}"
+    table = check(ParameterTable, entry, label, RobotError)
+    targets = tuple(Target(to.to, to.factor, to.offset, to.relative) for to in table.targets)
+    try:
+        for target in targets:
+            for bound in (table.lower, table.upper):
+                target.check_bound(spec, bound)
+        value = _current(targets, spec) if table.value is None else table.value
+        parameter = Parameter(
+            table.name, table.unit, table.lower, table.upper, " ".join(table.meaning.split()), value,
+            table.log_offset if table.scale == "log" else None,
+        )  # fmt: skip
+        _check_value(parameter, own=table.value is None)
+    except (RobotError, ParameterError) as error:
+        raise RobotError(f"{label}: {error}") from error
+    return CalibratedParameter(parameter, targets)
+
+
+def _check_value(parameter: Parameter, own: bool) -> None:
+    try:
+        parameter.check(parameter.published)
+    except ParameterError as error:
+        remedy = "widen the bounds, change it in the model, or say value = …"
+        raise RobotError(f"{error}; this is the model's own value, so {remedy}" if own else str(error)) from error
+
+
+def _current(targets: tuple[Target, ...], spec: mujoco.MjSpec) -> float:
+    """The value at which the model stays as it is."""
+    values = [number for target in targets for number in target.current(spec)]
+    if not np.isfinite(values).all():
+        raise RobotError("the model sets no number there, so the parameter needs value = …")
+    if not np.allclose(values, values[0], rtol=1e-9, atol=0.0):
+        listed = ", ".join(f"{value:g}" for value in sorted(set(values)))
+        raise RobotError(f"the model has several numbers there ({listed}), so the parameter needs value = …")
+    return values[0]

@@ -1,10 +1,10 @@
-"""A mark of a robot file and of all that its model is made of, so that a change of either is seen."""
+"""A fingerprint of a robot file and of all that its model is made of, so that a change of either is seen."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -12,36 +12,36 @@ from xml.etree import ElementTree
 import numpy as np
 
 from swim2real.robots.compiled import numbers
-from swim2real.robots.file import open_robot_file, read_whole
-from swim2real.robots.hooks import hook_file
-from swim2real.robots.table import Table
+from swim2real.robots.file import open_robot_file
+from swim2real.robots.schema import hook_file, read_content, with_first_names
 
 _FOLDERS = ("meshdir", "texturedir", "assetdir")  # of an MJCF compiler
 
 
 def fingerprint(path: str | Path) -> str:
-    """Of a robot file, those that it extends, its model with included files, meshes and the like, and hooks in files.
+    """The fingerprint of a robot file and all that it names.
 
-    Comments and spaces don't count. A model made by a Python function counts by its numbers, which another version of
-    MuJoCo may compile otherwise.
+    That are the files that it extends, its model with included files, meshes and the like, and hooks in files. Comments
+    and spaces don't count. A model made by a Python function counts by its numbers, which another version of MuJoCo may
+    compile otherwise.
 
     Raises:
         RobotError: One can't be read.
     """
     place = Path(path)
-    table = read_whole(place)
-    mark = hashlib.sha256(json.dumps(table.content, sort_keys=True, default=str).encode())
-    for name, content in _parts(place, table):
-        mark.update(f"\0{name}\0".encode() + content)
+    content = with_first_names(read_content(place))
+    mark = hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode())
+    for name, data in _parts(place, content):
+        mark.update(f"\0{name}\0".encode() + data)
     return mark.hexdigest()[:16]
 
 
-def _parts(place: Path, table: Table) -> Iterator[tuple[str, bytes]]:
-    """What the robot is made of beside its own file: a name and what it holds."""
-    folder, model = place.parent, table.text("model")
-    hooks = [table.content.get("swims", {}).get(key) for key in ("response", "fit_plan")]
+def _parts(place: Path, content: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
+    """What the robot is made of beside its own file: names and contents."""
+    folder, model = place.parent, str(content["model"])
+    hooks = [content.get("swims", {}).get(key) for key in ("response", "fit_plan")]
     for text in (model, *hooks):
-        file = hook_file(text) if isinstance(text, str) else None
+        file = hook_file(text)
         if file is not None:
             yield file, (folder / file).read_bytes()
     if model.startswith("python:"):

@@ -10,7 +10,7 @@ import numpy as np
 
 from swim2real.errors import EngineError
 from swim2real.parameters import Parameter, Values
-from swim2real.robots.probing import Reach, reaches
+from swim2real.robots.effects import ModelEffect, model_effects
 from swim2real.robots.robot import Recordings, Robot
 from swim2real.simulation.excitation import FREQUENCY, SECONDS, excitation
 from swim2real.simulation.playback import PlaybackSimulator
@@ -51,7 +51,7 @@ class Probe:
         upper: At its upper bound.
     """
 
-    reach: Reach
+    reach: ModelEffect
     lower: Shift
     upper: Shift
 
@@ -88,16 +88,16 @@ def probe(robot: Robot, reference: TrialSet | None = None, threads: int | None =
         EngineError: It can't be simulated with them.
         TrialError: The reference doesn't fit the robot.
     """
-    found = reaches(robot)
-    wanted: list[tuple[Reach, Values, str | None]] = []
-    for reach in found:
-        for value, refused in ((reach.parameter.lower, reach.lower), (reach.parameter.upper, reach.upper)):
-            wanted.append((reach, {**robot.space.published, reach.parameter.name: value}, refused))
+    effects = model_effects(robot)
+    wanted: list[tuple[ModelEffect, Values, str | None]] = []
+    for effect in effects:
+        for value, refused in ((effect.parameter.lower, effect.lower), (effect.parameter.upper, effect.upper)):
+            wanted.append((effect, {**robot.space.published, effect.parameter.name: value}, refused))
     nominal, simulate = _begun(robot, reference, threads)
     made = iter(simulate([values for _, values, refused in wanted if refused is None]))
     shifts = [_shift(robot, nominal, next(made)) if refused is None else Shift(np.nan, refused)
               for _, _, refused in wanted]  # fmt: skip
-    return [Probe(reach, shifts[2 * i], shifts[2 * i + 1]) for i, reach in enumerate(found)]
+    return [Probe(effect, shifts[2 * i], shifts[2 * i + 1]) for i, effect in enumerate(effects)]
 
 
 def moved(robot: Robot, threads: int | None = None) -> TrialSet:

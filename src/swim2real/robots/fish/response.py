@@ -21,9 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from swim2real.robots.robot import Response
+
 Array = NDArray[np.float64]
 
-FLUID = 5
+FLUID = 5  # coefficients of the fluid, which come first
+PLAIN = 16  # parameters that the plain fish has; others come behind
+DRAG = 20.0  # N s²/m², of random fish within a factor of about two (experiments/model_structure.py drag)
 _SLOW = 0.01  # m/s, below which speeds are compared on a linear scale
 _LAW_ERROR = 0.5  # of the law, on that scale
 _THRUST_SPREAD, _DRAG_SPREAD, _AMPLITUDE_SPREAD = 0.5, 0.7, 0.4  # by how much a robot's trials may bend the law
@@ -119,3 +123,47 @@ def fish_response() -> FishResponse:
     """The measured response that is shipped with the package."""
     content = json.loads((resources.files("swim2real.robots.fish") / "response.json").read_text(encoding="utf-8"))
     return FishResponse(**{field.name: np.array(content[field.name], dtype=float) for field in fields(FishResponse)})
+
+
+@dataclass(frozen=True)
+class ExtendedResponse:
+    """The plain fish's response, slowed by a dry friction; of other extra parameters it expects nothing.
+
+    Thrust and drag balance at v |v| = T / D; a friction F leaves v |v| = (T - F) / D, and no motion where T is smaller.
+
+    Attributes:
+        plain: Response to the 16.
+        friction: Column of the friction among the values [N]; None where there is none.
+    """
+
+    plain: Response
+    friction: int | None
+
+    def speeds(self, points: Array, values: Array, frequencies: Array) -> Array:
+        plain = self.plain.speeds(_sixteen(points), _sixteen(values), frequencies)
+        left = np.maximum(plain**2 - self._loss(values), 0.0)
+        return np.sign(plain) * np.sqrt(left)
+
+    def reserve(self, values: Array) -> Array:
+        return self.plain.reserve(_sixteen(values))
+
+    def adapted(self, points: Array, values: Array, speeds: Array, frequencies: Array) -> ExtendedResponse:
+        without = np.sign(speeds) * np.sqrt(speeds**2 + self._loss(values))
+        return replace(self, plain=self.plain.adapted(_sixteen(points), _sixteen(values), without, frequencies))
+
+    def beats(self, points: Array, frequencies: Array) -> Array:
+        return self.plain.beats(_sixteen(points), frequencies)
+
+    def _loss(self, values: Array) -> Array:
+        """By how much friction lowers the squared speed [m²/s²]. Shape (N, 1)."""
+        force = 0.0 if self.friction is None else values[:, self.friction]
+        return np.broadcast_to(force / DRAG, len(values))[:, None]
+
+
+def extended_response() -> ExtendedResponse:
+    """With the friction behind the 16."""
+    return ExtendedResponse(fish_response(), PLAIN)
+
+
+def _sixteen(table: Array) -> Array:
+    return table[:, :PLAIN]

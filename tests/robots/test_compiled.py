@@ -4,8 +4,8 @@ import mujoco
 import pytest
 
 from swim2real.robots import robot_named
+from swim2real.robots.compiled import rigid_markers
 from swim2real.robots.fish import FISH
-from swim2real.robots.rigid import rigid_markers
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ROBOT = """
@@ -21,7 +21,7 @@ lower = 0.1
 upper = 1.0
 meaning = "Of the hinge."
 value = 0.5
-writes = 'joint "hinge" damping'
+targets = 'joint "hinge" damping'
 """
 MODEL = """
 <mujoco>

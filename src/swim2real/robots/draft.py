@@ -5,20 +5,21 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import chain, count
 from textwrap import fill
 
 import mujoco
 
-from swim2real.robots.attributes import class_name
-from swim2real.robots.drafting.candidate import Candidate
-from swim2real.robots.drafting.fluid import fluid
-from swim2real.robots.drafting.gains import actuators
-from swim2real.robots.drafting.masses import masses
-from swim2real.robots.drafting.passive import joints, tendons
-from swim2real.robots.drafting.sensors import sensor_lines
+from swim2real.robots.candidates import Candidate
+from swim2real.robots.targets import class_name
 
 _WIDTH = 110
+_UNITS = {
+    "TOUCH": "N", "ACCELEROMETER": "m/s²", "VELOCIMETER": "m/s", "GYRO": "rad/s", "FORCE": "N", "TORQUE": "N·m",
+    "MAGNETOMETER": "T", "RANGEFINDER": "m", "TENDONPOS": "m", "TENDONVEL": "m/s", "TENDONACTFRC": "N",
+    "FRAMELINVEL": "m/s", "FRAMEANGVEL": "rad/s", "FRAMELINACC": "m/s²", "FRAMEANGACC": "rad/s²",
+}  # fmt: skip
+_OF_JOINTS = {"JOINTPOS": "rad", "JOINTVEL": "rad/s", "JOINTACTFRC": "N·m", "JOINTLIMITFRC": "N·m"}
+_METERS_PER_UNIT = 0.01  # m
 
 
 @dataclass(frozen=True)
@@ -83,10 +84,10 @@ class Draft:
         bodies = [body.name for body in self.spec.bodies if body.name not in ("", "world")]
         driven = [actuator.name for actuator in self.spec.actuators if actuator.name]
         joints = [joint.name for joint in self.spec.joints if joint.name]
-        found = [f"A robot of {len(self.spec.bodies) - 1} bodies" + _named(bodies)]
-        found.append(f"{len(self.spec.joints)} joints" + _named(joints))
-        found.append(f"{len(driven)} actuators" + _named(driven) if driven else "no actuator")
-        return f"{found[0]}, {found[1]} and {found[2]}. Its markers are {_spoken(self.markers)}."
+        parts = [f"A robot of {len(self.spec.bodies) - 1} bodies" + _named(bodies)]
+        parts.append(f"{len(self.spec.joints)} joints" + _named(joints))
+        parts.append(f"{len(driven)} actuators" + _named(driven) if driven else "no actuator")
+        return f"{parts[0]}, {parts[1]} and {parts[2]}. Its markers are {_spoken(self.markers)}."
 
     def _trials(self) -> str:
         keys = [key.name for key in self.spec.keys if key.name]
@@ -99,7 +100,7 @@ class Draft:
             lines += [
                 "# compare in the frame of two markers; it travels from the second toward the first, or swap them"
             ]
-            lines += [self._frame(self.frame), "travels = true  # whether a speed means something"]
+            lines += [self._frame(self.frame), "score_progress = true  # whether how far it comes is compared, too"]
         driven = [actuator.name for actuator in self.spec.actuators if actuator.name]
         unnamed = len(self.spec.actuators) - len(driven)
         if unnamed:
@@ -111,9 +112,9 @@ class Draft:
                 "# {amplitude = 1.0, phase = 0.0, offset = 0.0} (a sine at the trial's frequency)",
                 *(f'{_key(name)} = "table"' for name in driven),
             ]  # fmt: skip
-        sensors = list(sensor_lines(self.spec))
+        sensors = list(_sensor_lines(self.spec))
         if sensors:
-            lines += ["", "# what is compared beside the markers: an error of one unit counts as `worth` meters"]
+            lines += ["", "# what is compared beside the markers: an error of one unit counts as `meters_per_unit`"]
             lines += ["# [recordings.sensors]", *(f"# {line}" for line in sensors)]
         return "\n".join([*lines, ""])
 
@@ -130,30 +131,45 @@ class Draft:
             yield from self._parameter(name, self.candidates[name])
             yield ""
 
-    def _parameter(self, name: str, one: Candidate) -> Iterator[str]:
+    def _parameter(self, name: str, candidate: Candidate) -> Iterator[str]:
         aside = self.aside.get(name)
         if aside is not None:
             yield f"# left out: {aside}"
-        if one.group:
-            yield f"# one value for {', '.join(one.group)}; for more, copy this table and name some in each"
-        lines = ["[[parameters]]", f"name = {_text(name)}", f"unit = {_text(one.unit)}", f"lower = {one.lower!r}"]
-        lines += [f"upper = {one.upper!r}", 'scale = "log"']
-        if one.log_offset:
-            lines.append(f"log_offset = {one.log_offset:.3g}")
-        lines.append(f"meaning = {_text(one.meaning)}")
-        writes = [f"{{to = {_text(line)}, relative = true}}" if one.relative else _text(line) for line in one.writes]
-        lines.append(f"writes = {writes[0] if len(writes) == 1 else '[' + ', '.join(writes) + ']'}")
+        if candidate.group:
+            yield f"# one value for {', '.join(candidate.group)}; for more, copy this table and name some in each"
+        lines = [
+            "[[parameters]]",
+            f"name = {_text(name)}",
+            f"unit = {_text(candidate.unit)}",
+            f"lower = {candidate.lower!r}",
+        ]
+        lines += [f"upper = {candidate.upper!r}", 'scale = "log"']
+        if candidate.log_offset:
+            lines.append(f"log_offset = {candidate.log_offset:.3g}")
+        lines.append(f"meaning = {_text(candidate.meaning)}")
+        targets = [
+            f"{{to = {_text(line)}, relative = true}}" if candidate.relative else _text(line)
+            for line in candidate.targets
+        ]
+        lines.append(f"targets = {targets[0] if len(targets) == 1 else '[' + ', '.join(targets) + ']'}")
         yield from lines if aside is None else (f"# {line}" for line in lines)
 
 
-def candidates(spec: mujoco.MjSpec, model: mujoco.MjModel) -> dict[str, Candidate]:
-    """All candidates of a model, each under a name of its own."""
-    found: dict[str, Candidate] = {}
-    for one in (*joints(spec, model), *tendons(spec, model), *actuators(spec), *fluid(spec), *masses(spec)):
-        own = one.name if one.name.startswith(one.kind) else f"{one.kind}_{one.name}"
-        tries = chain((one.name, own), (f"{own}_{i}" for i in count(2)))
-        found[next(name for name in tries if name not in found)] = one
-    return found
+def _sensor_lines(spec: mujoco.MjSpec) -> Iterator[str]:
+    """A line of [recordings.sensors] for each number of the named sensors; positions of frames are markers."""
+    model = spec.copy().compile()
+    slides = {joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE}
+    for sensor in spec.sensors:
+        kind = mujoco.mjtSensor(sensor.type).name.removeprefix("mjSENS_")
+        if not sensor.name or kind == "FRAMEPOS":
+            continue
+        unit = _OF_JOINTS.get(kind, _UNITS.get(kind, "-"))
+        if kind in _OF_JOINTS and sensor.objname in slides:
+            unit = unit.replace("rad", "m").replace("N·m", "N")
+        size = int(model.sensor(sensor.name).dim[0])
+        for key in [sensor.name] if size == 1 else [f"{sensor.name}[{i}]" for i in range(size)]:
+            bare = key.isascii() and key.replace("_", "").isalnum()
+            yield f'{key if bare else json.dumps(key)} = {{unit = "{unit}", meters_per_unit = {_METERS_PER_UNIT}}}'
 
 
 def _named(names: list[str]) -> str:

@@ -1,17 +1,20 @@
-"""Why a parameter may change nothing: what a person would look up in the model, told in a sentence."""
+"""What each parameter of a robot file does to the model: do the bounds compile, do numbers change, and why not?"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from swim2real.robots.calibrated import Calibrated
-from swim2real.robots.file import RobotFile
+from swim2real.errors import RobotError
+from swim2real.parameters import Parameter
+from swim2real.robots.compiled import compiled, same
+from swim2real.robots.file import CalibratedParameter, RobotFile
 from swim2real.robots.robot import Robot
-from swim2real.robots.writes import Target, target
+from swim2real.robots.targets import Selection
 
 _FLAGS = {
     "damping": ("DAMPER", "PASSIVE"), "frictionloss": ("FRICTIONLOSS",), "friction": ("CONTACT",),
@@ -21,52 +24,97 @@ _FLAGS = {
 _OF_INERTIAL = ("diaginertia", "fullinertia", "inertia", "ipos", "iquat", "mass")
 
 
-def why_idle(file: RobotFile, robot: Robot, name: str) -> str | None:
+@dataclass(frozen=True)
+class ModelEffect:
+    """What a parameter does to the model at its bounds, the others as published.
+
+    Attributes:
+        parameter: The parameter.
+        lower: Why the model doesn't compile at the lower bound; None where it does.
+        upper: Why the model doesn't compile at the upper bound; None where it does.
+        changes: Whether any number of the model differs at a bound.
+    """
+
+    parameter: Parameter
+    lower: str | None
+    upper: str | None
+    changes: bool
+
+
+def model_effects(robot: Robot) -> list[ModelEffect]:
+    """What each parameter does to the model.
+
+    Raises:
+        RobotError: The model doesn't compile with the published values.
+    """
+    nominal = _made(robot, {})
+    if isinstance(nominal, str):
+        raise RobotError(nominal)
+    effects: list[ModelEffect] = []
+    for parameter in robot.space:
+        lower, upper = (_made(robot, {parameter.name: value}) for value in (parameter.lower, parameter.upper))
+        changes = any(not isinstance(made, str) and not same(nominal, made) for made in (lower, upper))
+        effects.append(ModelEffect(parameter, _why(lower), _why(upper), changes))
+    return effects
+
+
+def why_no_effect(file: RobotFile, robot: Robot, name: str) -> str | None:
     """Why a parameter changes nothing, as far as the model tells; None where it doesn't.
 
     Args:
-        file: Of the robot.
-        robot: What is made of it.
-        name: Of a parameter that was found to change nothing.
+        file: Robot file.
+        robot: Robot that the file describes.
+        name: Name of a parameter that changes nothing.
     """
-    order = [one.parameter.name for one in file.calibrated]
-    one = file.calibrated[order.index(name)]
-    for other in file.calibrated[order.index(name) + 1 :]:
-        if _numbers(file.spec, one) <= _numbers(file.spec, other, absolute=True):
-            return f"parameter '{other.parameter.name}' writes to the same place after it"
+    position = [entry.parameter.name for entry in file.calibrated].index(name)
+    entry = file.calibrated[position]
+    for later in file.calibrated[position + 1 :]:
+        if _numbers(file.spec, entry) <= _numbers(file.spec, later, absolute=True):
+            return f"parameter '{later.parameter.name}' writes to the same place after it"
     model = file.spec.copy().compile()
     reasons = [
-        _reason(found, element, file.spec, model, robot)
-        for found in (target(file.spec, write.line) for write in one.writes)
-        for _, element in found.elements
+        next(_reasons(target.selection, element, file.spec, model, robot), None)
+        for target in entry.targets
+        for _, element in target.selection.elements(file.spec)
     ]
     if None in reasons:
         return None
     return "; ".join(dict.fromkeys(filter(None, reasons)))
 
 
-def _numbers(spec: mujoco.MjSpec, one: Calibrated, absolute: bool = False) -> set[tuple[str, int, str, int]]:
-    """Each number that a parameter writes, or replaces."""
-    found = [target(spec, write.line) for write in one.writes if not (absolute and write.relative)]
-    return {(of.kind, number, of.attribute, of.index or 0) for of in found for number, _ in of.elements}
+def _made(robot: Robot, changes: dict[str, float]) -> mujoco.MjModel | str:
+    """The model, or why there is none."""
+    where = "robot '" + robot.name + "'" + "".join(f", {name} = {value:g}" for name, value in changes.items())
+    try:
+        return compiled(robot.build({**robot.space.published, **changes}), where)
+    except RobotError as error:
+        return str(error)
 
 
-def _reason(
-    found: Target, element: Any, spec: mujoco.MjSpec, model: mujoco.MjModel, robot: Robot
-) -> str | None:  # fmt: skip
-    """The first reason why a number of an element doesn't count."""
-    return next(_reasons(found, element, spec, model, robot), None)
+def _why(made: mujoco.MjModel | str) -> str | None:
+    return made if isinstance(made, str) else None
+
+
+def _numbers(
+    spec: mujoco.MjSpec, entry: CalibratedParameter, absolute: bool = False
+) -> set[tuple[str, int, str, int]]:  # fmt: skip
+    """Each number that a parameter sets, or replaces."""
+    selections = [target.selection for target in entry.targets if not (absolute and target.relative)]
+    return {
+        (selection.kind, number, selection.attribute, selection.index or 0)
+        for selection in selections for number, _ in selection.elements(spec)
+    }  # fmt: skip
 
 
 def _reasons(
-    found: Target, element: Any, spec: mujoco.MjSpec, model: mujoco.MjModel, robot: Robot
+    selection: Selection, element: Any, spec: mujoco.MjSpec, model: mujoco.MjModel, robot: Robot
 ) -> Iterator[str]:  # fmt: skip
-    who, name = found.named(element), found.attribute
+    who, name = selection.label(element), selection.attribute
     for flag in _FLAGS.get(name, ()):
         bit = getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", None)
         if bit is not None and model.opt.disableflags & bit:
             yield f"the flag {flag.lower()} of the model's option is off"
-    match found.kind:
+    match selection.kind:
         case "body":
             yield from _of_body(element, who, name, model)
         case "geom":

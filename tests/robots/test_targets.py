@@ -5,7 +5,7 @@ import pytest
 from made_robots import ARM
 from swim2real.errors import RobotError
 from swim2real.robots.compiled import compiled, numbers, same
-from swim2real.robots.writes import Write
+from swim2real.robots.targets import Target, attribute, attribute_names, class_name
 
 
 @pytest.fixture
@@ -13,9 +13,9 @@ def spec():
     return mujoco.MjSpec.from_string(ARM)
 
 
-def applied(spec, write, value):
+def applied(spec, target, value):
     copy = spec.copy()
-    write.into(copy)(value)
+    target.setter(copy)(value)
     return copy.compile()
 
 
@@ -32,15 +32,15 @@ LINES = [
 
 @pytest.mark.parametrize("line", LINES)
 def test_a_model_gets_back_what_was_read_from_it_and_changes_with_another_value(spec, line):
-    write = Write(line)
-    own = write.current(spec)[0]
+    target = Target(line)
+    own = target.current(spec)[0]
     before = spec.copy().compile()
-    assert same(applied(spec, write, own), before)
-    changed = applied(spec, write, own * 0.9 + 1e-5)
+    assert same(applied(spec, target, own), before)
+    changed = applied(spec, target, own * 0.9 + 1e-5)
     assert not same(changed, before)
     copy = spec.copy()
-    write.into(copy)(own * 0.9 + 1e-5)
-    assert set(write.current(copy)) == {own * 0.9 + 1e-5}
+    target.setter(copy)(own * 0.9 + 1e-5)
+    assert set(target.current(copy)) == {own * 0.9 + 1e-5}
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_a_model_gets_back_what_was_read_from_it_and_changes_with_another_value(
     ],
 )
 def test_a_line_stands_for_the_elements_that_it_names(spec, line, joints):
-    model = applied(spec, Write(line), 0.5)
+    model = applied(spec, Target(line), 0.5)
     damping = {model.joint(j).name: float(model.joint(j).damping.ravel()[0]) for j in range(model.njnt)}
     assert damping == {name: 0.5 if name in joints else 0.02 for name in ("link0", "link1")}
 
@@ -65,33 +65,33 @@ def test_an_element_with_a_bracket_in_its_name_is_found():
     spec = mujoco.MjSpec.from_string(
         '<mujoco><worldbody><body><joint name="j[0]"/><geom size="1"/></body></worldbody></mujoco>'
     )
-    assert applied(spec, Write('joint "j[0]" armature'), 2.0).dof_armature[0] == 2.0
+    assert applied(spec, Target('joint "j[0]" armature'), 2.0).dof_armature[0] == 2.0
 
 
 def test_factor_and_offset_make_the_number_of_the_value(spec):
-    write = Write('site "tip" pos[0]', factor=2.0, offset=-0.3)
-    assert applied(spec, write, 0.25).site("tip").pos[0] == pytest.approx(0.2)
-    assert write.current(spec) == [pytest.approx(0.2)]
+    target = Target('site "tip" pos[0]', factor=2.0, offset=-0.3)
+    assert applied(spec, target, 0.25).site("tip").pos[0] == pytest.approx(0.2)
+    assert target.current(spec) == [pytest.approx(0.2)]
 
 
 def test_a_relative_value_multiplies_each_number_once(spec):
     spec.joint("link1").damping = 0.1 if np.ndim(spec.joint("link1").damping) == 0 else [0.1, 0, 0]
-    write = Write('joint "link0", "link*" damping', relative=True)
-    assert write.current(spec) == [1.0]
-    model = applied(spec, write, 3.0)
+    target = Target('joint "link0", "link*" damping', relative=True)
+    assert target.current(spec) == [1.0]
+    model = applied(spec, target, 3.0)
     np.testing.assert_allclose(model.dof_damping.reshape(2, -1)[:, 0], [0.06, 0.3])
-    scaled = Write('joint "link0" damping', factor=2.0, offset=-1.0, relative=True)
+    scaled = Target('joint "link0" damping', factor=2.0, offset=-1.0, relative=True)
     assert scaled.current(spec) == [1.0]
     assert applied(spec, scaled, 2.0).dof_damping.ravel()[0] == pytest.approx(0.06)
 
 
 def test_numbers_that_a_model_does_not_set_are_nan(spec):
-    assert np.isnan(Write('geom "rod1" mass').current(spec)[0])
-    assert np.isnan(Write('actuator "damped" kv').current(spec)[0])
+    assert np.isnan(Target('geom "rod1" mass').current(spec)[0])
+    assert np.isnan(Target('actuator "damped" kv').current(spec)[0])
 
 
 def test_an_angle_is_in_the_unit_of_its_file(spec):
-    limits = Write('joint "link0" range[1]')
+    limits = Target('joint "link0" range[1]')
     assert limits.current(spec) == [60.0]
     assert applied(spec, limits, 45.0).jnt_range[0, 1] == pytest.approx(np.pi / 4)
     radian = mujoco.MjSpec.from_string(ARM.replace("<option", '<compiler angle="radian"/><option'))
@@ -127,22 +127,22 @@ def test_an_angle_is_in_the_unit_of_its_file(spec):
 )  # fmt: skip
 def test_a_line_that_leads_nowhere_is_named(spec, line, says):
     with pytest.raises(RobotError) as caught:
-        Write(line).into(spec)
+        Target(line).setter(spec)
     assert str(caught.value) == says or (says.endswith((" ", ",")) and str(caught.value).startswith(says))
 
 
 def test_a_negative_number_has_no_sense_everywhere(spec):
     with pytest.raises(RobotError) as caught:
-        Write('joint "link0" damping', factor=-1.0).check_sense(spec, 2.0)
+        Target('joint "link0" damping', factor=-1.0).check_bound(spec, 2.0)
     assert str(caught.value) == (
         '2 would write -2 to joint "link0" damping, which can\'t be negative; change the bound, or the factor and '
         "offset"
     )
     with pytest.raises(RobotError) as caught:
-        Write('body "lower" pos[2]', relative=True).check_sense(spec, -0.5)
+        Target('body "lower" pos[2]', relative=True).check_bound(spec, -0.5)
     assert str(caught.value).startswith("-0.5 would write -0.5 times its own to body")
-    Write('body "lower" pos[2]').check_sense(spec, -0.5)
-    Write('joint "link0" damping', offset=3.0).check_sense(spec, -2.0)
+    Target('body "lower" pos[2]').check_bound(spec, -0.5)
+    Target('joint "link0" damping', offset=3.0).check_bound(spec, -2.0)
 
 
 def test_models_are_the_same_only_with_the_same_numbers(spec):
@@ -160,3 +160,106 @@ def test_a_model_that_does_not_compile_is_told_in_one_line(spec):
         compiled(spec, "robot file 'arm.toml'")
     assert str(caught.value).startswith("robot file 'arm.toml': the model doesn't compile: Error: range[0] should be")
     assert "\n" not in str(caught.value)
+
+
+# numbers of elements
+
+KINDS = ("bodies", "joints", "geoms", "sites", "tendons", "actuators", "equalities")
+
+
+def number(element, name, index=0):
+    found = attribute(element, name)
+    assert found is not None
+    return found.read(index)
+
+
+def put(element, name, value, index=0):
+    found = attribute(element, name)
+    assert found is not None
+    found.write(index, value)
+
+
+def test_names_are_those_of_the_mjcf_file(spec):
+    assert number(spec.geom("rod1"), "fluidcoef", 2) == 1.5
+    assert number(spec.geom("rod0"), "mass") == 0.1
+    assert number(spec.body("lower"), "mass") == 0.2
+    assert number(spec.body("lower"), "diaginertia", 1) == 2e-4
+    assert number(spec.equality("gear"), "polycoef", 1) == 1.0
+    assert number(spec.joint("link0"), "solreflimit") == 0.02
+    assert number(spec.option, "density") == 1000.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_name_that_is_listed_can_be_read_and_written(spec, kind):
+    element = getattr(spec, kind)[-1]
+    names = attribute_names(element)
+    assert names
+    for name in names:
+        found = attribute(element, name)
+        last = (found.size or 1) - 1
+        found.write(last, 0.5)
+        assert found.read(last) == 0.5, name
+
+
+def test_what_is_no_number_has_no_attribute(spec):
+    for element, name in ((spec.joint("link0"), "name"), (spec.joint("link0"), "axes"), (spec.geom("rod0"), "rgba")):
+        assert attribute(element, name) is None
+    assert attribute(spec.joint("link0"), "user") is None  # the model gives them none
+    assert attribute(spec.joint("link0"), "__class__") is None
+
+
+def test_one_number_needs_no_index_and_several_know_how_many_they_are(spec):
+    assert attribute(spec.joint("link0"), "armature").size is None
+    assert attribute(spec.joint("link0"), "range").size == 2
+    assert attribute(spec.geom("rod0"), "fluidcoef").size == 5
+    for name in ("damping", "stiffness"):  # whether or not the engine has polynomials
+        assert attribute(spec.joint("link0"), name).size is None
+
+
+def test_gains_of_servos_go_to_both_places_of_their_law(spec):
+    servo = spec.actuator("servo")
+    assert (number(servo, "kp"), number(servo, "kv")) == (5.0, 0.3)
+    put(servo, "kp", 8.0)
+    put(servo, "kv", 0.4)
+    model = spec.compile()
+    np.testing.assert_array_equal(model.actuator("servo").gainprm[:3], [8.0, 0, 0])
+    np.testing.assert_array_equal(model.actuator("servo").biasprm[:3], [0, -8.0, -0.4])
+
+
+def test_the_gain_of_a_velocity_servo_is_kv(spec):
+    motor = spec.actuator("motor")
+    assert attribute(motor, "kp") is None
+    assert number(motor, "kv") == 0.7
+    put(motor, "kv", 0.9)
+    model = spec.compile()
+    assert model.actuator("motor").gainprm[0] == 0.9
+    np.testing.assert_array_equal(model.actuator("motor").biasprm[:3], [0, 0, -0.9])
+
+
+def test_a_damping_ratio_is_no_kv_until_one_is_written(spec):
+    damped = spec.actuator("damped")
+    assert np.isnan(number(damped, "kv"))
+    put(damped, "kv", 0.2)
+    assert spec.compile().actuator("damped").biasprm[2] == -0.2
+
+
+def test_a_position_servo_without_kv_has_one_of_0(spec):
+    servo = spec.actuator("servo")
+    servo.biasprm[2] = 0.0
+    assert str(number(servo, "kv")) == "0.0"
+
+
+def test_other_actuators_have_no_servo_gains(spec):
+    for name in ("torque", "law"):  # the bias of `law` isn't in use, since its biastype is none
+        assert attribute(spec.actuator(name), "kp") is None
+        assert attribute(spec.actuator(name), "kv") is None
+        assert "kp" not in attribute_names(spec.actuator(name))
+    assert number(spec.actuator("torque"), "gear") == 2.0
+
+
+def test_the_default_class_of_every_kind_of_element(spec):
+    assert class_name(spec.geom("rod1")) == "wet"
+    assert class_name(spec.joint("link0")) == "soft"
+    assert class_name(spec.joint("link1")) == "main"
+    assert class_name(spec.tendon("cable")) == "soft"
+    assert class_name(spec.actuator("servo")) == "main"

@@ -2,9 +2,8 @@ import pytest
 
 from made_robots import ARM, RECORDINGS, ROBOT, made, parameter
 from swim2real.errors import RobotError
+from swim2real.robots.effects import model_effects, why_no_effect
 from swim2real.robots.file import load_robot, open_robot_file
-from swim2real.robots.idle import why_idle
-from swim2real.robots.probing import reaches
 
 
 def second(text: str) -> str:
@@ -14,14 +13,14 @@ def second(text: str) -> str:
 def test_a_parameter_reaches_the_model_or_does_not(tmp_path):
     mass = second(parameter("'body \"upper\" mass'", 0.1, 1.0, "value = 0.1"))
     robot = load_robot(made(tmp_path, ROBOT, RECORDINGS, parameter("'joint \"link0\" damping'"), mass))
-    first, other = reaches(robot)
+    first, other = model_effects(robot)
     assert (first.parameter.name, first.lower, first.upper, first.changes) == ("x", None, None, True)
     assert (other.parameter.name, other.lower, other.upper, other.changes) == ("y", None, None, False)
 
 
 def test_a_bound_at_which_the_model_does_not_compile_is_told(tmp_path):
     angle = parameter("'joint \"link0\" range[0]'", -40.0, 70.0)
-    found = reaches(load_robot(made(tmp_path, ROBOT, RECORDINGS, angle)))[0]
+    found = model_effects(load_robot(made(tmp_path, ROBOT, RECORDINGS, angle)))[0]
     assert found.lower is None
     assert found.changes
     assert found.upper is not None
@@ -34,7 +33,7 @@ def test_a_robot_whose_own_model_does_not_compile_is_refused(tmp_path, monkeypat
     broken.joint("link0").range = [2.0, 1.0]
     object.__setattr__(robot, "build", lambda values: broken.copy())
     with pytest.raises(RobotError) as caught:
-        reaches(robot)
+        model_effects(robot)
     assert str(caught.value).startswith("robot 'arm': the model doesn't compile: ")
 
 
@@ -69,29 +68,29 @@ NO_CONTACT = ARM.replace("<option", '<option><flag contact="disable" frictionlos
 )  # fmt: skip
 def test_why_a_parameter_changes_nothing_is_told(tmp_path, writes, model, says):
     place = made(tmp_path, ROBOT, RECORDINGS, parameter(f"'{writes}'", more="value = 1.0"), model=model)
-    assert why_idle(open_robot_file(place), load_robot(place), "x") == says
+    assert why_no_effect(open_robot_file(place), load_robot(place), "x") == says
 
 
 def test_what_is_fixed_to_the_world_has_no_mass(tmp_path):
     fixed = '<body name="post"><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/><geom name="post" size="1"/></body>'
     model = ARM.replace("<worldbody>", f"<worldbody>{fixed}")
     place = made(tmp_path, ROBOT, RECORDINGS, parameter("'body \"post\" mass'"), model=model)
-    assert why_idle(open_robot_file(place), load_robot(place), "x") == "body 'post' is fixed to the world"
+    assert why_no_effect(open_robot_file(place), load_robot(place), "x") == "body 'post' is fixed to the world"
 
 
 def test_a_control_of_0_drives_nothing(tmp_path):
     gear = parameter("'actuator \"torque\" gear[0]'")
     for control, says in (("0", "no control drives actuator 'torque'"), ('"table"', None)):
         place = made(tmp_path, ROBOT, f"[recordings.controls]\ntorque = {control}\n", gear)
-        assert why_idle(open_robot_file(place), load_robot(place), "x") == says
+        assert why_no_effect(open_robot_file(place), load_robot(place), "x") == says
 
 
 def test_a_number_that_another_parameter_replaces_is_told(tmp_path):
     one, two = parameter("'joint \"link0\" damping'"), parameter("'joint \"link*\" damping'")
     place = made(tmp_path, ROBOT, RECORDINGS, one, second(two))
     file, robot = open_robot_file(place), load_robot(place)
-    assert why_idle(file, robot, "x") == "parameter 'y' writes to the same place after it"
-    assert why_idle(file, robot, "y") is None
+    assert why_no_effect(file, robot, "x") == "parameter 'y' writes to the same place after it"
+    assert why_no_effect(file, robot, "y") is None
     relative = parameter("{to = 'joint \"link0\" damping', relative = true}", 0.1, 2.0)
     place = made(tmp_path, ROBOT, RECORDINGS, one, second(relative))
-    assert why_idle(open_robot_file(place), load_robot(place), "x") is None
+    assert why_no_effect(open_robot_file(place), load_robot(place), "x") is None

@@ -1,0 +1,303 @@
+"""What a robot file may say: its tables as pydantic models. The keys are explained in docs/robot-file.md.
+
+```
+format = 1
+name = "finger"
+description = "..."                    for a person or a VLM who has never seen it
+model = "finger.xml"                   MJCF beside this file, or "python:module:function" that returns an MjSpec
+camera = "side"                        above (x right, y up), side (x right, z up) or front (y right, z up)
+markers = ["base", "knuckle", "tip"]   sites, in the order in which they are tracked
+links = [["base", "knuckle"]]          lines of pictures; by default from each marker to the next
+
+[recordings]                           or [swims], for a motor that turns at a constant speed
+start = "markers"                      rest, markers or the name of a keyframe
+frame = ["base", "knuckle"]            compare in the frame of two markers; left out: in the world
+score_progress = false                 whether how far it comes is compared, too
+[recordings.controls]
+tendon = "table"                       or "frequency", a number, or {amplitude = 1.0, phase = 0.0, offset = 0.0}
+[recordings.sensors]
+load = {unit = "N", meters_per_unit = 0.01}    an error of 1 N counts as much as 10 mm
+
+[[parameters]]
+name = "knuckle_damping"
+unit = "N·m·s/rad"
+lower = 1e-4
+upper = 1e-1
+scale = "log"                          or linear; log_offset moves the logarithm's zero
+meaning = "..."
+value = 1e-3                           by default what the model has
+targets = ['joint "knuckle" damping']  or {to = ..., factor = 1.0, offset = 0.0, relative = true}
+```
+
+A file that says `extends = "OTHER.toml"` takes over what it doesn't say itself, and adds its parameters.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from swim2real.errors import RobotError
+
+FORMAT = 1
+_NEW_NAMES = {"travels": "score_progress", "worth": "meters_per_unit", "writes": "targets"}
+"""What version 0.1 called some keys."""
+
+
+def _not_blank(text: str) -> str:
+    if not text.strip():
+        raise ValueError("it is blank; it must be a text")
+    return text
+
+
+def _hook(text: str) -> str:
+    parts = text.split(":")
+    if len(parts) != 3 or parts[0] != "python":
+        raise ValueError(f"it is '{text}'; it must be python:MODULE:FUNCTION or python:FILE.py:FUNCTION")
+    return text
+
+
+def _site(value: Any) -> Any:
+    return {"site": value} if isinstance(value, str) else value
+
+
+def _line(value: Any) -> Any:
+    return {"to": value} if isinstance(value, str) else value
+
+
+def _lines(value: Any) -> Any:
+    return [value] if isinstance(value, str | Mapping) else value
+
+
+def _kind_of_control(value: Any) -> str:
+    return "<sine>" if isinstance(value, Mapping) else "<word>" if isinstance(value, str) else "<number>"
+
+
+Text = Annotated[str, AfterValidator(_not_blank)]
+Hook = Annotated[Text, AfterValidator(_hook)]
+Pair = Annotated[list[Text], Field(min_length=2, max_length=2)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class MarkerTable(_Table):
+    """A marker; the name of its site alone stands for a table with nothing else."""
+
+    site: Text
+    name: Text | None = None
+    rest: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+
+
+class SineTable(_Table):
+    """A control that swings at a trial's frequency."""
+
+    amplitude: float
+    phase: float = 0.0
+    offset: float = 0.0
+
+
+ControlEntry = Annotated[
+    Annotated[SineTable, Tag("<sine>")]
+    | Annotated[Literal["table", "frequency"], Tag("<word>")]
+    | Annotated[float, Tag("<number>")],
+    Discriminator(_kind_of_control),
+]
+
+
+class SensorTable(_Table):
+    """A sensor that is compared beside the markers."""
+
+    unit: Text = "-"
+    meters_per_unit: Annotated[float, Field(gt=0)]
+
+
+class RecordingsTable(_Table):
+    """[recordings]: trials that are played back."""
+
+    controls: dict[str, ControlEntry] = {}
+    sensors: dict[str, SensorTable] = {}
+    start: Text = "rest"
+    frame: Pair | None = None
+    score_progress: bool = False
+
+    @model_validator(mode="after")
+    def _progress_needs_a_frame(self) -> RecordingsTable:
+        if self.frame is not None and self.frame[0] == self.frame[1]:
+            raise ValueError(f"'frame' is {self.frame}; it must be two different markers")
+        if self.score_progress and self.frame is None:
+            raise ValueError(
+                "'score_progress' is true; it needs 'frame', the two markers that say where the robot points"
+            )
+        return self
+
+
+class SwimsTable(_Table):
+    """[swims]: trials in which a motor turns at a constant speed."""
+
+    surge_joints: Pair
+    motor_joint: Text
+    tail_markers: Annotated[list[Text], Field(min_length=1)]
+    response: Hook | None = None
+    fit_plan: Hook | None = None
+
+
+class TargetTable(_Table):
+    """A place that a parameter sets; the line alone stands for a table with nothing else."""
+
+    to: Text
+    factor: float = 1.0
+    offset: float = 0.0
+    relative: bool = False
+
+    @model_validator(mode="after")
+    def _factor_counts(self) -> TargetTable:
+        if self.factor == 0:
+            raise ValueError("'factor' is 0; it must not be, or the parameter changes nothing")
+        return self
+
+
+class ParameterTable(_Table):
+    """[[parameters]]: what is calibrated."""
+
+    name: Text
+    unit: Text = "-"
+    lower: float
+    upper: float
+    scale: Literal["log", "linear"] = "linear"
+    log_offset: float = 0.0
+    meaning: Text
+    value: float | None = None
+    targets: Annotated[
+        list[Annotated[TargetTable, BeforeValidator(_line)]], Field(min_length=1), BeforeValidator(_lines)
+    ]
+
+
+class RobotTable(_Table):
+    """The whole file, with what it takes over from others. Each of the parameters is a `ParameterTable`."""
+
+    format: int
+    name: Text
+    description: Text
+    model: Text
+    camera: Literal["above", "side", "front"] = "above"
+    markers: Annotated[list[Annotated[MarkerTable, BeforeValidator(_site)]], Field(min_length=1)]
+    links: list[Pair] | None = None
+    recordings: RecordingsTable | None = None
+    swims: SwimsTable | None = None
+    parameters: Annotated[list[dict[str, Any]], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _one_kind_of_trials(self) -> RobotTable:
+        if (self.recordings is None) == (self.swims is None):
+            given = "neither" if self.recordings is None else "both"
+            raise ValueError(
+                f"there must be [recordings], for trials that are played back, or [swims], for a motor that turns at "
+                f"a constant speed; the file has {given}"
+            )
+        return self
+
+
+def read_content(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """What a robot file says and takes over from others, whose places are given from this file; not yet checked.
+
+    Raises:
+        RobotError: It or one of them can't be read, they go round in circles, or the format is another version's.
+    """
+    where = f"robot file '{path}'"
+    content = _with_new_names(_read_toml(path), where)
+    extended = content.pop("extends", None)
+    if extended is not None:
+        other = path.parent / str(extended)
+        if other.resolve() in (path.resolve(), *extended_by):
+            raise RobotError(f"{where}: 'extends' is '{extended}'; it must not lead back to the file itself")
+        base = _moved(read_content(other, (path.resolve(), *extended_by)), Path(str(extended)).parent)
+        merged = {**base, **content}
+        for key in ("swims", "recordings"):
+            if isinstance(base.get(key), dict) and isinstance(content.get(key), dict):
+                merged[key] = {**base[key], **content[key]}
+        lists = base.get("parameters", []), content.get("parameters", [])
+        if all(isinstance(parameters, list) for parameters in lists):
+            merged["parameters"] = [*lists[0], *lists[1]]
+        content = merged
+    if content.get("format") != FORMAT:
+        raise RobotError(f"{where}: 'format' is {content.get('format')}; it must be {FORMAT} for this version")
+    return content
+
+
+def hook_file(text: object) -> str | None:
+    """The file that a function named `python:FILE.py:NAME` is in; None for one of a module, or for anything else."""
+    parts = text.split(":") if isinstance(text, str) else []
+    return parts[1] if len(parts) == 3 and parts[0] == "python" and parts[1].endswith(".py") else None
+
+
+def with_first_names(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What a file says, with the names that keys had in version 0.1, so that its fingerprint stays what it was."""
+    old_names = {new: old for old, new in _NEW_NAMES.items()}
+
+    def renamed(table: Any) -> Any:
+        return {old_names.get(key, key): value for key, value in table.items()} if isinstance(table, Mapping) else table
+
+    return _in_tables(content, renamed)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except FileNotFoundError:
+        raise RobotError(f"robot file '{path}' is not there; `swim2real init MODEL.xml` writes one") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise RobotError(f"robot file '{path}' can't be read as TOML: {error}") from error
+
+
+def _moved(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """What a file says, with the places that it names seen from another folder."""
+
+    def moved(value: Any) -> Any:
+        file = hook_file(value)
+        return value if file is None else f"python:{(folder / file).as_posix()}:{value.rpartition(':')[2]}"
+
+    there = dict(content)
+    model = there.get("model")
+    if isinstance(model, str):
+        there["model"] = moved(model) if model.startswith("python:") else (folder / model).as_posix()
+    if isinstance(there.get("swims"), dict):
+        there["swims"] = {key: moved(value) for key, value in there["swims"].items()}
+    return there
+
+
+def _with_new_names(content: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """What a file says, with the keys of version 0.1 under their names of today.
+
+    Raises:
+        RobotError: A table has a key under both names.
+    """
+
+    def renamed(table: Any) -> Any:
+        if not isinstance(table, Mapping):
+            return table
+        for old, new in _NEW_NAMES.items():
+            if old in table and new in table:
+                raise RobotError(f"{where}: there are '{old}' and '{new}', which mean the same; keep '{new}'")
+        return {_NEW_NAMES.get(key, key): value for key, value in table.items()}
+
+    return _in_tables(content, renamed)
+
+
+def _in_tables(content: Mapping[str, Any], renamed: Any) -> dict[str, Any]:
+    """A file's content with a function applied to each table whose keys have changed their names."""
+    changed = dict(content)
+    recordings = renamed(content.get("recordings"))
+    if isinstance(recordings, dict):
+        if isinstance(recordings.get("sensors"), dict):
+            recordings["sensors"] = {name: renamed(sensor) for name, sensor in recordings["sensors"].items()}
+        changed["recordings"] = recordings
+    if isinstance(content.get("parameters"), list):
+        changed["parameters"] = [renamed(parameter) for parameter in content["parameters"]]
+    return changed
