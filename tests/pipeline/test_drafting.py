@@ -90,7 +90,7 @@ def test_sites_of_tendons_are_no_markers_and_sensors_are_suggested(begun):
     assert "# tendons run through these sites, so they are left out: anchor, guide0, guide1" in text
     assert '# length = {unit = "m", meters_per_unit = 0.01}' in text
     gear = next(one for one in tomllib.loads(text)["parameters"] if one["name"] == "pull_gear")
-    assert gear["writes"] == {"to": 'actuator "pull" gear[0]', "relative": True}  # it is negative
+    assert gear["targets"] == {"to": 'actuator "pull" gear[0]', "relative": True}  # it is negative
 
 
 def test_a_free_robot_travels_and_its_keyframes_are_named(begun):
