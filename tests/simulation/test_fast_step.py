@@ -218,15 +218,9 @@ def test_an_unsupported_robot_is_simulated_by_the_engine_with_one_warning(caplog
 
 
 def test_a_step_that_disagrees_with_the_engine_is_not_used(monkeypatch, caplog):
-    monkeypatch.setattr("swim2real.simulation.fast_step.disagreement", lambda fast: 3e-9)
+    monkeypatch.setattr("swim2real.simulation.simulator.disagreement", lambda fast: 3e-9)
     assert Simulator(FISH, threads=1).step == "engine"
     assert "it differs from the engine's own by 3e-09, relative, after one step" in caplog.text
-
-
-def test_without_numba_the_engine_steps(monkeypatch, caplog):
-    monkeypatch.setitem(__import__("sys").modules, "swim2real.simulation.fast_step", None)
-    assert Simulator(FISH, threads=1).step == "engine"
-    assert "numba can't be imported" in caplog.text
 
 
 def test_simulated_trials_are_the_engines(new_fluid_law):

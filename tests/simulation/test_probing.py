@@ -8,10 +8,9 @@ from small_models import PENDULUM
 from swim2real.errors import EngineError
 from swim2real.robots.file import load_robot
 from swim2real.robots.fish import FISH
-from swim2real.simulation.excitation import SECONDS, excitation
 from swim2real.simulation.misfits import misfits, misplaced
 from swim2real.simulation.playback import PlaybackSimulator
-from swim2real.simulation.probing import NOISE, moved, probe
+from swim2real.simulation.probing import NOISE, SECONDS, excitation, moved, probe
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 
 DRIVEN = """

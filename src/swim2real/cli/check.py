@@ -18,8 +18,8 @@ from swim2real.robots import ROBOTS, robot_file, robot_named
 from swim2real.robots.effects import why_no_effect
 from swim2real.robots.file import PLANES, RobotFile, open_robot_file
 from swim2real.robots.robot import Control, Recordings, Robot, Sine
-from swim2real.simulation.marker_view import MarkerView
 from swim2real.simulation.misfits import misfits, misplaced
+from swim2real.simulation.pose import MarkerView
 from swim2real.simulation.probing import FAINT, FREQUENCY, SECONDS, TRIALS, Probe, Shift, probe
 from swim2real.trials import load_reference
 

@@ -20,7 +20,7 @@ from swim2real.parameters import Values
 from swim2real.rendering.pool import PoolCamera, film
 from swim2real.robots.robot import Recordings, Robot
 from swim2real.simulation import PlaybackSimulator, Rollout
-from swim2real.simulation.drive import driven
+from swim2real.simulation.playback import driven
 from swim2real.tracking.camera import CameraFile, write_camera
 from swim2real.tracking.picking import save_points
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet

@@ -21,21 +21,25 @@ import numba
 import numpy as np
 from numba.core.errors import NumbaError
 
-from swim2real.simulation.engine_calls import Calls, call, call_flag, compiled, find_calls
 from swim2real.simulation.fast_plan import (
     MIN,
     Array,
+    Calls,
     Indices,
     Plan,
     State,
     UnsupportedModelError,
+    call,
+    call_flag,
+    compiled,
+    find_calls,
     make_plan,
     without_fluid,
 )
 from swim2real.simulation.velocity_derivative import Scratch, add_fluid
 
 _MAX = 1e10  # the engine's mjMAXVAL: beyond it a state counts as diverged
-_SOURCES = ("engine_calls", "fast_plan", "fast_step", "geom_fluid", "velocity_derivative")
+_SOURCES = ("fast_plan", "fast_step", "geom_fluid", "velocity_derivative")
 _log = logging.getLogger(__name__)
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 
-from swim2real.simulation.engine_calls import compiled
 from swim2real.simulation.fast_plan import (
     ABC,
     DRAG_BLUNT,
@@ -26,6 +25,7 @@ from swim2real.simulation.fast_plan import (
     SPIN,
     SPIN_LIN,
     Array,
+    compiled,
 )  # fmt: skip
 
 

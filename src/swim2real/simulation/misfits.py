@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from swim2real.errors import Swim2RealError, TrialError
 from swim2real.robots.robot import Recordings, Robot
-from swim2real.simulation.marker_view import MarkerView
 from swim2real.simulation.playback import PlaybackSimulator
+from swim2real.simulation.pose import MarkerView
 from swim2real.simulation.start import MARKERS
 from swim2real.trials import Trial, TrialSet
 

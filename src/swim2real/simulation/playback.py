@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from swim2real.errors import EngineError, TrialError
 from swim2real.parameters import Values
-from swim2real.robots.robot import Robot
-from swim2real.simulation.drive import driven
+from swim2real.robots.robot import Control, Robot, Sine
 from swim2real.simulation.engine import Engine
+from swim2real.simulation.forward_model import all_of, each_of, thread_count
 from swim2real.simulation.pose import PoseFit
-from swim2real.simulation.rolling import roll
 from swim2real.simulation.start import (
     MARKERS,
     REST,
@@ -25,7 +24,7 @@ from swim2real.simulation.start import (
     start_at_keyframe,
     start_at_markers,
 )
-from swim2real.simulation.threads import all_of, each_of, thread_count
+from swim2real.simulation.stepper import roll
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 
 Array = NDArray[np.float64]
@@ -222,3 +221,62 @@ def sensor_address(model: mujoco.MjModel, name: str) -> int:
     if not index.isdecimal() or int(index) >= size:
         raise EngineError(f"sensor '{name}' isn't one number; name one of {base}[0] to {base}[{size - 1}]")
     return int(sensors[base].adr[0]) + int(index)
+
+
+def driven(model: mujoco.MjModel, controls: Mapping[str, Control], trial: Trial, times: Array) -> Array:
+    """Controls at given times; what isn't named gets 0.
+
+    Args:
+        model: Compiled robot.
+        controls: By actuator.
+        trial: Whose table and frequency drive it.
+        times: On the trial's clock [s]. Shape (N,).
+
+    Returns:
+        Shape (N, nu).
+
+    Raises:
+        EngineError: The model has no such actuator.
+        TrialError: The trial has no such column, or no frequency.
+    """
+    names = [model.actuator(i).name for i in range(model.nu)]
+    out = np.zeros((len(times), model.nu))
+    for name, control in controls.items():
+        if name not in names:
+            raise EngineError(
+                f"actuator '{name}' is to be driven; the model has {', '.join(names) or 'no actuators'}; "
+                f"name one of these"
+            )
+        out[:, names.index(name)] = _one(name, control, trial, times)
+    return out
+
+
+def _one(name: str, control: Control, trial: Trial, times: Array) -> Array | float:
+    if control == "table":
+        return _held(name, trial, times)
+    if control == "frequency":
+        return 2 * np.pi * _frequency(name, trial)
+    if isinstance(control, Sine):
+        angles = 2 * np.pi * _frequency(name, trial) * (times - trial.track.times[0]) + control.phase
+        return control.offset + control.amplitude * np.sin(angles)
+    return float(control)
+
+
+def _held(name: str, trial: Trial, times: Array) -> Array:
+    if trial.controls is None:
+        raise TrialError(
+            f"trial '{trial.name}' has no controls; actuator '{name}' needs a table with a column of its name"
+        )
+    try:
+        return trial.controls.held(name, times)
+    except TrialError as error:
+        raise TrialError(f"trial '{trial.name}': the controls don't drive actuator '{name}': {error}") from error
+
+
+def _frequency(name: str, trial: Trial) -> float:
+    if trial.nominal_frequency is None:
+        raise TrialError(
+            f"trial '{trial.name}' has no nominal frequency, which drives actuator '{name}'; write it into "
+            f"reference.json"
+        )
+    return trial.nominal_frequency

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import mujoco
 import numpy as np
@@ -16,13 +16,11 @@ from swim2real.errors import EngineError
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.engine import Engine
+from swim2real.simulation.fast_step import FastStep, disagreement
+from swim2real.simulation.forward_model import all_of, each_of, thread_count
 from swim2real.simulation.steady import DivergedError, run_to, steady_cycle
 from swim2real.simulation.stepper import Stepper
-from swim2real.simulation.threads import all_of, each_of, thread_count
 from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet
-
-if TYPE_CHECKING:
-    from swim2real.simulation.fast_step import FastStep
 
 Step = Literal["auto", "fast", "engine"]
 AGREEMENT = 1e-10  # of one step's velocities with the engine's own, relative
@@ -133,15 +131,11 @@ class Simulator:
     def _planned(self, model: mujoco.MjModel, check: bool = False) -> FastStep | None:
         """The fast step of a model; without one a warning says why."""
         try:
-            from swim2real.simulation.fast_step import FastStep, disagreement  # numba takes a while to import
-
             fast = FastStep(model)
             gap = disagreement(fast) if check else 0.0
             if gap <= AGREEMENT:
                 return fast
             why = f"it differs from the engine's own by {gap:.2g}, relative, after one step"
-        except ImportError as error:
-            why = f"numba can't be imported: {error}"
         except EngineError as error:
             why = str(error)
         if self._required:

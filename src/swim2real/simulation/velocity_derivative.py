@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swim2real.simulation.engine_calls import compiled
-from swim2real.simulation.fast_plan import POS, ROT, TURNED, Array, Plan, State
+from swim2real.simulation.fast_plan import POS, ROT, TURNED, Array, Plan, State, compiled
 from swim2real.simulation.geom_fluid import geom_fluid, shift, turn
 
 

@@ -12,8 +12,8 @@ from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation import Rollout
 from swim2real.simulation.playback import sampled, sensor_address
-from swim2real.simulation.rolling import physics_state, roll
 from swim2real.simulation.start import WINDOW
+from swim2real.simulation.stepper import physics_state, roll
 from swim2real.sysid.trajectory import Array, Trajectory, marker_readings, placed
 
 
