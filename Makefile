@@ -9,7 +9,7 @@ PIP := -m pip install --quiet --disable-pip-version-check
 EVERYTHING := --editable ".[all]" --group dev --group docs
 PYTEST := -m pytest -n 2 --dist loadfile  # a file's tests share what it makes
 
-.PHONY: demo test test-all test-newest check format clean
+.PHONY: demo test test-all test-newest check site format clean
 
 demo: $(CORE)
 	rm -rf demo-out
@@ -30,6 +30,12 @@ check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
+	$(MAKE) --no-print-directory site
+
+# the documentation, into site/: without a network, warnings are errors. The variable silences mkdocs-material's notice
+# of its own future
+site: $(STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 format: $(STAMP)
 	$(BIN)/ruff check --fix .
@@ -55,4 +61,4 @@ $(NEWEST)/.installed: pyproject.toml constraints.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(NEWEST) demo-out build dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(NEWEST) demo-out site build dist .pytest_cache .ruff_cache .hypothesis

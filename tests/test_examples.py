@@ -1,4 +1,4 @@
-"""The examples run, and the README shows them as they are."""
+"""The examples run."""
 
 import json
 import subprocess
@@ -35,9 +35,3 @@ def test_the_example_tracks_films(tmp_path):
     assert {"M4", "M5"} <= lost  # below the glare
     assert load_reference(tmp_path / "reference").names == ("f1_00", "f1_50")
     assert (tmp_path / "reference" / "tracks" / "f1_50.mp4").is_file()
-
-
-def test_the_readme_shows_the_example():
-    code = EXAMPLE.read_text(encoding="utf-8")
-    shown = code[code.index("import sys") :].strip()
-    assert f"```python\n{shown}\n```" in (PROJECT / "README.md").read_text(encoding="utf-8")

@@ -1,0 +1,110 @@
+"""Makes the pages of the site that are not written by hand, each time that it is built.
+
+The command-line reference comes from the program's own help; the home page, the contributor's guide, the changelog and
+the examples from the Markdown files beside the code.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mkdocs.structure.files import File
+
+if TYPE_CHECKING:
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.structure.files import Files
+    from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parent.parent
+
+# pages whose text stands elsewhere in the repository
+SOURCES = {
+    "index.md": "README.md",
+    "contributing.md": "CONTRIBUTING.md",
+    "changelog.md": "CHANGELOG.md",
+    "examples/finger.md": "examples/finger/README.md",
+    "examples/snake.md": "examples/snake/README.md",
+}
+COMMANDS = "reference/commands.md"  # what it has by hand comes first, then a section for each command
+LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
+
+HELP = r"""
+import contextlib, io, json, re, sys
+from swim2real.cli import main
+
+def help_of(*words):
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
+        main([*words, "--help"])
+    return text.getvalue()
+
+names = re.search(r"\{([a-z0-9,\s-]+)\}", help_of()).group(1).split(",")
+json.dump({name.strip(): help_of(name.strip()) for name in names}, sys.stdout)
+"""
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Adds the pages whose text stands elsewhere."""
+    pages = {page: (ROOT / source).read_text("utf-8") for page, source in SOURCES.items()}
+    for page, text in pages.items():
+        files.append(File.generated(config, page, content=text))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Points links between files of the repository to their pages, and adds the commands' help to their page.
+
+    A link to a file that is not on the site is shown as its text.
+    """
+    place = page.file.src_uri
+    source = Path(SOURCES.get(place, f"docs/{place}"))
+
+    def rewritten(link: re.Match[str]) -> str:
+        image, text, target, anchor = link.groups()
+        path = Path(os.path.normpath(source.parent / target))
+        if target.startswith("http") or not (ROOT / path).exists():
+            return link.group(0)
+        on_site = next((p for p, s in SOURCES.items() if path in (Path(s), Path(s).parent) and path != Path()), None)
+        if on_site is None and path.parts[0] == "docs":
+            on_site = str(path.relative_to("docs"))
+        return f"{image}[{text}]({os.path.relpath(on_site, Path(place).parent)}{anchor or ''})" if on_site else text
+
+    return LINK.sub(rewritten, markdown) + (_commands() if place == COMMANDS else "")
+
+
+def _commands() -> str:
+    """A section for each command: what its `--help` prints, without the frames."""
+    environment = {**os.environ, "COLUMNS": "92", "NO_COLOR": "1", "PYTHONPATH": str(ROOT / "src")}
+    done = subprocess.run([sys.executable, "-c", HELP], env=environment, capture_output=True, text=True, check=True)
+    parts = ["\n"]
+    for name, text in json.loads(done.stdout).items():
+        usage, _, rest = text.partition("\n\n")
+        description, _, options = rest.partition("╭")
+        parts.append(
+            f"## {name}\n\n{_plain(description)}\n\n```text\n{_unframed(usage + chr(10) + '╭' + options)}```\n"
+        )
+    return "\n".join(parts)
+
+
+def _plain(text: str) -> str:
+    """A help text as Markdown: nothing in it is markup."""
+    return re.sub(r"([*_<>\[\]`])", r"\\\1", text.strip())
+
+
+def _unframed(text: str) -> str:
+    """A help text without its boxes: a box's title becomes a line, its lines are indented."""
+    lines: list[str] = []
+    for line in text.splitlines():
+        if line.startswith("╭"):
+            lines += ["", line.strip("╭─╮ ") + ":"]
+        elif line.startswith("│"):
+            lines.append(("  " + line.strip("│ ") if line[2] != " " else "  " + line[2:-1]).rstrip())
+        elif not line.startswith("╰"):
+            lines.append(line.rstrip())
+    return "\n".join(lines).strip() + "\n"
