@@ -1,14 +1,14 @@
 """Drawing: that strokes are where they should be, as wide as they should be, and nowhere else."""
 
+import io
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from swim2real.errors import ArgumentError
-from swim2real.rendering.drawing import DARK, PAGE, Canvas, contact_sheet, plain, text_size, to_pillow
+from swim2real.rendering.drawing import DARK, PAGE, Canvas, contact_sheet, plain, text_size, to_pillow, to_png
 
 GROUND, RED = (200, 200, 200), (200, 0, 0)
 NAN = float("nan")
@@ -179,28 +179,10 @@ def test_a_contact_sheet_says_what_it_needs():
         contact_sheet([image], ["a"], 2, 15)
 
 
-def said(code: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    return done.stdout.strip()
-
-
-def test_importing_the_room_does_not_import_pillow():
-    rooms = "swim2real.rendering, swim2real.rendering.drawing, swim2real.rendering.overlay"
-    assert said(f"import sys, {rooms}\nprint('PIL' in sys.modules or 'av' in sys.modules)") == "False"
-
-
-@pytest.mark.parametrize(
-    "call", ["drawing.plain(4, 4, (0, 0, 0))", "overlay.TrackOverlay('no.mp4', 64, 64, 30, ['M0'])"]
-)
-def test_without_pillow_a_sentence_says_what_to_install(call):
-    code = f"""
-import sys
-sys.modules["PIL"] = None
-from swim2real.errors import MissingExtraError
-from swim2real.rendering import drawing, overlay
-try:
-    {call}
-except MissingExtraError as error:
-    print(error)
-"""
-    assert said(code) == "drawing needs Pillow; install it with: pip install 'swim2real[track]'"
+def test_a_picture_as_a_file():
+    image = np.random.default_rng(0).integers(0, 255, (9, 16, 3), np.uint8)
+    png = to_png(image)
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(png)).convert("RGB")), image)
+    assert png == to_png(image.copy())
+    with pytest.raises(ArgumentError, match="it must be"):
+        to_png(image[..., 0])

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from swim2real.advisor.briefing.kinds import telling_of
+from swim2real import store
 from swim2real.errors import ArgumentError
 from swim2real.objective import Comparison
-from swim2real.rendering.encoding import to_png
+from swim2real.rendering.album import Album
+from swim2real.rendering.drawing import to_png
 from swim2real.robots.robot import Robot
 
 ALL = "all.png"
@@ -23,10 +24,10 @@ def write_overlays(
 
     Args:
         comparison: What is drawn.
-        robot: Whose trials they are.
+        robot: The robot whose trials they are.
         folder: Where to; it is made if it isn't there.
-        fps: Of the films [Hz].
-        width: Of the films, even [px].
+        fps: Frames a second of the films [Hz].
+        width: Width of the films, even [px].
         on_file: Called after every file.
 
     Returns:
@@ -34,9 +35,8 @@ def write_overlays(
 
     Raises:
         ArgumentError: The folder can't be written, or a number is not allowed.
-        MissingExtraError: Pillow or PyAV isn't installed.
     """
-    album, out = telling_of(robot).album(comparison, robot), Path(folder)
+    album, out = Album(comparison, robot), Path(folder)
     files: list[Path] = []
 
     def done(path: Path) -> None:
@@ -49,9 +49,9 @@ def write_overlays(
             film, sheet = out / f"{scene.name}.mp4", out / f"{scene.name}.png"
             scene.write_clip(film, fps, width)
             done(film)
-            sheet.write_bytes(to_png(scene.sheet(_MOMENTS, _COLUMNS, _TILE)))
+            store.write_bytes(sheet, to_png(scene.sheet(_MOMENTS, _COLUMNS, _TILE)))
             done(sheet)
-        (out / ALL).write_bytes(to_png(album.overview(_MOMENTS, _SMALL_TILE)))
+        store.write_bytes(out / ALL, to_png(album.overview(_MOMENTS, _SMALL_TILE)))
         done(out / ALL)
     except OSError as error:
         raise ArgumentError(f"can't write '{out}': {error.strerror or error}; choose another folder") from error

@@ -1,18 +1,22 @@
-"""Frames of a real film at given times, scaled, with their time burned in."""
+"""Real films: frames at given times, small copies, and sheets of moments, with time and number burned in."""
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
-from swim2real.rendering.drawing import DARK, PAGE, Bytes, Canvas, to_pillow
-from swim2real.video import Frame, VideoReader
+from swim2real.rendering.drawing import DARK, PAGE, Bytes, Canvas, contact_sheet, to_pillow
+from swim2real.video import Frame, VideoReader, VideoWriter
 
 LEAST_WIDTH = 64  # px
+ROUNDING = 1e-6  # s
+CRF = 32  # thin lines and text stay clear, and 4 s at 10 frames a second take some 80 kB
 
 
 def film_frames(video: str | Path, times: Iterable[float], width: int) -> Iterator[tuple[float, Bytes]]:
@@ -21,9 +25,9 @@ def film_frames(video: str | Path, times: Iterable[float], width: int) -> Iterat
     The film is read once, from its start to the last time, and one frame at a time is in memory.
 
     Args:
-        video: Of the film.
-        times: Since its first frame, rising [s]. They end with the film, half a frame after its last one.
-        width: Of the pictures, even [px].
+        video: Path of the film.
+        times: Times since its first frame, rising [s]. They end with the film, half a frame after its last one.
+        width: Width of the pictures, even [px].
 
     Yields:
         Time of each frame [s] and its picture, RGB. Shape (H, width, 3).
@@ -31,7 +35,6 @@ def film_frames(video: str | Path, times: Iterable[float], width: int) -> Iterat
     Raises:
         ArgumentError: The times don't rise, or the width is odd or too small.
         VideoError: The film can't be read.
-        MissingExtraError: PyAV or Pillow isn't installed.
     """
     if width < LEAST_WIDTH or width % 2:
         raise ArgumentError(f"width is {width} px; it must be even and at least {LEAST_WIDTH}")
@@ -53,6 +56,80 @@ def film_frames(video: str | Path, times: Iterable[float], width: int) -> Iterat
             while time is not None and time <= end:
                 yield before.time, picture
                 time = next(wanted, None)
+
+
+def film_clip(
+    video: str | Path, path: str | Path, fps: float, width: int = 640, seconds: float | None = None, start: float = 0.0
+) -> None:
+    """Writes a small copy of a real film, upright, in true speed, with frame number and time burned in.
+
+    Args:
+        video: Path of the film.
+        path: Path of the copy, such as `.mp4`.
+        fps: Frames a second; each shows the frame of the film nearest to its time.
+        width: Width of the copy, even [px].
+        seconds: Seconds that are copied; None for all that there are.
+        start: Start of the copy, since the film's first frame [s].
+
+    Raises:
+        ArgumentError: The width, fps, seconds or start are not allowed, or the film ends before the start.
+        VideoError: The film can't be read or the copy can't be written.
+    """
+    if Path(path).absolute() == Path(video).absolute():
+        raise ArgumentError(f"the copy of '{video}' would replace it; give path another name")
+    if seconds is not None and not seconds >= 0:
+        raise ArgumentError(f"seconds is {seconds}; it must be 0 or more, or None for the whole film")
+    _check_fps(fps)
+    times = (start + k / fps for k in itertools.count())
+    if seconds is not None:
+        times = itertools.takewhile(lambda time: time <= start + seconds + ROUNDING, times)
+    frames = film_frames(video, times, width)
+    first = next(frames, None)
+    if first is None:
+        raise ArgumentError(f"the film '{video}' ends before start, {start:g} s; give a start within the film")
+    with VideoWriter(path, width, first[1].shape[0], fps, crf=CRF) as writer:
+        writer.write(first[1], 0.0)
+        for k, (_, image) in enumerate(frames, 1):
+            writer.write(image, k / fps)
+
+
+def film_sheet(video: str | Path, times: Sequence[float], columns: int, width: int) -> Bytes:
+    """Frames of a real film, upright, with time and number burned in.
+
+    Args:
+        video: Path of the film.
+        times: Times since its first frame, rising [s]; each shows the nearest frame. Those after the end are left out.
+        columns: Pictures in a row.
+        width: Width of each picture, even [px].
+
+    Returns:
+        The sheet, RGB.
+
+    Raises:
+        ArgumentError: No time lies within the film, the times don't rise, or a number is not allowed.
+        VideoError: The film can't be read.
+    """
+    frames = list(film_frames(video, times, width))
+    if not frames:
+        raise ArgumentError(f"none of the {len(times)} times lies within '{video}'; give times within the film, in s")
+    captions = [f"{time:.3f} s" for time, _ in frames]
+    return contact_sheet([image for _, image in frames], captions, columns, width)
+
+
+def clip_times(duration: float, fps: float) -> NDArray[np.float64]:
+    """Times of the frames of a clip [s]. Shape (N,).
+
+    Args:
+        duration: Duration of what it shows [s].
+        fps: Frames a second.
+    """
+    _check_fps(fps)
+    return np.arange(int(duration * fps + ROUNDING) + 1) / fps
+
+
+def _check_fps(fps: float) -> None:
+    if not (math.isfinite(fps) and fps > 0):
+        raise ArgumentError(f"fps is {fps}; it must be finite and above 0 frames a second")
 
 
 def _rising(times: Iterable[float]) -> Iterator[float]:

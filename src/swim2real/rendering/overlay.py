@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL.Image import Image
 
 from swim2real.errors import ArgumentError
-from swim2real.rendering.drawing import DARK, Bytes, Canvas, Color, Place, plain, require_pillow, text_size, to_pillow
+from swim2real.rendering.drawing import DARK, Bytes, Canvas, Color, Place, plain, text_size, to_pillow
 from swim2real.rendering.overlay_inset import Inset, label_places
 from swim2real.video import VideoWriter
-
-if TYPE_CHECKING:
-    from PIL.Image import Image
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,7 +62,6 @@ class TrackOverlay:
         Raises:
             ArgumentError: A size is too small, or there are no names.
             VideoError: The file can't be written.
-            MissingExtraError: Pillow or PyAV isn't installed.
         """
         if min(width, height) < 16 or longest_side < 64:
             raise ArgumentError(
@@ -73,7 +70,6 @@ class TrackOverlay:
             )
         if not names:
             raise ArgumentError("names is empty; an overlay needs the name of every marker")
-        require_pillow()
         share = min(1.0, longest_side / max(width, height))
         self.width, self.height = (max(2, 2 * round(share * side / 2)) for side in (width, height))
         self._film = (width, height)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL.Image import Image, Resampling
 
 from swim2real.rendering.drawing import Bytes, to_pillow
-
-if TYPE_CHECKING:
-    from PIL.Image import Image
 
 Array = NDArray[np.float64]
 
@@ -70,8 +67,6 @@ class Inset:
 
     def cut(self, image: Bytes) -> Image:
         """The view, out of the picture in any resolution."""
-        from PIL.Image import Resampling
-
         factor = np.array(image.shape[1::-1]) / self._picture
         low = self._start() * factor
         high = low + np.array(self.size) / self.zoom * factor

@@ -10,8 +10,20 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from swim2real.rendering.pool_camera import Glare, Pair, PoolCamera
-from swim2real.rendering.pool_drawing import Patch, box, disc, grid, hull, paint, patch_cover, patch_radius
-from swim2real.rendering.pool_water import FLOOR, Bytes, Rect, Water
+from swim2real.rendering.pool_picture import (
+    FLOOR,
+    Bytes,
+    Patch,
+    Rect,
+    Water,
+    box,
+    disc,
+    grid,
+    hull,
+    paint,
+    patch_cover,
+    patch_radius,
+)
 from swim2real.trials import MarkerTrack
 
 Array = NDArray[np.float64]

@@ -15,6 +15,7 @@ from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.objective import Comparison
 from swim2real.optimizers import Situation
 from swim2real.parameters import ParameterSpace, Values
+from swim2real.rendering.album import Album
 from swim2real.robots.robot import Robot
 from swim2real.settings import BriefingSettings
 
@@ -84,7 +85,7 @@ class Briefing:
         if self._settings.show == "numbers":
             return Request(self._instructions, (text,), self._schema, self._reply_tokens)
         comparison = self._look(self._space.to_values(situation.incumbent.candidate.point))
-        scenes = self._telling.album(comparison, self._robot).scenes
+        scenes = Album(comparison, self._robot).scenes
         media, remarks = gather_media(scenes, detail, self._takes_video, self._videos)
         kind = "films" if self._takes_video else "pictures"
         intro = " ".join((f"## The {kind}\n\nSimulated is blue, real is red.", *remarks))

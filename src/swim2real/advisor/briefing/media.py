@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swim2real.advisor.briefing.detail import MOST_BYTES, PIXELS_A_TOKEN, VIDEO_FRAME_TOKENS, Detail
-from swim2real.advisor.briefing.telling import Scene
 from swim2real.advisor.vlm.exchange import Media
 from swim2real.errors import ArgumentError, VideoError
-from swim2real.rendering.clip import clip_times, film_clip
-from swim2real.rendering.drawing import Bytes
-from swim2real.rendering.encoding import to_png
-from swim2real.rendering.sheet import film_sheet
+from swim2real.rendering.album import Scene
+from swim2real.rendering.drawing import Bytes, to_png
+from swim2real.rendering.film import clip_times, film_clip, film_sheet
 
 FRAMES_A_CYCLE = 5  # at least, so that a motion isn't mistaken for a slower one
 MOST_FPS = 24.0  # that services take

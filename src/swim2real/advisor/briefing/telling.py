@@ -1,74 +1,13 @@
-"""What the briefing asks of a kind of trial: its facts, its words and its pictures."""
+"""What the briefing asks of a kind of trial: its facts and its words."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, Protocol
 
-from swim2real.objective import Comparison
-from swim2real.rendering.drawing import Bytes
 from swim2real.robots.robot import Robot
 
 Facts = Mapping[str, Any]
-
-
-class Scene(Protocol):
-    """A compared trial, ready to be drawn.
-
-    Attributes:
-        name: Of the trial.
-        title: Of it, in a few words.
-        loss: What it adds to the loss [m].
-        pace: Of its fastest motion, which a film must not miss [Hz].
-        start: Of what is compared, since the first frame of its real film [s].
-        duration: Of what is compared [s].
-        clip_note: What is where in its film.
-        film_note: Which moments of its real film are shown.
-    """
-
-    name: str
-    title: str
-    loss: float
-    pace: float
-    start: float
-    duration: float
-    clip_note: str
-    film_note: str
-
-    def write_clip(self, path: str | Path, fps: float, width: int) -> None:
-        """Writes a film of the simulated trial over the real one.
-
-        Raises:
-            ArgumentError: A number is not allowed.
-            MissingExtraError: Pillow or PyAV isn't installed.
-        """
-        ...
-
-    def sheet(self, moments: int, columns: int, width: int) -> Bytes:
-        """Several moments in one picture. Raises as `write_clip`."""
-        ...
-
-    def sheet_note(self, moments: int) -> str:
-        """What is where in that picture."""
-        ...
-
-    def film_times(self, moments: int) -> list[float]:
-        """As many moments of the real film [s]."""
-        ...
-
-
-class Album(Protocol):
-    """All trials of a comparison, drawn in one scale."""
-
-    @property
-    def scenes(self) -> Sequence[Scene]:
-        """In the order in which they are shown."""
-        ...
-
-    def overview(self, moments: int, width: int) -> Bytes:
-        """All trials in one picture. Raises as `Scene.write_clip`."""
-        ...
 
 
 class Telling(Protocol):
@@ -122,12 +61,4 @@ class Telling(Protocol):
 
     def step(self, outcome: Facts) -> str:
         """An outcome in few words after its loss; empty where nothing is known."""
-        ...
-
-    def album(self, comparison: Comparison, robot: Robot) -> Album:
-        """The trials of a comparison, ready to be drawn.
-
-        Raises:
-            TrialError: They are of another kind.
-        """
         ...

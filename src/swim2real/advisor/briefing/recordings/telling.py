@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from swim2real.advisor.briefing.averages import mean
-from swim2real.advisor.briefing.recordings.album import RecordingAlbum
 from swim2real.advisor.briefing.recordings.compared import compared
 from swim2real.advisor.briefing.recordings.differences import differences
 from swim2real.advisor.briefing.recordings.trials import trials_of
 from swim2real.advisor.briefing.recordings.words import recording_details
 from swim2real.advisor.briefing.tables import mm, number, value
 from swim2real.advisor.briefing.telling import Facts
-from swim2real.objective import Comparison
 from swim2real.robots.robot import Robot
 
 
@@ -77,6 +75,3 @@ class RecordingTelling:
         for what, ratio in (("amplitude", outcome["amplitude_ratio"]), ("speed", outcome["speed_ratio"])):
             told += [f"{what} {number(ratio, 2)}"] if ratio is not None else []
         return "".join(f", {part}" for part in told)
-
-    def album(self, comparison: Comparison, robot: Robot) -> RecordingAlbum:
-        return RecordingAlbum(comparison, robot)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from swim2real.advisor.briefing.swims.album import SwimAlbum
 from swim2real.advisor.briefing.swims.differences import differences
 from swim2real.advisor.briefing.swims.trials import protocol_of, trials_of
 from swim2real.advisor.briefing.swims.words import swim_called, swim_details
 from swim2real.advisor.briefing.tables import number
 from swim2real.advisor.briefing.telling import Facts
-from swim2real.objective import Comparison
 from swim2real.robots.robot import Robot
 
 LOSS = {
@@ -83,6 +81,3 @@ class SwimTelling:
         speeds, amplitude = outcome["speed_ratios"], outcome["amplitude_ratio"]
         told = f", speed {number(speeds[0], 2)} to {number(speeds[1], 2)}" if speeds else ""
         return told + (f", amplitude {number(amplitude, 2)}" if amplitude is not None else "")
-
-    def album(self, comparison: Comparison, robot: Robot) -> SwimAlbum:
-        return SwimAlbum(comparison, robot.marker_names)

@@ -1,0 +1,105 @@
+"""Sheets of trials, how they are laid out; and the album of a comparison."""
+
+import re
+
+import numpy as np
+import pytest
+from views import arm, found, like, swim
+
+from swim2real.errors import ArgumentError
+from swim2real.rendering.album import LEAST_TILE, ROW_HEAD, TEXT, Scene, moments_sheet, trials_sheet
+from swim2real.rendering.drawing import INK, PAGE
+from swim2real.rendering.panel import COLORS, SIDES, Panel
+from swim2real.rendering.trial_frame import plane_panel
+from swim2real.rendering.trial_view import common_limits, grid_step
+
+STAMP = 24  # px at the top of a picture, where its time stands
+
+
+@pytest.mark.parametrize("view", [arm(), arm(travels=True), swim()], ids=["arm", "travels", "swim"])
+def test_a_sheet_shows_a_beat_or_the_trial_from_start_to_end(view) -> None:
+    limits = common_limits([view])
+    sheet = moments_sheet(view, 4, 2, 200, limits)
+    panel = Panel(limits.plane, 200, grid_step(limits.plane))
+    samples = view.nearest(view.moments(4)[0]).tolist()
+    places = [found(sheet, np.asarray(plane_panel(view, k, panel, TEXT))) for k in samples]
+    assert all(len(place) == 1 for place in places)
+    rows, columns = zip(*(place[0] for place in places), strict=True)
+    assert rows[0] == rows[1] < rows[2] == rows[3]
+    assert columns[0] == columns[2] < columns[1] == columns[3]
+    below = sheet[rows[2] + panel.height + 30 :].astype(int)
+    for side in SIDES:  # the paths at the left, nothing colored beside them
+        assert like(below[:, : sheet.shape[1] // 2], side, 60).any() == (view.path_real is not None)
+        assert not like(below[:, sheet.shape[1] // 2 + 8 :], side, 60).any()
+    np.testing.assert_array_equal(sheet, moments_sheet(view, 4, 2, 200))
+
+
+@pytest.mark.parametrize("made", [arm, swim])
+def test_all_trials_are_rows_of_one_sheet(made) -> None:
+    names = ("a", "b", "a trial whose name is far too long for a sheet")
+    views = [made(name, lost=(k,)) for k, name in enumerate(names)]  # so that no two pictures are alike
+    limits = common_limits(views)
+    sheet = trials_sheet(views, 3, LEAST_TILE)
+    panel = Panel(limits.plane, LEAST_TILE, grid_step(limits.plane))
+    corners = np.zeros((3, 3, 2), int)
+    for row, view in enumerate(views):
+        for column, sample in enumerate(view.nearest(view.moments(3)[0]).tolist()):
+            (corners[row, column],) = found(sheet, np.asarray(plane_panel(view, sample, panel, TEXT))[STAMP:])
+    assert (np.diff(corners[..., 0], axis=0) > panel.height).all()
+    assert (np.diff(corners[..., 0], axis=1) == 0).all()
+    assert (np.diff(corners[..., 1], axis=1) > LEAST_TILE).all()
+    assert (np.diff(corners[..., 1], axis=0) == 0).all()
+    left = corners[0, 0, 1]
+    assert left <= ROW_HEAD + 24  # a long name is cut off
+    for top in corners[:, 0, 0] - STAMP:
+        head = sheet[top : top + panel.height, :left].astype(int)
+        assert np.count_nonzero(np.abs(head - INK).max(axis=-1) < 60) > 20
+        assert (head[:, -4:] == PAGE).all()
+
+
+def test_columns_of_beats_are_the_same_part_of_the_beat() -> None:
+    for view in (swim(beat=1.0), swim(beat=0.59), swim(beat=0.8)):
+        last = view.real[view.nearest(view.moments(4)[0]), -1, 1]
+        assert last[0] > 0.055
+        assert abs(last[1]) < 0.012
+        assert last[2] < -0.055
+
+
+def test_a_sheet_with_a_diverged_trial_says_so() -> None:
+    limits = common_limits([swim()])
+    for sheets in (
+        [moments_sheet(view, 2, 2, 240, limits) for view in (swim(), swim(diverged=True))],
+        [trials_sheet([view], 2, 240, limits) for view in (swim(), swim(diverged=True))],
+    ):
+        blue = [np.abs(sheet.astype(int) - COLORS["simulated"]).max(axis=-1) < 60 for sheet in sheets]
+        rows = [int((part.sum(axis=1) > 150).sum()) for part in blue]
+        assert rows[0] == 0
+        assert rows[1] > 10  # plates with white text
+
+
+def test_a_scene_says_what_is_where(tmp_path) -> None:
+    fast, slow = (Scene(view, 0.01, common_limits([view])) for view in (swim(), arm(travels=True)))
+    assert (fast.title, fast.pace, fast.start, fast.film_note) == ("f2_00, 2.00 Hz", 2.0, 0.0, "moments of one beat")
+    assert (slow.title, slow.start, slow.film_note) == ("a", 2.0, "the same moments")
+    assert "both from the same start" in slow.clip_note
+    assert "both" not in Scene(arm(), 0.01, common_limits([arm()])).clip_note
+    assert fast.sheet_note(4).startswith("4 moments of one beat")
+    assert slow.sheet_note(4).startswith("4 moments from start to end")
+    np.testing.assert_allclose(fast.film_times(4), 0.75 + np.arange(4) / 8)
+    np.testing.assert_allclose(slow.film_times(4), [2, 3, 4, 5])
+    assert fast.sheet(2, 2, 200).shape == moments_sheet(swim(), 2, 2, 200).shape
+    assert slow.frame(0, 320).shape[1] == 320
+    slow.write_clip(tmp_path / "clip.mp4", 1.0, 320)
+    assert (tmp_path / "clip.mp4").is_file()
+
+
+def test_sheets_say_what_they_need() -> None:
+    for call, words in (
+        (lambda: moments_sheet(swim(), 0, 2, 240), "count is 0"),
+        (lambda: moments_sheet(swim(), 4, 0, 240), "0 columns of 240 px"),
+        (lambda: moments_sheet(arm(), 4, 2, 159), "width is 159 px"),
+        (lambda: trials_sheet([swim()], 4, 100), "width is 100 px"),
+        (lambda: trials_sheet([], 4, 160), "views is empty"),
+    ):
+        with pytest.raises(ArgumentError, match=re.escape(words)):
+            call()
