@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from swim2real.cli.subject import values_of
-from swim2real.rl.assessment import TEST_SEED, scan_constant_speeds
+from swim2real.rl.assessment import SCANNED_SPEEDS, TEST_SEED, scan_constant_speeds
 from swim2real.rl.conditions import Disturbances
 from swim2real.rl.environment import make_environments
 from swim2real.rl.policies import RecordedActions, load_policy
@@ -54,7 +54,7 @@ def main():
     disturbed = Disturbances(start_phase=PHASES, tendon_friction=a.tendon_friction)
     plain = Disturbances(start_phase=PHASES)
     phases = np.linspace(*PHASES, 8, endpoint=False)
-    scan = scan_constant_speeds(real, FISH, phases, SECONDS, disturbances=disturbed)
+    scan = scan_constant_speeds(real, FISH, phases, SECONDS, count=SCANNED_SPEEDS, disturbances=disturbed)
     best, frequency = scan.best_distance, scan.best_distance_frequency
     print(f"held out: best constant frequency {1e3 * best:.0f} mm at {frequency:+.2f} Hz", flush=True)
     results = {"constant": scan.as_dict(), "policies": {}}

@@ -1,9 +1,11 @@
 """`train`, `rollout` and `export-commands` as they are used."""
 
+import io
 import json
 import os
 import signal
 import time
+from contextlib import redirect_stderr, redirect_stdout
 
 import pytest
 
@@ -11,28 +13,38 @@ pytest.importorskip("stable_baselines3")
 
 from program import process
 
+from swim2real.cli import main
 from swim2real.robots.fish import FISH
 
 SHORT = (
-    "--parameters", "published", "--env-steps", 600, "--exploration", 200, "--updates", 1, "--checkpoint-every", 200,
+    "--parameters", "published", "--env-steps", 400, "--exploration", 200, "--updates", 1, "--checkpoint-every", 200,
 )  # fmt: skip
+
+
+@pytest.fixture(autouse=True, scope="module")
+def short_evaluations():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swim2real.rl.training.EVALUATION_EPISODES", 1)
+        patch.setattr("swim2real.rl.assessment.SCANNED_SPEEDS", 1)
+        yield
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A short forward run."""
+    """A short forward run, and what it printed."""
     out = tmp_path_factory.mktemp("train") / "run"
-    started = process("train", "forward", *SHORT, "--out", out)
-    printed, err = started.communicate(timeout=240)
-    assert started.returncode == 0, err
-    return out, printed, err
+    printed, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(printed), redirect_stderr(err), pytest.raises(SystemExit) as leaving:
+        main([str(word) for word in ("train", "forward", *SHORT, "--out", out)])
+    assert leaving.value.code == 0, err.getvalue()
+    return out, printed.getvalue(), err.getvalue()
 
 
 def test_train_says_how_it_goes_and_what_came_of_it(run):
     out, printed, err = run
     assert "evaluated: return" in err
-    assert "600/600" in err
-    assert printed.startswith(f"{out}: 600 steps, 2 updates, ")
+    assert "400/400" in err
+    assert printed.startswith(f"{out}: 400 steps, 1 updates, ")
     assert "% of the time learning" in printed
     settings = json.loads((out / "settings.json").read_text())
     assert {"mujoco", "stable-baselines3", "torch", "swim2real"} <= set(settings["versions"])

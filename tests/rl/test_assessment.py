@@ -98,8 +98,9 @@ def run(tmp_path_factory):
 
 def test_a_policy_is_assessed_the_same_way_every_time(run, tmp_path, monkeypatch):
     monkeypatch.setattr("swim2real.rl.assessment.SCANNED_PHASES", 1)
-    first = assess(run, 2, disturbances=ANY_PHASE, scanned=1)
-    again = assess(run, 2, disturbances=ANY_PHASE, scanned=1)
+    monkeypatch.setattr("swim2real.rl.assessment.SCANNED_SPEEDS", 1)
+    first = assess(run, 2, disturbances=ANY_PHASE)
+    again = assess(run, 2, disturbances=ANY_PHASE)
     assert first.as_dict() == again.as_dict()
     assert len({episode.heads[-1].tobytes() for episode in first.episodes}) == 2  # two phases
     save_episodes(tmp_path / "episodes.npz", first.episodes)

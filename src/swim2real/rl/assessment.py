@@ -22,8 +22,8 @@ from swim2real.robots.robot import Robot
 Array = NDArray[np.float64]
 
 TEST_SEED = 2_000_000  # of the episodes that a policy is assessed in
-SCANNED_SPEEDS = 20  # constant speeds, of each sign
-SCANNED_PHASES = 4
+SCANNED_SPEEDS = 20  # constant speeds of each sign that a forward policy is compared with
+SCANNED_PHASES = 4  # starts of each, where starts are at any phase
 SIDE_BY_SIDE = 50  # environments
 
 
@@ -137,7 +137,7 @@ class Assessment:
 def assess(
     run: TrainingRun, episodes: int, *, parameters: Sequence[Values] | None = None,
     disturbances: Disturbances | None = None, which: Which = "best", estimate: StateEstimate | None = None,
-    stage: int = 3, scanned: int = SCANNED_SPEEDS,
+    stage: int = 3,
 ) -> Assessment:  # fmt: skip
     """Assesses a policy.
 
@@ -149,7 +149,6 @@ def assess(
         which: Which policy of the run.
         estimate: Tracker's view to compare open and closed loop with, under `disturbances`; None for no comparison.
         stage: Stage of the curriculum of `target`, for goals and threshold.
-        scanned: Number of constant speeds of each sign that a forward policy is compared with.
 
     Raises:
         RunError: The run has no policy.
@@ -175,7 +174,7 @@ def assess(
         shares = [(i + 0.5) / SCANNED_PHASES for i in range(SCANNED_PHASES)]
         phases = [low + (high - low) * share for share in shares] if high > low else [low]
         scan = scan_constant_speeds(
-            sets[0], robot, phases, swims[0].duration, disturbances=true_state, count=scanned
+            sets[0], robot, phases, swims[0].duration, disturbances=true_state, count=SCANNED_SPEEDS
         )  # fmt: skip
     if estimate is not None:
         loops = compare_loops(
@@ -186,7 +185,7 @@ def assess(
 
 def scan_constant_speeds(
     parameters: Values, robot: Robot, phases: Sequence[float], seconds: float, *,
-    disturbances: Disturbances = UNDISTURBED, count: int = SCANNED_SPEEDS,
+    count: int, disturbances: Disturbances = UNDISTURBED,
 ) -> SpeedScan:  # fmt: skip
     """Swims forward at constant motor speeds, both ways round, up to the motor's limit.
 
@@ -195,8 +194,8 @@ def scan_constant_speeds(
         robot: Robot whose values they are.
         phases: Motor angles at the start [rad]; each speed swims from each.
         seconds: Length of each swim [s].
-        disturbances: Disturbances of the simulator.
         count: Number of speeds of each sign.
+        disturbances: Disturbances of the simulator.
     """
     motor = REAL_MOTOR  # whose limits and acceleration hold here as for a policy
     positive = motor.speed * np.arange(1, count + 1) / count
