@@ -20,9 +20,7 @@ try:
     import dynamixel_sdk
     from serial import SerialTimeoutException
 except ModuleNotFoundError as error:
-    raise MissingExtraError(
-        "the motor needs dynamixel-sdk; install it with: pip install 'swim2real[deploy]'"
-    ) from error
+    raise MissingExtraError("the motor needs dynamixel-sdk; install it with: pip install dynamixel-sdk") from error
 
 Answer = TypeVar("Answer")
 

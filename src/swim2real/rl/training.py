@@ -203,7 +203,12 @@ class _Trainer:
         """Makes 200 transitions and the gradient steps after them."""
         simulated = self.environments.step_seconds
         first = self.learner.num_timesteps == 0
-        self.learner.learn(BLOCK, self.monitor, log_interval=None, reset_num_timesteps=first)  # type: ignore[arg-type]
+        self.learner.learn(
+            BLOCK,
+            self.monitor,
+            log_interval=None,  # pyright: ignore[reportArgumentType] - None is what switches its own log off
+            reset_num_timesteps=first,
+        )
         self.seconds["learner"] += time.perf_counter() - self.monitor.rollout_end
         self.seconds["simulator"] += self.environments.step_seconds - simulated
 
