@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 
 import pytest
 
@@ -117,13 +118,23 @@ def test_it_refuses_to_mix_runs(finished):
         train(SHORT, [FISH.space.published], FISH, out.parent / "nowhere", resume=True)
 
 
-def test_a_damaged_checkpoint_is_named(tmp_path):
+def test_checkpoints_that_are_damaged_of_another_version_or_gone(tmp_path):
     settings = TrainingSettings("forward", 400, exploration=200, updates=1, batch=32, layers=(16,))
-    train(settings, [FISH.space.published], FISH, tmp_path / "run", stop=stop_after(1))
-    replay = tmp_path / "run/checkpoints/step-000000200/replay.npz"
-    replay.write_bytes(replay.read_bytes()[:500])
+    run, values = tmp_path / "run", [FISH.space.published]
+    train(settings, values, FISH, run, stop=stop_after(1))
+    checkpoint = run / "checkpoints/step-000000200"
+    replay, state = checkpoint / "replay.npz", checkpoint / "state.pickle"
+    whole = replay.read_bytes()
+    replay.write_bytes(whole[:500])
     with pytest.raises(RunError, match=r"step-000000200' is damaged: .*; remove it"):
-        train(settings, [FISH.space.published], FISH, tmp_path / "run", resume=True)
+        train(settings, values, FISH, run, resume=True)
+    replay.write_bytes(whole)
+    state.write_bytes(b"cswim2real.rl.target\nTarget\n.")  # a pickle with a class of version 0.1
+    with pytest.raises(RunError, match=r"is of another version of swim2real .* go on with the version that wrote it"):
+        train(settings, values, FISH, run, resume=True)
+    shutil.rmtree(checkpoint)
+    again = train(settings, values, FISH, run, resume=True, stop=stop_after(1))  # begins anew
+    assert (again.step, again.complete) == (200, False)
 
 
 def test_the_rules_for_short_runs():
