@@ -114,9 +114,7 @@ class EvaluationSettings:
         _choice("protocol", self.protocol, get_args(ProtocolName))
         _choice("start", self.start, get_args(Start))
         object.__setattr__(self, "horizon", _horizon(self.horizon))
-        if self.threads is not None and self.threads < 0:
-            raise ArgumentError(f"threads is {self.threads}; it must be 0 (all cores) or above")
-        object.__setattr__(self, "threads", self.threads or None)
+        object.__setattr__(self, "threads", all_cores(self.threads))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -402,6 +400,17 @@ def expand_seeds(seeds: Sequence[int | str]) -> list[int]:
     if not numbers:
         raise ArgumentError("seeds is empty; write numbers from 0 on, and ranges such as 0:5")
     return numbers
+
+
+def all_cores(threads: int | None) -> int | None:
+    """A number of threads, None for all cores, where it may be written as 0.
+
+    Raises:
+        ArgumentError: It is below 0.
+    """
+    if threads is not None and threads < 0:
+        raise ArgumentError(f"threads is {threads}; it must be 0 (all cores) or above")
+    return threads or None
 
 
 def _choice(name: str, value: object, allowed: Iterable[str]) -> None:

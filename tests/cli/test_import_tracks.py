@@ -1,10 +1,9 @@
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from swim2real.cli.import_tracks import import_tracks
+from swim2real.cli.film import import_tracks
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.robots.fish import FISH
 from swim2real.tracking import check_track
@@ -30,9 +29,8 @@ def assert_same_shape(trial, truth):
     np.testing.assert_allclose(found, truth.body, atol=1e-5)
 
 
-def arguments(tmp_path, *tables, **options):
+def imported(tmp_path, *tables, **options):
     defaults = {
-        "tables": tables,
         "to": tmp_path / "reference",
         "fps": 60.0,
         "robot": "fish",
@@ -41,14 +39,14 @@ def arguments(tmp_path, *tables, **options):
         "sensors": (),
         "frequency": (),
     }
-    return SimpleNamespace(**{**defaults, **options})
+    return import_tracks(tables, **{**defaults, **options})
 
 
 def test_pose_tables_become_trials_in_meters(tmp_path, capsys):
     first, second = tmp_path / "slowDLC_net_100.csv", tmp_path / "fast.csv"
     truth = film(first)
     film(second, swimmer=Swimmer(2.0, duration=2.0))
-    assert import_tracks(arguments(tmp_path, first, second, frequency=(1.0, 2.5))) == 0
+    assert imported(tmp_path, first, second, frequency=(1.0, 2.5)) == 0
     reference = load_reference(tmp_path / "reference")
     assert reference.names == ("fast", "slow")
     assert [trial.nominal_frequency for trial in reference] == [2.5, 1.0]
@@ -67,7 +65,7 @@ def test_a_camera_file_sets_the_scale(tmp_path):
     table = tmp_path / "swim.csv"
     film(table)
     write_camera(tmp_path / "camera.json", CameraFile(lengths=(Length("tape", np.array([[0, 0], [300.0, 400]]), 0.6),)))
-    import_tracks(arguments(tmp_path, table, camera=tmp_path / "camera.json"))
+    imported(tmp_path, table, camera=tmp_path / "camera.json")
     (trial,) = load_reference(tmp_path / "reference")
     assert trial.meters_per_pixel == pytest.approx(1.2e-3)
     assert trial.nominal_frequency is None
@@ -79,7 +77,7 @@ def test_markers_are_found_by_name_else_taken_in_order(tmp_path, capsys):
     truth = film(tmp_path / "shuffled.csv", shuffled)
     others = tuple("abcdefghi")
     film(tmp_path / "others.csv", others)
-    import_tracks(arguments(tmp_path, tmp_path / "shuffled.csv", tmp_path / "others.csv"))
+    imported(tmp_path, tmp_path / "shuffled.csv", tmp_path / "others.csv")
     for trial in load_reference(tmp_path / "reference"):
         assert_same_shape(trial, truth)
     said = capsys.readouterr().out
@@ -92,7 +90,7 @@ def test_nothing_is_written_when_one_table_is_wrong(tmp_path):
     track = film(good)
     write_dlc(MarkerTrack(track.times, track.positions[:, :2]), ("M0", "M1"), short)
     with pytest.raises(TrialError) as caught:
-        import_tracks(arguments(tmp_path, good, short))
+        imported(tmp_path, good, short)
     assert str(caught.value) == f"{short}: 2 markers (M0, M1); robot 'fish' has 9 ({', '.join(FISH.marker_names)})"
     assert not (tmp_path / "reference").exists()
 
@@ -100,7 +98,7 @@ def test_nothing_is_written_when_one_table_is_wrong(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"frequency": (1.0, 2.0)}, "--frequency has 2 values for 1 tables; give one for each table, or none"),
+        ({"frequency": (1.0, 2.0)}, "--frequency has 2 values for 1 tables; give one for each, or none"),
         ({"frequency": (-1.0,)}, "--frequency is -1 Hz; it must be finite and above 0"),
         ({"fps": 0.0}, "--fps is 0; it must be finite and above 0"),
     ],
@@ -108,7 +106,7 @@ def test_nothing_is_written_when_one_table_is_wrong(tmp_path):
 def test_wrong_arguments_are_refused(tmp_path, options, message):
     film(tmp_path / "swim.csv")
     with pytest.raises(ArgumentError) as caught:
-        import_tracks(arguments(tmp_path, tmp_path / "swim.csv", **options))
+        imported(tmp_path, tmp_path / "swim.csv", **options)
     assert str(caught.value) == message
 
 
@@ -117,7 +115,7 @@ def test_two_tables_of_one_name_are_refused(tmp_path):
         (tmp_path / folder).mkdir()
         film(tmp_path / folder / "swim.csv")
     with pytest.raises(ArgumentError, match=r"^two tables would make a trial of the same name \(swim\); rename one$"):
-        import_tracks(arguments(tmp_path, tmp_path / "a" / "swim.csv", tmp_path / "b" / "swim.csv"))
+        imported(tmp_path, tmp_path / "a" / "swim.csv", tmp_path / "b" / "swim.csv")
 
 
 def test_tables_that_were_recorded_beside_the_tracks_go_with_them(tmp_path, capsys):
@@ -127,9 +125,9 @@ def test_tables_that_were_recorded_beside_the_tracks_go_with_them(tmp_path, caps
     for speed, table in enumerate(commands):
         table.write_text(f"time_s,motor\n0,{speed}\n", encoding="utf-8")
     tracks = (tmp_path / "swim.csv", tmp_path / "other.csv")
-    assert import_tracks(arguments(tmp_path, *tracks, controls=tuple(commands))) == 0
+    assert imported(tmp_path, *tracks, controls=tuple(commands)) == 0
     trials = load_reference(tmp_path / "reference")
     assert [float(trials[name].controls.values[0, 0]) for name in ("swim", "other")] == [0.0, 1.0]
     assert trials["swim"].sensors is None
-    with pytest.raises(ArgumentError, match="--sensors has 1 tables for 2 tracks; give one for each, or none"):
-        import_tracks(arguments(tmp_path, *tracks, sensors=tuple(commands[:1])))
+    with pytest.raises(ArgumentError, match="--sensors has 1 values for 2 tables; give one for each, or none"):
+        imported(tmp_path, *tracks, sensors=tuple(commands[:1]))

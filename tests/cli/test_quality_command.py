@@ -1,11 +1,10 @@
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from swim2real.cli.quality import quality
+from swim2real.cli.film import quality
 from swim2real.errors import ArgumentError
 from swim2real.robots import robot_named
 from swim2real.robots.fish import FISH
@@ -26,17 +25,12 @@ def reference(tmp_path):
     return tmp_path / "reference"
 
 
-def arguments(reference, **options):
-    defaults = {"robot": "fish", "plot": None, "json": False, "allow_lost": 0.05}
-    return SimpleNamespace(**{"reference": reference, **defaults, **options})
-
-
 def said(capsys) -> str:
     return " ".join(capsys.readouterr().out.split())
 
 
 def test_a_trial_whose_markers_are_lost_too_often_is_refused_by_name_with_what_to_do(reference, capsys):
-    assert quality(arguments(reference)) == 1
+    assert quality(reference) == 1
     assert (
         "Not to be used as they are, markers lost in more than 5 % of frames: bad (M4 10 %, M7 20 %). Track these "
         "videos again, leave the trials out (--hold-out of calibrate), or accept them with --allow-lost 0.2: "
@@ -46,7 +40,7 @@ def test_a_trial_whose_markers_are_lost_too_often_is_refused_by_name_with_what_t
 
 @pytest.mark.parametrize(("allowed", "code"), [(0.0, 1), (0.1, 1), (0.19, 1), (0.2, 0), (1.0, 0)])
 def test_told_so_it_takes_them(reference, allowed, code, capsys):
-    assert quality(arguments(reference, allow_lost=allowed)) == code
+    assert quality(reference, allow_lost=allowed) == code
     text = said(capsys)
     assert ("Not to be used" in text) == bool(code)
     assert ("bad (M7 20 %)" in text) == (allowed in (0.1, 0.19))
@@ -55,7 +49,7 @@ def test_told_so_it_takes_them(reference, allowed, code, capsys):
 
 @pytest.mark.parametrize("allowed", [0.05, 0.3])
 def test_json_says_the_same_and_nothing_else(reference, allowed, capsys):
-    code = quality(arguments(reference, allow_lost=allowed, json=True))
+    code = quality(reference, allow_lost=allowed, json=True)
     content = json.loads(capsys.readouterr().out)
     assert [content[name]["usable"] for name in ("good", "bad")] == [True, code == 0]
 
@@ -63,7 +57,7 @@ def test_json_says_the_same_and_nothing_else(reference, allowed, capsys):
 @pytest.mark.parametrize("allowed", [-0.1, 5.0, float("nan")])
 def test_what_is_allowed_is_a_share(reference, allowed):
     with pytest.raises(ArgumentError) as caught:
-        quality(arguments(reference, allow_lost=allowed))
+        quality(reference, allow_lost=allowed)
     assert str(caught.value) == (f"--allow-lost is {allowed:g}; it is a share of frames within 0 and 1, such as 0.05")
 
 
@@ -71,11 +65,11 @@ def test_a_trial_without_a_beat_leaves_the_others_alone(reference, capsys):
     good = Swimmer().track(seed=0)
     still = MarkerTrack(good.times[:6], good.positions[:6])
     add_trial(reference, Trial("short", still), FISH.marker_names)
-    assert quality(arguments(reference, allow_lost=1.0)) == 1
+    assert quality(reference, allow_lost=1.0) == 1
     text = said(capsys)
     assert "trial 'short'" in text
     assert "bad: M4 is lost in 10 % of frames" in text
-    assert quality(arguments(reference, allow_lost=1.0, json=True)) == 1
+    assert quality(reference, allow_lost=1.0, json=True) == 1
     assert not json.loads(capsys.readouterr().out)["short"]["usable"]
 
 
@@ -90,13 +84,13 @@ def test_recordings_are_checked_by_what_was_seen_and_what_was_recorded(tmp_path,
     whole = Trial("whole", MarkerTrack(times, positions), controls=wound, sensors=pulled)
     blind = Trial("blind", MarkerTrack(times, positions), controls=wound)
     save_reference(TrialSet((whole, blind), robot.marker_names), tmp_path)
-    assert quality(arguments(tmp_path, robot=str(FINGER), allow_lost=0.2, plot=tmp_path / "lost.html")) == 1
+    assert quality(tmp_path, robot=str(FINGER), allow_lost=0.2, plot=tmp_path / "lost.html") == 1
     text = said(capsys)
     assert "whole 0.32 20 – winch pull" in text
     assert "whole: tip is lost in 15 % of frames (missing 3)" in text
     assert "trial 'blind'" in text  # it has no sensors
     assert "left out" in (tmp_path / "lost.html").read_text(encoding="utf-8")
-    assert quality(arguments(tmp_path, robot=str(FINGER), json=True)) == 1
+    assert quality(tmp_path, robot=str(FINGER), json=True) == 1
     content = json.loads(capsys.readouterr().out)
     assert not content["whole"]["usable"]
     assert "error" in content["blind"]
@@ -111,7 +105,7 @@ def test_controls_of_another_clock_are_refused_and_those_that_end_early_told(tmp
         for name, stamps in (("epoch", 1.7e9 + times), ("short", times[:31]))
     ]
     save_reference(TrialSet(tuple(trials), robot.marker_names), tmp_path)
-    assert quality(arguments(tmp_path, robot=str(FINGER))) == 1
+    assert quality(tmp_path, robot=str(FINGER)) == 1
     text = said(capsys)
     assert "trial 'epoch': its controls don't drive it: its rows are from 1700000000 s to 1700000001 s" in text
     assert "short: its controls end at 0.5 s, its frames at 1 s; the last value is held from there on" in text

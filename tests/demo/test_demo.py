@@ -17,7 +17,7 @@ from swim2real.demo import (
     FULL_FREQUENCIES,
     HELD_OUT,
     Camera,
-    Told,
+    DemoCallbacks,
     demo_settings,
     film_and_track,
     fit,
@@ -148,8 +148,10 @@ class Heard:
     films: list[tuple[str, Filmed]] = field(default_factory=list)
 
     @property
-    def told(self) -> Told:
-        return Told(self.lines.append, self.frames.append, lambda name, result: self.films.append((name, result)))
+    def callbacks(self) -> DemoCallbacks:
+        return DemoCallbacks(
+            self.lines.append, self.frames.append, lambda name, result: self.films.append((name, result))
+        )
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,7 @@ class Demo:
 def short_demo(tmp_path_factory) -> Demo:
     """Don't write into its folder."""
     out, heard = tmp_path_factory.mktemp("demo") / "out", Heard()
-    film_and_track(out, told=heard.told, **SHORT)
+    film_and_track(out, callbacks=heard.callbacks, **SHORT)
     return Demo(out, heard, fit(out, demo_settings(2)))
 
 
@@ -273,7 +275,7 @@ def test_an_interrupted_demo_goes_on_with_what_is_missing(short_demo, tmp_path):
     for gone in ("videos/f1_50.mp4", "reference/tracks/f1_50.json"):
         (out / gone).unlink()
     (out / "videos" / "part_f1_50.mp4.part").write_text("half")
-    film_and_track(out, resume=True, told=heard.told, **SHORT)
+    film_and_track(out, resume=True, callbacks=heard.callbacks, **SHORT)
     assert [line for line in heard.lines if "filmed" in line] == [f"{out / 'videos' / 'f1_50.mp4'}: filmed"]
     assert [(name, result.again) for name, result in heard.films] == [("f0_75", True), ("f1_50", False)]
     for folder in ("videos", "reference"):
@@ -288,7 +290,7 @@ def test_an_interrupted_demo_goes_on_with_what_is_missing(short_demo, tmp_path):
 
 def test_a_demo_that_is_done_is_only_read(short_demo):
     before, heard = contents(short_demo.out), Heard()
-    film_and_track(short_demo.out, resume=True, told=heard.told, **SHORT)
+    film_and_track(short_demo.out, resume=True, callbacks=heard.callbacks, **SHORT)
     assert [(name, result.again) for name, result in heard.films] == [("f0_75", True), ("f1_50", True)]
     assert contents(short_demo.out) == before
 

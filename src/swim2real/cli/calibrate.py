@@ -1,94 +1,138 @@
-"""`calibrate`."""
+"""`calibrate` and `demo`: a run from its settings to its report."""
 
 from __future__ import annotations
 
-import json
 import sys
+import time
 from collections.abc import Callable, Mapping
+from json import dumps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from swim2real.calibration import Outcome, RunFolder
-from swim2real.calibration.from_rest import backward_from_rest
-from swim2real.calibration.run_folder import still_falling
-from swim2real.cli import tables
-from swim2real.cli.arguments import Calibrate
-from swim2real.cli.files import write_report
-from swim2real.cli.progress import Watch, interruptible, shown
-from swim2real.errors import ArgumentError
-from swim2real.pipeline import run
-from swim2real.robots import robot_named
-from swim2real.settings import BriefingSettings, CalibrationSettings, VlmAccess
-from swim2real.simulation.misfits import misplaced
-from swim2real.trials import load_reference
+from swim2real.cli.options import Positional, RobotOption
+from swim2real.settings import CalibrationSettings, VlmAccess
+
+if TYPE_CHECKING:
+    from swim2real.calibration import Outcome
+    from swim2real.cli.progress import RunCallbacks
 
 
-def calibrate(a: Calibrate) -> int:
-    """Runs or resumes a calibration."""
-    settings = CalibrationSettings(
-        method=a.method, advisor=a.advisor, protocol=a.protocol, start=a.start, budget=a.budget, seed=a.seed,
-        scale=a.scale, max_steps=a.max_steps, early_stop=a.early_stop,
-        horizon=horizon(a.horizon), hold_out=a.hold_out, threads=threads(a.threads),
-        briefing=BriefingSettings(a.vlm.show, a.vlm.media, a.vlm.detail),
-    )  # fmt: skip
-    access = VlmAccess(
-        a.vlm.base_url, a.vlm.key_variable, a.vlm.max_calls, a.vlm.max_cost, a.vlm.reply_tokens, a.vlm.timeout,
-        a.vlm.tries, a.vlm.once,
-    )  # fmt: skip
-    robot = robot_named(a.robot)
-    reference = load_reference(a.reference)
-    far = misplaced(robot, reference)
+def calibrate(
+    reference: Positional[Path], settings: CalibrationSettings, access: VlmAccess, *, out: Path,
+    robot: RobotOption = "fish", sensitivity: bool = False, resume: bool = False, json: bool = False,
+    quiet: bool = False,
+) -> int:  # fmt: skip
+    """Find simulator parameters that make simulated trials match real ones.
+
+    Reads a reference (a folder with reference.json, or with published CSVs) and writes a run folder: settings.json,
+    record.jsonl (one line an evaluation), best.json (the parameters), outcome.json, an array file of the best trials
+    and report.html. Costs under a second an evaluation on two cores. Ctrl-C leaves a usable run; --resume goes on with
+    it.
+
+    Args:
+        reference: Folder with the real trials.
+        settings: What decides the result.
+        access: For --advisor PROVIDER:MODEL and files.
+        out: Run folder to write.
+        robot: What is calibrated. fish: the paper's 16 parameters. fish-extended: dry friction at the water's surface,
+            too. FILE.toml: your robot; `swim2real init` writes such a file.
+        sensitivity: Also measure each parameter's effect on the loss at the end: two evaluations a parameter, outside
+            the budget.
+        resume: Go on with the run in --out.
+        json: Print the outcome as JSON.
+        quiet: Print no progress.
+    """
+    from swim2real.pipeline import run
+    from swim2real.robots import robot_named
+    from swim2real.simulation.misfits import misplaced
+    from swim2real.trials import load_reference
+
+    body, trials = robot_named(robot), load_reference(reference)
+    far = misplaced(body, trials)
     if far is not None:
         print(f"swim2real: warning: {far}", file=sys.stderr)
 
-    def work(watch: Watch) -> Outcome:
+    def work(callbacks: RunCallbacks) -> Outcome:
         return run(
-            reference, robot, settings, a.out, source=str(a.reference), resume=a.resume, sensitivity=a.sensitivity,
-            access=access, on_progress=watch.progress, on_advisor=watch.advisor,
+            trials, body, settings, out, source=str(reference), resume=resume, sensitivity=sensitivity, access=access,
+            on_progress=callbacks.progress, on_advisor=callbacks.advisor,
         )  # fmt: skip
 
-    return finish(work, a.budget, a.out, a.quiet, a.json)
+    return _finished(work, settings.budget, out, quiet, json)
 
 
-def threads(count: int) -> int | None:
-    """None for all cores."""
-    if count < 0:
-        raise ArgumentError(f"--threads is {count}; it must be 0 (all cores) or above")
-    return count or None
+def demo(
+    *, out: Path = Path("demo-out"), budget: int = 40, seed: int = 0, full: bool = False, resume: bool = False,
+    quiet: bool = False,
+) -> int:  # fmt: skip
+    """Run the whole pipeline on an embedded example: no data, no network, no key.
+
+    Films a 'real' fish with hidden parameters, a finer time step, misplaced markers and glare in a synthetic pool,
+    tracks its markers in the videos, calibrates, evaluates on a trial that was left out, and writes the report.
+
+    Args:
+        out: Folder to write.
+        budget: Simulation evaluations.
+        seed: Decides the first point and every random choice.
+        full: Film all eight frequencies instead of four.
+        resume: Go on with an interrupted demo.
+        quiet: Print no progress.
+    """
+    from swim2real.cli.progress import films_shown
+    from swim2real.cli.tables import say
+    from swim2real.demo import DEMO_FREQUENCIES, FULL_FREQUENCIES, DemoCallbacks, demo_settings, film_and_track, fit
+
+    began = time.monotonic()
+    settings = demo_settings(budget, seed)
+    frequencies = FULL_FREQUENCIES if full else DEMO_FREQUENCIES
+    with films_shown(quiet) as (on_frame, on_film):
+        callbacks = DemoCallbacks((lambda text: None) if quiet else say, on_frame, on_film)
+        film_and_track(out, frequencies=frequencies, resume=resume, callbacks=callbacks)
+
+    def work(callbacks: RunCallbacks) -> Outcome:
+        return fit(out, settings, callbacks.progress)
+
+    code = _finished(work, budget, out / "run", quiet, False)
+    if not quiet:
+        say(f"The demo took {time.monotonic() - began:.0f} s. Overlays: {out / 'reference' / 'tracks'}")
+    return code
 
 
-def horizon(seconds: float) -> float | None:
-    """None for all of each trial."""
-    if not 0 <= seconds < float("inf"):
-        raise ArgumentError(f"--horizon is {seconds:g}; it must be 0 (all) or above, and finite")
-    return seconds or None
+def _finished(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path, quiet: bool, as_json: bool) -> int:
+    """Does the work of a run with its progress shown, prints the outcome and its warnings, and writes the report."""
+    from swim2real.calibration import RunFolder
+    from swim2real.calibration.from_rest import backward_from_rest
+    from swim2real.calibration.run_folder import still_falling
+    from swim2real.cli.progress import run_shown
+    from swim2real.cli.subject import recorded_robot
+    from swim2real.cli.tables import say
+    from swim2real.report import write_report
 
-
-def finish(work: Callable[[Watch], Outcome], budget: int, folder: Path, quiet: bool, as_json: bool) -> int:
-    """Does the work of a run with its progress shown, prints the outcome, warns of it, and writes the report."""
+    run = RunFolder(folder)
     try:
-        with shown(budget, quiet) as show, interruptible(show) as watch:
-            outcome = work(watch).to_json()
+        with run_shown(budget, quiet) as callbacks:
+            outcome = work(callbacks).to_json()
     except KeyboardInterrupt:
-        if not RunFolder(folder).exists:
+        if not run.exists:
             raise
         print(f"swim2real: interrupted; '{folder}' is usable as it is, --resume goes on with it", file=sys.stderr)
         return 1
     if as_json:
-        print(json.dumps(outcome, indent=2))
+        print(dumps(outcome, indent=2))
     elif not quiet:
         _print(outcome)
-    run = RunFolder(folder)
     for warning in (backward_from_rest(outcome.get("from_rest", {})), still_falling(run.record(), run.settings())):
         if warning:
             print(f"swim2real: warning: {warning}", file=sys.stderr)
-    page = write_report(folder)
+    page = write_report(folder, recorded_robot(folder))
     if not as_json and not quiet:
-        tables.console.print(f"Parameters: {folder / 'best.json'}   Report: {page or 'not written'}", soft_wrap=True)
+        say(f"Parameters: {folder / 'best.json'}   Report: {page}")
     return 0
 
 
 def _print(outcome: Mapping[str, Any]) -> None:
+    from swim2real.cli import tables
+
     lost = [(name, line) for name, t in outcome["trials"].items() for line in t["findings"] if not t["usable"]]
     if lost:
         tables.table("Lost tracks (left out by weights)", ("trial", "finding"), lost)

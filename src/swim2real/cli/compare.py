@@ -1,95 +1,93 @@
-"""`compare`."""
+"""`compare`: methods against methods."""
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from json import dumps
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from swim2real.cli.calibrate import horizon
-from swim2real.cli.compare_arguments import Compare
-from swim2real.cli.compare_progress import comparison_shown
-from swim2real.cli.comparison_files import write_files, write_theory
-from swim2real.comparison import ComparisonResults, contestants, make_plan, table_methods
-from swim2real.comparison import compare as run
-from swim2real.comparison.statistics import method_statistics
-from swim2real.comparison.tables import as_text, paper_table
+from swim2real.cli.options import Positional, RobotOption
 from swim2real.errors import ArgumentError
-from swim2real.robots import robot_named
-from swim2real.settings import BriefingSettings, VlmAccess
-from swim2real.trials import load_reference
+from swim2real.settings import ComparisonSettings, VlmAccess, expand_seeds
+
+if TYPE_CHECKING:
+    from swim2real.comparison import ComparisonResults
 
 
-def compare(a: Compare) -> int:
-    """Runs a comparison or goes on with it; 1 when a run failed."""
-    if a.workers < 0:
-        raise ArgumentError(f"--workers is {a.workers}; it must be 0 (as many as there are cores) or above")
-    if a.cluster is not None and a.workers:
-        raise ArgumentError(f"--workers {a.workers} is for this machine; leave it out with --cluster {a.cluster}")
-    if a.vlm.once:
+def compare(
+    reference: Positional[Path], settings: ComparisonSettings, access: VlmAccess, *, out: Path,
+    robot: RobotOption = "fish", json: bool = False, quiet: bool = False,
+) -> int:  # fmt: skip
+    """Run methods against methods: each with every seed, under every protocol, with one budget.
+
+    Reads a reference; writes a folder with plan.json, a run folder for each run, results.json (all that tables and
+    figures need) and results.csv (a line a run). Costs about 15 s a run on one core, and more for methods that think.
+    Ctrl-C leaves everything usable; the same command goes on. With more methods, seeds or protocols, or a higher
+    budget, it adds to what is there. Exits with 1 when a run failed; the others are done nevertheless.
+
+    Args:
+        reference: Folder with the real trials.
+        settings: What is compared.
+        access: For --methods line-search@PROVIDER:MODEL and the like.
+        out: Folder to write.
+        robot: As for calibrate: fish, fish-extended, or a robot file.
+        json: Print the results as JSON.
+        quiet: Print no progress.
+    """
+    if access.once:
         raise ArgumentError("--once is for advisor files, which a comparison can't wait for")
-    seeds, robot = chosen_seeds(a.seeds), robot_named(a.robot)
-    methods = contestants(a.methods or table_methods(robot), a.scale)
-    access = VlmAccess(
-        a.vlm.base_url, a.vlm.key_variable, a.vlm.max_calls, a.vlm.max_cost, a.vlm.reply_tokens, a.vlm.timeout,
-        a.vlm.tries,
-    )  # fmt: skip
-    reference = load_reference(a.reference)
+    from swim2real.cli.comparison_files import write_files, write_theory
+    from swim2real.cli.progress import comparison_shown
+    from swim2real.comparison import compare as run_comparison
+    from swim2real.comparison import contestants, make_plan, table_methods
+    from swim2real.robots import robot_named
+    from swim2real.trials import load_reference
+
+    body, trials = robot_named(robot), load_reference(reference)
+    methods = contestants(settings.methods or table_methods(body), settings.scale)
     plan = make_plan(
-        methods, seeds, a.protocols, a.budget, reference, robot, leave_one_out=a.leave_one_out,
-        horizon=horizon(a.horizon), briefing=BriefingSettings(a.vlm.show, a.vlm.media, a.vlm.detail),
-        source=str(a.reference), start=a.start,
+        methods, expand_seeds(settings.seeds), settings.protocols, settings.budget, trials, body,
+        leave_one_out=settings.leave_one_out, horizon=settings.horizon, briefing=settings.briefing,
+        source=str(reference), start=settings.start,
     )  # fmt: skip
     try:
-        with comparison_shown(a.quiet or a.json) as show:
-            results = run(
-                plan, reference, robot, a.out, workers=a.workers or None, cluster=a.cluster, access=access,
+        with comparison_shown(quiet or json) as show:
+            results = run_comparison(
+                plan, trials, body, out, workers=settings.workers or None, cluster=settings.cluster, access=access,
                 on_progress=show,
             )  # fmt: skip
     except KeyboardInterrupt:
-        print(f"swim2real: interrupted; '{a.out}' is usable as it is, the same command goes on", file=sys.stderr)
+        print(f"swim2real: interrupted; '{out}' is usable as it is, the same command goes on", file=sys.stderr)
         return 1
-    write_theory(a.out, reference, robot)
-    written = write_files(a.out, results) if results.runs else []
-    if a.json:
-        print(json.dumps(results.as_dict(), indent=2))
-    elif not a.quiet:
+    write_theory(out, trials, body)
+    written = write_files(out, results) if results.runs else []
+    if json:
+        print(dumps(results.as_dict(), indent=2))
+    elif not quiet:
         _print(results)
-        print(f"Results: {a.out / 'results.csv'}, {', '.join(str(path) for path in written if path.suffix != '.png')}")
+        print(f"Results: {out / 'results.csv'}, {', '.join(str(path) for path in written if path.suffix != '.png')}")
     for sentence in _grouped(results.missing):
         print(f"swim2real: {sentence}", file=sys.stderr)
     return 1 if results.missing else 0
 
 
-def chosen_seeds(words: Sequence[str]) -> list[int]:
-    """Seeds from numbers and ranges such as 0:5.
-
-    Raises:
-        ArgumentError: A word is neither.
-    """
-    found: list[int] = []
-    for word in words:
-        begin, colon, end = word.partition(":")
-        numbers = (begin, end) if colon else (begin,)
-        if not all(number.isdecimal() for number in numbers):
-            raise ArgumentError(f"--seeds has '{word}'; write numbers from 0 on, and ranges such as 0:5")
-        if colon and int(end) <= int(begin):
-            raise ArgumentError(f"--seeds has '{word}', which is empty; 0:5 is 0 1 2 3 4")
-        found += range(int(begin), int(end)) if colon else [int(begin)]
-    if not found:
-        raise ArgumentError("--seeds is empty; write numbers from 0 on, and ranges such as 0:5")
-    return found
-
-
 def _print(results: ComparisonResults) -> None:
+    from swim2real.comparison.statistics import method_statistics
+    from swim2real.comparison.tables import as_text, paper_table
+
     for protocol in results.protocols:
         if any(run.protocol == protocol and run.held_out is None for run in results.runs):
             print(as_text(paper_table(method_statistics(results, protocol))))
 
 
 def _grouped(missing: Mapping[str, str]) -> list[str]:
-    """One sentence for all runs that failed of the same."""
+    """One sentence for all runs that failed for the same reason."""
     keys: dict[str, list[str]] = {}
-    for key, why in missing.items():
-        keys.setdefault(why, []).append(key)
-    return [f"{of[0]}{f' and {len(of) - 1} more' if len(of) > 1 else ''} failed: {why}" for why, of in keys.items()]
+    for key, reason in missing.items():
+        keys.setdefault(reason, []).append(key)
+    return [
+        f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''} failed: {reason}"
+        for reason, names in keys.items()
+    ]

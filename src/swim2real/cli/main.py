@@ -2,18 +2,43 @@
 
 from __future__ import annotations
 
+import difflib
+import functools
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import tyro
 
 from swim2real import __version__
-from swim2real.cli import arguments as args
-from swim2real.errors import Swim2RealError
+from swim2real.cli.calibrate import calibrate, demo
+from swim2real.cli.compare import compare
+from swim2real.cli.deploy import deploy
+from swim2real.cli.film import fetch, import_tracks, pick, quality, track
+from swim2real.cli.policy import export_commands, rollout, train
+from swim2real.cli.results import evaluate, overlay, report, simulate
+from swim2real.cli.robot import check, export_model, init
+from swim2real.cli.study import ensemble, export_sysid, identify, import_sysid
+from swim2real.errors import ArgumentError, Swim2RealError
 
+Command = Callable[..., int]
+# in the order of a user's day; a command imports what it works with when it runs, so that --help is quick
+COMMANDS: dict[str, dict[str, Command]] = {
+    "A first look": {"demo": demo},
+    "Real trials": {
+        "fetch": fetch, "pick": pick, "track": track, "import-tracks": import_tracks, "quality": quality,
+    },
+    "A robot of your own": {"init": init, "check": check},
+    "Calibration": {"calibrate": calibrate, "compare": compare},
+    "What came of it": {
+        "evaluate": evaluate, "overlay": overlay, "simulate": simulate, "report": report, "identify": identify,
+        "ensemble": ensemble, "export-model": export_model, "export-sysid": export_sysid, "import-sysid": import_sysid,
+    },
+    "Policies": {"train": train, "rollout": rollout, "export-commands": export_commands, "deploy": deploy},
+}  # fmt: skip
+# packages whose absence means that only the command line was installed
 CORE = ("av", "filelock", "jinja2", "matplotlib", "mujoco", "numba", "numpy", "PIL", "pooch", "pydantic", "scipy")
 
 
@@ -22,16 +47,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     words = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
-    if words == ["--version"]:
-        print(f"swim2real {__version__}")
-        sys.exit(0)
-    logging.basicConfig(level=logging.DEBUG if debug else logging.WARNING, format="%(levelname)s: %(message)s")
-    logging.getLogger("numba").setLevel(logging.WARNING)  # a compiler's diary
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
+    logging.getLogger("swim2real").setLevel(logging.DEBUG if debug else logging.WARNING)
     # before NumPy is imported: matrices are small, and threads of linear algebra would only wait for one another
     for library in ("OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     try:
-        code = _run(_parsed(words))
+        code = parsed(words)()
         sys.stdout.flush()
     except Swim2RealError as error:
         if debug:
@@ -60,109 +82,50 @@ def main(argv: Sequence[str] | None = None) -> None:
     sys.exit(code)
 
 
-def _parsed(words: list[str]) -> args.Command:
-    command: Any = tyro.cli(
-        args.Command,  # pyright: ignore[reportArgumentType]
-        prog="swim2real",
-        description="From videos of a swimming robot to a calibrated MuJoCo simulator. --debug shows tracebacks.",
-        args=words,
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+def parsed(words: list[str]) -> Callable[[], int]:
+    """A command with its arguments, ready to run.
+
+    Raises:
+        ArgumentError: There is no such command, or a setting is outside what is allowed.
+        SystemExit: The arguments can't be read, or help was asked for.
+    """
+    commands = {name: command for group in COMMANDS.values() for name, command in group.items()}
+    name, rest = (words[0], words[1:]) if words else ("--help", [])
+    if name == "--version":
+        return lambda: print(f"swim2real {__version__}") or 0
+    if name in ("-h", "--help"):
+        return lambda: print(overview()) or (0 if words else 2)
+    if name not in commands:
+        near = difflib.get_close_matches(name, commands, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise ArgumentError(f"there is no command '{name}'{hint} There are {', '.join(commands)}")
+    work: Any = tyro.cli(
+        _deferred(commands[name]), prog=f"swim2real {name}", args=rest, config=(tyro.conf.OmitArgPrefixes,)
     )
-    return command
+    return work
 
 
-def _run(command: args.Command) -> int:
-    # each command's module brings what it needs, so that the others stay quick
-    match command:
-        case args.Calibrate():
-            from swim2real.cli.calibrate import calibrate
+def overview() -> str:
+    """All commands, a line each."""
+    width = max(len(name) for group in COMMANDS.values() for name in group)
+    lines = [
+        "usage: swim2real COMMAND [OPTIONS]",
+        "",
+        "From videos of a swimming robot to a calibrated MuJoCo simulator.",
+    ]
+    for title, group in COMMANDS.items():
+        lines += ["", f"{title}:"]
+        for name, command in group.items():
+            lines.append(f"  {name:<{width}}  {(command.__doc__ or '').strip().splitlines()[0]}")
+    ends = ("swim2real COMMAND --help explains a command.", "--version prints the version, --debug shows tracebacks.")
+    return "\n".join([*lines, "", *ends])
 
-            return calibrate(command)
-        case args.Check():
-            from swim2real.cli.check import check
 
-            return check(command)
-        case args.Compare():
-            from swim2real.cli.compare import compare
+def _deferred(command: Command) -> Callable[..., Callable[[], int]]:
+    """The command as a function of the same arguments that doesn't run yet: its errors aren't those of parsing."""
 
-            return compare(command)
-        case args.Demo():
-            from swim2real.cli.demo import demo
+    @functools.wraps(command)
+    def prepared(*arguments: Any, **named: Any) -> Callable[[], int]:
+        return functools.partial(command, *arguments, **named)
 
-            return demo(command)
-        case args.Deploy():
-            from swim2real.cli.deploy import deploy
-
-            return deploy(command)
-        case args.Ensemble():
-            from swim2real.cli.ensemble import ensemble
-
-            return ensemble(command)
-        case args.Identify():
-            from swim2real.cli.identify import identify
-
-            return identify(command)
-        case args.Init():
-            from swim2real.cli.init import init
-
-            return init(command)
-        case args.Evaluate():
-            from swim2real.cli.evaluate import evaluate
-
-            return evaluate(command)
-        case args.ExportCommands():
-            from swim2real.cli.rollout import export_commands
-
-            return export_commands(command)
-        case args.ExportModel():
-            from swim2real.cli.export_model import export_model
-
-            return export_model(command)
-        case args.ExportSysid():
-            from swim2real.cli.sysid import export_sysid
-
-            return export_sysid(command)
-        case args.ImportSysid():
-            from swim2real.cli.sysid import import_sysid
-
-            return import_sysid(command)
-        case args.Rollout():
-            from swim2real.cli.rollout import rollout
-
-            return rollout(command)
-        case args.Train():
-            from swim2real.cli.train import train
-
-            return train(command)
-        case args.Overlay():
-            from swim2real.cli.overlay import overlay
-
-            return overlay(command)
-        case args.Quality():
-            from swim2real.cli.quality import quality
-
-            return quality(command)
-        case args.Simulate():
-            from swim2real.cli.simulate import simulate
-
-            return simulate(command)
-        case args.Track():
-            from swim2real.cli.track import track
-
-            return track(command)
-        case args.Pick():
-            from swim2real.cli.pick import pick
-
-            return pick(command)
-        case args.ImportTracks():
-            from swim2real.cli.import_tracks import import_tracks
-
-            return import_tracks(command)
-        case args.Report():
-            from swim2real.cli.files import report
-
-            return report(command)
-        case args.Fetch():
-            from swim2real.cli.files import fetch
-
-            return fetch(command)
+    return prepared

@@ -1,24 +1,34 @@
-"""Progress of a calibration: a bar on a terminal, plain lines elsewhere."""
+"""Progress of runs, comparisons, films and trainings on standard error: a bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
-import signal
-import threading
+import math
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import FrameType
+from typing import TYPE_CHECKING, TypeAlias
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from swim2real.advisor import AdvisorEvent
-from swim2real.calibration import Progress
+from swim2real.cli.tables import progress_console
+from swim2real.errors import Swim2RealError
+from swim2real.interruption import Interruption
+
+if TYPE_CHECKING:
+    from swim2real.advisor import AdvisorEvent
+    from swim2real.calibration import Progress
+    from swim2real.comparison import ComparisonProgress, JobReport
+    from swim2real.pipeline import Filmed, FrameProgress
+    from swim2real.rl.training import Progress as TrainingProgress
+
+_FILM_LINES = 5.0  # s between plain lines of a video
+_TRAINING_LINES = 10.0  # s between plain lines of a training
 
 
 @dataclass(frozen=True)
-class Watch:
+class RunCallbacks:
     """What is called as a run goes on.
 
     Attributes:
@@ -30,22 +40,38 @@ class Watch:
     advisor: Callable[[AdvisorEvent], None]
 
 
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes}:{rest:02d}"
+@contextmanager
+def run_shown(budget: int, quiet: bool) -> Generator[RunCallbacks]:
+    """Gives the callbacks that show the progress of a run. Warnings are shown even when quiet.
+
+    Ctrl-C ends the run between two evaluations, when all is on the disk; a second Ctrl-C ends it at once. While a VLM
+    or a person is waited for, so does the first one.
+    """
+    with _run_lines(budget, quiet) as show, Interruption() as interruption:
+
+        def progress(state: Progress) -> None:
+            show.progress(state)
+            interruption.check()
+
+        def advisor(event: AdvisorEvent) -> None:
+            interruption.impatient = False
+            show.advisor(event)
+            interruption.check()
+            interruption.impatient = event.kind in ("asks", "waits")
+
+        yield RunCallbacks(progress, advisor)
 
 
 @contextmanager
-def shown(budget: int, quiet: bool) -> Generator[Watch]:
-    """Gives the callbacks that show progress, on standard error. Warnings are shown even when quiet."""
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+def _run_lines(budget: int, quiet: bool) -> Generator[RunCallbacks]:
+    console = progress_console()
     if quiet or not console.is_terminal:
 
-        def tell(event: AdvisorEvent) -> None:
+        def print_event(event: AdvisorEvent) -> None:
             if event.kind != "received" and (event.kind == "warning" or not quiet):
-                console.print(_told(event))
+                console.print(_event_line(event))
 
-        yield Watch(lambda p: None if quiet else console.print(_line(p)), tell)
+        yield RunCallbacks(lambda p: None if quiet else console.print(_run_line(p)), print_event)
         return
     columns = (TextColumn("calibrating"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[text]}"))
     with Bar(*columns, console=console) as bar:
@@ -55,56 +81,18 @@ def shown(budget: int, quiet: bool) -> Generator[Watch]:
             text = f"best {1e3 * p.best:.1f} mm, {_clock(p.seconds_left)} left"
             bar.update(task, completed=p.done, total=max(p.budget, p.done), text=text)
             if p.improved and not p.replayed:
-                bar.console.print(_line(p))
+                bar.console.print(_run_line(p))
 
-        def asked(event: AdvisorEvent) -> None:
+        def update_event(event: AdvisorEvent) -> None:
             if event.kind == "asks":
                 bar.update(task, text=f"round {event.round}: {event.text}{_spent(event)}")
             elif event.kind != "received":
-                bar.console.print(_told(event))
+                bar.console.print(_event_line(event))
 
-        yield Watch(update, asked)
-
-
-@contextmanager
-def interruptible(watch: Watch) -> Generator[Watch]:
-    """Lets Ctrl-C end a run between two evaluations, when all is on the disk; a second Ctrl-C ends it at once.
-
-    An interrupt in the middle of a call of the engine would come out as some error of its bindings. While a VLM or a
-    person is waited for, the first Ctrl-C ends the run at once.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield watch
-        return
-    asked = waiting = False
-
-    def note(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        if asked or waiting:
-            raise KeyboardInterrupt
-        asked = True
-
-    def update(progress: Progress) -> None:
-        watch.progress(progress)
-        if asked:
-            raise KeyboardInterrupt
-
-    def advisor(event: AdvisorEvent) -> None:
-        nonlocal waiting
-        waiting = False
-        watch.advisor(event)
-        if asked:
-            raise KeyboardInterrupt
-        waiting = event.kind in ("asks", "waits")
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield Watch(update, advisor)
-    finally:
-        signal.signal(signal.SIGINT, before)
+        yield RunCallbacks(update, update_event)
 
 
-def _line(p: Progress) -> str:
+def _run_line(p: Progress) -> str:
     how = str(p.note.get("source", ""))
     if "round" in p.note:
         how = f"round {p.note['round']}, step {p.note['step_size']:g}"
@@ -116,15 +104,158 @@ def _line(p: Progress) -> str:
     )
 
 
-def _told(event: AdvisorEvent) -> str:
+def _event_line(event: AdvisorEvent) -> str:
     return f"     round {event.round}: {event.kind}: {event.text}{_spent(event)}"
 
 
 def _spent(event: AdvisorEvent) -> str:
     """What the calls took so far."""
-    all_ = event.totals
-    if not all_.calls:
+    totals = event.totals
+    if not totals.calls:
         return ""
-    tokens = f", {(all_.input_tokens + all_.output_tokens) / 1e3:.1f}k tokens" if all_.input_tokens else ""
-    cost = f", {all_.cost:.3f} USD" if all_.cost is not None else ""
-    return f"  (so far {all_.calls} calls{tokens}{cost})"
+    tokens = f", {(totals.input_tokens + totals.output_tokens) / 1e3:.1f}k tokens" if totals.input_tokens else ""
+    cost = f", {totals.cost:.3f} USD" if totals.cost is not None else ""
+    return f"  (so far {totals.calls} calls{tokens}{cost})"
+
+
+@contextmanager
+def comparison_shown(quiet: bool) -> Generator[Callable[[ComparisonProgress], None]]:
+    """Gives the callback that shows the progress of a comparison."""
+    console = progress_console()
+    if quiet:
+        yield lambda progress: None
+        return
+    if not console.is_terminal:
+
+        def line(p: ComparisonProgress) -> None:
+            if p.finished is not None:
+                console.print(f"{_job_line(p, p.finished)}{_left(p)}", markup=False)
+
+        yield line
+        return
+    columns = (TextColumn("evaluations"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[text]}"))
+    with Bar(*columns, console=console) as bar:
+        task = bar.add_task("", total=None, text="")
+
+        def update(p: ComparisonProgress) -> None:
+            ranking = sorted(p.best.items(), key=lambda best: best[1])
+            best = ", ".join(f"{method} {1e3 * loss:.1f}" for method, loss in ranking)
+            text = f"runs {p.jobs_done}/{p.jobs}{_left(p)}" + (f", best (mm): {best}" if best else "")
+            bar.update(task, completed=p.evaluations, total=p.budget, text=text)
+            if p.finished is not None and p.finished.state != "read":
+                bar.console.print(_job_line(p, p.finished), markup=False)
+
+        yield update
+
+
+def _left(p: ComparisonProgress) -> str:
+    return "" if p.seconds_left is None else f", {_clock(p.seconds_left)} left"
+
+
+def _job_line(p: ComparisonProgress, job: JobReport) -> str:
+    width = len(str(p.jobs))
+    head = f"{p.jobs_done:{width}d}/{p.jobs} {job.key}: "
+    if job.state in ("failed", "stopped"):
+        return head + job.state
+    best = "no swim" if job.best is None else f"best {1e3 * job.best:.1f} mm"
+    return head + best + (", done before" if job.state == "read" else f", {job.seconds:.1f} s")
+
+
+FilmCallbacks: TypeAlias = "tuple[Callable[[FrameProgress], None], Callable[[str, Filmed | Swim2RealError], None]]"
+
+
+@contextmanager
+def films_shown(quiet: bool) -> Generator[FilmCallbacks]:
+    """Gives the callbacks that show the progress of tracking: after some frames, and after a video."""
+    console = progress_console()
+    if quiet:
+        yield (lambda progress: None), (lambda name, result: None)
+        return
+    if not console.is_terminal:
+        printed: dict[str, float] = {}
+
+        def line(p: FrameProgress) -> None:
+            if time.monotonic() - printed.get(p.name, 0.0) > _FILM_LINES:
+                printed[p.name] = time.monotonic()
+                text = f"{p.name}: frame {p.done} of {p.total or '?'}, {p.lost} markers lost"
+                console.print(text, markup=False)
+
+        yield line, lambda name, result: console.print(f"{name}: {_film_outcome(result)}", markup=False)
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}"), TimeRemainingColumn())
+    with Bar(*columns, console=console) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def update(p: FrameProgress) -> None:
+            if p.name not in tasks:
+                tasks[p.name] = bar.add_task(p.name, total=p.total, text="")
+            bar.update(tasks[p.name], completed=p.done, text=f"{p.lost} lost" if p.lost else "")
+
+        def done(name: str, result: Filmed | Swim2RealError) -> None:
+            bar.console.print(f"{name}: {_film_outcome(result)}", markup=False)
+            if name in tasks:
+                bar.remove_task(tasks.pop(name))
+
+        yield update, done
+
+
+def _film_outcome(result: Filmed | Swim2RealError) -> str:
+    if isinstance(result, Swim2RealError):
+        return "failed"
+    if result.again:
+        return "done before"
+    return f"{result.report['frames']} frames in {result.report['seconds']:.1f} s"
+
+
+@contextmanager
+def training_shown(total: int, quiet: bool) -> Generator[Callable[[TrainingProgress], None]]:
+    """Gives the callback that shows the progress of a training.
+
+    Args:
+        total: Environment steps.
+        quiet: Show nothing.
+    """
+    console = progress_console()
+    if quiet:
+        yield lambda progress: None
+    elif not console.is_terminal:
+        printed = -math.inf
+
+        def plain(p: TrainingProgress) -> None:
+            nonlocal printed
+            if p.evaluation or p.step >= p.total or time.monotonic() - printed > _TRAINING_LINES:
+                printed = time.monotonic()
+                console.print(training_line(p))
+
+        yield plain
+    else:
+        with Bar(TextColumn("training"), BarColumn(), TextColumn("{task.fields[text]}"), console=console) as bar:
+            task = bar.add_task("", total=total, text="first steps")
+
+            def update(p: TrainingProgress) -> None:
+                bar.update(task, completed=p.step, total=p.total, text=training_line(p))
+                if p.evaluation:
+                    bar.console.print(training_line(p))
+
+            yield update
+
+
+def training_line(p: TrainingProgress) -> str:
+    """How far a training is, in one line."""
+    parts = [f"{p.step:>9,}/{p.total:,}", f"{p.rate:.0f} steps/s"]
+    if p.episode_return is not None and p.distance is not None and p.success is not None:
+        parts.append(f"return {p.episode_return:.1f}")
+        parts.append(f"distance {p.distance:.3f} m")
+        if p.stage is not None:
+            parts.append(f"stage {p.stage}, success {100 * p.success:.0f} %")
+    parts.append(f"learning {100 * p.learner_share:.0f} %")
+    if p.evaluation:
+        text = f"evaluated: return {p.evaluation['episode_return']:.1f}, distance {p.evaluation['distance']:.3f} m"
+        parts.append(text + (f", success {100 * p.evaluation['success']:.0f} %" if p.stage is not None else ""))
+    return ", ".join([*parts, f"{_clock(p.seconds_left)} left"])
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

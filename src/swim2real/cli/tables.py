@@ -15,6 +15,16 @@ console = Console(highlight=False)
 _TEXTS = ("driven by", "finding")  # columns of words
 
 
+def progress_console() -> Console:
+    """A console on standard error, for progress."""
+    return Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def say(text: str) -> None:
+    """Prints a line as it is, however long."""
+    console.print(text, soft_wrap=True, markup=False)
+
+
 def millimeters(value: float | None) -> str:
     """A length or speed in thousandths, a dash for None."""
     return "–" if value is None else f"{1e3 * value:.1f}"
@@ -30,7 +40,9 @@ def number(value: float | None) -> str:
     return "–" if value is None else f"{value:.3g}"
 
 
-_LENGTHS = (
+# of all trials and of each: what is shown where there is such a figure
+_OVERALL = (
+    ("marker error (paper's Eq. 1)", "marker_error"),
     ("aligned marker error", "aligned_marker_error"),
     ("  shape", "shape_error"),
     ("  progress (thrust and drag)", "progress_error"),
@@ -40,7 +52,7 @@ _PER_TRIAL = (
     ("beat Hz", "frequency", "{:.3f}".format),
     ("v real", "velocity_real", millimeters),
     ("v sim", "velocity_simulated", millimeters),
-    (None, "marker_error", millimeters),  # of swims the paper's
+    ("Eq. 1", "marker_error", millimeters),
     ("aligned", "aligned_marker_error", millimeters),
     ("shape", "shape_error", millimeters),
     ("heading deg", "heading_error", degrees),
@@ -63,29 +75,28 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
 
 
 def figures(content: Mapping[str, Any], title: str) -> None:
-    """Prints every figure of `evaluate`, overall and per trial; of swims and recordings what there is of it."""
+    """Prints every figure of `evaluate`, overall and per trial, where the trials have it."""
     trials: Mapping[str, Mapping[str, Any]] = content["trials"]
-    there = next(iter(trials.values()))
-    swims = "aligned_marker_error" in content
-    rows = [("marker error (paper's Eq. 1)" if swims else "marker error", millimeters(content["marker_error"]) + " mm")]
-    if "sensor_errors" in content:
-        rows.insert(0, ("playback error (markers and sensors)", millimeters(content["loss"]) + " mm"))
-    rows += [(label, millimeters(content[key]) + " mm") for label, key in _LENGTHS if key in content]
-    if swims:
+    known = next(iter(trials.values()))
+    sensors = list(known.get("sensor_errors") or {})
+    rows: list[tuple[str, str]] = []
+    if sensors:
+        rows.append(("playback error (markers and sensors)", millimeters(content["loss"]) + " mm"))
+    rows += [(label, millimeters(content[key]) + " mm") for label, key in _OVERALL if key in content]
+    if "unweighted_error" in content:
         added = content["unweighted_error"] - content["aligned_marker_error"] + 0.0
         rows.append(("lost tracks would add", millimeters(added) + " mm"))
     if "velocity_error" in content:
         rows.append(("velocity error", millimeters(content["velocity_error"]) + " mm/s"))
     if "heading_error" in content:
         rows.append(("heading error", degrees(content["heading_error"]) + " deg"))
-    rows += [(f"{name} (own unit)", number(error)) for name, error in content.get("sensor_errors", {}).items()]
+    rows += [(f"{name} (own unit)", number(content["sensor_errors"][name])) for name in sensors]
     rows.append(("left out (lost markers)", f"{100 * content['left_out_share']:.1f} %"))
     table(title, ("figure", "value"), rows)
-    columns = [column for column in _PER_TRIAL if column[1] in there]
-    sensors = list(there.get("sensor_errors", {}))
+    columns = [column for column in _PER_TRIAL if column[1] in known]
     table(
         "Per trial [mm, mm/s]",
-        ("trial", *(header or ("Eq. 1" if swims else "error") for header, _, _ in columns), *sensors, "out"),
+        ("trial", *(header for header, _, _ in columns), *sensors, "out"),
         [
             (
                 name, *(shown(t[key]) for _, key, shown in columns),
@@ -96,17 +107,16 @@ def figures(content: Mapping[str, Any], title: str) -> None:
     )  # fmt: skip
     for name, t in trials.items():
         if t["divergence"]:
-            console.print(f"{name}: {t['divergence']}")
+            say(f"{name}: {t['divergence']}")
 
 
 def marker_errors(content: Mapping[str, Any], names: Sequence[str]) -> None:
-    """Prints what each marker adds to the loss: of swims the aligned error, of recordings the error."""
-    key = "aligned_marker_errors" if "aligned_marker_error" in content else "marker_errors"
-    table(
-        "Aligned error per marker [mm]" if key == "aligned_marker_errors" else "Error per marker [mm]",
-        ("trial", *names),
-        [(n, *(millimeters(e) for e in t[key])) for n, t in content["trials"].items()],
-    )
+    """Prints what each marker adds to the loss."""
+    rows = [
+        (name, *(millimeters(error) for error in trial["aligned_marker_errors"]))
+        for name, trial in content["trials"].items()
+    ]
+    table("Aligned error per marker [mm]", ("trial", *names), rows)
 
 
 def sensitivities(found: Sequence[Mapping[str, Any]]) -> None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from swim2real.calibration import Progress
+from swim2real.calibration import Outcome, Progress
 from swim2real.demo.films import film_swims, points_file
 from swim2real.errors import RunError, Swim2RealError
 from swim2real.pipeline import Filmed, FrameProgress, run, track_films
@@ -31,7 +30,7 @@ _CENTER, _SPREAD = np.repeat([0.55, 0.6, 0.5, 0.85, 0.5, 0.55, 0.55, 0.3], [1, 1
 
 
 @dataclass(frozen=True)
-class Told:
+class DemoCallbacks:
     """Called with what a person wants to see: a line, the state of a video, what came of one."""
 
     line: Callable[[str], None] = lambda text: None
@@ -57,7 +56,8 @@ def demo_settings(budget: int = 40, seed: int = 0, workers: int | None = None) -
 
 def film_and_track(
     out: str | Path, *, frequencies: Sequence[float] = DEMO_FREQUENCIES, seconds: float = SECONDS,
-    camera: PoolCamera = CAMERA, resume: bool = False, workers: int | None = None, told: Told | None = None,
+    camera: PoolCamera = CAMERA, resume: bool = False, workers: int | None = None,
+    callbacks: DemoCallbacks | None = None,
 ) -> TrialSet:  # fmt: skip
     """Films a fish with hidden parameters, and tracks its markers.
 
@@ -68,27 +68,27 @@ def film_and_track(
         camera: That films; the last film gets glare over two markers as well.
         resume: Go on with an interrupted demo.
         workers: Videos filmed or tracked at a time.
-        told: Who is told of the progress.
+        callbacks: Called with the progress.
 
     Raises:
         RunError: The folder holds a demo already, or can't be written.
     """
-    folder, told = Path(out), told or Told()
+    folder, callbacks = Path(out), callbacks or DemoCallbacks()
     if not resume and any((folder / part).exists() for part in ("videos", "camera.json", "reference", "run")):
         raise RunError(f"'{folder}' holds a demo already; remove it, choose another --out or go on with --resume")
     cameras = [(f, replace(camera, glares=(_GLARE,)) if f == frequencies[-1] else camera) for f in frequencies]
-    told.line(f"Filming {len(frequencies)} swims of a fish with hidden parameters, {seconds:g} s each")
+    callbacks.line(f"Filming {len(frequencies)} swims of a fish with hidden parameters, {seconds:g} s each")
     films = film_swims(
         FISH, hidden_values(), cameras, seconds, _HIDDEN_SEED, folder / "videos", workers=workers,
-        on_done=lambda path: told.line(f"{path}: filmed"),
+        on_done=lambda path: callbacks.line(f"{path}: filmed"),
     )  # fmt: skip
     # what a person can measure: how high the camera hangs over the head's markers
     known = folder / "camera.json"
     write_camera(known, CameraFile(camera_height=camera.camera_height - float(FISH.marker_heights[0])))
-    told.line("Tracking the markers")
+    callbacks.line("Tracking the markers")
     results = track_films(
         films, [points_file(film) for film in films], FISH, TrackingSettings(camera=known), folder / "reference",
-        workers=workers, on_progress=told.frame, on_done=told.film,
+        workers=workers, on_progress=callbacks.frame, on_done=callbacks.film,
     )  # fmt: skip
     for result in results:
         if isinstance(result, Swim2RealError):
@@ -99,7 +99,7 @@ def film_and_track(
 def fit(
     out: str | Path, settings: CalibrationSettings | None = None,
     on_progress: Callable[[Progress], None] = lambda progress: None,
-) -> dict[str, Any]:  # fmt: skip
+) -> Outcome:  # fmt: skip
     """Calibrates against the tracked trials, one of them left out; goes on with a run that is there.
 
     Args:

@@ -1,17 +1,14 @@
-"""`check`."""
+"""What `check` prints and draws of a robot."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from rich.markup import escape
 
-from swim2real.cli.calibrate import threads
-from swim2real.cli.robot_arguments import Check
-from swim2real.cli.tables import console, millimeters, table
-from swim2real.errors import ArgumentError, MissingExtraError
+from swim2real.cli.tables import millimeters, say, table
+from swim2real.errors import ArgumentError
 from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
 from swim2real.robots import ROBOTS, robot_file, robot_named
@@ -24,27 +21,37 @@ from swim2real.simulation.probing import FAINT, FREQUENCY, SECONDS, TRIALS, Prob
 from swim2real.trials import load_reference
 
 
-def check(a: Check) -> int:
-    """Says what a robot's parameters do, where its markers are and what drives it."""
-    robot = robot_named(a.robot)
-    file = open_robot_file(robot_file(a.robot))
-    reference = None if a.reference is None else load_reference(a.reference)
+def check_robot(name: str, reference_folder: Path | None, out: Path | None, threads: int | None) -> bool:
+    """Prints what a robot's parameters do, where its markers are and what drives it, and draws the markers.
+
+    Args:
+        name: Name of the robot, or its file.
+        reference_folder: Real trials, None for none.
+        out: Picture to write, None for one beside the robot file.
+        threads: Simulations at a time, None for all cores.
+
+    Returns:
+        Whether nothing is wrong.
+    """
+    robot = robot_named(name)
+    file = open_robot_file(robot_file(name))
+    reference = None if reference_folder is None else load_reference(reference_folder)
     wrong = [] if reference is None else misfits(robot, reference)
-    probes = probe(robot, None if wrong else reference, threads(a.threads))
+    probes = probe(robot, None if wrong else reference, threads)
     _parameters(file, probes)
     _moved(robot, None if wrong or reference is None else reference.names[:TRIALS])
     _markers(robot)
     _trials(robot)
-    wrong += [sentence for one in probes for sentence in _wrong(file, robot, one)]
+    wrong += [sentence for result in probes for sentence in _wrong(file, robot, result)]
     for sentence in (*wrong, *_notes(probes)):
-        console.print(sentence, soft_wrap=True, markup=False)
+        say(sentence)
     if reference is not None and not wrong:
         far = misplaced(robot, reference)
         if far is not None:
-            console.print(f"Warning: {far}.", soft_wrap=True, markup=False)
-        console.print(f"All trials of '{a.reference}' fit: {', '.join(reference.names)}.", soft_wrap=True, markup=False)
-    _draw(robot, a.out or _beside(a.robot))
-    return 1 if wrong else 0
+            say(f"Warning: {far}.")
+        say(f"All trials of '{reference_folder}' fit: {', '.join(reference.names)}.")
+    _draw(robot, out or _beside(name))
+    return not wrong
 
 
 def _parameters(file: RobotFile, probes: list[Probe]) -> None:
@@ -71,7 +78,7 @@ def _moved(robot: Robot, trials: tuple[str, ...] | None) -> None:
         by += "from a pose off its rest" if robot.trials.start == "markers" else "from where trials start"
     else:
         by = f"by its motor at {FREQUENCY:g} Hz, from rest"
-    console.print(f"Moved for {SECONDS:g} s {by}.", soft_wrap=True, markup=False)
+    say(f"Moved for {SECONDS:g} s {by}.")
 
 
 def _markers(robot: Robot) -> None:
@@ -105,7 +112,7 @@ def _trials(robot: Robot) -> None:
             f"Trials are steady swims: joint '{swims.motor_joint}' turns at the trial's frequency, and the robot moves "
             f"along joints '{swims.surge_joints[0]}' and '{swims.surge_joints[1]}'."
         )
-        console.print(text, soft_wrap=True, markup=False)
+        say(text)
         return
     about = robot.trials
     model = robot.build(robot.space.published).compile()
@@ -121,7 +128,7 @@ def _trials(robot: Robot) -> None:
     progress = ", progress included" if about.score_progress else ""
     start = {"rest": "at rest", "markers": "where the markers are"}.get(about.start, f"in keyframe '{about.start}'")
     text = f"Trials are recordings that start {start} and are compared in {frame}{progress}."
-    console.print(text, soft_wrap=True, markup=False)
+    say(text)
 
 
 def _control(control: Control | None) -> str:
@@ -168,15 +175,13 @@ def _beside(robot: str) -> Path:
 
 
 def _draw(robot: Robot, out: Path) -> None:
-    """The map of the markers; without its library a sentence says so."""
+    """Writes the map of the markers."""
     right, up = ("xyz"[axis] for axis in robot.plane)
     title = f"{robot.name}: markers at rest, from {_side(robot)}"
     try:
         picture = to_pillow(marker_map(robot.rest_markers, robot.marker_names, robot.links, (right, up), title))
         picture.save(out, "PNG", optimize=True)
-    except MissingExtraError as error:
-        print(f"swim2real: {error}", file=sys.stderr)
     except OSError as error:
         raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
     else:
-        console.print(str(out), soft_wrap=True, markup=False)
+        say(str(out))

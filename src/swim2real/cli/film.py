@@ -1,0 +1,379 @@
+"""`fetch`, `pick`, `track`, `import-tracks` and `quality`: from published tables, videos or tracks to a reference."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from json import dumps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from swim2real.cli.options import Positional, finite_above_0, for_robot, one_each
+from swim2real.errors import ArgumentError, Swim2RealError, TrialError
+from swim2real.settings import TrackingSettings
+
+if TYPE_CHECKING:
+    from swim2real.calibration import Problem
+    from swim2real.robots.robot import Robot
+    from swim2real.tracking.camera import Camera, CameraFile
+    from swim2real.trials import MarkerTrack, TrialSet
+
+AUTO = "auto"
+Findings = dict[str, dict[str, Any]]  # of the trials, by name
+
+
+def fetch(*, to: Path, source: Annotated[str | None, tyro.conf.arg(name="from")] = None) -> int:
+    """Get the eight published marker tracks, check them (sha256) and write a reference folder.
+
+    Args:
+        to: Folder to write.
+        source: Folder or URL that holds the CSV files; by default their public repository.
+    """
+    from swim2real.cli.tables import say
+    from swim2real.trials.fetch import fetch as fetch_tracks
+
+    trials = fetch_tracks(to, source, lambda name, state: say(f"{name}: {state}"))
+    say(f"{to}: {len(trials)} trials")
+    return 0
+
+
+def pick(videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str = "fish") -> int:
+    """Write a page for each video on which the markers of its first frame are clicked.
+
+    One self-contained HTML file: open it in a browser, click the markers in order, download NAME.points.json.
+
+    Args:
+        videos: Videos whose first frames are shown.
+        out: Page to write, for one video; by default beside each video.
+        robot: Whose markers they are: fish, or a robot file (.toml).
+    """
+    if not videos:
+        raise ArgumentError("no video was given")
+    if out is not None and len(videos) > 1:
+        raise ArgumentError(f"--out '{out}' is one page for {len(videos)} videos; leave it out")
+    from swim2real.cli.tables import say
+    from swim2real.robots import robot_named
+    from swim2real.tracking.picking import write_pick_page
+    from swim2real.video import first_frame
+
+    body = robot_named(robot)
+    names = body.marker_names
+    for video in videos:
+        page = out or video.with_name(f"{video.stem}.pick.html")
+        write_pick_page(first_frame(video).image, names, video.name, page, body.rest_markers)
+        say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {video.stem}.points.json")
+    points = " ".join(f"{video.stem}.points.json" for video in videos)
+    say(
+        f"Next: swim2real track {' '.join(map(str, videos))} --markers {points} --to REFERENCE{for_robot(robot)}"
+    )  # fmt: skip
+    return 0
+
+
+def track(
+    videos: Positional[tuple[Path, ...]], settings: TrackingSettings, *, to: Path, markers: tuple[str, ...],
+    robot: str = "fish", frequency: tuple[float, ...] = (), controls: tuple[Path, ...] = (),
+    sensors: tuple[Path, ...] = (), workers: int = 0, json: bool = False, quiet: bool = False,
+) -> int:  # fmt: skip
+    """Find the markers in videos and make trials of them.
+
+    Reads videos (any codec, frame rate and rotation) and the markers' places in their first frames; adds a trial per
+    video to a reference folder, and to its folder tracks the track in pixels (.pixels.csv, as DeepLabCut writes it), an
+    overlay video to judge it by (.mp4) and what was found (.json). A marker that isn't seen is lost, not guessed.
+    Costs about 10 ms of one core a frame and the video's decoding. Interrupted, it goes on with the videos that aren't
+    done when run again.
+
+    Args:
+        videos: Videos, one per trial; their names become the trials'. f1_50.mp4 is a command of 1.50 Hz.
+        settings: How they are tracked.
+        to: Reference folder to add the trials to.
+        markers: points.json of each video, in order (`swim2real pick` makes them), or auto to let the markers be found,
+            which fails where glare or shadows leave a doubt.
+        robot: Whose markers they are: fish, or a robot file (.toml).
+        frequency: What was asked of the motor in each video [Hz], where the names don't say it. Only protocol paper
+            needs it.
+        controls: Tables of what drove the robot in each video, in order: time_s on the video's clock, then one an
+            actuator.
+        sensors: Tables of what was measured in each video, in order: time_s, then a column a sensor.
+        workers: Videos tracked at a time; 0 for as many as there are cores.
+        json: Print what was found as JSON.
+        quiet: Print no progress.
+    """
+    count = len(videos)
+    if workers < 0:
+        raise ArgumentError(f"--workers is {workers}; it must be 0 (as many as there are cores) or above")
+    if markers != (AUTO,) and len(markers) != count:
+        raise ArgumentError(
+            f"--markers has {len(markers)} files for {count} videos; give one for each video in order, or auto"
+        )
+    for option, values in (("frequency", frequency), ("controls", controls), ("sensors", sensors)):
+        one_each(option, values, count, "videos")
+    finite_above_0("frequency", *frequency, unit=" Hz")
+    from swim2real.cli.progress import films_shown
+    from swim2real.cli.tables import say
+    from swim2real.pipeline import TRACKS, Filmed, track_films
+    from swim2real.robots import robot_named
+
+    points = [None] * count if markers == (AUTO,) else [None if one == AUTO else Path(one) for one in markers]
+    body = robot_named(robot)
+    try:
+        with films_shown(quiet or json) as (on_progress, on_done):
+            results = track_films(
+                videos, points, body, settings, to, frequencies=frequency or None, controls=controls or None,
+                sensors=sensors or None, workers=workers or None, on_progress=on_progress, on_done=on_done,
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        print("swim2real: interrupted; the same command goes on with the videos that aren't done", file=sys.stderr)
+        return 1
+    tracked = [result for result in results if isinstance(result, Filmed)]
+    if json:
+        print(dumps({result.name: result.report for result in tracked}, indent=2))
+    elif not quiet and tracked:
+        _print_tracked({result.name: result.report for result in tracked}, body)
+        say(
+            f"Reference: {to}   Overlays: {to / TRACKS}   Next: swim2real calibrate {to} --out RUN{for_robot(robot)}"
+        )  # fmt: skip
+    failed = [(video, error) for video, error in zip(videos, results, strict=True) if isinstance(error, Swim2RealError)]
+    for video, error in failed:
+        where = "" if str(video) in str(error) else f"{video}: "
+        print(f"swim2real: {where}{error}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def import_tracks(
+    tables: Positional[tuple[Path, ...]], *, to: Path, fps: float, robot: str = "fish", camera: Path | None = None,
+    frequency: tuple[float, ...] = (), controls: tuple[Path, ...] = (), sensors: tuple[Path, ...] = (),
+) -> int:  # fmt: skip
+    """Make trials of tracks that other programs wrote: DeepLabCut's CSV tables, which SLEAP and movement write too.
+
+    Args:
+        tables: Tables, one per trial, in pixels.
+        to: Reference folder to add the trials to.
+        fps: Frames a second of the videos.
+        robot: Whose markers they are: fish, or a robot file (.toml).
+        camera: JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it.
+        frequency: What was asked of the motor in each trial [Hz].
+        controls: Tables of what drove the robot in each trial, in order: time_s, then one an actuator.
+        sensors: Tables of what was measured in each trial, in order: time_s, then a column a sensor.
+    """
+    for option, values in (("frequency", frequency), ("controls", controls), ("sensors", sensors)):
+        one_each(option, values, len(tables), "tables")
+    finite_above_0("frequency", *frequency, unit=" Hz")
+    finite_above_0("fps", fps)
+    from swim2real.cli.tables import say
+    from swim2real.robots import robot_named
+    from swim2real.tracking.camera import read_camera
+    from swim2real.trials import Trial
+    from swim2real.trials.reference import add_trial, nominal_frequency
+    from swim2real.trials.signals import read_signals
+
+    body = robot_named(robot)
+    known = None if camera is None else read_camera(camera)
+    # all tables are read before anything is written
+    read = {_trial_name(path): (path, *_read_track(path, fps, known, body)) for path in tables}
+    if len(read) < len(tables):
+        raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(read)}); rename one")
+    driven, measured = ([read_signals(path) for path in paths] for paths in (controls, sensors))
+    for i, (name, (path, pixels, scale, notes)) in enumerate(read.items()):
+        trial = Trial(
+            name, scale.to_meters(pixels), frequency[i] if frequency else nominal_frequency(name),
+            scale.scale.meters_per_pixel,
+            f"pose table {path.name}, {fps:g} fps" + ("" if camera is None else f", camera {camera.name}"),
+            controls=driven[i] if driven else None, sensors=measured[i] if measured else None,
+        )  # fmt: skip
+        add_trial(to, trial, body.marker_names)
+        mm_per_pixel = 1e3 * scale.scale.meters_per_pixel
+        say(f"{name}: {pixels.frame_count} frames, {pixels.duration:.2f} s, {mm_per_pixel:.4f} mm per pixel")
+        for line in (*notes, *scale.findings()):
+            say(f"{name}: {line}")
+    say(f"{to}: check the tracks with: swim2real quality {to}{for_robot(robot)}")
+    return 0
+
+
+def quality(
+    reference: Positional[Path], *, robot: str = "fish", allow_lost: float = 0.05, plot: Path | None = None,
+    json: bool = False,
+) -> int:  # fmt: skip
+    """Check the tracks of a reference: lost markers, body lengths, and what drove each trial.
+
+    Exits with 1 when a trial shouldn't be used as it is. Calibration leaves lost marker-frames out by itself.
+
+    Args:
+        reference: Folder with the real trials.
+        robot: Whose markers they are: fish, or a robot file (.toml).
+        allow_lost: Share of frames that a marker may be lost for in a trial that passes.
+        plot: Also write an HTML page that shows which marker is lost when.
+        json: Print JSON.
+    """
+    if not 0 <= allow_lost <= 1:
+        raise ArgumentError(f"--allow-lost is {allow_lost:g}; it is a share of frames within 0 and 1, such as 0.05")
+    from swim2real.cli.tables import say
+    from swim2real.pipeline import check_lost
+    from swim2real.robots import robot_named
+    from swim2real.trials import load_reference
+
+    body, trials = robot_named(robot), load_reference(reference)
+    findings, refusals = _examined(trials, body)
+    refused: dict[str, dict[str, float]] = {}
+    for name, finding in findings.items():
+        shares = zip(body.marker_names, finding["lost_share"], strict=True)
+        lost = {marker: share for marker, share in shares if share > allow_lost}
+        finding["usable"] = not lost
+        if lost:
+            refused[name] = lost
+    if json:
+        errors = {name: {"error": reason, "usable": False} for name, reason in refusals.items()}
+        print(dumps({**findings, **errors}, indent=2))
+    else:
+        _print_quality(findings, body)
+        for reason in refusals.values():
+            say(reason)
+        if refused:
+            say(_refusal(refused, allow_lost))
+    if plot is not None:
+        from swim2real.report import write_quality_page
+
+        checked = [(trial, check_lost(trial.track, body)) for trial in trials if trial.name in findings]
+        try:
+            write_quality_page(checked, body.marker_names, plot)
+        except OSError as error:
+            raise ArgumentError(f"--plot '{plot}' can't be written: {error.strerror or error}") from error
+    return 1 if refused or refusals else 0
+
+
+def _trial_name(path: Path) -> str:
+    """What the trial is called: the video's name, without what DeepLabCut or `track` adds to it."""
+    return path.stem.removesuffix(".pixels").split("DLC_")[0] or path.stem
+
+
+def _read_track(
+    path: Path, fps: float, known: CameraFile | None, robot: Robot
+) -> tuple[MarkerTrack, Camera, list[str]]:
+    """The track in pixels with the robot's markers in order, its camera, and what to tell of it."""
+    from swim2real.robots.compiled import rigid_markers
+    from swim2real.tracking.camera import camera_for
+    from swim2real.trials import MarkerTrack
+    from swim2real.trials.pose_tables import read_dlc
+
+    track, names = read_dlc(path, fps)
+    notes: list[str] = []
+    if set(names) == set(robot.marker_names):
+        order = [names.index(name) for name in robot.marker_names]
+        track = MarkerTrack(track.times, track.positions[:, order], track.confidence[:, order])
+    elif len(names) == len(robot.marker_names):
+        pairs = ", ".join(f"{ours} is {theirs}" for ours, theirs in zip(robot.marker_names, names, strict=True))
+        notes.append(f"markers are taken in the table's order: {pairs}")
+    else:
+        raise TrialError(
+            f"{path}: {len(names)} markers ({', '.join(names)}); robot '{robot.name}' has {len(robot.marker_names)} "
+            f"({', '.join(robot.marker_names)})"
+        )
+    rigid = rigid_markers(robot)
+    camera = camera_for(track, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid, known)
+    return track, camera, notes
+
+
+def _examined(reference: TrialSet, robot: Robot) -> tuple[Findings, dict[str, str]]:
+    """What was found in each trial, and why others can't be examined.
+
+    Raises:
+        TrialError: None can be examined.
+    """
+    from swim2real.calibration import Problem
+    from swim2real.trials import TrialSet
+
+    findings: Findings = {}
+    refusals: dict[str, str] = {}
+    problem: Problem | None = None
+    for trial in reference:
+        alone = TrialSet((trial,), reference.marker_names)
+        try:
+            problem = Problem(robot, alone, horizon=None) if problem is None else problem.of(alone)
+            findings |= problem.examinations()
+        except TrialError as error:
+            refusals[trial.name] = str(error)
+    if not findings:
+        raise TrialError(next(iter(refusals.values())))
+    return findings, refusals
+
+
+def _print_tracked(reports: Findings, robot: Robot) -> None:
+    from swim2real.cli import tables
+
+    rows = [
+        (
+            name, str(report["frames"]), f"{1e3 * report['meters_per_pixel']:.4f}",
+            *("–" if share == 0 else f"{100 * share:.1f}" for share in report["lost_share"]),
+            "yes" if report["usable"] else "no",
+        )
+        for name, report in reports.items()
+    ]  # fmt: skip
+    columns = ("trial", "frames", "mm/px", *robot.marker_names, "usable as it is")
+    tables.table("Frames for which each marker is lost [%]", columns, rows)
+    findings = [(name, line) for name, report in reports.items() for line in report["findings"]]
+    if findings:
+        tables.table("What to know", ("trial", "finding"), findings)
+
+
+def _print_quality(findings: Findings, robot: Robot) -> None:
+    from swim2real.cli import tables
+
+    swims = bool(robot.trials.tail_markers)
+    if swims:
+        tables.table(
+            "What drove each trial",
+            ("trial", "nominal Hz", "beat Hz", "±", "ratio", "phase rad", "speed mm/s", "±", "tail mm"),
+            [
+                (
+                    name, "–" if t["nominal_frequency"] is None else f"{t['nominal_frequency']:.2f}",
+                    f"{t['frequency']:.4f}", f"{t['frequency_std']:.4f}",
+                    "–" if t["nominal_frequency"] is None else f"{t['frequency'] / t['nominal_frequency']:.3f}",
+                    f"{t['phase']:.2f}", tables.millimeters(t["start_speed"]),
+                    tables.millimeters(t["start_speed_std"]), tables.millimeters(t["amplitude"]),
+                )
+                for name, t in findings.items()
+            ],
+        )  # fmt: skip
+    else:
+        tables.table(
+            "What was recorded", ("trial", "s", "frames", "nominal Hz", "controls", "sensors"),
+            [
+                (
+                    name, f"{t['duration']:.2f}", str(t["frames"]),
+                    "–" if t["nominal_frequency"] is None else f"{t['nominal_frequency']:.2f}",
+                    ", ".join(t["controls"]) or "–", ", ".join(t["sensors"]) or "–",
+                )
+                for name, t in findings.items()
+            ],
+        )  # fmt: skip
+    lengths = {"head_spread": "head ±%", "body_spread": "body ±%"} if swims else {}
+    tables.table(
+        "Frames for which each marker is lost [%]",
+        ("trial", *robot.marker_names, *lengths.values(), "usable as it is"),
+        [
+            (
+                name, *("–" if share == 0 else f"{100 * share:.0f}" for share in t["lost_share"]),
+                *(f"{100 * t[key]:.1f}" for key in lengths), "yes" if t["usable"] else "no",
+            )
+            for name, t in findings.items()
+        ],
+    )  # fmt: skip
+    for name, t in findings.items():
+        for line in t["findings"]:
+            tables.say(f"{name}: {line}")
+
+
+def _refusal(refused: Mapping[str, Mapping[str, float]], allowed: float) -> str:
+    """Which trials and markers are refused, and what to do."""
+    listed = [
+        f"{trial} ({', '.join(f'{name} {100 * share:.0f} %' for name, share in shares.items())})"
+        for trial, shares in refused.items()
+    ]
+    enough = math.ceil(100 * max(max(shares.values()) for shares in refused.values())) / 100
+    return (
+        f"Not to be used as they are, markers lost in more than {100 * allowed:g} % of frames: {'; '.join(listed)}. "
+        f"Track these videos again, leave the trials out (--hold-out of calibrate), or accept them with "
+        f"--allow-lost {enough:g}: calibration leaves lost marker-frames out by itself."
+    )

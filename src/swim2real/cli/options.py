@@ -1,0 +1,41 @@
+"""Types and checks of options that several commands have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+from swim2real.errors import ArgumentError
+
+Positional = tyro.conf.Positional
+RobotOption = Annotated[str, tyro.conf.arg(aliases=["--parameters"])]
+DEFAULT_ROBOT = "fish"
+PUBLISHED = "published"  # the prior work's values, in place of a parameters file
+
+
+def for_robot(robot: str) -> str:
+    """The option that a suggested command needs for this robot, with a space before it; nothing for the default."""
+    return "" if robot == DEFAULT_ROBOT else f" --robot {robot}"
+
+
+def one_each(option: str, values: Sequence[object], count: int, things: str) -> None:
+    """Checks that an option was given once for every thing, or not at all.
+
+    Raises:
+        ArgumentError: It was given for some.
+    """
+    if values and len(values) != count:
+        raise ArgumentError(f"--{option} has {len(values)} values for {count} {things}; give one for each, or none")
+
+
+def finite_above_0(option: str, *values: float, unit: str = "") -> None:
+    """Checks numbers of an option.
+
+    Raises:
+        ArgumentError: One isn't finite and above 0.
+    """
+    for value in values:
+        if not 0 < value < float("inf"):
+            raise ArgumentError(f"--{option} is {value:g}{unit}; it must be finite and above 0")

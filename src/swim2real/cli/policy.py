@@ -1,0 +1,322 @@
+"""`train`, `rollout` and `export-commands`: policies in the calibrated simulator."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from json import dumps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from tyro.conf import PositionalRequiredArgs
+
+from swim2real.cli.options import Positional
+from swim2real.errors import ArgumentError
+from swim2real.settings import TrainingSettings, expand_seeds
+
+if TYPE_CHECKING:
+    from swim2real.parameters import Values
+    from swim2real.rl.assessment import Assessment
+    from swim2real.rl.training_run import TrainingOutcome
+    from swim2real.simulation import Simulator
+
+
+def train(
+    settings: PositionalRequiredArgs[TrainingSettings], *, parameters: Path, out: Path, ensemble: Path | None = None,
+    seeds: tuple[int | str, ...] = (), workers: int = 0, threads: int = 1, any_phase: bool = False,
+    tendon_friction: float = 0.0, resume: bool = False, json: bool = False, quiet: bool = False,
+) -> int:  # fmt: skip
+    """Train a policy for the fish's motor in the calibrated simulator: soft actor-critic, as in the paper.
+
+    Reads a run folder or parameters file; writes a folder with settings.json, policy.zip and best.zip, checkpoints,
+    records of every episode and evaluation, TensorBoard logs and outcome.json. Costs some minutes for 300,000 steps on
+    one core and hours for the paper's 5 million. Ctrl-C writes a checkpoint; --resume goes on with it.
+
+    Args:
+        settings: What decides the result; the defaults are the paper's.
+        parameters: Run folder or parameters file; 'published' for the prior work's values.
+        out: Folder to write; with --seeds one for each seed is in it.
+        ensemble: File that `swim2real ensemble` wrote: one of its sets is drawn for every episode, instead of
+            --parameters.
+        seeds: Several seeds instead of --seed: numbers, and ranges without their end: 0:3 is 0 1 2.
+        workers: Seeds trained at a time; 0 for as many as there are cores.
+        threads: Threads of the environments of one run. Results don't depend on it.
+        any_phase: Start episodes at any angle of the motor, not at 0.
+        tendon_friction: Share of the left tendon's tension that friction takes.
+        resume: Go on with what is in --out.
+        json: Print the outcome as JSON.
+        quiet: Print no progress.
+    """
+    if workers < 0 or threads < 1:
+        raise ArgumentError(f"--workers is {workers} and --threads {threads}; they must be at least 0 and 1")
+    if seeds:
+        options = {
+            **asdict(settings), "parameters": parameters, "ensemble": ensemble, "threads": threads,
+            "any_phase": any_phase, "tendon_friction": tendon_friction, "json": json, "quiet": quiet,
+        }  # fmt: skip
+        return _train_seeds(options, expand_seeds(seeds), out, workers or os.cpu_count() or 1, resume)
+    from datetime import UTC, datetime
+    from importlib import metadata
+
+    from swim2real.calibration.ensemble import read_ensemble
+    from swim2real.calibration.provenance import commit, versions
+    from swim2real.cli.progress import training_shown
+    from swim2real.cli.subject import robot_for, values_of
+    from swim2real.interruption import Interruption
+    from swim2real.rl.conditions import Disturbances
+    from swim2real.rl.training import train as run_training
+    from swim2real.simulation import Simulator
+
+    robot = robot_for(parameters)
+    simulator = Simulator(robot, 1)
+    if ensemble:
+        sets = read_ensemble(ensemble, robot)
+    else:
+        sets = [values_of(parameters, simulator)]
+        _warn_if_backward(parameters, sets[0], simulator)
+    phases = (-math.pi, math.pi) if any_phase else (0.0, 0.0)
+    libraries = {name: metadata.version(name) for name in ("gymnasium", "stable-baselines3", "torch")}
+    about = {
+        "reference": str(ensemble or parameters), "engine": simulator.engine.as_dict(),
+        "versions": {**versions(), **libraries}, "commit": commit(),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+    }  # fmt: skip
+    with Interruption() as interruption, training_shown(settings.env_steps, quiet) as show:
+        outcome = run_training(
+            settings, sets, robot, out, about=about, disturbances=Disturbances(phases, (0.0, 0.0), tendon_friction),
+            threads=threads, resume=resume, on_progress=show, stop=lambda: bool(interruption),
+        )  # fmt: skip
+    if json:
+        print(dumps(outcome.as_dict(), indent=2))
+    elif not quiet:
+        print(_summary(outcome, out))
+    if not outcome.complete:
+        print(f"swim2real: interrupted at step {outcome.step}; --resume goes on", file=sys.stderr)
+    return 0 if outcome.complete else 1
+
+
+def rollout(
+    policy: Positional[Path], *, episodes: int = 50, goals: int = 0, parameters: Path | None = None,
+    which: Literal["best", "last"] = "best", stage: int = 3, tendon_friction: float | None = None,
+    current: tuple[float, float] | None = None, closed_loop: bool = False, noise: float = 0.001, delay: int = 2,
+    out: Path | None = None, film: bool = True, json: bool = False,
+) -> int:  # fmt: skip
+    """Assess a trained policy: distance and return, success and time to target, against constant frequencies.
+
+    Reads a training folder; writes into it (or --out) rollout.json, episodes.npz, rollout.mp4 and training.html, a page
+    with learning curves and paths. Starts and goals are the same every time. Costs some ten seconds for forward and
+    some minutes for 100 goals.
+
+    Args:
+        policy: Folder that `train` wrote.
+        episodes: Episodes to swim.
+        goals: For a target policy: random goals to swim to, instead of --episodes.
+        parameters: Run folder or parameters file of another simulator; by default that of the training.
+        which: best: in the evaluations while it learned. last: at the end.
+        stage: Of target's curriculum: how far goals are away, and how closely they must be met.
+        tendon_friction: Share of the left tendon's tension that friction takes; by default as in the training.
+        current: Velocity of the water along x (backward) and y [m/s]; by default as in the training.
+        closed_loop: Also compare recorded commands with closed loop on the true and on the tracked state, under the
+            disturbances.
+        noise: Noise of tracked markers in the closed loop [m].
+        delay: Delay of tracked markers in the closed loop [control intervals of 20 ms].
+        out: Folder to write; by default the policy's.
+        film: Write the film.
+        json: Print the figures as JSON.
+    """
+    from swim2real.cli.subject import values_of
+    from swim2real.cli.tables import say
+    from swim2real.report.training_page import write_training_page
+    from swim2real.rl.assessment import assess
+    from swim2real.rl.conditions import StateEstimate
+    from swim2real.rl.film import write_film
+    from swim2real.rl.rollout import save_episodes
+    from swim2real.rl.tasks import STAGES
+    from swim2real.rl.training_run import TrainingRun
+    from swim2real.simulation import Simulator
+    from swim2real.store import write_json
+
+    run = TrainingRun.open(policy)
+    task = run.settings.task
+    if goals and task != "target":
+        raise ArgumentError("--goals is for target policies; this one swims forward: use --episodes")
+    if stage not in STAGES:
+        raise ArgumentError(f"--stage is {stage}; there are {', '.join(map(str, STAGES))}")
+    values = None if parameters is None else [values_of(parameters, Simulator(run.robot, 1))]
+    disturbances = replace(run.settings.disturbances, estimate=None)
+    if tendon_friction is not None:
+        disturbances = replace(disturbances, tendon_friction=tendon_friction)
+    if current is not None:
+        disturbances = replace(disturbances, current=current)
+    assessment = assess(
+        run, goals or episodes, parameters=values, disturbances=disturbances, which=which, stage=stage,
+        estimate=StateEstimate(noise, delay) if closed_loop else None,
+    )  # fmt: skip
+    content = {**assessment.as_dict(), "parameters": str(parameters or run.settings.reference)}
+    folder = out or policy
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / "rollout.json", content)
+    save_episodes(folder / "episodes.npz", assessment.episodes)
+    if film:
+        threshold = STAGES[stage].threshold if task == "target" else None
+        write_film(folder / "rollout.mp4", assessment.episodes[0], threshold=threshold)
+    page = write_training_page(run, folder, assessment)
+    if json:
+        print(dumps(content, indent=2))
+    else:
+        _print(assessment)
+        say(f"Written: {page}, rollout.json, episodes.npz")
+    return 0
+
+
+def export_commands(
+    policy: Positional[Path], *, out: Path, seconds: float, which: Literal["best", "last"] = "best",
+    phase: float = 0.0, goal: tuple[float, float] | None = None, ramp: float = 20.0, max_speed: float | None = None,
+    max_acceleration: float | None = None, clip: bool = False, json: bool = False,
+) -> int:  # fmt: skip
+    """Write a policy's motor commands as a table for `deploy`: time_s,velocity_rad_s, 50 rows a second.
+
+    The policy swims from rest in the simulator that it was trained in; its commands are checked against the motor's
+    limits and put between ramps from and to rest.
+
+    Args:
+        policy: Folder that `train` wrote.
+        out: Table to write.
+        seconds: Length without the ramps [s].
+        which: best: in the evaluations while it learned. last: at the end.
+        phase: Angle of the motor at the start [rad].
+        goal: Goal of a target policy [m]: x (ahead is negative) and y; by default 1 m straight ahead.
+        ramp: Acceleration of the ramps from and to rest [rad/s²].
+        max_speed: Refuse faster commands [rad/s]; by default 7.29, the motor's own limit as it is sold.
+        max_acceleration: Refuse steeper changes from one command to the next [rad/s²]; by default 100.
+        clip: Cut commands off at the limits instead of refusing them.
+        json: Print what was written as JSON.
+    """
+    from swim2real.deployment.commands import XW540_T140, CommandTable, Limits, write_table
+    from swim2real.rl.assessment import policy_commands
+    from swim2real.rl.training_run import TrainingRun
+
+    limits = Limits(
+        XW540_T140.speed if max_speed is None else max_speed,
+        XW540_T140.acceleration if max_acceleration is None else max_acceleration,
+    )
+    velocities = policy_commands(TrainingRun.open(policy), seconds, which=which, phase=phase, goal=goal)
+    table = CommandTable.of(velocities.tolist())
+    table = (table.clipped(limits) if clip else table.within(limits)).ramped(ramp)
+    write_table(out, table.times, table.velocities)
+    about = {
+        "commands": len(table.times), "seconds": table.duration, "speed": table.speed,
+        "acceleration": table.acceleration, "out": str(out),
+    }  # fmt: skip
+    if json:
+        print(dumps(about, indent=2))
+    else:
+        print(
+            f"{out}: {len(table.times)} commands, {table.duration:.2f} s with ramps, at most {table.speed:.2f} rad/s "
+            f"and {table.acceleration:.0f} rad/s²; `swim2real deploy {out} --dry-run` tries them"
+        )
+    return 0
+
+
+def _warn_if_backward(path: Path, values: Values, simulator: Simulator) -> None:
+    """Simulates the motor's greatest speed from rest, and warns when the robot swims tail first."""
+    from swim2real.calibration.from_rest import backward_from_rest, from_rest
+    from swim2real.rl.conditions import REAL_MOTOR
+
+    swims = from_rest(simulator, values, {"fastest": REAL_MOTOR.speed / (2 * math.pi)})
+    warning = backward_from_rest({name: swim.as_dict() for name, swim in swims.items()})
+    if warning:
+        print(f"swim2real: warning: '{path}': {warning}", file=sys.stderr)
+
+
+def _summary(outcome: TrainingOutcome, out: Path) -> str:
+    last, evaluation = outcome.last_evaluation, ""
+    if last:
+        evaluation = f"return {last['episode_return']:.1f}, distance {last['distance']:.3f} m, "
+        evaluation += f"success {100 * last['success']:.0f} %; " if last["goal_distance"] is not None else ""
+    return (
+        f"{out}: {outcome.step} steps, {outcome.gradient_steps} updates, {outcome.steps_per_second:.0f} steps/s "
+        f"({100 * outcome.learner_share:.0f} % of the time learning, {100 * outcome.simulator_share:.0f} % "
+        f"simulating); {evaluation}`swim2real rollout {out}` assesses it"
+    )
+
+
+def _train_seeds(options: Mapping[str, Any], seeds: list[int], out: Path, workers: int, resume: bool) -> int:
+    """Trains each seed in a process of its own, so many at a time as there are workers."""
+    from swim2real.interruption import Interruption
+
+    waiting, running, failed = list(seeds), dict[int, subprocess.Popen[bytes]](), list[int]()
+    out.mkdir(parents=True, exist_ok=True)
+    with Interruption() as interruption:
+        signaled = False
+        while running or (waiting and not interruption):
+            while waiting and len(running) < workers and not interruption:
+                seed = waiting.pop(0)
+                running[seed] = subprocess.Popen(_command(options, seed, out, resume), start_new_session=True)
+            if interruption and not signaled:
+                signaled = True
+                for process in running.values():
+                    process.send_signal(signal.SIGINT)
+            for seed, process in list(running.items()):
+                if process.poll() is not None:
+                    del running[seed]
+                    if process.returncode:
+                        failed.append(seed)
+            time.sleep(0.1)
+    if failed or waiting:
+        names = ", ".join(map(str, sorted(failed + waiting)))
+        print(f"swim2real: seeds {names} aren't done; the same command with --resume goes on", file=sys.stderr)
+    return 1 if failed or waiting else 0
+
+
+def _command(options: Mapping[str, Any], seed: int, out: Path, resume: bool) -> list[str]:
+    """The command that trains one seed."""
+    from swim2real.rl.training_run import SETTINGS
+
+    folder = out / f"seed-{seed}"
+    words = [sys.executable, "-m", "swim2real", "train", str(options["task"])]
+    for name, value in {**options, "seed": seed, "out": folder}.items():
+        flag = "--" + name.replace("_", "-")
+        if name == "task" or value is None or value is False:
+            continue
+        words += [flag] if value is True else [flag, *map(str, value if isinstance(value, tuple) else (value,))]
+    return [*words, "--resume"] if resume and (folder / SETTINGS).exists() else words
+
+
+def _print(assessment: Assessment) -> None:
+    from swim2real.cli import tables
+
+    policy, scan = assessment.statistics, assessment.scan
+    rows = [
+        ("episodes", str(policy.episodes)),
+        ("return", f"{policy.episode_return:.2f} ± {policy.episode_return_std:.2f}"),
+        ("distance", f"{policy.distance:.3f} ± {policy.distance_std:.3f} m"),
+    ]
+    if policy.goal_distance is not None:
+        median = policy.median_time_to_target
+        rows.append(("reached", f"{100 * policy.success:.0f} %"))
+        rows.append(("time to target, median", "–" if median is None else f"{median:.1f} s"))
+        rows.append(("left to the goal", f"{policy.goal_distance:.3f} m"))
+    if scan is not None:
+        rows.append((
+            "best constant frequency, distance",
+            f"{scan.best_distance:.3f} m at {scan.best_distance_frequency:+.2f} Hz",
+        ))  # fmt: skip
+        rows.append((
+            "best constant frequency, return",
+            f"{scan.best_return:.2f} at {scan.best_return_frequency:+.2f} Hz",
+        ))  # fmt: skip
+    tables.table(f"Policy for {assessment.task}", ("figure", "value"), rows)
+    if assessment.loops:
+        loops = [
+            (name, f"{loop.statistics.episode_return:.3f}", f"{loop.statistics.distance:.3f}", f"{loop.drift:.3f}",
+             f"{loop.sideways:.3f}", f"{100 * loop.statistics.success:.0f} %")
+            for name, loop in assessment.loops.items()
+        ]  # fmt: skip
+        tables.table("Loops", ("loop", "return", "distance m", "drift m", "sideways m", "reached"), loops)

@@ -1,0 +1,95 @@
+"""`init`, `check` and `export-model`: robot files and the models that come of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from swim2real.cli.options import PUBLISHED, Positional
+from swim2real.errors import ArgumentError, RobotError
+from swim2real.settings import all_cores
+
+
+def init(model: Positional[Path], *, out: Path | None = None, force: bool = False) -> int:
+    """Write a robot file for an MJCF model: markers, what drives a trial, and candidates of what to calibrate.
+
+    Reads the model and moves it for 2 s with each candidate at both bounds; what no camera would see is written as a
+    comment, and so is what is better weighed or looked up. Edit the file, then: swim2real check ROBOT.toml.
+
+    Args:
+        model: MJCF file.
+        out: Robot file to write; by default beside the model.
+        force: Write over a file that is there.
+    """
+    file = out or model.with_suffix(".toml")
+    if file.suffix != ".toml":
+        raise ArgumentError(f"--out is '{file}'; a robot file ends in .toml")
+    if file.exists() and not force:
+        raise ArgumentError(f"'{file}' is there; give another --out, or --force to write over it")
+    from swim2real.cli.tables import say
+    from swim2real.pipeline.drafting import draft_robot, write_draft
+
+    draft = draft_robot(model)
+    write_draft(draft, model, file)
+    calibrated = draft.calibrated
+    say(
+        f"{file}: {len(draft.markers)} markers, {len(calibrated)} parameters ({', '.join(calibrated)}), and "
+        f"{len(draft.candidates) - len(calibrated)} more as comments. Edit it, then: swim2real check {file}"
+    )
+    return 0
+
+
+def check(robot: Positional[str], *, reference: Path | None = None, out: Path | None = None, threads: int = 0) -> int:
+    """Check a robot: what each parameter writes and moves, its markers, and what drives a trial.
+
+    Simulates 2 s with each parameter at both bounds, and draws a map of the markers. Exits with 1 when a parameter
+    changes nothing, the model doesn't compile at a bound, or the trials of --reference don't fit. Costs some seconds.
+
+    Args:
+        robot: Robot file, or the name of a robot: fish, fish-extended.
+        reference: Folder with real trials, whose controls are used; otherwise the robot is moved by made-up ones.
+        out: Picture of the markers to write (PNG); by default beside the robot file.
+        threads: Simulations at a time; 0 for all cores. Results don't depend on it.
+    """
+    threads_or_all = all_cores(threads)
+    from swim2real.cli.robot_check import check_robot
+
+    return 0 if check_robot(robot, reference, out, threads_or_all) else 1
+
+
+def export_model(parameters: Positional[Path], *, out: Path) -> int:
+    """Write the calibrated simulator as one MJCF file, for any program that loads MuJoCo models.
+
+    Reads a run folder or parameters file. The markers' sensors are in the model; meshes and textures stay where they
+    are. Numbers are as exact as MuJoCo writes them, which is told.
+
+    Args:
+        parameters: Run folder or parameters file; 'published' for the prior work's values.
+        out: MJCF file to write (.xml).
+    """
+    import mujoco
+
+    from swim2real.cli.subject import robot_for
+    from swim2real.cli.tables import say
+    from swim2real.parameters import read_parameters
+    from swim2real.robots.compiled import largest_difference
+    from swim2real.store import write_text
+
+    robot = robot_for(parameters)
+    published = str(parameters) == PUBLISHED
+    values = robot.space.published if published else read_parameters(parameters, robot.name, robot.space).values
+    spec = robot.build(values)
+    if robot.source is not None:  # assets are found from anywhere
+        for folder in ("meshdir", "texturedir"):
+            setattr(spec, folder, str((robot.source.parent / spec.modelfiledir / getattr(spec, folder)).resolve()))
+    model = spec.compile()
+    try:
+        write_text(out, spec.to_xml())
+    except OSError as error:
+        raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
+    try:
+        name, gap = largest_difference(model, mujoco.MjSpec.from_file(str(out)).compile())
+    except ValueError as error:
+        raise RobotError(f"MuJoCo can't read its own '{out}' back: {error}") from error
+    exact = "all numbers read back the same" if not gap else f"numbers read back within {gap:.1g}, relative ({name})"
+    say(f"{out}: robot '{robot.name}', {exact}")
+    return 0

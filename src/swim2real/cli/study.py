@@ -1,0 +1,234 @@
+"""`identify`, `ensemble`, `export-sysid` and `import-sysid`: studies of runs, here and with MuJoCo's own toolbox."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from json import dumps
+from pathlib import Path
+from typing import Any
+
+from swim2real.cli.options import PUBLISHED, Positional
+from swim2real.errors import ArgumentError
+from swim2real.settings import EnsembleSettings, EvaluationSettings, IdentifiabilitySettings, all_cores
+
+_SLOPPY, _STIFF = 5, 2  # directions that are printed
+_NAMED = 3  # parameters that are named in a cell
+
+
+def identify(
+    run: Positional[Path], settings: IdentifiabilitySettings, *, reference: Path, again: bool = False, threads: int = 0,
+    json: bool = False, quiet: bool = False,
+) -> int:  # fmt: skip
+    """Tell which parameters the trials determine at a run's best fit, and which make up for one another.
+
+    Improves the fit by a few steps, measures its neighborhood, then fixes each parameter at values across its range and
+    re-fits the others. Reads a run folder and its reference; writes identifiability.json, and the values at the lowest
+    loss as identified.json, into the run folder. Costs up to about 1400 evaluations for the fish's 16 parameters, about
+    half of that as a rule: some minutes. Ctrl-C keeps what is done; the same command goes on with it.
+
+    Args:
+        run: Run folder.
+        settings: What decides the result.
+        reference: Folder with the real trials that the run was made with.
+        again: Begin anew even if there is a study.
+        threads: Swims simulated at a time; 0 for all cores. Results don't depend on it.
+        json: Print JSON in SI units.
+        quiet: Print no progress.
+    """
+    from swim2real.calibration.identifiability import IDENTIFIED, StudyProgress
+    from swim2real.calibration.identifiability import identify as study
+    from swim2real.calibration.reopened import reopen
+    from swim2real.cli.subject import robot_for
+    from swim2real.cli.tables import progress_console, say
+    from swim2real.interruption import Interruption
+    from swim2real.trials import load_reference
+
+    opened = reopen(run, load_reference(reference), robot_for(run), all_cores(threads))
+    console = progress_console()
+    try:
+        with Interruption() as interruption:
+
+            def show(progress: StudyProgress) -> None:
+                if not quiet:
+                    line = f"{progress.evaluations:5d} of at most {progress.most}  {progress.stage}"
+                    console.print(line if progress.finished is None else f"{line}: {progress.finished['verdict']}")
+                interruption.check()
+
+            content = study(opened, settings, again, show)
+    except KeyboardInterrupt:
+        print(f"swim2real: interrupted; what is done is kept in '{run}', the same command goes on", file=sys.stderr)
+        return 1
+    if json:
+        print(dumps(content, indent=2))
+    else:
+        _print(content)
+        say(
+            f"The values at the lowest loss: {run / IDENTIFIED}; export-model, evaluate and train take this file in "
+            f"place of the run."
+        )
+    return 0
+
+
+def ensemble(
+    runs: Positional[tuple[Path, ...]], settings: EnsembleSettings, *, reference: Path, out: Path, threads: int = 0,
+    json: bool = False, quiet: bool = False,
+) -> int:  # fmt: skip
+    """Gather parameter sets that fit nearly as well as the best, as ranges for domain randomization.
+
+    Reads run folders (records, and studies by identify) and their reference; evaluates more sets around them; writes
+    one JSON file with the sets and each parameter's range. Costs --evaluations and two more a parameter.
+
+    Args:
+        runs: Run folders of one robot, protocol and reference.
+        settings: What decides the result.
+        reference: Folder with the real trials that the runs were made with.
+        out: File to write.
+        threads: Swims simulated at a time; 0 for all cores. Results don't depend on it.
+        json: Print the file's content.
+        quiet: Print no progress.
+    """
+    from swim2real.calibration.ensemble import make_ensemble, write_ensemble
+    from swim2real.calibration.reopened import reopen
+    from swim2real.cli import tables
+    from swim2real.cli.subject import robot_for
+    from swim2real.interruption import Interruption
+    from swim2real.trials import load_reference
+
+    if not out.resolve().parent.is_dir():
+        raise ArgumentError(f"--out is '{out}'; its folder is not there, make it first")
+    trials = load_reference(reference)
+    opened = [reopen(path, trials, robot_for(path), all_cores(threads)) for path in runs]
+    console = tables.progress_console()
+    try:
+        with Interruption() as interruption:
+
+            def show(evaluations: int, most: int, near_best: int) -> None:
+                if not quiet:
+                    console.print(f"{evaluations:5d}/{most}  {near_best} near-best sets")
+                interruption.check()
+
+            content = make_ensemble(opened, settings, show)
+    except KeyboardInterrupt:
+        print("swim2real: interrupted; nothing was written", file=sys.stderr)
+        return 1
+    write_ensemble(out, content)
+    members = content["members"]
+    if len(members) < settings.count:
+        print(
+            f"swim2real: warning: only {len(members)} sets are within {settings.within:g} times the lowest loss; "
+            f"raise --evaluations or --within, or give more runs",
+            file=sys.stderr,
+        )
+    if json:
+        print(dumps(content, indent=2))
+        return 0
+    worst = max(member["loss"] for member in members)
+    tables.table(
+        f"{len(members)} parameter sets, {1e3 * content['best_loss']:.2f} to {1e3 * worst:.2f} mm",
+        ("parameter", "5 %", "median", "95 %", "min", "max", "unit"),
+        [
+            (name, *(f"{values[key]:.3g}" for key in ("p5", "median", "p95", "min", "max")), values["unit"])
+            for name, values in content["ranges"].items()
+        ],
+    )
+    tables.say(f"Written: {out}")
+    return 0
+
+
+def export_sysid(
+    parameters: Positional[Path], *, reference: Path, out: Path, horizon: float = 4.0, threads: int = 0
+) -> int:
+    """Write a reference and parameters as files of MuJoCo's own identification toolbox, mujoco.sysid.
+
+    Reads a run folder or parameters file and a reference; writes params_x_0.yaml, the model as MJCF and a .npz a trial.
+    docs/mujoco-sysid.md says what goes over and how to go on. Costs a few seconds.
+
+    Args:
+        parameters: Run folder or parameters file, where an identification is to begin; 'published' for the prior
+            work's values.
+        reference: Folder with the real trials.
+        out: New folder to write.
+        horizon: Seconds of each trial that are written; 0 for all of it.
+        threads: Trials simulated at a time; 0 for all cores.
+    """
+    settings = EvaluationSettings(horizon=horizon, threads=threads)
+    from swim2real.cli.subject import problem_of
+    from swim2real.cli.tables import say
+    from swim2real.sysid import save, to_sysid
+
+    problem, values = problem_of(parameters, reference, settings)
+    save(to_sysid(problem, values), out)
+    say(f"{out}: {len(problem.robot.space)} parameters, {len(problem.trials)} trials")
+    return 0
+
+
+def import_sysid(results: Positional[Path], *, like: Path, out: Path) -> int:
+    """Make a parameters file of what MuJoCo's identification toolbox has found.
+
+    Names and bounds are checked against the robot's.
+
+    Args:
+        results: Folder that its save_results wrote, or a YAML file of its parameters.
+        like: Run folder or parameters file of the same robot, whose values parameters keep that the toolbox didn't
+            have; 'published' for the prior work's values.
+        out: Parameters file to write.
+    """
+    from swim2real.cli.subject import robot_for
+    from swim2real.cli.tables import say
+    from swim2real.parameters import read_parameters, write_parameters
+    from swim2real.simulation import Engine
+    from swim2real.sysid import read_values
+
+    robot = robot_for(like)
+    published = str(like) == PUBLISHED
+    others = robot.space.published if published else read_parameters(like, robot.name, robot.space).values
+    values, engine = read_values(results, robot.space, others), Engine.of(robot)
+    write_parameters(out, robot.name, values, engine.name, engine.as_dict(), robot.source)
+    changed = sum(values[name] != others[name] for name in values)
+    say(f"{out}: {changed} of {len(values)} parameters differ from {like}")
+    return 0
+
+
+def _print(content: Mapping[str, Any]) -> None:
+    """The verdicts of a study of identifiability."""
+    from swim2real.cli import tables
+
+    start, fit, lowest = (1e3 * content[key]["loss"] for key in ("start", "fit", "lowest"))
+    tables.say(
+        f"Loss: {start:.2f} mm at the run's best, {fit:.2f} mm after some more steps, {lowest:.2f} mm at the lowest "
+        f"that was seen; a rise of {1e3 * content['local']['rise']:.2f} mm counts."
+    )
+    rows: list[tuple[str, ...]] = []
+    errors = content["local"]["standard_errors"]
+    for name, profile in content["profiles"].items():
+        error = errors[name]["cube"]
+        low, high = profile["values"]
+        rows.append(
+            (
+                name, profile["verdict"], f"{low:.3g} to {high:.3g}",
+                f"{100 * (profile['interval'][1] - profile['interval'][0]):.0f} %",
+                "none" if error is None else "> 100 %" if error > 1 else f"{100 * error:.1f} %",
+                f"{1e3 * profile['largest_rise']:.1f}", _named(profile["made_up_by"]),
+            )
+        )  # fmt: skip
+    columns = ("parameter", "verdict", "interval", "of range", "std. error", "rise mm", "made up for by")
+    tables.table("Profiles: the others re-fitted", columns, rows)
+    if content["local"]["jumps"]:
+        tables.say(
+            f"The motion changes into another kind within a step of {', '.join(content['local']['jumps'])}; slopes "
+            f"there are of the other side alone."
+        )
+    directions = content["local"]["directions"]
+    shown = directions[:_SLOPPY] + directions[_SLOPPY:][-_STIFF:]
+    tables.table(
+        f"Directions, the sloppiest first (independent numbers: {content['local']['effective_count']:.0f})",
+        ("mm over the range", "parameters"),
+        [(f"{1e3 * direction['slope']:.2f}", _named(direction["parameters"])) for direction in shown],
+    )
+
+
+def _named(moves: Mapping[str, float]) -> str:
+    first = list(moves.items())[:_NAMED]
+    more = f" and {len(moves) - _NAMED} more" if len(moves) > _NAMED else ""
+    return ", ".join(f"{name} {move:+.2f}" for name, move in first) + more or "–"
