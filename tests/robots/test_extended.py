@@ -167,9 +167,9 @@ def test_a_calibration_of_the_extended_fish_is_one_like_any_other(rough_swims, t
 def test_friction_is_recovered_from_swims(rough_swims):
     """The speeds over frequency tell friction from the other parameters, here all known."""
     problem = Problem(FISH_EXTENDED, rough_swims, threads=1)
-    tried = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05)
+    tried = (0.0, 0.015, 0.03, 0.045)
     losses = [problem.evaluate({**PUBLISHED, "surface_friction": force}).loss for force in tried]
     assert tried[int(np.argmin(losses))] == HIDDEN
     assert losses[0] > 5 * min(losses)
-    assert np.all(np.diff(losses[:4]) < 0)
-    assert np.all(np.diff(losses[3:]) > 0)
+    assert np.all(np.diff(losses[:3]) < 0)
+    assert np.all(np.diff(losses[2:]) > 0)

@@ -9,6 +9,7 @@ from swim2real.optimizers import Evaluation, RandomSearch, first_point, streams
 from swim2real.optimizers.staged import Stage, Staged
 from swim2real.robots.fish import FISH
 from swim2real.robots.fish.stages import beat_distance, fish_plan
+from swim2real.trials import TrialSet
 
 WAVE = 0.05 * np.exp(1j * np.linspace(0, 2, 9))
 
@@ -58,7 +59,7 @@ def test_markers_that_are_not_known_do_not_count():
     assert np.isnan(beat_distance(evidence_of((nothing, WAVE))))
 
 
-@pytest.mark.parametrize("protocol", ["aligned", "paper"])
+@pytest.mark.parametrize("protocol", ["aligned", pytest.param("paper", marks=pytest.mark.slow)])
 def test_stages_calibrate_a_simulated_fish(pool, protocol):
     space, plan = FISH.space, FISH_PLAN
     stages = [
@@ -70,7 +71,7 @@ def test_stages_calibrate_a_simulated_fish(pool, protocol):
     ]  # fmt: skip
     at = space.to_cube({**space.published, **plan.held})
     held = {space.names.index(name): float(at[space.names.index(name)]) for name in plan.held}
-    problem = Problem(FISH, pool, protocol, 1.0, threads=1)
+    problem = Problem(FISH, TrialSet(pool.trials[-1:], pool.marker_names), protocol, 1.0, threads=1)
     optimizer = Staged(first_point(16, 0), stages, 16, RandomSearch, streams(0)[1], held)
     seen = []
     for _ in range(16):

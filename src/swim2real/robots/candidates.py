@@ -25,16 +25,16 @@ class Candidate:
     """A parameter that a robot file may have.
 
     Attributes:
-        name: As it would like to be called.
-        kind: Of element, to tell it from another one of this name.
-        unit: SI.
+        name: Name that it gets unless another candidate has it.
+        kind: Kind of element, to tell it from another candidate of this name.
+        unit: SI unit.
         lower: Smallest value [unit].
         upper: Largest value [unit].
-        log_offset: Of its logarithmic scale [unit].
-        meaning: What more of it does.
+        log_offset: Offset of its logarithmic scale [unit].
+        meaning: What a larger value does.
         targets: Lines of the places that it sets.
         relative: Whether it multiplies what the model has.
-        group: Elements that it writes to alike; empty for one.
+        group: Names of several elements that it sets alike; empty for a single element.
         aside: Why it is only suggested, in a comment; None where it is calibrated.
     """
 
@@ -164,8 +164,8 @@ def _resistance(
 
 
 def _read(element: Any, name: str) -> float:
-    found = attribute(element, name)
-    return 0.0 if found is None else found.read(0)
+    numbers = attribute(element, name)
+    return 0.0 if numbers is None else numbers.read(0)
 
 
 def _turns(joint: Any) -> bool:
@@ -201,22 +201,22 @@ def _actuators(spec: mujoco.MjSpec) -> Iterator[Candidate]:
 
 def _gains_of(actuator: Any) -> tuple[tuple[str, str, float | None], ...]:
     """What can be calibrated of an actuator: its name, where it is, and its value; None multiplies the model's own."""
-    found: list[tuple[str, str, float | None]] = []
+    laws: list[tuple[str, str, float | None]] = []
     gains = {name: attribute(actuator, name) for name in ("kp", "kv")}
     if any(gains.values()):
         values = {name: numbers.read(0) for name, numbers in gains.items() if numbers is not None}
-        found += [(name, name, value) for name, value in values.items() if value > 0]
+        laws += [(name, name, value) for name, value in values.items() if value > 0]
     elif actuator.gaintype in (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE):
         if not np.any(actuator.gainprm[1:3]) and actuator.gainprm[0] == 1 and np.count_nonzero(actuator.gear) == 1:
-            found.append(("gear", f"gear[{int(np.flatnonzero(actuator.gear)[0])}]", None))
+            laws.append(("gear", f"gear[{int(np.flatnonzero(actuator.gear)[0])}]", None))
         else:
-            found += [("gain", f"gainprm[{i}]", None) for i in range(3) if actuator.gainprm[i]]
+            laws += [("gain", f"gainprm[{i}]", None) for i in range(3) if actuator.gainprm[i]]
         if actuator.biastype == mujoco.mjtBias.mjBIAS_AFFINE:
             named = ((1, "return"), (2, "braking"))
-            found += [(name, f"biasprm[{i}]", None) for i, name in named if actuator.biasprm[i]]
+            laws += [(name, f"biasprm[{i}]", None) for i, name in named if actuator.biasprm[i]]
     if actuator.dyntype in _FILTERS and actuator.dynprm[0] > 0:
-        found.append(("time_constant", "dynprm[0]", float(actuator.dynprm[0])))
-    return tuple(found)
+        laws.append(("time_constant", "dynprm[0]", float(actuator.dynprm[0])))
+    return tuple(laws)
 
 
 def _gain(members: tuple[Any, ...], name: str, attr: str, value: float | None, unit: str) -> Candidate:
@@ -274,8 +274,8 @@ def _ellipsoids(spec: mujoco.MjSpec, wet: list[Any]) -> Iterator[Candidate]:
 
 
 def _coefficient(geom: Any, index: int) -> float:
-    found = attribute(geom, "fluidcoef")
-    return 0.0 if found is None else found.read(index)
+    numbers = attribute(geom, "fluidcoef")
+    return 0.0 if numbers is None else numbers.read(index)
 
 
 def _place(wet: list[Any]) -> str:
@@ -319,11 +319,11 @@ def _mass(
 
 def _grouped(elements: Sequence[Any], value: Callable[[Any], T]) -> list[tuple[T, tuple[Any, ...]]]:
     """Named elements whose names differ in numbers and sides only, and whose values are the same."""
-    found: dict[tuple[str, T], list[Any]] = {}
+    groups: dict[tuple[str, T], list[Any]] = {}
     for element in elements:
         if element.name:
-            found.setdefault((_TWINS.sub("#", element.name), value(element)), []).append(element)
-    return [(own, tuple(members)) for (_, own), members in found.items()]
+            groups.setdefault((_TWINS.sub("#", element.name), value(element)), []).append(element)
+    return [(own, tuple(members)) for (_, own), members in groups.items()]
 
 
 def _base_name(kind: str, members: Sequence[Any]) -> str:

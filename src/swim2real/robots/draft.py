@@ -27,14 +27,14 @@ class Draft:
     """What a new robot file says.
 
     Attributes:
-        name: Of the robot.
-        title: Of the model's file.
+        name: Name of the robot.
+        title: Name of the model's file.
         spec: The model.
         markers: Sites, in the order of the model.
         routing: Sites that are none, since tendons run through them.
         frame: Two markers on one body of a robot that travels; None for one that doesn't.
-        candidates: By name.
-        camera: Side from which it moves most.
+        candidates: Candidates by name.
+        camera: The side from which it moves most.
         aside: Why candidates are only suggested, by name.
     """
 
@@ -57,7 +57,7 @@ class Draft:
         """The file.
 
         Args:
-            model: The way to the model, from the file.
+            model: Path to the model, from the file.
         """
         parts = [self._head(model), self._trials(), "\n".join(self._parameters())]
         return "\n".join(parts).rstrip() + "\n"

@@ -147,6 +147,14 @@ class SteadySwims:
         del actuator
         return "frequency"
 
+    def summary(self, marker_names: tuple[str, ...]) -> str:
+        """What a trial is, in a sentence."""
+        del marker_names
+        return (
+            f"Trials are steady swims: joint '{self.motor_joint}' turns at the trial's frequency, and the robot moves "
+            f"along joints '{self.surge_joints[0]}' and '{self.surge_joints[1]}'."
+        )
+
 
 @dataclass(frozen=True)
 class Recordings:
@@ -184,6 +192,14 @@ class Recordings:
     def control_of(self, actuator: str) -> Control | None:
         """What drives an actuator; None where nothing does."""
         return self.controls.get(actuator)
+
+    def summary(self, marker_names: tuple[str, ...]) -> str:
+        """What a trial is, in a sentence."""
+        start = {"rest": "at rest", "markers": "where the markers are"}.get(self.start, f"in keyframe '{self.start}'")
+        pair = "" if self.frame is None else " and ".join(marker_names[i] for i in self.frame)
+        frame = f"the frame of {pair}" if pair else "the world"
+        progress = ", progress included" if self.score_progress else ""
+        return f"Trials are recordings that start {start} and are compared in {frame}{progress}."
 
 
 @dataclass(frozen=True)

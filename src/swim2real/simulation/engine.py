@@ -25,7 +25,7 @@ class Engine:
     Attributes:
         name: Engine and version, such as `mujoco 3.13.0`.
         integrator: Integrator of the model.
-        timestep: Of the physics [s].
+        timestep: Timestep of the physics [s].
         fluid_fingerprint: Generalized fluid forces of the robot at a fixed state [N and N·m]; all 0 out of a fluid.
     """
 

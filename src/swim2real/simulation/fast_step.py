@@ -47,7 +47,7 @@ class Steps(NamedTuple):
     """What steps gave, before each one that was made.
 
     Attributes:
-        sensors: Readings. Shape (made, nsensordata).
+        sensors: Readings of the sensors. Shape (made, nsensordata).
         qpos: Shape (made, nq).
         qvel: Shape (made, nv).
         failed: Whether the next one couldn't be made, where the engine would have reset itself with a warning.
@@ -66,7 +66,7 @@ class FastStep:
         """Plans the steps.
 
         Args:
-            model: Compiled. Changes to it afterward aren't seen.
+            model: Compiled model. Changes to it afterward aren't seen.
 
         Raises:
             UnsupportedModelError: With the reason for which the fast step doesn't apply.
@@ -80,9 +80,9 @@ class FastStep:
         """Makes steps with the data, in place.
 
         Args:
-            data: State at the start; at the end, too.
-            control: Of each step, or the same for all. Shape (steps, nu) or (nu,).
-            steps: How many.
+            data: State at the start; it is the state at the end afterward.
+            control: Control of each step, or the same for all. Shape (steps, nu) or (nu,).
+            steps: Number of steps.
 
         Raises:
             UnsupportedModelError: The installed numba can't compile the step.
@@ -107,22 +107,22 @@ def disagreement(fast: FastStep, states: int = 8, seed: int = 0) -> float:
     """Largest relative difference between the velocities after one fast step and after the engine's own.
 
     Args:
-        fast: What is checked.
+        fast: Fast step that is checked.
         states: Number of random states.
-        seed: Of the states.
+        seed: Seed of the states.
     """
     model, rng, worst = fast.model, np.random.default_rng(seed), 0.0
-    one, other = mujoco.MjData(model), mujoco.MjData(model)
+    expected, actual = mujoco.MjData(model), mujoco.MjData(model)
     for _ in range(states):
-        for data in (one, other):
+        for data in (expected, actual):
             mujoco.mj_resetData(model, data)
-        mujoco.mj_integratePos(model, one.qpos, rng.uniform(-0.5, 0.5, model.nv), 1.0)
-        one.qvel[:] = 10 ** rng.uniform(-3, 1) * rng.standard_normal(model.nv)
-        one.ctrl[:] = rng.standard_normal(model.nu)
-        other.qpos[:], other.qvel[:] = one.qpos, one.qvel
-        failed = fast.run(other, one.ctrl, 1).failed
-        mujoco.mj_step(model, one)
-        gap = float(np.abs(one.qvel - other.qvel).max() / np.abs(one.qvel).max())
+        mujoco.mj_integratePos(model, expected.qpos, rng.uniform(-0.5, 0.5, model.nv), 1.0)
+        expected.qvel[:] = 10 ** rng.uniform(-3, 1) * rng.standard_normal(model.nv)
+        expected.ctrl[:] = rng.standard_normal(model.nu)
+        actual.qpos[:], actual.qvel[:] = expected.qpos, expected.qvel
+        failed = fast.run(actual, expected.ctrl, 1).failed
+        mujoco.mj_step(model, expected)
+        gap = float(np.abs(expected.qvel - actual.qvel).max() / np.abs(expected.qvel).max())
         worst = max(worst, gap) if np.isfinite(gap) and not failed else np.inf
     return worst
 

@@ -38,14 +38,14 @@ def geom_fluid(
 
     Args:
         g: Constants of the geom. Shape (COLUMNS,).
-        density: Of the fluid [kg/m³].
+        density: Density of the fluid [kg/m³].
         floor: Smallest denominator.
-        wx: Angular velocity [rad/s].
-        wy: Likewise.
-        wz: Likewise.
-        x: Velocity relative to the fluid [m/s].
-        y: Likewise.
-        z: Likewise.
+        wx: Angular velocity about x [rad/s].
+        wy: Angular velocity about y [rad/s].
+        wz: Angular velocity about z [rad/s].
+        x: Velocity relative to the fluid along x [m/s].
+        y: Velocity relative to the fluid along y [m/s].
+        z: Velocity relative to the fluid along z [m/s].
         B: Derivative, written. Shape (36,).
         F: Torque [N·m] and force [N], written. Shape (6,).
     """

@@ -49,19 +49,19 @@ def misplaced(robot: Robot, reference: TrialSet) -> str | None:
     view = MarkerView(model, len(robot.marker_names), robot.plane)
     apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2).max()
     limit = _FAR * float(apart or model.stat.extent)
-    found: dict[str, tuple[float, NDArray[np.float64]]] = {}
+    far: dict[str, tuple[float, NDArray[np.float64]]] = {}
     for trial in reference:
         shift = trial.track.positions[0] - view.at(simulator.begin(model, simulator.request(trial))[0].qpos).markers
         shift = shift[np.isfinite(shift).all(axis=1)]
         distance = float(np.linalg.norm(shift, axis=1).mean()) if len(shift) else 0.0
         if distance > limit:
-            found[trial.name] = distance, shift.mean(axis=0)
-    if not found:
+            far[trial.name] = distance, shift.mean(axis=0)
+    if not far:
         return None
-    worst = max(found, key=lambda name: found[name][0])
-    distance, (right, up) = found[worst][0], 1e3 * found[worst][1]
+    worst = max(far, key=lambda name: far[name][0])
+    distance, (right, up) = far[worst][0], 1e3 * far[worst][1]
     first, second = ("xyz"[axis] for axis in robot.plane)
-    others = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    others = f" (and {len(far) - 1} more)" if len(far) > 1 else ""
     start = "" if about.start == MARKERS else ', or take start = "markers" in the robot file'
     return (
         f"trial '{worst}'{others} begins {1e3 * distance:.0f} mm from where its simulation starts "
@@ -71,17 +71,17 @@ def misplaced(robot: Robot, reference: TrialSet) -> str | None:
 
 
 def _of(simulator: PlaybackSimulator, about: Recordings, trial: Trial) -> list[str]:
-    found: list[str] = []
+    sentences: list[str] = []
     try:
         simulator.request(trial)
     except Swim2RealError as error:
-        found.append(str(error))
+        sentences.append(str(error))
     track = trial.track
     columns = () if trial.sensors is None else trial.sensors.names
     missing = [sensor.name for sensor in about.sensors if sensor.name not in columns]
     if missing:
         there = ", ".join(columns) or "none"
-        found.append(
+        sentences.append(
             f"trial '{trial.name}' has no readings of {', '.join(missing)}; it has {there}; add columns of these "
             f"names to its table of sensors, or take the sensors out of the robot file"
         )
@@ -89,5 +89,5 @@ def _of(simulator: PlaybackSimulator, about: Recordings, trial: Trial) -> list[s
         try:
             trial.sensors.between(track.times[0], track.times[-1])
         except TrialError as error:
-            found.append(f"trial '{trial.name}': its sensors can't be compared: {error}")
-    return found
+            sentences.append(f"trial '{trial.name}': its sensors can't be compared: {error}")
+    return sentences

@@ -52,15 +52,15 @@ class PlaybackSimulator:
     batch. The threads run without Python's lock.
 
     Attributes:
-        robot: What is simulated.
-        engine: Which physics that is.
+        robot: The robot that is simulated.
+        engine: The physics engine that it is simulated with.
     """
 
     def __init__(self, robot: Robot, threads: int | None = None) -> None:
         """Makes a simulator.
 
         Args:
-            robot: Whose trials are recordings.
+            robot: Robot whose trials are recordings.
             threads: Recordings played at a time; by default the number of cores.
 
         Raises:
@@ -80,8 +80,9 @@ class PlaybackSimulator:
         """Checks that a recording can be played back, and looks for its start.
 
         Args:
-            trial: Real.
-            weights: 0 where a marker isn't believed, for the start; None believes all that are seen. Shape (T, M).
+            trial: Real trial.
+            weights: Weights for the start, 0 where a marker isn't believed; None believes all that are seen.
+                Shape (T, M).
 
         Raises:
             TrialError: It lacks a control, its controls are on another clock, its start is another model's, or no
@@ -119,10 +120,9 @@ class PlaybackSimulator:
         models = [self._model(values) for values in candidates]
         jobs = [partial(self._simulate, model, rollout) for model in models for rollout in rollouts]
         seconds = [rollout.trial.track.duration for rollout in rollouts] * len(models)
-        found, count = all_of(jobs, seconds, self._threads), len(rollouts)
-        return [
-            TrialSet(tuple(found[c * count : (c + 1) * count]), self.robot.marker_names) for c in range(len(candidates))
-        ]
+        trials, count = all_of(jobs, seconds, self._threads), len(rollouts)
+        sets = [tuple(trials[c * count : (c + 1) * count]) for c in range(len(candidates))]
+        return [TrialSet(each, self.robot.marker_names) for each in sets]
 
     def simulate_each(self, values: Values, rollouts: Sequence[Rollout]) -> Generator[Trial]:
         """Simulated trials for one candidate, each as soon as it and those before it are done.
@@ -197,9 +197,9 @@ def sampled(values: Array, interval: float, times: Array) -> Array:
     """Values between steps of a simulation, on straight lines.
 
     Args:
-        values: At times 0, interval, 2 interval, … Shape (N, C).
-        interval: [s].
-        times: Within them [s]. Shape (T,).
+        values: Values at times 0, interval, 2 interval, … Shape (N, C).
+        interval: Time between the values [s].
+        times: Times within them [s]. Shape (T,).
 
     Returns:
         Shape (T, C).
@@ -227,10 +227,10 @@ def driven(model: mujoco.MjModel, controls: Mapping[str, Control], trial: Trial,
     """Controls at given times; what isn't named gets 0.
 
     Args:
-        model: Compiled robot.
-        controls: By actuator.
-        trial: Whose table and frequency drive it.
-        times: On the trial's clock [s]. Shape (N,).
+        model: Compiled model of the robot.
+        controls: Control of each actuator, by its name.
+        trial: Trial whose table and frequency drive it.
+        times: Times on the trial's clock [s]. Shape (N,).
 
     Returns:
         Shape (N, nu).

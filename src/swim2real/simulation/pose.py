@@ -16,10 +16,10 @@ class View:
     """Markers and equality constraints in one pose.
 
     Attributes:
-        markers: In the plane [m]. Shape (M, 2).
-        slopes: Of the markers by the joints' velocities [m/rad or 1]. Shape (M, 2, nv).
+        markers: Positions in the plane [m]. Shape (M, 2).
+        slopes: Derivatives of the markers by the joints' velocities [m/rad or 1]. Shape (M, 2, nv).
         gaps: By which equality constraints are violated [m or rad]. Shape (E,).
-        gap_slopes: Shape (E, nv).
+        gap_slopes: Derivatives of the gaps. Shape (E, nv).
     """
 
     markers: Array
@@ -35,8 +35,8 @@ class MarkerView:
         """Takes the model's last sensors for its markers.
 
         Args:
-            model: Compiled; its last sensors are one `framepos` a marker.
-            count: Of markers, M.
+            model: Compiled model; its last sensors are one `framepos` a marker.
+            count: Number of markers, M.
             plane: Axes of the world that the camera sees.
         """
         self._model, self._data, self._plane = model, mujoco.MjData(model), list(plane)
@@ -106,7 +106,7 @@ class PoseFit:
     """Fits poses of one model to its markers; for one thread."""
 
     def __init__(self, model: mujoco.MjModel, count: int, plane: tuple[int, int]) -> None:
-        """As `MarkerView`."""
+        """Takes the arguments of `MarkerView`."""
         self._model, self._view = model, MarkerView(model, count, plane)
         self._lower, self._upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
         self._address = np.full(model.nv, -1)  # of the only coordinate of a scalar joint's degree of freedom
@@ -122,7 +122,7 @@ class PoseFit:
 
         Args:
             wanted: Where the markers are [m]. Shape (M, 2).
-            known: Which were seen. Shape (M,).
+            known: Which of them were seen. Shape (M,).
             guess: Pose to begin with. Shape (nq,).
         """
         qpos, view = guess, self._view.at(guess)
@@ -131,11 +131,11 @@ class PoseFit:
         damping = 1e-3
         for _ in range(_ITERATIONS):
             step = self._step(qpos, residual, slopes, damping)
-            tried = self._moved(qpos, step)
-            seen = self._view.at(tried)
-            found = self._problem(tried, seen, wanted, known, pull)
-            if found[0] @ found[0] < residual @ residual:
-                qpos, view, (residual, slopes) = tried, seen, found
+            moved = self._moved(qpos, step)
+            moved_view = self._view.at(moved)
+            problem = self._problem(moved, moved_view, wanted, known, pull)
+            if problem[0] @ problem[0] < residual @ residual:
+                qpos, view, (residual, slopes) = moved, moved_view, problem
                 damping = max(damping / 10, 1e-9)
             else:
                 damping *= 10
@@ -158,17 +158,17 @@ class PoseFit:
 
     def first(self, wanted: Array, known: Mask) -> Pose:
         """The pose from the model's own on, or from one at random where that fits much better."""
-        found = self.pose(wanted, known, self._model.qpos0.copy())
+        best = self.pose(wanted, known, self._model.qpos0.copy())
         rng = np.random.default_rng(0)
         spread = float(np.linalg.norm(np.ptp(wanted[known], axis=0)))
         for _ in range(_STARTS):
-            if found.error < 0.01 * spread:
+            if best.error < 0.01 * spread:
                 break
             step = rng.uniform(-np.pi, np.pi, self._model.nv)
             other = self.pose(wanted, known, self._moved(self._model.qpos0, step))
-            if other.error < _BETTER * found.error:
-                found = other
-        return found
+            if other.error < _BETTER * best.error:
+                best = other
+        return best
 
     def _problem(self, qpos: Array, view: View, wanted: Array, known: Mask, pull: float) -> tuple[Array, Array]:
         """What is to vanish, and its slopes: misses of markers, gaps of constraints, the way from the model's pose."""

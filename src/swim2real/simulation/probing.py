@@ -43,9 +43,9 @@ class Shift:
     """What a parameter does at one of its bounds, the others as published.
 
     Attributes:
-        distance: Of the markers from where they are with the published value, mean over markers and time, and what
-            the sensors' differences are worth [m]; NaN where there is no simulation.
-        failure: Why there is none.
+        distance: Distance of the markers from where they are with the published value, mean over markers and time,
+            and what the sensors' differences count as [m]; NaN where there is no simulation.
+        failure: Why there is no simulation; None where there is one.
     """
 
     distance: float
@@ -57,9 +57,9 @@ class Probe:
     """What a parameter does.
 
     Attributes:
-        reach: To the model.
-        lower: At its lower bound.
-        upper: At its upper bound.
+        reach: What it does to the model.
+        lower: What it does at its lower bound.
+        upper: What it does at its upper bound.
     """
 
     reach: ModelEffect
@@ -83,14 +83,14 @@ class Probe:
     @property
     def refused(self) -> str | None:
         """Why the model doesn't compile at a bound; None where it does at both."""
-        return self.reach.lower or self.reach.upper
+        return self.reach.lower or self.effect.upper
 
 
 def probe(robot: Robot, reference: TrialSet | None = None, threads: int | None = None) -> list[Probe]:
     """What each parameter does in the first seconds of a swim or recording.
 
     Args:
-        robot: Whose parameters.
+        robot: Robot whose parameters are probed.
         reference: Real trials, whose controls and starts are used; without any the robot is moved by made-up ones.
         threads: Simulations at a time; by default the number of cores.
 
@@ -109,6 +109,14 @@ def probe(robot: Robot, reference: TrialSet | None = None, threads: int | None =
     shifts = [_shift(robot, nominal, next(made)) if refused is None else Shift(np.nan, refused)
               for _, _, refused in wanted]  # fmt: skip
     return [Probe(effect, shifts[2 * i], shifts[2 * i + 1]) for i, effect in enumerate(effects)]
+
+
+def made_up_motion(robot: Robot) -> str:
+    """How `probe` moves a robot without real trials, as a part of a sentence."""
+    if not isinstance(robot.trials, Recordings):
+        return f"by its motor at {FREQUENCY:g} Hz, from rest"
+    by = f"by what drives a trial, at {FREQUENCY:g} Hz and with sines for tables, " if robot.trials.controls else ""
+    return by + ("from a pose off its rest" if robot.trials.start == MARKERS else "from where trials start")
 
 
 def moved(robot: Robot, threads: int | None = None) -> TrialSet:
@@ -137,11 +145,11 @@ def _excited(robot: Robot, recordings: Recordings, threads: int | None) -> tuple
     starting = replace(recordings, start=REST) if recordings.start == MARKERS else recordings
     simulator = PlaybackSimulator(replace(robot, trials=starting), threads)
     rollouts = [simulator.request(excitation(robot, strength)) for strength in _STRENGTHS]
-    tried = [partial(simulator.simulate_many, rollouts=[rollout]) for rollout in rollouts]
-    nominal = [simulate([robot.space.published])[0] for simulate in tried]
+    simulations = [partial(simulator.simulate_many, rollouts=[rollout]) for rollout in rollouts]
+    nominal = [simulate([robot.space.published])[0] for simulate in simulations]
     borne = [i for i, made in enumerate(nominal) if made.trials[0].divergence is None]
     calm = [i for i in borne if _reached(nominal[i].trials[0]) < _ROOM * _size(robot)]
-    return _checked(robot, tried[(calm or borne or [-1])[0]])
+    return _checked(robot, simulations[(calm or borne or [-1])[0]])
 
 
 def _checked(robot: Robot, simulate: Simulate) -> tuple[TrialSet, Simulate]:
@@ -188,8 +196,8 @@ def _distance(robot: Robot, nominal: Trial, made: Trial) -> float:
     if made.sensors is None or nominal.sensors is None:
         return moved
     apart = np.abs(made.sensors.values - nominal.sensors.values).mean(axis=0)
-    worths = {sensor.name: sensor.meters_per_unit for sensor in robot.recordings.sensors}
-    return moved + sum(worths[name] * float(gap) for name, gap in zip(made.sensors.names, apart, strict=True))
+    scales = {sensor.name: sensor.meters_per_unit for sensor in robot.recordings.sensors}
+    return moved + sum(scales[name] * float(gap) for name, gap in zip(made.sensors.names, apart, strict=True))
 
 
 def excitation(robot: Robot, strength: float) -> Trial:

@@ -37,7 +37,7 @@ class Swim:
     Attributes:
         name: Name of the simulated trial.
         actuation: With a start speed the swim is a steady cycle, repeated; without one it starts from rest.
-        duration: From motor angle `actuation.phase` on [s].
+        duration: Duration from motor angle `actuation.phase` on [s].
     """
 
     name: str
@@ -52,8 +52,8 @@ class Simulator:
     batch. The threads run without Python's lock.
 
     Attributes:
-        robot: What is simulated.
-        engine: Which physics that is.
+        robot: The robot that is simulated.
+        engine: The physics engine that it is simulated with.
         step: `fast` or `engine`, whichever steps the published robot. The provenance of a trial names its own.
     """
 
@@ -64,7 +64,7 @@ class Simulator:
         """Makes a simulator.
 
         Args:
-            robot: What is simulated.
+            robot: The robot that is simulated.
             threads: Swims simulated at a time; by default the number of cores.
             sample_interval: Longest time between samples of a simulated trial [s].
             step: `fast`: the fast step, or an error. `engine`: the engine's own. `auto`: the fast step where it
@@ -114,10 +114,9 @@ class Simulator:
             partial(self._swim, model, fast, swim) for model, fast in zip(models, steps, strict=True) for swim in swims
         ]
         periods = [swim.actuation.period for swim in swims] * len(models)  # a swim settles after so many of them
-        found, count = all_of(jobs, periods, self._threads), len(swims)
-        return [
-            TrialSet(tuple(found[c * count : (c + 1) * count]), self.robot.marker_names) for c in range(len(candidates))
-        ]
+        trials, count = all_of(jobs, periods, self._threads), len(swims)
+        sets = [tuple(trials[c * count : (c + 1) * count]) for c in range(len(candidates))]
+        return [TrialSet(each, self.robot.marker_names) for each in sets]
 
     def simulate_each(self, values: Values, swims: Sequence[Swim]) -> Generator[Trial]:
         """Simulated trials for one candidate, each as soon as it and those before it are done.

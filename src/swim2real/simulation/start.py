@@ -26,18 +26,18 @@ class FirstFrames:
     """What the first frames of a track show: where each marker starts and how fast, by a straight line through them.
 
     Attributes:
-        times: Of the frames, since the first one [s]. Shape (K,).
+        times: Times of the frames since the first one [s]. Shape (K,).
         known: Markers that are seen at least twice. Shape (M,).
-        places: At the first time stamp [m]. Shape (M, 2).
-        velocities: [m/s]. Shape (M, 2).
+        places: Positions at the first time stamp [m]. Shape (M, 2).
+        velocities: Velocities of the markers [m/s]. Shape (M, 2).
     """
 
     def __init__(self, trial: Trial, weights: Array) -> None:
         """Takes the frames of a trial that count.
 
         Args:
-            trial: Real.
-            weights: 0 where a marker isn't believed. Shape (T, M).
+            trial: Real trial.
+            weights: Weights, 0 where a marker isn't believed. Shape (T, M).
 
         Raises:
             TrialError: No marker is seen twice.
@@ -101,8 +101,8 @@ def start_at_markers(
     simulation and taken from the real lines, again and again (a fixed-point iteration with Anderson's acceleration).
 
     Args:
-        fit: Of the model.
-        first: Of the recording.
+        fit: Fits poses of the model.
+        first: First frames of the recording.
         guess: Pose to begin with. Shape (nq,).
         simulated: From a state, positions of the markers at the times of the first frames, (K, M, 2) m; None if it
             diverges.
@@ -114,8 +114,8 @@ def start_at_markers(
     real = _stacked(first.places, first.velocities)
     counted = np.tile(np.repeat(known, 2), (2, 1))
     wanted, qpos, qvel, least = real, guess, np.zeros(0), np.inf
-    tried: list[Array] = []
-    found: list[Array] = []
+    inputs: list[Array] = []
+    outputs: list[Array] = []
     best = None
     for _ in range(_TRIES):
         qpos = fit.pose(wanted[0].reshape(shape), known, qpos).qpos
@@ -127,10 +127,10 @@ def start_at_markers(
         missed = float(np.linalg.norm((lines - real)[counted]))
         if missed < least:
             best, least = (qpos, qvel), missed
-        tried.append(wanted)
-        found.append(np.where(counted, real - lines + _stacked(*fit.motion(qpos, qvel)), real))
-        wanted = _accelerated(tried, found)
-        if np.abs(wanted - tried[-1]).max() < _STILL:
+        inputs.append(wanted)
+        outputs.append(np.where(counted, real - lines + _stacked(*fit.motion(qpos, qvel)), real))
+        wanted = _accelerated(inputs, outputs)
+        if np.abs(wanted - inputs[-1]).max() < _STILL:
             break
     return best or (qpos, qvel)
 
@@ -140,14 +140,14 @@ def _stacked(places: Array, velocities: Array) -> Array:
     return np.stack([places.ravel(), WINDOW * velocities.ravel()])
 
 
-def _accelerated(tried: list[Array], found: list[Array]) -> Array:
-    """Anderson's next point of the iteration found = f(tried)."""
-    if len(tried) == 1:
-        return found[-1]
-    gaps = np.array([(g - x).ravel() for x, g in zip(tried, found, strict=True)])
-    images = np.array([g.ravel() for g in found])
+def _accelerated(inputs: list[Array], outputs: list[Array]) -> Array:
+    """Anderson's next point of the iteration outputs = f(inputs)."""
+    if len(inputs) == 1:
+        return outputs[-1]
+    gaps = np.array([(g - x).ravel() for x, g in zip(inputs, outputs, strict=True)])
+    images = np.array([g.ravel() for g in outputs])
     shares = np.linalg.lstsq(np.diff(gaps, axis=0).T, gaps[-1], rcond=1e-3)[0]
-    return (images[-1] - shares @ np.diff(images, axis=0)).reshape(tried[0].shape)
+    return (images[-1] - shares @ np.diff(images, axis=0)).reshape(inputs[0].shape)
 
 
 def _scalar(model: mujoco.MjModel, trial: Trial, given: Mapping[str, float]) -> Mapping[str, float]:

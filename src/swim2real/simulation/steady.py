@@ -41,7 +41,7 @@ class Cycle:
     """One period of steady swimming.
 
     Attributes:
-        period: [s].
+        period: Duration of a period [s].
         markers: Positions at equally spaced phases from motor angle 0 to one full turn, both included [m].
             Shape (P + 1, M, 2).
         settled: False when it didn't come to repeat within the cycles allowed.
@@ -90,7 +90,7 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
 
     Args:
         stepper: Fresh, with its motor at angle 0.
-        period: Of the motor [s].
+        period: Period of the motor [s].
 
     Raises:
         DivergedError: The engine gave up.

@@ -100,11 +100,11 @@ class Stepper:
         """Everything at rest but the motor and the forward speed.
 
         Args:
-            model: Compiled robot.
-            robot: Whose model it is.
+            model: Compiled model of the robot.
+            robot: The robot.
             speed: Forward speed at the start [m/s].
-            motor_speed: [rad/s].
-            motor_angle: At the start [rad].
+            motor_speed: Speed of the motor [rad/s].
+            motor_angle: Angle of the motor at the start [rad].
             fast: Fast step of the model, which its swims share; without one the engine steps.
         """
         self._model, self._fast = model, fast

@@ -93,8 +93,8 @@ class FishResponse:
             misfit = (np.arcsinh(predicted / _SLOW) - seen) / (_LAW_ERROR * np.sqrt(max(len(frequencies) / 2, 1)))
             return np.concatenate([misfit.ravel(), correction])
 
-        found = least_squares(residual, np.zeros(24), loss="soft_l1", max_nfev=30)
-        return self._corrected(found.x)
+        fit = least_squares(residual, np.zeros(24), loss="soft_l1", max_nfev=30)
+        return self._corrected(fit.x)
 
     def _corrected(self, correction: Array) -> FishResponse:
         thrust, drag, amplitude = correction[:6], correction[6:12], correction[12:]
