@@ -11,7 +11,7 @@ from waves import EEL_SPACE, Wave, after, compared_waves, eel, evaluate
 from worlds import SPACE
 
 from recorded import PENDULUM, PENDULUM_HIDDEN, pendulum_reference
-from swim2real.advisor.briefing.briefing import Briefing
+from swim2real.advisor.briefing.prompt import TrialPromptBuilder
 from swim2real.advisor.vlm.advisor import repair_request
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.files import HOW_TO
@@ -77,8 +77,8 @@ def situation(evaluation, dimension: int):
 
 def asked(robot, space, comparison, evaluation, videos, takes_video=False) -> Request:
     settings = BriefingSettings("both", "auto", "low")
-    briefing = Briefing(robot, space, lambda values: comparison, videos, settings, takes_video, 2000)
-    return briefing.question(situation(evaluation, len(space)))
+    builder = TrialPromptBuilder(robot, space, lambda values: comparison, videos, settings, takes_video, 2000)
+    return builder.question(situation(evaluation, len(space)))
 
 
 @pytest.mark.parametrize("takes_video", [False, True])
@@ -150,7 +150,7 @@ def test_a_run_of_recordings_is_briefed_by_file(tmp_path):
     with pytest.raises(WaitingForReply):
         run(reference, PENDULUM, settings, tmp_path, access=VlmAccess(once=True), resume=True)
     text = (tmp_path / "advisor" / "round_002" / "briefing.md").read_text()
-    assert "## Simulated and real motions at the current point" in text
+    assert "## Simulated and real motion at the current point" in text
     assert "The first 0.5 s of each trial are compared." in text
     assert "elbow_damping 0.000689 → 0.0006" in text
     assert not re.search(SWIM_WORDS, without(text, PENDULUM), re.IGNORECASE)

@@ -10,7 +10,7 @@ from playbacks import ARM, CART, Swing, compared, evaluated
 from waves import after, start
 
 from swim2real.advisor.briefing.facts import facts
-from swim2real.advisor.briefing.words import words
+from swim2real.advisor.briefing.prompt import describe
 from swim2real.optimizers import Proposal
 from swim2real.robots.robot import Recordings, Sine
 
@@ -24,7 +24,7 @@ def known(pairs=PAIRS, robot=ARM, **more):
 
 
 def told(pairs=PAIRS, robot=ARM, **more) -> str:
-    return words(known(pairs, robot, **more))
+    return describe(known(pairs, robot, **more))
 
 
 def rows(text: str, *heads: str) -> dict[str, list[str]]:
@@ -47,9 +47,9 @@ def test_amplitudes_offsets_and_errors_are_those_of_the_motion():
     assert hand["error"] == pytest.approx(0.4 * 0.01 * 2 / np.pi, rel=0.05)
     assert calm["markers"][0]["amplitude"]["ratio"] is None  # it doesn't move
     assert wild["sensors"] == [
-        {"name": "force", "unit": "N", "worth": 0.01, "error": 0.5, "windows": pytest.approx([0.5] * 8)}
+        {"name": "force", "unit": "N", "meters_per_unit": 0.01, "error": 0.5, "windows": pytest.approx([0.5] * 8)}
     ]
-    assert wild["error"] == pytest.approx(wild["figures"]["marker_error"] + 0.01 * 0.5)
+    assert wild["error"] == pytest.approx(wild["figures"]["aligned_marker_error"] + 0.01 * 0.5)
 
 
 def test_a_constant_difference_is_the_same_all_the_time():
@@ -88,10 +88,8 @@ def test_a_diverged_playback_has_no_figures():
 
 def test_a_lost_marker_is_unknown():
     hand = known(lost=(2,))["incumbent"]["trials"][0]["markers"][2]
-    assert hand == {
-        "name": "hand", "error": None, "amplitude": {"real": None, "simulated": None, "ratio": None}, "offset": None,
-        "windows": [None] * 8,
-    }  # fmt: skip
+    assert (hand["error"], hand["offset"], hand["windows"]) == (None, None, [None] * 8)
+    assert hand["amplitude"] == {"real": None, "simulated": None, "ratio": None}
 
 
 def test_a_robot_that_travels_has_speeds():
@@ -120,7 +118,7 @@ def test_what_differs_is_said_first():
     assert "The worst trial is wild: " in text
     assert "The marker that is farthest off is hand: " in text
     assert "it is there all the time." in text
-    assert "The simulated markers move 10 % farther than the real ones: median ratio of amplitudes 1.10." in text
+    assert "The simulated markers move 10 % wider than in reality: median ratio 1.10" in text
     assert "Sensor force is off by 0.25 N on average, which adds 2.5 mm to the loss." in text
 
 
@@ -137,7 +135,7 @@ def test_what_grows_and_what_fades_is_said():
 
 def test_a_perfect_simulation_has_nothing_to_complain_about():
     text = told({"a": (REAL, REAL)})
-    assert "The simulated markers move about as far as the real ones: median ratio of amplitudes 1.00." in text
+    assert "The simulated markers move about as wide as in reality: median ratio 1.00" in text
     assert "are off by" not in text
 
 
@@ -192,10 +190,12 @@ def test_speeds_and_headings_are_told_only_where_there_are_any():
     assert "mm/s" not in still
     assert "heading" not in still
     text = told({"a": (Swing(speed=0.1), Swing(speed=0.15)), "b": (Swing(speed=0.1), Swing(speed=-0.05))}, CART)
-    assert "The simulated robot goes the other way in b." in text
+    assert "The simulated robot goes the other way, last marker first, in b." in text
     trials = rows(text, "trial", "s", "error mm")
-    assert trials["trial"][3:8] == ["shape mm", "heading deg", "real mm/s", "sim mm/s", "speed ratio"]
-    assert trials["a"][5:8] == ["100.0", "150.0", "1.50"]
+    assert trials["trial"][3:9] == [
+        "progress mm", "shape mm", "heading deg", "real mm/s", "sim mm/s", "speed ratio",
+    ]  # fmt: skip
+    assert trials["a"][6:9] == ["100.0", "150.0", "1.50"]
 
 
 def test_only_the_worst_of_many_trials_are_told_in_detail():
@@ -224,18 +224,18 @@ def test_steps_tell_markers_sensors_and_amplitude():
     first = evaluated(compared(PAIRS))
     better = replace(evaluated(compared({name: (real, real) for name, (real, _) in PAIRS.items()})), loss=0.001)
     early = replace(evaluated(compared({"calm": PAIRS["calm"]}, skipped=1)), loss=0.9)
-    text = words(facts(after(first, (Proposal(np.full(3, 0.6)), [early, better])), ARM, ARM.space))
+    text = describe(facts(after(first, (Proposal(np.full(3, 0.6)), [early, better])), ARM, ARM.space))
     assert "what the markers have of it, the mean error of each sensor and the ratio of amplitudes" in text
     assert "1: over 900.0 mm; 0.5: 1.0 mm" in text
     assert ", markers 0.0 mm, force 0 N, amplitude 1.00" in text
     cart = evaluated(compared({"a": (Swing(speed=0.1), Swing(speed=0.15))}, CART), CART)
-    text = words(facts(after(cart, (Proposal(np.full(3, 0.6)), [cart])), CART, CART.space))
-    assert "the ratio of amplitudes (simulated / real) and the ratio of speeds: learn" in text
-    assert ", amplitude 1.00, speed 1.50" in text
+    text = describe(facts(after(cart, (Proposal(np.full(3, 0.6)), [cart])), CART, CART.space))
+    assert "the ratio of speeds (simulated / real) and the ratio of amplitudes (simulated / real): learn" in text
+    assert ", speed 1.50, amplitude 1.00" in text
 
 
 def test_without_numbers_nothing_that_was_measured_is_left():
-    text = words(known(), numbers=False)
+    text = describe(known(), numbers=False)
     assert "## Simulated and real" not in text
     assert not re.search(r"\bmm\b|\d N\b", text)
     assert "Markers: base, elbow, hand." in text

@@ -26,7 +26,7 @@ def eel(count: int = 5):
     rest = np.column_stack([0.1 * np.arange(count), np.zeros(count)])
     return replace(
         FISH, name="eel", description="A swimming chain of links.", space=EEL_SPACE, marker_names=names,
-        rest_markers=rest, marker_heights=np.zeros(count),
+        rest_markers=rest, marker_heights=np.zeros(count), links=(),
         trials=replace(FISH.swims, tail_markers=(count - 1,)),
     )  # fmt: skip
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from swim2real.advisor.briefing.briefing import Briefing
+from swim2real.advisor.briefing.prompt import TrialPromptBuilder
 from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
 from swim2real.advisor.vlm.advisor import REPAIRS, AdvisorEvent, Limits, ReplayAdvisor, VlmAdvisor
 from swim2real.advisor.vlm.client import RetryPolicy, make_client
@@ -94,8 +94,8 @@ def make_advisor(
         client = make_client(
             name, access.base_url, access.key_variable, access.timeout, context.briefing.media, retry
         )  # fmt: skip
-    briefing = Briefing(
+    prompts = TrialPromptBuilder(
         robot, space, context.simulate, context.videos, context.briefing, client.takes_video, access.reply_tokens
     )  # fmt: skip
     limits = Limits(access.max_calls, access.max_cost, repairs)
-    return VlmAdvisor(client, briefing, space, transcript, limits, context.on_event)
+    return VlmAdvisor(client, prompts, space, transcript, limits, context.on_event)

@@ -8,16 +8,56 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from swim2real.advisor.briefing.detail import MOST_BYTES, PIXELS_A_TOKEN, VIDEO_FRAME_TOKENS, Detail
 from swim2real.advisor.vlm.exchange import Media
 from swim2real.errors import ArgumentError, VideoError
 from swim2real.rendering.album import Scene
 from swim2real.rendering.drawing import Bytes, to_png
 from swim2real.rendering.film import clip_times, film_clip, film_sheet
+from swim2real.settings import DetailName
 
+MOST_BYTES = 14_000_000  # of all media; as text they are a third longer, and many services stop at 20 MB
+VIDEO_FRAME_TOKENS = 258  # the most that a service of today counts for a frame of a film
+PIXELS_A_TOKEN = 750  # of a picture, likewise
 FRAMES_A_CYCLE = 5  # at least, so that a motion isn't mistaken for a slower one
 MOST_FPS = 24.0  # that services take
 _COLUMNS = 4  # of a sheet
+
+
+@dataclass(frozen=True)
+class Detail:
+    """One order of detail.
+
+    Attributes:
+        name: Name on the command line.
+        fps: Frame rate of films [Hz], raised where the fastest motion would have fewer than five frames a cycle.
+        width: Width of films and pictures [px].
+        moments: Moments on a sheet.
+        trials: Number of trials that are shown in pictures, those that fit worst first; None for all.
+        rounds: Number of rounds of the history that are told in full; None for all.
+        tokens: Most tokens that the media may take, by estimate.
+    """
+
+    name: str
+    fps: float
+    width: int
+    moments: int
+    trials: int | None
+    rounds: int | None
+    tokens: int
+
+
+_LEAST = Detail("least", 10.0, 320, 4, 1, 1, 8_000)
+DETAILS: dict[DetailName, Detail] = {
+    "low": Detail("low", 10.0, 480, 4, 3, 3, 40_000),
+    "medium": Detail("medium", 12.0, 640, 8, None, 6, 120_000),
+    "high": Detail("high", 24.0, 960, 12, None, None, 300_000),
+}
+
+
+def shorter(detail: Detail) -> Detail:
+    """The next order down."""
+    order = [_LEAST, *DETAILS.values()]
+    return order[max(order.index(detail) - 1, 0)]
 
 
 @dataclass(frozen=True)
@@ -25,8 +65,8 @@ class Shown:
     """A picture or film with what it takes.
 
     Attributes:
-        media: Itself.
-        tokens: By estimate.
+        media: The picture or film.
+        tokens: Number of tokens that it takes, by estimate.
     """
 
     media: Media
@@ -43,12 +83,9 @@ def gather_media(
 
     Args:
         scenes: The trials of the incumbent.
-        detail: How much.
-        takes_video: Films, or sheets of pictures.
-        videos: Real films by trial, where there are any.
-
-    Raises:
-        MissingExtraError: Pillow or PyAV isn't installed.
+        detail: How much is shown.
+        takes_video: Whether films are shown, or sheets of pictures.
+        videos: Real films by the names of their trials, where there are any.
     """
     worst_first = sorted(range(len(scenes)), key=lambda i: -scenes[i].loss)
     fps = min(MOST_FPS, max(detail.fps, FRAMES_A_CYCLE * max(scene.pace for scene in scenes)))

@@ -1,0 +1,175 @@
+"""Builds the question of a round: instructions, words, pictures or films."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from swim2real.advisor.briefing.facts import Facts, facts
+from swim2real.advisor.briefing.formatting import mm, number, table, value
+from swim2real.advisor.briefing.history import describe_history
+from swim2real.advisor.briefing.media import DETAILS, gather_media, shorter
+from swim2real.advisor.briefing.trials import describe_trials, trial_label
+from swim2real.advisor.vlm.exchange import Request
+from swim2real.advisor.vlm.reply import reply_schema
+from swim2real.objective import Comparison
+from swim2real.optimizers import Situation
+from swim2real.parameters import ParameterSpace, Values
+from swim2real.rendering.album import Album
+from swim2real.robots.robot import Robot
+from swim2real.settings import BriefingSettings
+
+_INSTRUCTIONS = """\
+You calibrate a physics simulator of a robot. Each round you are shown how simulated motion differs from the real \
+robot's, as pictures or films, as numbers, or both. Simulated is blue, real is red.
+
+Work in this order:
+1. diagnosis: name the physical discrepancies that you see or read, {look_for}.
+2. reasoning: say which parameters are responsible and which way each must go. Keep effects apart that look alike: \
+{alike}. Learn from the history: a direction that was rejected is wrong or too long; don't repeat it.
+3. parameters: propose a value for every parameter, within its bounds. Repeat the current value of those you would \
+keep. Change the few that explain most rather than all at once: changes that cancel one another teach nothing.
+
+Your proposal is tried at the full change first, then at half of it, then at a quarter; the first that lowers the loss \
+is kept. So the direction matters most, and a bold step costs little.
+
+Answer with one JSON object and nothing else: \
+{{"diagnosis": text, "reasoning": text, "parameters": {{name: number}}}}. \
+Numbers are plain numbers in the units given, without units, text, null or NaN."""
+# discrepancies to look for, and effects that look alike: of robots with a steady beat, and of others
+_BEAT = (
+    "with trial and marker: too much or too little sideways amplitude and where along the body, a wave that travels "
+    "too fast or too slow, too much or too little speed and at which frequencies, a body that is bent the wrong way",
+    "amplitude can come from a load of the fluid or from stiffness; speed from thrust or from drag. Use how the "
+    "differences depend on frequency",
+)
+_NO_BEAT = (
+    "with trial, marker and time: motion that is too wide or too narrow, too early or too late, that dies away too "
+    "soon or too late, a pose that is off all the time, a difference that grows, a sensor that reads too much or too "
+    "little",
+    "motion can be too wide from too little damping, too little stiffness or too much drive; it can come too late from "
+    "too much mass or too much damping. Use where, when and in which trials they differ",
+)
+_SCALE = {"log": "the logarithmic scale", "linear": "the linear scale"}
+
+
+class TrialPromptBuilder:
+    """Writes the question of a round from the situation. A `PromptBuilder`."""
+
+    def __init__(
+        self, robot: Robot, space: ParameterSpace, simulate: Callable[[Values], Comparison], videos: Mapping[str, Path],
+        settings: BriefingSettings, takes_video: bool, reply_tokens: int,
+    ) -> None:  # fmt: skip
+        """Prepares the builder.
+
+        Args:
+            robot: The robot whose simulator is calibrated.
+            space: Its parameters, on the run's scale.
+            simulate: Simulates parameter values once more, so that they can be drawn.
+            videos: Real films by the names of their trials, where there are any.
+            settings: Settings of what is shown.
+            takes_video: Whether films are shown, or sheets of pictures.
+            reply_tokens: Most tokens of a reply.
+        """
+        self._robot, self._space, self._simulate, self._videos = robot, space, simulate, dict(videos)
+        self._settings, self._takes_video, self._reply_tokens = settings, takes_video, reply_tokens
+        self._schema = reply_schema(space)
+
+    def question(self, situation: Situation, level: int = 0) -> Request:
+        """What is asked in a situation.
+
+        Args:
+            situation: Situation of the run.
+            level: 0 for the detail of the settings, 1 for the next lower one.
+        """
+        detail = DETAILS[self._settings.detail]
+        detail = shorter(detail) if level else detail
+        instructions = instructions_for(self._robot)
+        known = facts(situation, self._robot, self._space)
+        text = describe(known, numbers=self._settings.show != "pictures", rounds=detail.rounds)
+        if self._settings.show == "numbers":
+            return Request(instructions, (text,), self._schema, self._reply_tokens)
+        comparison = self._simulate(self._space.to_values(situation.incumbent.candidate.point))
+        scenes = Album(comparison, self._robot).scenes
+        media, remarks = gather_media(scenes, detail, self._takes_video, self._videos)
+        kind = "films" if self._takes_video else "pictures"
+        intro = " ".join((f"## The {kind}\n\nSimulated is blue, real is red.", *remarks))
+        return Request(instructions, (text, intro, *media), self._schema, self._reply_tokens)
+
+
+def instructions_for(robot: Robot) -> str:
+    """The system prompt: what to look for depends on whether the robot's trials have a steady beat."""
+    look_for, alike = _BEAT if robot.trials.motor_joint is not None else _NO_BEAT
+    return _INSTRUCTIONS.format(look_for=look_for, alike=alike)
+
+
+def describe(facts: Facts, *, numbers: bool = True, rounds: int | None = None) -> str:
+    """All facts of a round as Markdown in plain English, for a VLM or a person.
+
+    It knows no robot: what is special about one is in its description and in its parameters' meanings.
+
+    Args:
+        facts: Facts, as `facts.facts` gives them.
+        numbers: Whether anything is told that was measured or compared. Without, what stays is the robot, its
+            parameters, and which proposals were accepted.
+        rounds: How many of the last rounds are told in full; older ones get a line. None for all.
+    """
+    sections = [f"# Round {facts['round']}", _robot(facts), _parameters(facts)]
+    if numbers:
+        sections.append(_differences(facts))
+    sections.append(describe_history(facts, numbers, rounds))
+    return "\n\n".join(sections) + "\n"
+
+
+def _robot(facts: Facts) -> str:
+    robot, compared = facts["robot"], facts["compared"]
+    markers = f"Markers{', head first' if robot['beats'] else ''}: {', '.join(robot['markers'])}."
+    links = ", ".join(f"{a} to {b}" for a, b in compared["links"])
+    joined = f" Lines in the pictures join {links}." if links and not robot["beats"] else ""
+    picture = "" if robot["beats"] else f" The pictures have {compared['picture']}."
+    return f"## The robot\n\nName: {robot['name']}. {robot['description']}\n\n{markers}{joined}{picture}"
+
+
+def _parameters(facts: Facts) -> str:
+    rows = [
+        [
+            one["name"], one["unit"], value(one["lower"]), value(one["upper"]), value(one["first"]),
+            value(one["current"]), number(one["place"], 2), one["meaning"],
+        ]
+        for one in facts["parameters"]
+    ]  # fmt: skip
+    how = (
+        "Each value is in the unit of its row; answer in the same unit. `current` is the best point so far, from which "
+        "you change; `first` is where the run began. `place` says where `current` lies between the bounds, 0 at the "
+        f"lower and 1 at the upper one, on {_SCALE[facts['scale']]} on which steps are taken."
+    )
+    columns = ("parameter", "unit", "lower", "upper", "first", "current", "place", "meaning")
+    return f"## Parameters of the simulator\n\n{how}\n\n{table(columns, rows)}"
+
+
+def _differences(facts: Facts) -> str:
+    """How simulated trials differ from the real ones at the best point so far."""
+    incumbent, trials = facts["incumbent"], facts["incumbent"]["trials"]
+    parts = ["## Simulated and real motion at the current point", _compared(facts)]
+    if incumbent["failed"]:
+        parts.append("The simulation at the current point failed, so it has no loss. First of all it must run stably.")
+    diverged = [f"- {trial_label(t)}: diverged. {t['diverged']}" for t in trials if t["diverged"]]
+    if diverged:
+        parts.append("\n".join(["These trials have no simulated motion:", *diverged]))
+    if incumbent["skipped"]:
+        parts.append(f"Trials that weren't simulated and that nothing here includes: {incumbent['skipped']}.")
+    return "\n\n".join([*parts, *(describe_trials(facts) if trials else ["There are no numbers of this point."])])
+
+
+def _compared(facts: Facts) -> str:
+    compared, incumbent = facts["compared"], facts["incumbent"]
+    horizon = compared["horizon"]
+    seconds = f"The first {horizon:g} s of each trial are compared." if horizon else "All of each trial is compared."
+    first = facts["history"]["first"]
+    loss = ""
+    if incumbent["loss"] is not None:
+        began = "" if incumbent["found_in_round"] == 0 or first["failed"] else f" (first {mm(first['loss'], 1)} mm)"
+        origin = f", found in round {incumbent['found_in_round']}" if incumbent["found_in_round"] else ""
+        loss = f"**The loss is {mm(incumbent['loss'], 1)} mm**{began}{origin}; lower is better."
+    names = "Names of trials are only names; see their frequencies." if facts["robot"]["beats"] else ""
+    return " ".join(part for part in (loss, compared["loss"], seconds, names) if part)

@@ -1,1 +1,0 @@
-"""Recordings and their playbacks, as a VLM is told and shown them."""

@@ -1,1 +1,0 @@
-"""Steady swims, as a VLM is told and shown them."""

@@ -1,0 +1,400 @@
+"""How simulated trials differ from real ones at the best point so far, in words and tables.
+
+Sentences, columns and tables of what no trial has are left out: a beat, a way that was come, windows of time, sensors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+from swim2real.advisor.briefing.differences import off_by_window
+from swim2real.advisor.briefing.formatting import (
+    UNKNOWN,
+    degrees,
+    mm,
+    number,
+    pair,
+    reading,
+    span,
+    table,
+)
+
+_CLOSE = 0.02  # relative difference that isn't worth a word
+_SAME_POWER = 0.1  # the same, of the exponent of frequency
+_SAME_ANGLE = 5.0  # deg, the same
+_CHANGED = 1.5  # between the halves of a trial: from here on it grows
+_MOST_OF = 0.5  # of an error: from here on its constant part is named
+_TINY = 1e-4  # m: below it nothing is off
+_LARGE = 20e-3  # m: from here on differences are told in whole millimeters
+_GRID = 8  # trials that tables by marker and trial have
+_IN_TIME = 3  # trials whose differences are told window by window
+_PAPER = (
+    "The simulated motor turns at the frequency that was asked of the real one, which may turn at another, and starts "
+    "at angle 0, so no phase is compared."
+)
+
+Facts = Mapping[str, Any]
+Column = tuple[str, Callable[[Facts, Facts], str]]
+
+
+def describe_trials(facts: Facts) -> list[str]:
+    """Paragraphs and tables: what differs in short, then by trial, by marker and over time."""
+    return [*_short(facts), _by_trial(facts), *_by_marker(facts), *_static_offset(facts), *_in_time(facts)]
+
+
+def trial_label(trial: Facts) -> str:
+    """A trial by its name and, where it has one, its frequency."""
+    return trial["name"] if trial["frequency"] is None else f"{trial['name']} ({trial['frequency']:.2f} Hz)"
+
+
+def _short(facts: Facts) -> list[str]:
+    """The main differences in sentences."""
+    found = facts["differences"]
+    lines = [
+        *_where(facts), *_when(found), *_other_way(facts), *_speed(found), *_amplitude(facts), *_wave(found),
+        *_heading(facts), *_sensors(found),
+    ]  # fmt: skip
+    return ["In short:\n" + "\n".join(f"- {line}" for line in lines)] if lines else []
+
+
+def _where(facts: Facts) -> list[str]:
+    found = facts["differences"]
+    if found["worst_trial"] is None:
+        return []
+    trial = next(trial for trial in facts["incumbent"]["trials"] if trial["name"] == found["worst_trial"])
+    lines = [f"The worst trial is {trial_label(trial)}: {mm(trial['error'], 1)} mm. {_shares(facts)}".rstrip()]
+    if found["worst_marker"] is not None:
+        marker = next(marker for marker in found["by_marker"] if marker["name"] == found["worst_marker"])
+        line = f"The marker that is farthest off is {marker['name']}: {mm(marker['error'], 1)} mm on average."
+        if marker["offset"] is not None and math.hypot(*marker["offset"]) >= max(_MOST_OF * marker["error"], _TINY):
+            parts = zip(marker["offset"], facts["compared"]["ways"], strict=True)
+            offset = " and ".join(f"{mm(abs(part), 1)} mm {ways[0] if part >= 0 else ways[1]}" for part, ways in parts)
+            line += f" Much of that is constant: on average the simulated one is off by {offset}."
+        lines.append(line)
+    return lines
+
+
+def _shares(facts: Facts) -> str:
+    figures = facts["incumbent"]["figures"]
+    shape, progress = figures.get("shape_error"), figures.get("progress_error")
+    if shape is None or progress is None:
+        return ""
+    sentence = (
+        f"Over all trials the difference in progress, so in speed, is {mm(progress, 1)} mm and the difference in the "
+        f"shape of the motion {mm(shape, 1)} mm: "
+    )
+    if progress > 2 * shape:
+        return sentence + "speed matters most."
+    return sentence + ("the shape matters most." if shape > 2 * progress else "both matter.")
+
+
+def _when(found: Facts) -> list[str]:
+    first, second = found["halves"]
+    if first is None or second is None or max(first, second) < _TINY:
+        return []
+    verdict = "it is there all the time"
+    if second > _CHANGED * first:
+        verdict = "it grows with time"
+    elif first > _CHANGED * second:
+        verdict = "it fades with time, so the beginning matters most"
+    return [
+        f"Markers are off by {mm(first, 1)} mm in the first half of a trial and by {mm(second, 1)} mm in the second, "
+        f"by the mean differences in windows of time: {verdict}."
+    ]
+
+
+def _other_way(facts: Facts) -> list[str]:
+    names, trials = facts["differences"]["other_way"], facts["incumbent"]["trials"]
+    if not names:
+        return []
+    if len(names) == len(trials):
+        return ["The simulated robot goes the other way, last marker first, in all trials."]
+    labels = [trial_label(trial) for trial in trials if trial["name"] in names]
+    return [f"The simulated robot goes the other way, last marker first, in {', '.join(labels)}."]
+
+
+def _speed(found: Facts) -> list[str]:
+    rows = [row for row in found["by_trial"] if row["speed_ratio"] is not None]
+    if not rows:
+        return []
+    groups = {
+        "too fast": [row for row in rows if row["speed_ratio"] > 1 + _CLOSE],
+        "too slow": [row for row in rows if row["speed_ratio"] < 1 - _CLOSE],
+    }
+    off = [
+        f"{verdict} " + ("in all trials" if len(group) == len(rows) else f"in {_names(group)}")
+        for verdict, group in groups.items()
+        if group
+    ]
+    fits = len(rows) - sum(map(len, groups.values()))
+    verdict = " and ".join(off) + (", else right" if off and fits else "") or "about right everywhere"
+    lines = [f"The simulated speed is {verdict}: {_trend(found, 'speed_ratio')}."]
+    real, simulated = found["speed_exponent"]["real"], found["speed_exponent"]["simulated"]
+    if real is not None and simulated is not None:
+        if abs(simulated - real) < _SAME_POWER:
+            verdict = "which fits"
+        else:
+            verdict = f"so it rises too {'steeply' if simulated > real else 'little'} with frequency"
+        lines.append(
+            f"Where it goes forward, its speed grows with frequency to the power {simulated:.2f}, the real one to the "
+            f"power {real:.2f}: {verdict}."
+        )
+    return lines
+
+
+def _amplitude(facts: Facts) -> list[str]:
+    found = facts["differences"]
+    ratio = found["median"]["amplitude_ratio"]
+    if facts["robot"]["beats"]:
+        last = facts["robot"]["markers"][-1]
+        if ratio is None:
+            return [f"The beat of the last marker, {last}, can't be compared."]
+        return [f"The simulated {last}, the last marker, beats {_width(ratio)}: {_trend(found, 'amplitude_ratio')}."]
+    ratios = [(row["amplitude_ratio"], row["name"]) for row in found["by_marker"] if row["amplitude_ratio"] is not None]
+    if not ratios or ratio is None:
+        return []
+    (low, least), (high, most) = min(ratios), max(ratios)
+    by_marker = f", from {low:.2f} ({least}) to {high:.2f} ({most})" if high - low > _CLOSE else ""
+    return [f"The simulated markers move {_width(ratio)}: {_trend(found, 'amplitude_ratio')}{by_marker}."]
+
+
+def _width(ratio: float) -> str:
+    if abs(ratio - 1) <= _CLOSE:
+        return "about as wide as in reality"
+    if ratio >= 2:
+        return f"{ratio:.1f} times as wide as in reality"
+    return f"{100 * abs(ratio - 1):.0f} % {'wider' if ratio > 1 else 'narrower'} than in reality"
+
+
+def _wave(found: Facts) -> list[str]:
+    real, simulated = found["median"]["lag_real_deg"], found["median"]["lag_simulated_deg"]
+    if real is None or simulated is None:
+        return []
+    if abs(simulated - real) <= _SAME_ANGLE:
+        verdict = "which fits"
+    elif simulated < real:
+        verdict = f"so the simulated wave runs too fast: {found['lag_to']} swings too much in step with the rest"
+    else:
+        verdict = f"so the simulated wave runs too slowly: {found['lag_to']} trails too much"
+    return [
+        f"The beat runs as a wave from {found['lag_from']} to {found['lag_to']}. {found['lag_to']} is "
+        f"{number(simulated)} deg of a beat behind in simulation and {number(real)} deg in reality, {verdict}."
+    ]
+
+
+def _heading(facts: Facts) -> list[str]:
+    heading = facts["incumbent"]["figures"].get("heading_error")
+    if heading is None:
+        return []
+    return [f"Its heading turns away from the real one's by {degrees(heading)} deg on average."]
+
+
+def _sensors(found: Facts) -> list[str]:
+    return [
+        f"Sensor {sensor['name']} is off by {reading(sensor['error'])} {sensor['unit']} on average, which adds "
+        f"{mm(sensor['meters_per_unit'] * sensor['error'], 1)} mm to the loss."
+        for sensor in found["sensors"]
+        if sensor["error"] is not None
+    ]
+
+
+def _trend(found: Facts, key: str) -> str:
+    """A ratio's median and how it changes with frequency."""
+    trend, median = found["trend"][key], f"median ratio {found['median'][key]:.2f}"
+    if trend is None:
+        return median
+    low, high = trend["low"], trend["high"]
+    ends = f"{low:.2f} at {trend['low_frequency']:.2f} Hz, {high:.2f} at {trend['high_frequency']:.2f} Hz"
+    way = "rising" if high > low + _CLOSE else "falling" if high < low - _CLOSE else "nearly the same"
+    return f"{median}, {ends} ({way})"
+
+
+def _names(rows: Sequence[Facts]) -> str:
+    return ", ".join(trial_label(row) for row in rows)
+
+
+def _by_trial(facts: Facts) -> str:
+    """A row a trial."""
+    trials, rows = facts["incumbent"]["trials"], facts["differences"]["by_trial"]
+    columns = _trial_columns(facts)
+    names = [name for name, _ in columns]
+    cells = [[cell(trial, row) for _, cell in columns] for trial, row in zip(trials, rows, strict=True)]
+    return f"### Trials\n\n{_trial_columns_explained(facts, names)}\n\n{table(names, cells)}"
+
+
+def _trial_columns(facts: Facts) -> list[Column]:
+    found, trials = facts["differences"], facts["incumbent"]["trials"]
+    has = {name for trial in trials for name, figure in trial["figures"].items() if figure is not None}
+    columns: list[Column] = [("trial", lambda trial, row: trial["name"])]
+    beats = any(trial["frequency"] is not None for trial in trials)
+    if beats:
+        columns.append(("Hz", lambda trial, row: number(trial["frequency"], 2)))
+    if windows := any(trial["edges"] for trial in trials):
+        columns.append(("s", lambda trial, row: number(trial["edges"][-1] - trial["edges"][0], 2)))
+    columns.append(("error mm", lambda trial, row: mm(trial["error"], 1)))
+    if found["sensors"]:
+        columns.append(("markers mm", lambda trial, row: mm(trial["figures"].get("aligned_marker_error"), 1)))
+    for i, sensor in enumerate(found["sensors"]):
+        name = f"{sensor['name']} {sensor['unit']}"
+        columns.append((name, lambda trial, row, i=i: reading(trial["sensors"][i]["error"])))
+    for name, heading in (("progress_error", "progress mm"), ("shape_error", "shape mm")):
+        if name in has:
+            columns.append((heading, lambda trial, row, name=name: mm(trial["figures"].get(name), 1)))
+    if "heading_error" in has:
+        columns.append(("heading deg", lambda trial, row: degrees(trial["figures"].get("heading_error"))))
+    if any(trial["velocity"]["real"] is not None for trial in trials):
+        columns += [
+            ("real mm/s", lambda trial, row: mm(trial["velocity"]["real"], 1)),
+            ("sim mm/s", lambda trial, row: mm(trial["velocity"]["simulated"], 1)),
+            ("speed ratio", lambda trial, row: number(row["speed_ratio"], 2)),
+        ]
+    last = f"{facts['robot']['markers'][-1]} " if beats else "amplitude "
+    columns.append((f"{last}ratio", lambda trial, row: number(row["amplitude_ratio"], 2)))
+    if beats:
+        lag = f"lag {found['lag_from']} to {found['lag_to']}" if found["lag_from"] else "lag"
+        columns += [
+            (f"{lag} real deg", lambda trial, row: number(row["lag_real_deg"])),
+            ("sim deg", lambda trial, row: number(row["lag_simulated_deg"])),
+        ]
+    columns.append(("worst marker", lambda trial, row: row["worst_marker"] or UNKNOWN))
+    if windows:
+        columns.append(("most off at s", lambda trial, row: span(row["worst_time"])))
+    return [*columns, ("lost %", lambda trial, row: number(trial["figures"].get("left_out_share"), 0, 100))]
+
+
+def _trial_columns_explained(facts: Facts, names: Sequence[str]) -> str:
+    last = facts["robot"]["markers"][-1]
+    parts = {
+        "s": "`s`: how long it is.",
+        "error mm": "`error`: the trial's part of the loss.",
+        "markers mm": "`markers`: what the markers have of it; then the mean error of each sensor.",
+        "progress mm": "`progress`: how far the simulated robot is ahead or behind on average.",
+        "shape mm": "`shape`: what differs in the frame of comparison, without the way that it has come.",
+        "heading deg": "`heading`: how far it turns away.",
+        "real mm/s": "Speeds are forward, negative is backward.",
+        "speed ratio": "Ratios are simulated / real: a speed ratio of 0.80 means 20 % too slow.",
+        f"{last} ratio": f"`{last} ratio`: amplitude of the last marker; 1.20 means that it beats 20 % wider.",
+        "amplitude ratio": "`amplitude ratio`: the median over the markers that move; 1.20 means 20 % too wide.",
+        "sim deg": "`lag`: by how much of a beat (360 deg) the last marker is behind; 0 is a stiff swing.",
+        "most off at s": "`most off at`: when the markers' mean places are farthest off.",
+        "lost %": "`lost`: share of the real marker positions that couldn't be used; distrust rows with much of it.",
+    }
+    return " ".join(["A row a trial.", *(text for name, text in parts.items() if name in names)])
+
+
+def _by_marker(facts: Facts) -> list[str]:
+    trials, rows, protocol = facts["incumbent"]["trials"], facts["differences"]["by_marker"], facts["compared"]
+    has = {key for row in rows for key, figure in row.items() if figure is not None}
+    beats = facts["robot"]["beats"]
+    columns: list[tuple[str, Callable[[Facts], str]]] = [
+        ("marker", lambda row: row["name"]),
+        ("error mm", lambda row: mm(row["error"], 1)),
+        ("real mm", lambda row: mm(row["amplitude_real"], 1)),
+        ("sim mm", lambda row: mm(row["amplitude_simulated"], 1)),
+        ("ratio", lambda row: number(row["amplitude_ratio"], 2)),
+    ]
+    how = [
+        "A row a marker, over all trials. `error`: its mean part of the loss. Amplitudes, real and simulated, are "
+        "medians of the",
+        "sideways beat in the frame of comparison."
+        if beats
+        else "standard deviation of its place along the line that it moves along most.",
+    ]
+    if "phase_difference_deg" in has:
+        columns.append(("phase deg", lambda row: number(row["phase_difference_deg"], 0, signed=True)))
+        how.append(
+            "`phase`: simulated minus real; +10 means that the simulated marker is 10 deg of a beat ahead of the real "
+            "one, -10 that it comes later."
+        )
+    if any("offset" in marker and marker["offset"] for trial in trials for marker in trial["markers"]):
+        columns.append(("offset mm", lambda row: pair(row["offset"], 1)))
+        how.append(f"`offset`: by how much its mean place differs, simulated minus real: {protocol['axes']}.")
+    how.append("n/a: the marker hardly moves, or was lost.")
+    cells = [[cell(row) for _, cell in columns] for row in rows]
+    parts = [f"### Markers\n\n{' '.join(how)}\n\n{table([name for name, _ in columns], cells)}"]
+    if protocol["protocol"] == "paper":
+        parts.append(_PAPER)
+    return [*parts, *_grids(facts)]
+
+
+def _grids(facts: Facts) -> list[str]:
+    """Tables by marker and trial; of many trials the worst."""
+    trials = facts["incumbent"]["trials"]
+    shown = _worst_trials(facts, _GRID)
+    if len(shown) < 2 and not facts["robot"]["beats"]:
+        return []
+    which = "" if len(shown) == len(trials) else f", the {len(shown)} worst trials"
+    names = ("marker", *(trial["name"] for trial in shown))
+    moving = [i for i, row in enumerate(facts["differences"]["by_marker"]) if row["amplitude_ratio"] is not None]
+
+    def grid(title: str, cell: Callable[[Facts], str], markers: Sequence[int]) -> list[str]:
+        rows = [[shown[0]["markers"][i]["name"], *(cell(trial["markers"][i]) for trial in shown)] for i in markers]
+        return [f"{title}{which}:\n\n{table(names, rows)}"] if rows else []
+
+    every = range(len(facts["robot"]["markers"]))
+    # under the paper's protocol, without phase and registration, the shape's part says little
+    has_shape = any(marker["shape_error"] is not None for trial in shown for marker in trial["markers"])
+    kind, title = "error", "Error by marker and trial, in mm"
+    if has_shape and facts["compared"]["protocol"] != "paper":
+        kind, title = "shape_error", "Error in shape alone, without the difference in progress, in mm"
+    grids = grid(title, lambda marker: mm(marker[kind], 1), every)
+    grids += grid("Ratio of amplitudes by marker and trial (1.20: simulated 20 % wider)", _amplitude_ratio, moving)
+    if any(marker["phase_difference_deg"] is not None for trial in shown for marker in trial["markers"]):
+        grids += grid("Phase by marker and trial, in deg (+: the simulated marker is ahead)", _phase, moving)
+    return grids
+
+
+def _amplitude_ratio(marker: Facts) -> str:
+    return number(marker["amplitude"]["ratio"], 2)
+
+
+def _phase(marker: Facts) -> str:
+    return number(marker["phase_difference_deg"], 0, signed=True)
+
+
+def _static_offset(facts: Facts) -> list[str]:
+    """On the mean positions in trials that can be registered, which no parameter explains."""
+    offset = facts["incumbent"]["figures"].get("static_offset")
+    if offset is None:
+        return []
+    counted = "counts it" if facts["compared"]["protocol"] == "paper" else "doesn't count it"
+    return [
+        f"The markers' mean positions differ by {mm(offset)} mm on average: where they were put on the robot, or a "
+        f"body that isn't straight at rest. No parameter explains that, and the loss {counted}."
+    ]
+
+
+def _in_time(facts: Facts) -> list[str]:
+    shown = [t for t in _worst_trials(facts, _IN_TIME) if t["error"] is not None and t["edges"]]
+    if not shown:
+        return []
+    how = (
+        f"Mean differences in windows of time, simulated minus real: {facts['compared']['axes']}, in mm; of sensors in "
+        "their own unit. What swings to and fro within a window cancels out, so a marker may have a large error and "
+        "small differences here."
+    )
+    if len(shown) < len(facts["incumbent"]["trials"]):
+        how += f" The {len(shown)} worst trials."
+    return [f"### Over time\n\n{how}", *(f"Trial {trial['name']}:\n\n{_windows(trial)}" for trial in shown)]
+
+
+def _windows(trial: Facts) -> str:
+    digits = 0 if max((size for size in off_by_window(trial) if size is not None), default=0.0) >= _LARGE else 1
+    columns = ["marker", *(span(list(edges)) + " s" for edges in pairwise(trial["edges"]))]
+    rows = [[marker["name"], *(pair(vector, digits) for vector in marker["windows"])] for marker in trial["markers"]]
+    rows += [
+        [f"{sensor['name']} {sensor['unit']}", *(reading(mean, signed=True) for mean in sensor["windows"])]
+        for sensor in trial["sensors"]
+        if sensor["windows"]
+    ]
+    return table(columns, rows)
+
+
+def _worst_trials(facts: Facts, most: int) -> list[Facts]:
+    """The worst ones, in their own order."""
+    trials = facts["incumbent"]["trials"]
+    worst = sorted(trials, key=lambda trial: -(math.inf if trial["error"] is None else trial["error"]))[:most]
+    return [trial for trial in trials if trial in worst]
