@@ -33,6 +33,13 @@ FORWARD = np.where(np.arange(16) == SPACE.names.index("fluid_kutta_lift"), 0.85,
 CHANGE = re.compile(r"(raise|lower) (\w+) from ([\d.e+-]+) to ([\d.e+-]+)", re.IGNORECASE)
 
 
+@pytest.fixture(autouse=True)
+def coarse_search(monkeypatch):
+    """Fewer points are tried for a proposal, which takes a fifth of the time."""
+    monkeypatch.setattr("swim2real.advisor.physics.advisor._SAMPLES", 200)
+    monkeypatch.setattr("swim2real.advisor.physics.advisor._STARTS", 1)
+
+
 def advisor(space=SPACE, seed: int = 0) -> PhysicsAdvisor:
     return PhysicsAdvisor(FISH, space, seed)
 
@@ -68,7 +75,7 @@ def test_it_is_made_by_name():
         make_advisor("oracle", FISH, SPACE, 0)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("space", [SPACE, replace(SPACE, scale="linear")], ids=["log", "linear"])
 def test_a_proposal_is_in_the_cube_and_says_what_it_changes_and_why(space, seed):
     point = np.random.default_rng(seed).random(16)
