@@ -166,7 +166,7 @@ def test_a_proposal_survives_json_to_the_last_bit():
 def test_a_script_that_ends_says_so_or_passes_on():
     search = BacktrackingLineSearch(ScriptedAdvisor([TO], then=ScriptedAdvisor([TO, FIRST / 2])), FIRST, max_steps=1)
     np.testing.assert_array_equal(points(feed(search, [1.0, 2.0, 2.0]))[2], FIRST / 2)
-    with pytest.raises(AdvisorError, match="the script has 2 proposals; proposal 3 was asked for"):
+    with pytest.raises(AdvisorError, match="the script has 2 proposals; proposal 3 is due"):
         search.ask()
 
 

@@ -1,4 +1,4 @@
-"""What is written of a comparison for people: tables, figures and the page."""
+"""Files of a comparison for people: tables, figures and the page."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from pathlib import Path
 from swim2real.calibration import RunFolder, examine_swims
 from swim2real.comparison import ComparisonResults, load_results
 from swim2real.comparison.tables import all_tables, as_markdown
-from swim2real.errors import MissingExtraError, RunError, TrialError
+from swim2real.errors import RunError, TrialError
 from swim2real.objective import steady_target
 from swim2real.objective.elongated_body import predict_speeds
 from swim2real.report.comparison_page import write_comparison_report
 from swim2real.report.paper_figures import write_figures
 from swim2real.robots.robot import Robot
+from swim2real.store import write_text
 from swim2real.trials import TrialSet
 
 TABLES, THEORY = "tables.md", "theory.json"
 
 
 def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
-    """Keeps what elongated body theory says of the speeds of swims with the comparison; nothing where it can't."""
+    """Writes the speeds of swims that elongated body theory predicts into the comparison's folder, where it can."""
     if len(robot.trials.tail_markers) < 2:
         return
     targets = [
@@ -30,8 +31,8 @@ def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
     ]
     end = (robot.trials.tail_markers[-2], robot.trials.tail_markers[-1])
     try:
-        found = zip(targets, predict_speeds(targets, end), strict=True)
-        speeds = {target.trial.name: round(one.speed, 6) for target, one in found}
+        predictions = zip(targets, predict_speeds(targets, end), strict=True)
+        speeds = {target.trial.name: round(prediction.speed, 6) for target, prediction in predictions}
     except TrialError as error:
         print(f"swim2real: no speeds of elongated body theory: {error}", file=sys.stderr)
         return
@@ -39,21 +40,19 @@ def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
 
 
 def write_files(folder: Path, results: ComparisonResults | None = None) -> list[Path]:
-    """Tables, figures and page of a comparison; what a missing library can't write is said and left out."""
-    found = load_results(folder) if results is None else results
+    """Writes tables, figures and page of a comparison, the page last.
+
+    Raises:
+        RunError: There are no results, or a file can't be written.
+    """
+    results = results or load_results(folder)
     theory = _theory(folder)
     tables = folder / TABLES
     try:
-        tables.write_text(all_tables(found, as_markdown), encoding="utf-8")
+        write_text(tables, all_tables(results, as_markdown))
     except OSError as error:
         raise RunError(f"can't write '{tables}': {error.strerror or error}") from error
-    written = [tables]
-    try:
-        written += write_figures(found, folder, theory)
-        written.append(write_comparison_report(folder, theory))
-    except MissingExtraError as error:
-        print(f"swim2real: {error}", file=sys.stderr)
-    return written
+    return [tables, *write_figures(results, folder, theory), write_comparison_report(folder, theory)]
 
 
 def _theory(folder: Path) -> Mapping[str, float] | None:

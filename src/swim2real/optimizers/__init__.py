@@ -13,12 +13,10 @@ from swim2real.optimizers.advisor import (
 )
 from swim2real.optimizers.bayesopt import BayesianOptimization
 from swim2real.optimizers.cma_es import CmaEs
-from swim2real.optimizers.contract import Candidate, Evaluation, Optimizer, first_point, streams
+from swim2real.optimizers.contract import Candidate, Evaluation, Optimizer, RandomSearch, first_point, streams
 from swim2real.optimizers.least_squares import LeastSquares
-from swim2real.optimizers.line_search import BacktrackingLineSearch
-from swim2real.optimizers.random_search import RandomSearch
+from swim2real.optimizers.line_search import BacktrackingLineSearch, WarmStart
 from swim2real.optimizers.staged import Stage, Staged
-from swim2real.optimizers.warm_start import WarmStart
 
 __all__ = [
     "Advice",

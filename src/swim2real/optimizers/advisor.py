@@ -1,4 +1,4 @@
-"""What an optimizer asks of an advisor, be it a VLM, the built-in physics advisor or a script."""
+"""The interface between an optimizer and an advisor: a VLM, the built-in physics advisor or a script."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class Proposal:
     """Where an advisor would go, and why.
 
     Attributes:
-        point: In the unit cube. Shape (d,).
+        point: Point of the unit cube. Shape (d,).
         diagnosis: What differs between simulation and reality.
         reasoning: Which parameters are responsible.
-        notes: What else should be kept, ready for JSON.
+        notes: What else should be kept in the record, ready for JSON.
     """
 
     point: Array
@@ -47,7 +47,7 @@ class Measurement:
     """A point that an advisor wants evaluated before it proposes; it counts like any other evaluation.
 
     Attributes:
-        point: In the unit cube. Shape (d,).
+        point: Point of the unit cube. Shape (d,).
         notes: What is measured, ready for JSON.
     """
 
@@ -56,7 +56,7 @@ class Measurement:
 
     @property
     def candidate(self) -> Candidate:
-        """To be evaluated, and in the record told apart by its source."""
+        """The point as a candidate, whose source in the record says that it is a measurement."""
         return Candidate(cube_point(self.point), {"source": MEASUREMENT, **self.notes})
 
 
@@ -65,7 +65,12 @@ Advice = Proposal | Measurement
 
 @dataclass(frozen=True)
 class Step:
-    """One try along a proposal's direction."""
+    """One step along a proposal's direction.
+
+    Attributes:
+        step_size: Share of the way from the incumbent to the proposal.
+        evaluation: Evaluation of the point there.
+    """
 
     step_size: float
     evaluation: Evaluation
@@ -76,11 +81,11 @@ class Round:
     """One advisor call with its steps.
 
     Attributes:
-        proposal: As given.
-        incumbent: Where the round started.
-        steps: As far as they were tried, from the full step on.
+        proposal: The advisor's proposal.
+        incumbent: Evaluation that the round started from.
+        steps: Steps that were evaluated, from the full one on.
         accepted: Whether the last step improved on the incumbent.
-        measurements: That were asked for before the proposal, in order.
+        measurements: Measurements that the advisor wanted before the proposal, in order.
     """
 
     proposal: Proposal
@@ -92,13 +97,13 @@ class Round:
 
 @dataclass(frozen=True)
 class Situation:
-    """All that an advisor may know when it is asked.
+    """What an advisor knows when it is asked for a proposal.
 
     Attributes:
         incumbent: Best evaluation so far.
         rounds: Earlier rounds, rejected ones too, in order.
         first: The evaluation that the run began with.
-        measurements: Of the round that begins, as far as they were asked for.
+        measurements: Measurements so far of the round that begins.
     """
 
     incumbent: Evaluation
@@ -108,7 +113,7 @@ class Situation:
 
     @property
     def evaluations(self) -> tuple[Evaluation, ...]:
-        """All so far, in order."""
+        """All evaluations so far, in order."""
         earlier = [e for r in self.rounds for e in (*r.measurements, *(step.evaluation for step in r.steps))]
         return (self.first, *earlier, *self.measurements)
 
@@ -120,7 +125,7 @@ class Advisor(Protocol):
     """
 
     def propose(self, situation: Situation) -> Advice:
-        """Where to go from the incumbent, or what to measure before that is asked again.
+        """Proposes a point, or a measurement after which it is asked again.
 
         Raises:
             AdvisorError: No usable proposal can be had.
@@ -140,8 +145,8 @@ class ScriptedAdvisor:
         """Prepares the script.
 
         Args:
-            advice: In order; a bare point is a proposal without words.
-            then: Asked when the script has ended.
+            advice: Advice in order; a bare point is a proposal without a diagnosis.
+            then: Advisor that is asked when the script has ended.
         """
         self._script = [a if isinstance(a, Advice) else Proposal(cube_point(a)) for a in advice]
         self._then = then
@@ -152,17 +157,17 @@ class ScriptedAdvisor:
         if number < len(self._script):
             return self._script[number]
         if self._then is None:
-            raise AdvisorError(f"the script has {len(self._script)} proposals; proposal {number + 1} was asked for")
+            raise AdvisorError(f"the script has {len(self._script)} proposals; proposal {number + 1} is due")
         return self._then.propose(situation)
 
 
 def recorded_advice(entries: Iterable[Mapping[str, Any]]) -> list[Advice]:
-    """What the advisor of a run has said, from the entries of its record."""
-    found: list[Advice] = []
+    """The advice of a run's advisor, from the entries of the run's record."""
+    advice: list[Advice] = []
     for entry in entries:
         note = dict(entry["note"])
         if note.pop("source", None) == MEASUREMENT:
-            found.append(Measurement(cube_point(entry["point"]), note))
+            advice.append(Measurement(cube_point(entry["point"]), note))
         elif "proposal" in note:
-            found.append(Proposal.from_dict(note["proposal"]))
-    return found
+            advice.append(Proposal.from_dict(note["proposal"]))
+    return advice

@@ -23,9 +23,9 @@ class BayesianOptimization(Optimizer):
 
     The hedge adds predicted losses to its gains and draws by their softmax, so the unit of the loss decides: with
     losses of 0.05 the draw is nearly uniform whatever was predicted, with losses of 50 it follows the suggestions that
-    were predicted lowest. Here losses are told times 1000, which makes millimeters of meters. Measured on the six
+    were predicted lowest. Here losses are multiplied by 1000, which makes millimeters of meters. Measured on the six
     published tracks (aligned protocol, logarithmic scale, 40 evaluations, seeds 0 to 2): best loss 30.2 mm on average
-    and AUC 71 mm, told in meters 36.5 mm and 88 mm. Three seeds don't prove a difference; the table gives the baseline
+    and AUC 71 mm, in meters 36.5 mm and 88 mm. Three seeds don't prove a difference; the table gives the baseline
     the better of the two.
     """
 
@@ -35,11 +35,11 @@ class BayesianOptimization(Optimizer):
         """Prepares the search.
 
         Args:
-            dimension: Of the unit cube.
-            rng: Gives the initial points and seeds scikit-optimize.
-            first: Where the run begins. Shape (d,).
+            dimension: Dimension of the unit cube.
+            rng: Generator of the initial points and of scikit-optimize's seed.
+            first: First point of the run. Shape (d,).
             initial: Points before the model is asked, the first one included.
-            loss_factor: What losses are multiplied by before the model is told.
+            loss_factor: Factor by which losses are multiplied for the model.
 
         Raises:
             OptimizerError: A setting is out of range.
@@ -53,15 +53,15 @@ class BayesianOptimization(Optimizer):
         self._initial_points = [cube_point(first, dimension), *map(cube_point, rng.random((initial - 1, dimension)))]
         self._model = _model(dimension, initial, int(rng.integers(2**31)))
         self._loss_factor = loss_factor
-        self._told: list[Evaluation] = []
+        self._evaluations: list[Evaluation] = []
         self._modeled = 0
 
     def _next(self) -> Candidate:
-        count = len(self._told)
+        count = len(self._evaluations)
         if count < len(self._initial_points):
             return Candidate(self._initial_points[count], {"source": "initial" if count else "first point"})
-        with _undisturbed():
-            for evaluation in self._told[self._modeled :]:
+        with _reproducible():
+            for evaluation in self._evaluations[self._modeled :]:
                 self._modeled += 1
                 point = [float(x) for x in evaluation.candidate.point]
                 self._model.tell(point, self._loss_factor * float(evaluation.loss), fit=self._modeled == count)
@@ -70,11 +70,11 @@ class BayesianOptimization(Optimizer):
 
     def _learn(self, evaluation: Evaluation) -> None:
         """The model is fitted when the next point is asked for, so not after the last one."""
-        self._told.append(evaluation)
+        self._evaluations.append(evaluation)
 
 
 def _model(dimension: int, initial: int, seed: int) -> Any:
-    with _undisturbed():
+    with _reproducible():
         try:
             from skopt import Optimizer as Model
         except ImportError as error:
@@ -88,8 +88,8 @@ def _model(dimension: int, initial: int, seed: int) -> Any:
 
 
 @contextmanager
-def _undisturbed() -> Generator[None]:
-    """No warnings, and linear algebra on one thread: sums in another order would end in other points."""
+def _reproducible() -> Generator[None]:
+    """Linear algebra on one thread, since sums in another order would end in other points; and no warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:

@@ -12,7 +12,7 @@ from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimize
 Residuals = Callable[[Array], Array]
 """Points of the unit cube to their residuals. Shape (k, d) to (k, n)."""
 Solve = Callable[[Array, Residuals], None]
-"""A solver, told where to start, shape (d,), and what to call. Told the same, it must call for the same."""
+"""A solver, given its start, shape (d,), and the function. With the same results it must make the same calls."""
 
 
 class CallbackSolver(Optimizer):
@@ -32,39 +32,39 @@ class CallbackSolver(Optimizer):
         """Prepares the search.
 
         Args:
-            first: Where the run begins. Shape (d,).
-            rng: Gives further starts.
+            first: First point of the run. Shape (d,).
+            rng: Generator of further starts.
             solve: The solver.
-            name: What it is called in the record.
+            name: Name of the solver in the record.
         """
         super().__init__(len(first))
         self._first_point, self._rng, self._solve, self._name = cube_point(first), rng, solve, name
         self._search = self._starts()
-        self._told: Array | None = None
+        self._last_residual: Array | None = None
 
     def _next(self) -> Candidate:
-        return next(self._search) if self._told is None else self._search.send(self._told)
+        return next(self._search) if self._last_residual is None else self._search.send(self._last_residual)
 
     def _learn(self, evaluation: Evaluation) -> None:
         if evaluation.residual is None:
             raise OptimizerError(f"tell() got an evaluation without a residual, which {self._name} needs")
-        self._told = evaluation.residual
+        self._last_residual = evaluation.residual
 
     def _starts(self) -> Generator[Candidate, Array, None]:
         point, start = self._first_point, 1
         while True:
             calls: list[Array] = []
-            while (points := self._called_for(point, calls)) is not None:
-                found: list[Array] = []
-                for one in points:
+            while (points := self._next_call(point, calls)) is not None:
+                residuals: list[Array] = []
+                for solver_point in points:
                     note = {"source": self._name, "start": start, "call": len(calls) + 1}
-                    if start == 1 and not calls and not found:
+                    if start == 1 and not calls and not residuals:
                         note = {"source": "first point"}
-                    found.append((yield Candidate(cube_point(np.clip(one, 0.0, 1.0)), note)))
-                calls.append(np.stack(found))
+                    residuals.append((yield Candidate(cube_point(np.clip(solver_point, 0.0, 1.0)), note)))
+                calls.append(np.stack(residuals))
             point, start = self._rng.random(self.dimension), start + 1
 
-    def _called_for(self, first: Array, answers: list[Array]) -> Array | None:
+    def _next_call(self, first: Array, answers: list[Array]) -> Array | None:
         """Points of the solver's first call beyond those answered, shape (k, d); None when it is done without one."""
         left = iter(answers)
 
@@ -76,8 +76,8 @@ class CallbackSolver(Optimizer):
 
         try:
             self._solve(first, residuals)
-        except _UnansweredError as question:
-            return question.points
+        except _UnansweredError as call:
+            return call.points
         return None
 
 

@@ -13,7 +13,7 @@ from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimize
 class CmaEs(Optimizer):
     """Generations of candidates around a mean that moves, from a random start of its own.
 
-    A generation is told to pycma when all of it is evaluated. What the budget cuts off counts and teaches nothing: 40
+    pycma learns from a generation when all of it is evaluated, so nothing from one that the budget cuts off: 40
     evaluations with a population of 12 are three generations and four candidates. Failed evaluations take part with
     their loss. When pycma ends a search (converged, or all losses equal) another one begins at a new random mean.
     """
@@ -22,9 +22,9 @@ class CmaEs(Optimizer):
         """Prepares the search.
 
         Args:
-            dimension: Of the unit cube, at least 2.
-            rng: Gives the starts and all samples. NumPy's global stream is neither read nor seeded.
-            population: Candidates a generation; 12 is pycma's own for 16 parameters.
+            dimension: Dimension of the unit cube, at least 2.
+            rng: Generator of the starts and all samples. NumPy's global stream is neither read nor seeded.
+            population: Candidates of a generation; 12 is pycma's own for 16 parameters.
             sigma: Standard deviation of the first generation, in the unit cube.
 
         Raises:

@@ -1,4 +1,4 @@
-"""The ask/tell contract: `ask()` gives a candidate, `tell()` takes what it was worth, one after the other."""
+"""The ask/tell contract: `ask()` gives a candidate, `tell()` takes its evaluation; and the simplest optimizer."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ class Candidate:
     """A point to evaluate.
 
     Attributes:
-        point: In the unit cube, read-only. Shape (d,).
-        note: Where it comes from, ready for JSON: a method's own words for the record.
-        stop_above: All that the optimizer needs to know of a loss above this is that it is above; the evaluation may
-            stop as soon as that is certain. None asks for the loss itself.
+        point: Point of the unit cube, read-only. Shape (d,).
+        note: Where it comes from, for the record, ready for JSON.
+        stop_above: The evaluation may stop as soon as it is certain that the loss is above this: the optimizer needs to
+            know no more of such a loss. None asks for the loss itself.
     """
 
     point: Array
@@ -66,13 +66,13 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a candidate was worth.
+    """The loss of a candidate, and what else is known of it.
 
     Attributes:
-        candidate: As it was asked.
-        loss: Finite, lower is better.
+        candidate: The candidate, as `ask()` gave it.
+        loss: A finite number, lower is better.
         failed: True when there is no proper result, such as a simulation that diverged.
-        detail: What else is known, for those who can read it.
+        detail: Further results, for advisors that can read them.
         lower_bound: True when the evaluation stopped early: the loss is at least this, and the detail is incomplete.
         residual: What a least-squares method drives to zero, for optimizers that ask for it; its squared norm is the
             mean over trials of the weighted mean squared distance. Shape (n,), the same n for all of a run.
@@ -141,3 +141,21 @@ class Optimizer(ABC):
 
     @abstractmethod
     def _learn(self, evaluation: Evaluation) -> None: ...
+
+
+class RandomSearch(Optimizer):
+    """The first point where one is given, then uniform samples of the unit cube."""
+
+    def __init__(self, dimension: int, rng: np.random.Generator, first: Array | None = None) -> None:
+        super().__init__(dimension)
+        self._first = None if first is None else cube_point(first, dimension)
+        self._rng = rng
+
+    def _next(self) -> Candidate:
+        if self._first is not None:
+            point, self._first = self._first, None
+            return Candidate(point, {"source": "first point"})
+        return Candidate(cube_point(self._rng.random(self.dimension)), {"source": "random"})
+
+    def _learn(self, evaluation: Evaluation) -> None:
+        """Random search learns nothing."""

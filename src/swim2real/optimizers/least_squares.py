@@ -1,19 +1,22 @@
-"""Least squares: Gauss-Newton steps on the residual within a box of trust; finite differences are candidates, too."""
+"""Least squares: Gauss-Newton steps on the residual within a box of trust; finite differences are candidates, too.
+
+Sums over the residual avoid BLAS, whose order of summation hangs on the number of threads.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Generator
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from swim2real.errors import OptimizerError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
-from swim2real.optimizers.linear_model import box_step, updated
 
 _DAMPING = 1e-3  # of the mean curvature: parameters without effect stay where they are
 _CONVERGED = 1e-3  # promised relative gain below which a start is given up
 _SMALLEST_RADIUS = 5e-3
-_FRESH_TRIES, _WORN_TRIES = 6, 2  # steps in a row that may gain nothing
+_NEW_JACOBIAN_TRIES, _OLD_JACOBIAN_TRIES = 6, 2  # steps in a row that may gain nothing
 
 Search = Generator[Candidate, Evaluation, None]
 
@@ -48,10 +51,10 @@ class LeastSquares(Optimizer):
         """Prepares the search.
 
         Args:
-            first: Where the run begins. Shape (d,).
-            rng: Gives further starts.
+            first: First point of the run. Shape (d,).
+            rng: Generator of further starts.
             difference: Step of the finite differences, in the unit cube.
-            radius: Of the box of trust at every start: the farthest that a parameter goes in one step.
+            radius: Radius of the box of trust at every start: the farthest that a parameter goes in one step.
 
         Raises:
             OptimizerError: A setting is out of range.
@@ -64,49 +67,51 @@ class LeastSquares(Optimizer):
         self._first_point, self._rng = cube_point(first), rng
         self._difference, self._radius = difference, radius
         self._search = self._starts()
-        self._told: Evaluation | None = None
+        self._last: Evaluation | None = None
 
     def _next(self) -> Candidate:
-        return next(self._search) if self._told is None else self._search.send(self._told)
+        return next(self._search) if self._last is None else self._search.send(self._last)
 
     def _learn(self, evaluation: Evaluation) -> None:
         if evaluation.residual is None and not evaluation.failed:
             raise OptimizerError("tell() got an evaluation without a residual, which least squares needs")
-        self._told = evaluation
+        self._last = evaluation
 
     def _starts(self) -> Search:
         start = 1
-        told = yield Candidate(self._first_point, {"source": "first point"})
+        evaluation = yield Candidate(self._first_point, {"source": "first point"})
         while True:
-            if not told.failed:
-                yield from self._descend(told, start)
+            if not evaluation.failed:
+                yield from self._descend(evaluation, start)
             start += 1
-            told = yield Candidate(cube_point(self._rng.random(self.dimension)), {"source": "start", "start": start})
+            evaluation = yield Candidate(
+                cube_point(self._rng.random(self.dimension)), {"source": "start", "start": start}
+            )
 
     def _descend(self, base: Evaluation, start: int) -> Search:
         radius = self._radius
         while True:
             gradients, best = yield from self._differences(base, start)
-            useful, in_vain = best is not base, 0
+            useful, failures = best is not base, 0
             base = best
-            while in_vain < (_WORN_TRIES if useful else _FRESH_TRIES):
+            while failures < (_OLD_JACOBIAN_TRIES if useful else _NEW_JACOBIAN_TRIES):
                 residual, squares = _residual(base), _squares(base)
                 step, promised = box_step(gradients, residual, base.candidate.point, radius, _DAMPING)
                 if promised <= _CONVERGED * squares or radius < _SMALLEST_RADIUS:
                     break
                 point = cube_point(np.clip(base.candidate.point + step, 0.0, 1.0))
-                told = yield Candidate(point, {"source": "step", "start": start, "radius": radius})
+                evaluation = yield Candidate(point, {"source": "step", "start": start, "radius": radius})
                 gained = -np.inf
-                if not told.failed:
-                    gained = squares - _squares(told)
-                    gradients = updated(gradients, _residual(told) - residual, point - base.candidate.point)
+                if not evaluation.failed:
+                    gained = squares - _squares(evaluation)
+                    gradients = updated(gradients, _residual(evaluation) - residual, point - base.candidate.point)
                 if gained < 0.25 * promised:
                     radius = float(np.abs(step).max()) / 2
                 elif gained > 0.75 * promised:
                     radius = min(2 * radius, 1.0)
-                in_vain = 0 if gained > 0 else in_vain + 1
+                failures = 0 if gained > 0 else failures + 1
                 if gained > 0:
-                    base, useful = told, True
+                    base, useful = evaluation, True
             if not useful:
                 return
 
@@ -118,10 +123,10 @@ class LeastSquares(Optimizer):
             point = np.array(base.candidate.point)
             change = self._difference if point[k] <= 0.5 else -self._difference
             point[k] += change
-            told = yield Candidate(cube_point(point), {"source": "difference", "parameter": k, "start": start})
-            if not told.failed:
-                gradients[k] = (_residual(told) - residual) / change
-                best = told if _squares(told) < _squares(best) else best
+            evaluation = yield Candidate(cube_point(point), {"source": "difference", "parameter": k, "start": start})
+            if not evaluation.failed:
+                gradients[k] = (_residual(evaluation) - residual) / change
+                best = evaluation if _squares(evaluation) < _squares(best) else best
         return gradients, best
 
 
@@ -134,3 +139,44 @@ def _residual(evaluation: Evaluation) -> Array:
     if evaluation.residual is None:
         raise OptimizerError("an evaluation has no residual, which least squares needs")
     return evaluation.residual
+
+
+def updated(gradients: Array, change: Array, step: Array) -> Array:
+    """Broyden's update: the smallest change of the gradients with which the model explains a change of the residual.
+
+    Along a single coordinate it replaces that coordinate's gradient by the difference quotient.
+
+    Args:
+        gradients: Gradients of the residual, by coordinate. Shape (d, n).
+        change: Change of the residual over the step. Shape (n,).
+        step: Step in the unit cube; nothing is learned from a step of length zero. Shape (d,).
+    """
+    length = float(step @ step)
+    if length == 0:
+        return gradients
+    unexplained = change - np.einsum("in,i->n", gradients, step)
+    return gradients + np.multiply.outer(step, unexplained) / length
+
+
+def box_step(gradients: Array, residual: Array, point: Array, radius: float, damping: float) -> tuple[Array, float]:
+    """The step that minimizes the model's squares within the box and the cube, and the gain that the model promises.
+
+    Sums of squares of the residual are the measure of the gain.
+
+    Args:
+        gradients: Gradients of the residual, by coordinate. Shape (d, n).
+        residual: Residual at the point. Shape (n,).
+        point: Point of the unit cube. Shape (d,).
+        radius: Radius of the box around the point.
+        damping: Share of the mean curvature that is added: coordinates without effect stay where they are.
+    """
+    curvature = np.einsum("in,jn->ij", gradients, gradients)
+    slope = np.einsum("in,n->i", gradients, residual)
+    damping = damping * float(np.trace(curvature)) / point.size
+    if damping == 0:
+        return np.zeros(point.size), 0.0
+    root = np.linalg.cholesky(curvature + damping * np.eye(point.size))
+    bounds = (np.maximum(-point, -radius), np.minimum(1 - point, radius))
+    solution = lsq_linear(root.T, -np.linalg.solve(root, slope), bounds, method="bvls")
+    step = np.clip(solution.x, *bounds)
+    return step, -float(2 * slope @ step + step @ curvature @ step)

@@ -1,8 +1,8 @@
-"""Backtracking line search along an advisor's proposal (paper, Algorithm 1 and Eq. 2)."""
+"""Optimizers that follow an advisor: backtracking line search (paper, Algorithm 1 and Eq. 2) and warm start."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -26,12 +26,12 @@ class BacktrackingLineSearch(Optimizer):
         """Prepares the search.
 
         Args:
-            advisor: Gives the directions.
-            first: Where the run begins, in the unit cube. Shape (d,).
+            advisor: Advisor that proposes the directions.
+            first: First point of the run. Shape (d,).
             decrease_factor: β, within 0 and 1.
             max_steps: K; 1 is the ablation without line search.
-            early_stop: Let evaluations of steps stop once they are certain to be rejected. Accepts and rejects the
-                same, but the advisor then sees less of rejected steps.
+            early_stop: Whether evaluations of steps may stop once they are certain to be rejected. The same steps are
+                accepted, but the advisor then sees less of rejected ones.
 
         Raises:
             OptimizerError: A setting is out of range.
@@ -54,7 +54,7 @@ class BacktrackingLineSearch(Optimizer):
 
     @property
     def rounds(self) -> tuple[Round, ...]:
-        """Finished rounds."""
+        """The finished rounds."""
         return tuple(self._rounds)
 
     def _next(self) -> Candidate:
@@ -97,3 +97,43 @@ class BacktrackingLineSearch(Optimizer):
     def _finish(self, proposal: Proposal, incumbent: Evaluation, accepted: bool) -> None:
         self._rounds.append(Round(proposal, incumbent, tuple(self._steps), accepted, tuple(self._measurements)))
         self._proposal, self._steps, self._measurements = None, [], []
+
+
+class WarmStart(Optimizer):
+    """The first point, one proposal of an advisor in full, then another optimizer (the single-call ablation)."""
+
+    def __init__(self, advisor: Advisor, first: Array, then: Optimizer) -> None:
+        """Prepares the search.
+
+        Args:
+            advisor: Advisor that is asked for one proposal.
+            first: First point of the run. Shape (d,).
+            then: Optimizer that takes over; it learns from its own candidates alone.
+        """
+        super().__init__(len(first))
+        self.needs_residual = reads_residuals(advisor) or then.needs_residual
+        self._advisor, self._first_point, self._then = advisor, cube_point(first), then
+        self._evaluations: list[Evaluation] = []  # of the first point and of measurements
+        self._state: Literal["measuring", "proposed", "handed over"] = "measuring"
+
+    def _next(self) -> Candidate:
+        if not self._evaluations:
+            return Candidate(self._first_point, {"source": "first point"})
+        if self._state == "measuring":
+            first, *measured = self._evaluations
+            incumbent = min((e for e in self._evaluations if not e.failed), key=lambda e: e.loss, default=first)
+            advice = self._advisor.propose(Situation(incumbent, (), first, tuple(measured)))
+            if isinstance(advice, Measurement):
+                return advice.candidate
+            self._state = "proposed"
+            note = {"source": "warm start", "round": 1, "step_size": 1.0, "proposal": advice.as_dict()}
+            return Candidate(cube_point(advice.point), note)
+        return self._then.ask()
+
+    def _learn(self, evaluation: Evaluation) -> None:
+        if self._state == "measuring":
+            self._evaluations.append(evaluation)
+        elif self._state == "proposed":
+            self._state = "handed over"
+        else:
+            self._then.tell(evaluation)

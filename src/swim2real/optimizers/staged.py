@@ -2,7 +2,7 @@
 
 The prior work [michelis2026simple] fits nine numbers one after the other: a stiffness by the spectrum of the sideways
 motion, the motor's geometry on a grid, the fluid coefficients by Bayesian optimization of the loss. Here the same runs
-under a budget: it knows the unit cube, and which coordinates and scores a stage has is told by whoever composes it.
+under a budget: it knows the unit cube, and whoever composes it says which coordinates and scores a stage has.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ Search = Callable[[int, np.random.Generator, Array], Optimizer]
 
 _REFINED = 8  # evaluations at most that halve the gap beside a scan's best point; more are below any noise
 _COARSE = 0.6  # of a scan's evaluations, on the even grid
-_FINEST = 1e-3  # gap that isn't worth halving
+_FINEST = 1e-3  # smallest gap that is halved
 _TIE = 1e-9  # a difference of gaps that is rounding
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Some coordinates, how they are searched, and what is looked at.
+    """Some coordinates, how they are searched, and by which score.
 
     Attributes:
-        name: For the record.
-        coordinates: Indices in the unit cube.
-        share: Of the budget, relative to the other stages.
+        name: Name in the record.
+        coordinates: Indices of the coordinates in the unit cube.
+        share: Share of the budget, relative to the other stages.
         rule: `scan`: all coordinates at one place, along an even grid that is then refined. `search`: each for itself,
             by an optimizer of the cube that they span.
-        score: What is minimized, from an evaluation's detail; NaN where nothing can be told. None is the loss.
+        score: What is minimized, from an evaluation's detail; NaN where it isn't known. None is the loss.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Stage:
     score: Callable[[Any], float] | None = field(default=None, compare=False)
 
     def value(self, evaluation: Evaluation) -> float:
-        """The evaluation's score; infinite when it failed or can't be told."""
+        """The evaluation's score; infinite when it failed or has no score."""
         if evaluation.failed:
             return float("inf")
         value = evaluation.loss if self.score is None else float(self.score(evaluation.detail))
@@ -59,7 +59,7 @@ class GridScan(Optimizer):
 
         Args:
             count: Evaluations planned after the first; more may be asked for and refine further.
-            first: Asked before the grid. Shape (1,).
+            first: Point that is evaluated before the grid. Shape (1,).
         """
         super().__init__(1)
         self._places = [] if first is None else [float(cube_point(first, 1)[0])]
@@ -99,11 +99,11 @@ class Staged(Optimizer):
         """Prepares the stages.
 
         Args:
-            first: Where the run begins. Shape (d,).
-            stages: In order.
+            first: First point of the run. Shape (d,).
+            stages: Stages in order.
             budget: Evaluations that the shares are taken of, the first point included.
-            search: Makes the optimizer of a `search` stage from its dimension, random numbers and its first point.
-            rng: Given to `search`.
+            search: Function that makes the optimizer of a `search` stage from its dimension, generator and first point.
+            rng: Generator that `search` is given.
             held: Coordinates that no stage moves and the value that they have from the second evaluation on; others
                 that no stage moves keep the first point's.
 
@@ -120,10 +120,10 @@ class Staged(Optimizer):
         self._point = cube_point(start, self.dimension)
         self.counts = _counts([stage.share for stage in stages], budget - 1)
         self._number = self._done = 0
-        self._told_first = False
+        self._first_evaluated = False
         self._at_point: Evaluation | None = None
         self._inner: Optimizer | None = None
-        self._asked: Candidate | None = None
+        self._inner_candidate: Candidate | None = None
         self._best: tuple[float, Evaluation] | None = None
 
     def _check(self, budget: int, held: Mapping[int, float]) -> None:
@@ -149,7 +149,7 @@ class Staged(Optimizer):
         return self._stages[self._number]
 
     def _next(self) -> Candidate:
-        if not self._told_first:
+        if not self._first_evaluated:
             return Candidate(self._first, {"source": "first point"})
         last = len(self._stages) - 1
         while self._number < last and self._done >= self.counts[self._number]:
@@ -159,12 +159,12 @@ class Staged(Optimizer):
         inner = self._inner
         if inner is None:
             raise OptimizerError("a stage has no optimizer")
-        self._asked = inner.ask()
+        self._inner_candidate = inner.ask()
         note = {"source": f"stage {self._stage.name}", "stage": self._stage.name}
-        return Candidate(self._composed(self._asked), note)
+        return Candidate(self._composed(self._inner_candidate), note)
 
     def _begin(self) -> None:
-        """Starts the stage's own search, and tells it what is known of the place where it starts."""
+        """Starts the stage's own search, which learns what is known of the point where it starts."""
         stage, count = self._stage, self.counts[self._number]
         start = self._point[list(stage.coordinates)]
         together = stage.rule == "scan"
@@ -176,10 +176,10 @@ class Staged(Optimizer):
             self._inner = self._search(len(start), self._rng, cube_point(start))
         if not known or self._at_point is None:
             return
-        asked = self._inner.ask()
-        if not np.array_equal(self._composed(asked), self._point):
+        candidate = self._inner.ask()
+        if not np.array_equal(self._composed(candidate), self._point):
             raise OptimizerError(f"the search of stage '{stage.name}' must begin at the point that it is given")
-        self._tell(asked, self._at_point)
+        self._tell(candidate, self._at_point)
 
     def _composed(self, inner: Candidate) -> Array:
         point = self._point.copy()
@@ -187,23 +187,23 @@ class Staged(Optimizer):
         return cube_point(point)
 
     def _learn(self, evaluation: Evaluation) -> None:
-        if not self._told_first:
-            self._told_first = True
+        if not self._first_evaluated:
+            self._first_evaluated = True
             if np.array_equal(evaluation.candidate.point, self._point):
                 self._at_point = evaluation
             return
-        if self._asked is None:
+        if self._inner_candidate is None:
             raise OptimizerError("a stage was told without a candidate")
-        self._tell(self._asked, evaluation)
+        self._tell(self._inner_candidate, evaluation)
         self._done += 1
 
-    def _tell(self, asked: Candidate, evaluation: Evaluation) -> None:
+    def _tell(self, candidate: Candidate, evaluation: Evaluation) -> None:
         """Passes an evaluation on to the stage's search, with the stage's score as its loss."""
         value = self._stage.value(evaluation)
-        lost = not np.isfinite(value)
+        failed = not np.isfinite(value)
         if self._inner is not None:
-            self._inner.tell(Evaluation(asked, evaluation.loss if lost else value, lost, evaluation.detail))
-        if not lost and (self._best is None or value < self._best[0]):
+            self._inner.tell(Evaluation(candidate, evaluation.loss if failed else value, failed, evaluation.detail))
+        if not failed and (self._best is None or value < self._best[0]):
             self._best = (value, evaluation)
 
     def _finish(self) -> None:
@@ -212,7 +212,7 @@ class Staged(Optimizer):
             self._at_point = self._best[1]
             self._point = cube_point(self._at_point.candidate.point)
         self._number, self._done = self._number + 1, 0
-        self._inner = self._asked = self._best = None
+        self._inner = self._inner_candidate = self._best = None
 
 
 def _counts(shares: Sequence[float], total: int) -> tuple[int, ...]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import AdvisorError
 from swim2real.optimizers import Evaluation
-from swim2real.optimizers.linear_model import box_step, updated
+from swim2real.optimizers.least_squares import box_step, updated
 
 Array = NDArray[np.float64]
 
