@@ -15,7 +15,7 @@ from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
 from swim2real.advisor.vlm.transcript import Call, Incumbent, Transcript
 from swim2real.cli import main
 from swim2real.report.page import content
-from swim2real.report.reading import read_run
+from swim2real.report.run import read_run
 from swim2real.report.units import count, dollars, duration, listed, shortened
 from swim2real.robots.fish import FISH
 from vlm_server import replies
@@ -124,7 +124,7 @@ def test_another_model_than_the_one_asked_is_a_warning(run: VlmRun) -> None:
         "some-model alone.",
     )
     assert [row.other for row in section.rows] == [False, False, False, False, True, False]  # a date is no difference
-    assert [one.asked.instead for one in rounds_of(run)] == ["", "", "some-model", ""]
+    assert [one.consultation.instead for one in rounds_of(run)] == ["", "", "some-model", ""]
     assert "other-model-9 (some-model was asked)" in visible(page_of(run))
 
 
@@ -142,11 +142,11 @@ def test_nothing_is_claimed_about_what_nobody_knows(tmp_path: Path) -> None:
 
 def test_rounds_tell_what_they_took_and_what_was_put_right(run: VlmRun) -> None:
     first, second, *_ = rounds_of(run)
-    assert first.asked.took == ("call 1", "32,000 tokens in, 1,500 out", "0.25 USD", "1 min 15 s")
-    assert first.asked.mended == ()
+    assert first.consultation.took == ("call 1", "32,000 tokens in, 1,500 out", "0.25 USD", "1 min 15 s")
+    assert first.consultation.mended == ()
     assert first.notes == ()
-    assert second.asked.took[0] == "calls 2 and 3"
-    assert second.asked.mended == (
+    assert second.consultation.took[0] == "calls 2 and 3"
+    assert second.consultation.mended == (
         ("clipped", "arm 0.2 → 0.06 m"),
         ("clipped", "drag −3 → 0"),
         ("ignored", "fin (no parameter of this name)"),
@@ -163,13 +163,13 @@ def test_odd_notes_are_left_out(run: VlmRun) -> None:
     }  # fmt: skip
     run.tell(5, 0.2, **(notes([6]) | odd))
     last = rounds_of(run)[-1]
-    assert last.asked.mended == last.asked.took == ()
+    assert last.consultation.mended == last.consultation.took == ()
     assert last.notes == (("own", "0.5"),)
     page_of(run)
 
 
 def test_pictures_of_the_first_and_the_last_accepted_round_are_on_the_page(run: VlmRun) -> None:
-    first, second, third, fourth = (one.asked for one in rounds_of(run))
+    first, second, third, fourth = (one.consultation for one in rounds_of(run))
     assert [one.label[:7] for one in first.pictures] == ["Trial a", "Trial b"]
     assert [one.label[:7] for one in third.pictures] == ["Trial e", "Trial f"]
     assert first.pictures[0].brief == "Trial a, 1.00 Hz"
@@ -200,16 +200,16 @@ def test_large_pictures_are_named_instead(tmp_path: Path) -> None:
         run.ask(number, "used", *(picture(f"{name}{number}", 220_000) for name in "abcd"))
         run.tell(number, 0.3 - 0.05 * number, **notes([number]))
     for one in rounds_of(run):
-        assert (len(one.asked.pictures), len(one.asked.files)) == (2, 2)
+        assert (len(one.consultation.pictures), len(one.consultation.files)) == (2, 2)
     assert len(page_of(run)) < 7e6
 
 
 def test_a_file_that_is_not_what_was_shown_is_not_on_the_page(run: VlmRun) -> None:
-    first = rounds_of(run)[0].asked
+    first = rounds_of(run)[0].consultation
     (run.path / first.pictures[0].path).write_bytes(PIXEL)
     (run.path / first.pictures[1].path).unlink()
     (run.path / first.files[0].path).unlink()
-    again = rounds_of(run)[0].asked
+    again = rounds_of(run)[0].consultation
     assert again.pictures == ()
     assert [one.problem for one in again.files] == [
         "the file has changed since it was shown", "the file is missing", "the file is missing",

@@ -14,8 +14,8 @@ from swim2real.comparison.statistics import method_statistics
 from swim2real.errors import RunError
 from swim2real.objective import ComparedTrial, Comparison
 from swim2real.report import paper_figures
-from swim2real.report.chronophotography import moments, outline
-from swim2real.report.comparison_charts import convergence, line_search, velocity
+from swim2real.report.chronophotography import chronophotography, moments, outline
+from swim2real.report.comparison_charts import convergence, line_search, strip, velocity
 from swim2real.report.paper_figures import write_figures
 from swim2real.report.style import COLORS, VARIABLES, legend_columns, method_styles, paper_style
 
@@ -44,25 +44,36 @@ def put_swims(folder: Path, results: ComparisonResults) -> None:
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory) -> tuple[Path, list[Path]]:
+    """Two figures as files, of a column and of both."""
     folder = tmp_path_factory.mktemp("comparison")
     put_swims(folder, two_methods())
-    return folder, write_figures(two_methods(), folder)
+    methods, styles = method_statistics(two_methods(), "aligned"), method_styles(["good", "bad"])
+    with paper_style():
+        paths = paper_figures._save(strip(methods, styles), folder, "strip")
+        paths += paper_figures._save(chronophotography(methods, styles, folder), folder, "bodies")
+    return folder, paths
 
 
-def test_every_figure_is_there_as_vector_and_as_pixels(written) -> None:
-    folder, paths = written
+def test_figures_are_written_as_vectors_and_as_pixels(written) -> None:
+    names = [path.name for path in written[1]]
+    assert names == [f"{name}.{kind}" for name in ("strip", "bodies") for kind in ("pdf", "svg", "png")]
+    assert all(path.stat().st_size > 5000 for path in written[1])
+
+
+def test_every_figure_is_there(unsaved: None, tmp_path: Path) -> None:
+    put_swims(tmp_path, two_methods())
     names = ("convergence", "strip", "velocity", "line-search", "markers", "chronophotography")
-    assert {p.relative_to(folder).as_posix() for p in paths} == {
-        f"figures/{name}-aligned.{kind}" for name in names for kind in ("pdf", "svg", "png")
-    }
-    assert all(path.stat().st_size > 5000 for path in paths)
+    assert [path.stem for path in write_figures(two_methods(), tmp_path)] == [f"{name}-aligned" for name in names]
 
 
 @pytest.mark.slow
-def test_the_same_results_give_the_same_files(written, tmp_path: Path) -> None:
-    paths = written[1]
-    put_swims(tmp_path, two_methods())
-    for first, second in zip(paths, write_figures(two_methods(), tmp_path), strict=True):
+def test_the_same_results_give_the_same_files(tmp_path: Path) -> None:
+    both = []
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        put_swims(tmp_path / name, two_methods())
+        both.append(write_figures(two_methods(), tmp_path / name))
+    for first, second in zip(*both, strict=True):
         assert first.read_bytes() == second.read_bytes(), first.name
 
 

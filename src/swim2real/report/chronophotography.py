@@ -32,7 +32,7 @@ class Lane:
 
     Attributes:
         label: What swims there.
-        color: Of the body.
+        color: Color of the body.
         bodies: Positions on the water at each moment, NaN where not seen [m]. Shape (3, M, 2).
     """
 
@@ -51,9 +51,9 @@ def chronophotography(
 
     Args:
         methods: Under one protocol.
-        styles: By method.
-        folder: Of the comparison.
-        trial: Its name; None takes the one with the middle frequency.
+        styles: Looks by method.
+        folder: Folder of the comparison.
+        trial: Name of the trial; None takes the one with the middle frequency.
 
     Raises:
         RunError: A run has no swims, or none of this name.
@@ -106,12 +106,14 @@ def moments(swim: ComparedTrial, positions: Array, progress: Array | None, frame
     """The body at some frames, swimming to the right from where it was at the first of them [m]. Shape (n, M, 2).
 
     Args:
-        swim: Whose weights count.
-        positions: Body frame [m]. Shape (T, M, 2).
-        progress: [m]. Shape (T,).
+        swim: The trial whose weights count.
+        positions: Positions in the body frame [m]. Shape (T, M, 2).
+        progress: How far the body has come [m]; None where that isn't scored. Shape (T,).
         frames: Indices, n of them.
         seen: Whether markers that tracking lost are left out, as NaN.
     """
+    if progress is None:
+        raise RunError(f"trial '{swim.name}' isn't scored by how far the robot has come")
     picked = list(frames)
     bodies = positions[picked].copy()
     if seen:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from swim2real.report.run import Json, ReportedRun
-from swim2real.report.units import NOTHING, mm, percent
+from swim2real.report.units import NOTHING, mm, percent, significant, text
+from swim2real.robots.robot import Sensor
 
-_AFTER_ALIGNMENT = (
-    "Mean distance between simulated and real markers once phase and placement of the markers are accounted for"
-)
+_SENSOR = "sensor_errors"
+_LARGE = ("loss", "aligned_marker_error", "shape_error", "velocity_error")
 
 
 @dataclass(frozen=True)
@@ -51,75 +53,70 @@ class SplitRow:
 
 
 def tiles(run: ReportedRun) -> tuple[Tile, ...]:
-    """The large numbers; the loss first."""
-    chosen = [
-        ("Aligned marker error", "aligned_marker_error", "mm", _AFTER_ALIGNMENT + "."),
-        ("Shape error", "shape_error", "mm", "The part of it that is body shape alone."),
-        ("Velocity error", "velocity_error", "mm/s", "Mean difference between simulated and real forward speed."),
-    ]
-    if run.paper_protocol:
-        meaning = "Mean distance without any alignment (the paper's Eq. 1); this run minimized it."
-        chosen.insert(0, ("Marker error", "marker_error", "mm", meaning))
-    first = run.first["evidence"]
+    """The large numbers; what is minimized first."""
+    paper = run.settings.get("protocol") == "paper"
+    rows = [row for row in split(run) if row.name in _LARGE or row.name.startswith(_SENSOR)]
+    minimized = [row for row in split(run) if row.name == "marker_error" and paper]
     return tuple(
-        Tile(
-            label,
-            with_unit(run.fit, name, unit),
-            with_unit(first, name, unit),
-            "" if run.held_out is None else with_unit(run.held_out, name, unit),
-            meaning,
-        )
-        for label, name, unit, meaning in chosen
+        Tile(row.label, row.cells[1], row.cells[0], "".join(row.cells[2:]), row.meaning) for row in [*minimized, *rows]
     )
 
 
 def split(run: ReportedRun) -> tuple[SplitRow, ...]:
-    """The lines of the small table."""
+    """The lines of the small table: of the figures that the trials have."""
     columns: list[Json] = [run.first["evidence"], run.fit]
     if run.held_out is not None:
         columns.append(run.held_out)
+    rows: list[SplitRow] = []
 
-    def lengths(name: str, unit: str = "mm") -> tuple[str, ...]:
-        return tuple(with_unit(figures, name, unit) for figures in columns)
+    def add(label: str, name: str, shown: Callable[[Json], str], meaning: str, main: bool = False) -> None:
+        rows.append(SplitRow(label, name, tuple(shown(figures) for figures in columns), meaning, main))
 
-    lost = tuple(_lost(figures) for figures in columns)
-    left_out = tuple(percent(figures.get("left_out_share")) for figures in columns)
-    return (
-        SplitRow(
-            "Aligned marker error", "aligned_marker_error", lengths("aligned_marker_error"),
-            f"{_AFTER_ALIGNMENT}: shape and thrust together.", True,
-        ),
-        SplitRow(
-            "Shape", "shape_error", lengths("shape_error"),
-            "How the body bends: the same without how far the fish has come.",
-        ),
-        SplitRow(
-            "Thrust", "progress_error", lengths("progress_error"),
-            "How far the fish has come along its path: mean difference over the compared time.",
-        ),
-        SplitRow(
-            "Speed", "velocity_error", lengths("velocity_error", "mm/s"),
-            "Mean difference in forward speed, over whole trials.",
-        ),
-        SplitRow(
-            "Registration", "static_offset", lengths("static_offset"),
-            "Markers are placed by hand: mean constant shift of a marker against its place in the simulation. "
-            "Reported, not counted above.",
-        ),
-        SplitRow(
-            "Lost tracks", "unweighted_error − aligned_marker_error", lost,
-            "How the aligned error would change if frames in which tracking lost a marker counted too.",
-        ),
-        SplitRow(
-            "Left out", "left_out_share", left_out,
-            "Share of marker positions that don't count because tracking lost the marker.",
-        ),
-        SplitRow(
-            "Marker error, the paper's Eq. 1", "marker_error", lengths("marker_error"),
-            "Mean distance over all markers and frames, no registration, nothing left out; only start and heading are "
-            "removed.", True,
-        ),
+    def add_length(label: str, name: str, meaning: str, unit: str = "mm", main: bool = False) -> None:
+        if run.has(name):
+            add(label, name, lambda figures: with_unit(figures, name, unit), meaning, main)
+
+    trials = run.robot.trials
+    if trials.sensors:
+        meaning = "The marker error, and what the errors of the sensors count as; this is minimized."
+        add_length("Playback error", "loss", meaning, main=True)
+    label = "Aligned marker error" if run.registered else "Marker error"
+    add_length(label, "aligned_marker_error", _meaning(run), main=True)
+    if run.has_progress:
+        add_length("Shape", "shape_error", "How the body bends: the same without how far it has come.")
+        add_length(
+            "Progress", "progress_error",
+            "How far it has come along its line of travel, which thrust and drag explain: mean difference over the "
+            "compared time.",
+        )  # fmt: skip
+    for sensor in trials.sensors:
+        counts = f"An error of 1 {sensor.unit} counts as {significant(1e3 * sensor.meters_per_unit)} mm."
+        meaning = f"Mean difference of the readings. {counts}"
+        add(f"Sensor {sensor.name}", f"{_SENSOR}.{sensor.name}", _reading(sensor), meaning)
+    add_length("Speed", "velocity_error", "Mean difference in speed along the line of travel.", "mm/s")
+    if run.has("heading_error"):
+        meaning = "Mean difference in the turn since the first frame. Reported, not counted above."
+        add("Heading", "heading_error", _heading, meaning)
+    add_length(
+        "Registration", "static_offset",
+        "Markers are placed by hand: mean constant shift of a marker against its place in the simulation. Reported, "
+        "not counted above.",
     )  # fmt: skip
+    if run.has("unweighted_error"):
+        add(
+            "Lost tracks", "unweighted_error − aligned_marker_error", _lost,
+            "How the error would change if frames in which tracking lost a marker counted too.",
+        )  # fmt: skip
+    add(
+        "Left out", "left_out_share", lambda figures: percent(figures.get("left_out_share")),
+        "Share of marker positions that don't count because tracking lost the marker.",
+    )  # fmt: skip
+    add_length(
+        "Marker error, the paper's Eq. 1", "marker_error",
+        "Mean distance over all markers and frames, no registration, nothing left out; only start and heading are "
+        "removed.", main=True,
+    )  # fmt: skip
+    return tuple(rows)
 
 
 def diverged(figures: Json) -> bool:
@@ -135,8 +132,39 @@ def with_unit(figures: Json, name: str, unit: str) -> str:
     return shown if shown == NOTHING else f"{shown} {unit}"
 
 
+def _meaning(run: ReportedRun) -> str:
+    """What the error of the markers is, in a sentence."""
+    if run.registered:
+        return (
+            "Mean distance between simulated and real markers once phase and placement of the markers are accounted "
+            "for: shape and progress together."
+        )
+    meaning = "Mean distance between simulated and real markers at the same times"
+    if run.robot.trials.frame is not None:
+        names = " and ".join(run.marker_names[marker] for marker in run.robot.trials.frame)
+        meaning += f", in the frame of {names}{', with the difference in how far they have come' * run.has_progress}"
+    return f"{meaning}."
+
+
 def _lost(figures: Json) -> str:
     counted, unweighted = figures.get("aligned_marker_error"), figures.get("unweighted_error")
     if counted is None or unweighted is None or diverged(figures):
         return NOTHING
     return f"{mm(unweighted - counted, signed=True)} mm"
+
+
+def _reading(sensor: Sensor) -> Callable[[Json], str]:
+    def shown(figures: Json) -> str:
+        if diverged(figures):
+            return "diverged"
+        value = significant((figures.get(_SENSOR) or {}).get(sensor.name))
+        return value if value == NOTHING else f"{value} {sensor.unit}"
+
+    return shown
+
+
+def _heading(figures: Json) -> str:
+    if diverged(figures):
+        return "diverged"
+    value = text(figures.get("heading_error"), 1, 180 / math.pi)
+    return value if value == NOTHING else f"{value}°"

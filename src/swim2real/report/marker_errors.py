@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.objective import ComparedTrial
 from swim2real.report.run import ReportedRun, ReportedTrial
 from swim2real.report.units import mm
 
@@ -55,60 +54,57 @@ class MarkerErrors:
         )
 
 
-def by_trial(run: ReportedRun, key: str, label: str, note: str, row: Callable[[ReportedTrial], Array]) -> MarkerErrors:
-    """One kind of error; trials that diverged are left out.
+def marker_errors(run: ReportedRun) -> tuple[MarkerErrors, ...]:
+    """The errors of each marker that the trials have, and what they may be made of."""
+    if not any(not trial.diverged for trial in run.trials) or not run.marker_names:
+        return ()
+    count = len(run.marker_names)
 
-    Args:
-        run: As reported.
-        key: As in `MarkerErrors`, like label and note.
-        label: Likewise.
-        note: Likewise.
-        row: A trial's errors [m]. Shape (M,).
-    """
+    def offset(trial: ReportedTrial) -> Array:
+        vectors = np.array(trial.figures.get("offset") or [[None, None]] * count, dtype=float)
+        return np.linalg.norm(vectors, axis=1)
+
+    def amplitude(trial: ReportedTrial) -> Array:
+        real, simulated = (_stored(f"amplitude_{kind}", count)(trial) for kind in ("real", "simulated"))
+        return np.abs(simulated - real)
+
+    kinds: list[MarkerErrors] = []
+    if run.registered:
+        note = "Shape and progress: a part that is equal for all markers is progress."
+        kinds.append(_by_trial(run, "aligned", "Aligned error", note, _stored("aligned_marker_errors", count)))
+    else:
+        note = "Mean distance at the same times."
+        kinds.append(_by_trial(run, "aligned", "Marker error", note, _stored("aligned_marker_errors", count)))
+    if run.has_progress and run.has("shape_marker_errors"):
+        note = "How the body bends, without how far it has come."
+        kinds.append(_by_trial(run, "shape", "Shape error", note, _stored("shape_marker_errors", count)))
+    if run.has("marker_errors"):
+        note = "Before any alignment: it also holds placement of the markers and lost tracks."
+        label = "Marker error (the paper's Eq. 1)"
+        kinds.append(_by_trial(run, "marker", label, note, _stored("marker_errors", count)))
+    if run.has("offset"):
+        note = "What stays of it in the mean over time: a marker in another place, or a pose that sags."
+        kinds.append(_by_trial(run, "offset", "Constant offset", note, offset))
+    if run.has("amplitude_real"):
+        note = "By how much it moves more or less, as a standard deviation along the line that it moves along."
+        kinds.append(_by_trial(run, "amplitude", "Difference in amplitude", note, amplitude))
+    return tuple(kinds)
+
+
+def _by_trial(run: ReportedRun, key: str, label: str, note: str, row: Callable[[ReportedTrial], Array]) -> MarkerErrors:
+    """One kind of error; trials that diverged are left out. `row` gives a trial's errors [m], shape (M,)."""
     trials = [trial for trial in run.trials if not trial.diverged]
     values = np.array([row(trial) for trial in trials], dtype=float).reshape(len(trials), len(run.marker_names))
     return MarkerErrors(key, label, note, tuple(t.name for t in trials), tuple(t.held_out for t in trials), values)
 
 
-def stored(run: ReportedRun, figure: str) -> Callable[[ReportedTrial], Array]:
+def _stored(figure: str, count: int) -> Callable[[ReportedTrial], Array]:
     """What an evaluation's evidence holds of each marker, NaN where it holds nothing."""
-    count = len(run.marker_names)
 
     def row(trial: ReportedTrial) -> Array:
-        found = np.full(count, np.nan)
+        values = np.full(count, np.nan)
         for i, value in enumerate((trial.figures.get(figure) or [])[:count]):
-            found[i] = np.nan if value is None else value
-        return found
+            values[i] = np.nan if value is None else value
+        return values
 
     return row
-
-
-def marker_errors(run: ReportedRun, swims: Sequence[ComparedTrial]) -> tuple[MarkerErrors, ...]:
-    """Of swims: aligned, shape (only when the swims are there) and plain marker errors."""
-    trials = [trial for trial in run.trials if not trial.diverged]
-    if not trials or not run.marker_names:
-        return ()
-    by_name = {swim.name: swim for swim in swims}
-    aligned_note = "Shape and thrust: a part that is equal for all markers is thrust."
-    marker_note = "Before any alignment: it also holds placement of the markers and lost tracks."
-    found = [
-        by_trial(run, "aligned", "Aligned error", aligned_note, stored(run, "aligned_marker_errors")),
-        by_trial(run, "marker", "Marker error (the paper's Eq. 1)", marker_note, stored(run, "marker_errors")),
-    ]
-    if all(trial.name in by_name for trial in trials):
-        shape_note = "How the body bends, without how far it has come."
-        shape = by_trial(run, "shape", "Shape error", shape_note, lambda trial: shape_errors(by_name[trial.name]))
-        found.insert(1, shape)
-    return tuple(found)
-
-
-def shape_errors(swim: ComparedTrial) -> Array:
-    """Weighted mean distance in the body frame after registration [m]. Shape (M,).
-
-    NaN for a marker that never counts.
-    """
-    counts = (swim.weights > 0) & np.isfinite(swim.real).all(axis=2)
-    weights = np.where(counts, swim.weights, 0.0)
-    lengths = np.linalg.norm(np.where(counts[..., None], swim.simulated + swim.registration - swim.real, 0.0), axis=2)
-    total = weights.sum(axis=0)
-    return np.where(total > 0, (weights * lengths).sum(axis=0) / np.where(total > 0, total, 1.0), np.nan)

@@ -18,14 +18,9 @@ from swim2real.report.units import mm, text
 _MOST_NUMBERS = 20  # evaluations that each have a number on the axis
 
 
-def convergence(run: ReportedRun, loss: str) -> Figure:
-    """Loss of each evaluation, the best so far, accepted rounds, and diverged simulations at the top.
-
-    Args:
-        run: As reported.
-        loss: What is minimized, in words.
-    """
-    figure, axes = new_chart(WIDE, 2.9, "evaluation", f"loss: {loss} (mm)", legend_rows=1)
+def convergence(run: ReportedRun) -> Figure:
+    """Loss of each evaluation, the best so far, accepted rounds, and diverged simulations at the top."""
+    figure, axes = new_chart(WIDE, 2.9, "evaluation", f"loss: {run.loss} (mm)", legend_rows=1)
     proper = [(i + 1, entry) for i, entry in enumerate(run.entries) if not entry["failed"]]
     top = 1.12 * max((1e3 * entry["loss"] for _, entry in proper), default=1e3)
     titled_points(

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from swim2real.objective import ComparedSensor, ComparedTrial
-from swim2real.report.style import LIGHT, THIRD, new_chart, titled
+from swim2real.report.style import LIGHT, new_chart, titled
 from swim2real.robots.robot import Robot
 
 Array = NDArray[np.float64]
@@ -20,12 +20,10 @@ T = TypeVar("T")
 
 MAX_TRIALS = 24  # drawn, so that the page stays of a size to send
 LEFT, RIGHT = 3.4, 5.0  # inches, of a wide chart's two columns
-_MAX_FRAMES = 480  # drawn of a swim
 _FRAMES_A_BEAT = 60
-_MAX_POINTS = 600  # of a line over time
+_MAX_POINTS = 480  # frames of a line
 _MAX_LOST = 250  # marker-frames drawn
-_MARGIN = 0.02  # m, around swims
-_SHARE = 0.1  # of the largest extent, around recordings
+_SHARE = 0.08  # of the largest extent, around what is drawn
 _FRAME_MARKERS = 2  # the first ones span the body frame and hardly move in it
 _NAME_SPACING = 45.0  # mm, between marker names that are drawn
 _NAME_ROOM = 26.0  # mm, above the paths
@@ -40,84 +38,98 @@ def drawn_trials(trials: Sequence[T]) -> tuple[T, ...]:
     return tuple(trials[i] for i in (round(k * (len(trials) - 1) / (MAX_TRIALS - 1)) for k in range(MAX_TRIALS)))
 
 
-def counted(swim: ComparedTrial) -> Mask:
+def counted(trial: ComparedTrial) -> Mask:
     """Marker-frames that count: tracked and seen. Shape (T, M)."""
-    return (swim.weights > 0) & np.isfinite(swim.real).all(axis=2)
+    return (trial.weights > 0) & np.isfinite(trial.real).all(axis=2)
 
 
-def drawn_frames(swim: ComparedTrial) -> slice:
-    """Frames to draw: all of a short swim, else about 60 a beat from the first frame on, at most 480."""
-    if len(swim.times) <= _MAX_FRAMES:
+def registered(trial: ComparedTrial) -> Array:
+    """Simulated positions, registered; NaN where the simulation diverged [m]. Shape (T, M, 2)."""
+    return trial.simulated + trial.registration + (np.nan if trial.divergence else 0.0)
+
+
+def drawn_frames(trial: ComparedTrial) -> slice:
+    """Frames to draw: all of a short trial; of a long one with a beat the first ones, else every so many."""
+    count = len(trial.times)
+    if count <= _MAX_POINTS:
         return slice(None)
-    steps = np.diff(swim.times)
-    spacing = float(np.median(steps)) if steps.size else 1.0
-    stride = max(1, int(1 / (max(swim.frequency or 0.0, 1e-3) * _FRAMES_A_BEAT * max(spacing, 1e-6))))
-    return slice(0, _MAX_FRAMES * stride, stride)
+    if trial.frequency is None:
+        return slice(None, None, -(-count // _MAX_POINTS))
+    spacing = float(np.median(np.diff(trial.times)))
+    stride = max(1, int(1 / (max(trial.frequency, 1e-3) * _FRAMES_A_BEAT * max(spacing, 1e-6))))
+    return slice(0, _MAX_POINTS * stride, stride)
 
 
-def swim_ranges(swims: Sequence[ComparedTrial], first: int = 0) -> tuple[Range, Range]:
-    """Ranges of x and y that hold what counts of all swims [mm], from a marker on, for the same scale everywhere."""
-    points: list[Array] = [np.zeros((0, 2))]
-    for swim in swims:
-        good = counted(swim)[:, first:]
-        points += [swim.real[:, first:][good], (swim.simulated + swim.registration)[:, first:][good]]
-    return _ranges(np.concatenate(points), _MARGIN)
+def common_ranges(trials: Sequence[ComparedTrial], shown: range | None = None) -> tuple[Range, Range]:
+    """Ranges along both axes that hold what is drawn of all trials [mm], for the same scale everywhere.
 
-
-def recording_ranges(trials: Sequence[ComparedTrial]) -> tuple[Range, Range]:
-    """Ranges along both axes that hold all that is drawn of all trials, for the same scale everywhere [mm]."""
+    Args:
+        trials: The trials.
+        shown: Indices of the markers that are drawn; None for all.
+    """
     points = [np.zeros((0, 2))]
     for trial in trials:
-        points += [trial.real[trial.weights > 0], trial.simulated[np.isfinite(trial.simulated).all(axis=2)]]
-    everything = np.concatenate(points)
-    extent = np.ptp(everything, axis=0).max() if len(everything) else 0.0
-    return _ranges(everything, _SHARE * float(extent))
+        markers = slice(None) if shown is None else slice(shown.start, shown.stop)
+        good, simulated = counted(trial)[:, markers], registered(trial)[:, markers]
+        points += [trial.real[:, markers][good], simulated[good if trial.frequency is not None else slice(None)]]
+    everything = np.concatenate([part.reshape(-1, 2) for part in points])
+    there = everything[np.isfinite(everything).all(axis=1)]
+    if not len(there):
+        return (0.0, 100.0), (-50.0, 50.0)
+    margin = _SHARE * float(np.ptp(there, axis=0).max())
+    low, high = (there.min(axis=0) - margin) * 1e3, (there.max(axis=0) + margin) * 1e3
+    return (round(float(low[0])), round(float(high[0]))), (round(float(low[1])), round(float(high[1])))
 
 
-def path_markers(markers: Sequence[str]) -> range:
-    """Indices of the markers whose paths are drawn: all but those that span the body frame."""
-    return range(_FRAME_MARKERS if len(markers) > _FRAME_MARKERS else 0, len(markers))
+def path_markers_of(trials: Sequence[ComparedTrial], names: Sequence[str]) -> range:
+    """Indices of the markers whose paths are drawn: with a beat not those that span the body frame, which are still."""
+    beat = any(trial.frequency is not None for trial in trials)
+    return range(_FRAME_MARKERS if beat and len(names) > _FRAME_MARKERS else 0, len(names))
 
 
-def axis_titles(robot: Robot) -> tuple[str, str]:
-    """What the frame of comparison is, in words."""
-    frame = robot.recordings.frame
-    if frame is None:
-        return f"{_AXES[robot.plane[0]]} (mm)", f"{_AXES[robot.plane[1]]} (mm)"
-    first, second = (robot.marker_names[marker] for marker in frame)
-    return f"from {first} toward {second} (mm)", "to the left of it (mm)"
+def paths(trial: ComparedTrial, markers: Sequence[str], robot: Robot, ranges: tuple[Range, Range]) -> Figure:
+    """Paths of the markers in the frame of comparison, the simulated ones registered.
 
-
-def swim_paths(swim: ComparedTrial, markers: Sequence[str], ranges: tuple[Range, Range]) -> Figure:
-    """Paths of the markers in the body frame, the simulated ones registered; lost marker-frames faint and hollow."""
+    Marker-frames that were lost are faint and hollow. Without a beat the links are drawn at some instants, the later
+    the stronger.
+    """
+    beat, shown = trial.frequency is not None, path_markers_of([trial], markers)
     across, (low, high) = ranges
-    figure, axes = _path_chart(
-        THIRD, across, (low, high + _NAME_ROOM), ("along the body, head to tail (mm)", "sideways (mm)")
-    )
-    frames, good, shown = drawn_frames(swim), counted(swim), path_markers(markers)
-    real = swim.real[frames, shown.start :]
+    figure, axes = _path_chart(LEFT, across, (low, high + _NAME_ROOM * beat), _axis_titles(trial, robot))
+    frames, good, simulated = drawn_frames(trial), counted(trial), registered(trial)
+    real = trial.real[frames, shown.start :]
     lost = real[~good[frames, shown.start :] & np.isfinite(real).all(axis=2)]
     if len(lost):
         lost = 1e3 * lost[:: -(-len(lost) // _MAX_LOST)]
         (marks,) = axes.plot(
-            *lost.T, "o", color=LIGHT["lost"], markersize=2.2, markerfacecolor="none", markeredgewidth=0.6
-        )
+            *lost.T, "o", color=LIGHT["lost"], markersize=2.2, markerfacecolor="none", markeredgewidth=0.6,
+            scalex=False, scaley=False,
+        )  # fmt: skip
         titled(marks, "lost by tracking, not counted")
-    everywhere = np.ones_like(good)
-    for kind, positions, where, width in (
-        ("real", swim.real, good, 0.6), ("simulated", swim.simulated + swim.registration, everywhere, 0.95)
-    ):  # fmt: skip
+    known = np.asarray(np.isfinite(simulated).all(axis=2))
+    for kind, positions, where, width in (("real", trial.real, good, 0.6), ("simulated", simulated, known, 0.95)):
         _draw_paths(axes, kind, positions[frames], where[frames], markers, shown, width)
-    _name_from_the_tail(axes, swim, good, markers, high)
+        if not beat:
+            for instant, opacity in zip(_instants(good, len(_OPACITIES)), _OPACITIES, strict=True):
+                _draw_links(axes, kind, positions[instant], where[instant], robot.links, opacity)
+    if beat:
+        _name_from_the_tail(axes, trial, good, markers, high)
+        return figure
+    for m, name in enumerate(markers):
+        if good[:, m].any():
+            last = 1e3 * trial.real[np.flatnonzero(good[:, m])[-1], m]
+            axes.annotate(
+                name, last, xytext=(3, 3), textcoords="offset points", fontsize=6.5, color=LIGHT["muted"], zorder=5
+            )
     return figure
 
 
-def envelope(swim: ComparedTrial, ranges: tuple[Range, Range]) -> Figure:
+def envelope(trial: ComparedTrial, ranges: tuple[Range, Range]) -> Figure:
     """Smallest and largest sideways position of every marker along the body, over the frames that count."""
     figure, axes = new_chart(LEFT, 2.2, "along the body, head to tail (mm)", "sideways (mm)")
-    good = counted(swim)
+    good = counted(trial)
     seen = np.flatnonzero(good.any(axis=0))
-    for kind, positions in (("simulated", swim.simulated + swim.registration), ("real", swim.real)):
+    for kind, positions in (("simulated", registered(trial)), ("real", trial.real)):
         if not np.isfinite(positions[good]).all():
             continue  # diverged
         places = [1e3 * positions[good[:, m], m] for m in seen]
@@ -131,41 +143,18 @@ def envelope(swim: ComparedTrial, ranges: tuple[Range, Range]) -> Figure:
     return figure
 
 
-def tail_tip(swim: ComparedTrial, markers: Sequence[str], ranges: tuple[Range, Range]) -> Figure:
+def tail_tip(trial: ComparedTrial, markers: Sequence[str], ranges: tuple[Range, Range]) -> Figure:
     """Sideways position of the rearmost marker that was tracked, over time."""
-    frames, good = drawn_frames(swim), counted(swim)
+    frames, good = drawn_frames(trial), counted(trial)
     seen = np.flatnonzero(good.any(axis=0))
     m = int(seen[-1]) if seen.size else len(markers) - 1
-    figure, axes = new_chart(RIGHT, 2.2, "time (s)", f"{markers[m]} sideways (mm)")
+    figure, axes = new_chart(RIGHT, 2.0, "time (s)", f"{markers[m]} sideways (mm)")
     for kind, positions, where in (
-        ("simulated", swim.simulated + swim.registration, np.ones_like(good)), ("real", swim.real, good)
+        ("simulated", registered(trial), np.ones_like(good)), ("real", trial.real, good)
     ):  # fmt: skip
         y = np.where(where[frames, m], 1e3 * positions[frames, m, 1], np.nan)
-        _draw_line(axes, swim.times[frames], y, LIGHT[kind], 1.1, kind)
+        _draw_line(axes, trial.times[frames], y, LIGHT[kind], 1.1, kind)
     axes.set_ylim(*ranges[1])
-    return figure
-
-
-def recording_paths(
-    trial: ComparedTrial, markers: Sequence[str], links: Sequence[tuple[int, int]],
-    ranges: tuple[Range, Range], titles: tuple[str, str],
-) -> Figure:  # fmt: skip
-    """Paths of the markers in the frame of comparison, and the links at some instants, the later the stronger."""
-    figure, axes = _path_chart(LEFT, *ranges, titles)
-    thin, good = _thinned(trial.times), trial.weights > 0
-    simulated = np.asarray(np.isfinite(trial.simulated).all(axis=2))
-    for kind, positions, where, width in (
-        ("real", trial.real, good, 0.6), ("simulated", trial.simulated, simulated, 0.95)
-    ):  # fmt: skip
-        _draw_paths(axes, kind, positions[thin], where[thin], markers, range(len(markers)), width)
-        for instant, opacity in zip(_instants(good, len(_OPACITIES)), _OPACITIES, strict=True):
-            _draw_links(axes, kind, positions[instant], where[instant], links, opacity)
-    for m, name in enumerate(markers):
-        if good[:, m].any():
-            last = 1e3 * trial.real[np.flatnonzero(good[:, m])[-1], m]
-            axes.annotate(
-                name, last, xytext=(3, 3), textcoords="offset points", fontsize=6.5, color=LIGHT["muted"], zorder=5
-            )
     return figure
 
 
@@ -185,7 +174,7 @@ def errors_over_time(trial: ComparedTrial, markers: Sequence[str]) -> Figure:
 
 def progress_over_time(trial: ComparedTrial) -> Figure:
     """How far it has come along the line of travel, over time."""
-    figure, axes = new_chart(RIGHT, 2.0, "time (s)", "way (mm)")
+    figure, axes = new_chart(RIGHT, 2.0, "time (s)", "progress (mm)")
     thin = _thinned(trial.times)
     for kind, progress in (("simulated", trial.progress_simulated), ("real", trial.progress_real)):
         if progress is not None:
@@ -200,6 +189,16 @@ def sensor_readings(sensor: ComparedSensor, unit: str) -> Figure:
     for kind, values in (("real", sensor.real), ("simulated", sensor.simulated)):
         _draw_line(axes, sensor.times[thin], values[thin], LIGHT[kind], 0.9, kind)
     return figure
+
+
+def _axis_titles(trial: ComparedTrial, robot: Robot) -> tuple[str, str]:
+    """What the frame of comparison is, in words."""
+    if trial.frequency is not None:
+        return "along the body, head to tail (mm)", "sideways (mm)"
+    if trial.frame is None:
+        return f"{_AXES[robot.plane[0]]} (mm)", f"{_AXES[robot.plane[1]]} (mm)"
+    first, second = (robot.marker_names[marker] for marker in trial.frame)
+    return f"from {first} toward {second} (mm)", "to the left of it (mm)"
 
 
 def _path_chart(width: float, across: Range, up: Range, titles: tuple[str, str]) -> tuple[Figure, Any]:
@@ -239,11 +238,11 @@ def _draw_links(
         )  # fmt: skip
 
 
-def _name_from_the_tail(axes: Any, swim: ComparedTrial, good: Mask, markers: Sequence[str], high: float) -> None:
+def _name_from_the_tail(axes: Any, trial: ComparedTrial, good: Mask, markers: Sequence[str], high: float) -> None:
     """Names of markers above their paths, left out where they would overlap; the rearmost one is always there."""
     placed: list[float] = []
-    for m in reversed(path_markers(markers)):
-        seen = swim.real[good[:, m], m, 0] if good[:, m].any() else (swim.simulated + swim.registration)[:, m, 0]
+    for m in reversed(path_markers_of([trial], markers)):
+        seen = trial.real[good[:, m], m, 0] if good[:, m].any() else registered(trial)[:, m, 0]
         x = 1e3 * float(seen.mean())
         if np.isfinite(x) and all(abs(x - other) >= _NAME_SPACING for other in placed):
             placed.append(x)
@@ -259,12 +258,3 @@ def _instants(good: Mask, count: int) -> list[int]:
     seen = good.sum(axis=1)
     whole = np.flatnonzero(seen >= np.median(seen))
     return [int(whole[np.abs(whole - wanted).argmin()]) for wanted in np.linspace(0, len(good) - 1, count)]
-
-
-def _ranges(points: Array, margin: float) -> tuple[Range, Range]:
-    """Ranges of x and y that hold all points (NaN where there is none) and a margin on each side [mm]."""
-    there = points[np.isfinite(points).all(axis=1)]
-    if not len(there):
-        return (0.0, 100.0), (-50.0, 50.0)
-    low, high = (there.min(axis=0) - margin) * 1e3, (there.max(axis=0) + margin) * 1e3
-    return (round(float(low[0])), round(float(high[0]))), (round(float(low[1])), round(float(high[1])))

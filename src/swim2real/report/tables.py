@@ -1,0 +1,226 @@
+"""Tables of a run's page: parameters within their bounds, trials and how well they are met, settings and versions."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, cast
+
+from swim2real.report.run import Json, ReportedRun, ReportedTrial
+from swim2real.report.units import NOTHING, degrees, mm, percent, significant, spread, text
+
+ON_BOUND = 0.01  # of the unit cube
+_LABELS = {
+    "robot": "Robot",
+    "robot_file": "Robot file",
+    "robot_fingerprint": "Robot fingerprint (sha256)",
+    "method": "Method",
+    "advisor": "Advisor",
+    "protocol": "Protocol",
+    "budget": "Budget (evaluations)",
+    "seed": "Seed",
+    "scale": "Scale of the search",
+    "early_stop": "Early stop of rejected steps",
+    "horizon": "Horizon (s compared of each trial)",
+    "hold_out": "Held-out trials",
+    "reference": "Reference",
+    "reference_fingerprint": "Reference fingerprint (sha256)",
+    "commit": "Commit",
+    "created": "Begun",
+}
+_APART = ("format", "engine", "versions")
+_UNUSED = {"playback": ("start",)}  # settings that mean nothing under a protocol
+_SHOWN_NUMBERS = 3
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One parameter, as texts.
+
+    Attributes:
+        name: Identifier.
+        unit: Empty for a pure number.
+        value: At the best parameters.
+        lower: Bound.
+        upper: Bound.
+        published: Value of the prior work.
+        meaning: In a sentence or two.
+        position: Within the bounds on the run's scale [%].
+        published_position: Position of the published value [%].
+        bound: `lower` or `upper` when it lies on that bound, else empty.
+        down: Change of the loss for a step down [mm], signed; empty when it wasn't determined.
+        up: Change of the loss for a step up [mm], signed; empty when it wasn't determined.
+        verdict: `identified`, `weak`, `not identified`, or empty.
+    """
+
+    name: str
+    unit: str
+    value: str
+    lower: str
+    upper: str
+    published: str
+    meaning: str
+    position: float
+    published_position: float
+    bound: str
+    down: str
+    up: str
+    verdict: str
+
+
+def parameter_rows(run: ReportedRun) -> tuple[ParameterRow, ...]:
+    """One row a parameter, in the order of the space."""
+    values: Json = run.best["values"]
+    published = {p.name: min(max(p.published, p.lower), p.upper) for p in run.space}
+    positions, published_positions = run.space.to_cube(values), run.space.to_cube(published)
+    rows: list[ParameterRow] = []
+    for i, p in enumerate(run.space):
+        position = float(positions[i])
+        effects: Json = run.sensitivity.get(p.name) or {}
+        rows.append(
+            ParameterRow(
+                name=p.name,
+                unit="" if p.unit == "-" else p.unit,
+                value=significant(values[p.name]),
+                lower=significant(p.lower),
+                upper=significant(p.upper),
+                published=significant(p.published),
+                meaning=p.meaning,
+                position=round(100 * position, 1),
+                published_position=round(100 * float(published_positions[i]), 1),
+                bound="lower" if position <= ON_BOUND else "upper" if position >= 1 - ON_BOUND else "",
+                down=_effect(effects, "lower"),
+                up=_effect(effects, "upper"),
+                verdict=str(effects.get("verdict") or ""),
+            )
+        )
+    return tuple(rows)
+
+
+def _effect(effects: Json, side: str) -> str:
+    return "" if not effects else NOTHING if effects.get(side) is None else mm(effects[side], 2, signed=True)
+
+
+@dataclass(frozen=True)
+class TrialRow:
+    """One trial, as texts.
+
+    Attributes:
+        name: Name of the trial.
+        held_out: Whether it was left out of the fit.
+        usable: False when its track should not be used as it is; None when that isn't known yet.
+        cells: One a column.
+        findings: What was found about lost tracks.
+        divergence: Why the simulation failed, or empty.
+    """
+
+    name: str
+    held_out: bool
+    usable: bool | None
+    cells: tuple[str, ...]
+    findings: tuple[str, ...]
+    divergence: str
+
+
+@dataclass(frozen=True)
+class TrialTable:
+    """All trials. `columns` are the headings of the cells, with units."""
+
+    columns: tuple[str, ...]
+    rows: tuple[TrialRow, ...]
+
+
+def trial_table(run: ReportedRun) -> TrialTable:
+    """One row a trial, by frequency and name; columns of what trials have."""
+    columns = _columns(run)
+    rows = [
+        TrialRow(
+            name=trial.name,
+            held_out=trial.held_out,
+            usable=trial.quality.get("usable"),
+            cells=tuple(cell(trial) for cell in columns.values()),
+            findings=tuple(str(finding) for finding in trial.quality.get("findings") or ()),
+            divergence=str(trial.figures.get("divergence") or ""),
+        )
+        for trial in run.trials
+    ]
+    return TrialTable(tuple(columns), tuple(rows))
+
+
+def _columns(run: ReportedRun) -> dict[str, Callable[[ReportedTrial], str]]:
+    def simulated(name: str) -> Callable[[ReportedTrial], str]:
+        return lambda trial: NOTHING if trial.diverged else mm(trial.figures.get(name))
+
+    def reading(name: str) -> Callable[[ReportedTrial], str]:
+        return lambda trial: significant((trial.figures.get("sensor_errors") or {}).get(name))
+
+    columns: dict[str, Callable[[ReportedTrial], str]] = {}
+    if any(trial.quality.get("duration") for trial in run.trials):
+        columns["Length (s)"] = lambda trial: text(trial.quality.get("duration"), 2)
+    if any(trial.quality.get("nominal_frequency") for trial in run.trials):
+        columns["Set frequency (Hz)"] = lambda trial: text(trial.quality.get("nominal_frequency"), 2)
+    if run.has_beat:
+        columns["Identified frequency (Hz)"] = _identified
+        columns["Motor angle at the first frame (°)"] = (
+            lambda trial: NOTHING if trial.diverged else degrees(trial.figures.get("phase"))
+        )  # fmt: skip
+    if run.has_progress:
+        columns["Real speed (mm/s)"] = lambda trial: mm(trial.figures.get("velocity_real"))
+        columns["Simulated speed (mm/s)"] = simulated("velocity_simulated")
+    if run.robot.trials.sensors:
+        columns["Playback error (mm)"] = simulated("loss")
+    columns[f"{'Aligned' if run.registered else 'Marker'} error (mm)"] = simulated("aligned_marker_error")
+    if run.has_progress:
+        columns["Shape (mm)"] = simulated("shape_error")
+    if run.has("marker_error"):
+        columns["Eq. 1 (mm)"] = simulated("marker_error")
+    columns |= {f"{sensor.name} ({sensor.unit})": reading(sensor.name) for sensor in run.robot.trials.sensors}
+    if run.has("heading_error"):
+        columns["Heading (°)"] = lambda trial: text(trial.figures.get("heading_error"), 1, 180 / math.pi)
+    columns["Left out"] = lambda trial: percent(trial.figures.get("left_out_share"))
+    return columns
+
+
+def _identified(trial: ReportedTrial) -> str:
+    identified = trial.quality.get("frequency")
+    if identified is None:
+        return text(trial.figures.get("frequency"), 3)
+    return spread(identified, trial.quality.get("frequency_std"))
+
+
+def settings_rows(run: ReportedRun) -> tuple[tuple[str, str], ...]:
+    """Every setting as label and text; those that this version doesn't know under their own names."""
+    known = [name for name in _LABELS if name in run.settings]
+    apart = (*_APART, *_UNUSED.get(str(run.settings.get("protocol")), ()))
+    others = [name for name in run.settings if name not in _LABELS and name not in apart]
+    rows = [(_LABELS.get(name, name), _text(run.settings[name])) for name in (*known, *others)]
+    return (
+        *rows,
+        *(_prefixed("Engine", run.settings.get("engine"))),
+        *_prefixed("Version", run.settings.get("versions")),
+    )
+
+
+def _prefixed(prefix: str, content: Any) -> list[tuple[str, str]]:
+    if not isinstance(content, dict):
+        return [] if content is None else [(prefix, _text(content))]
+    entries = cast(dict[str, Any], content)
+    return [(f"{prefix}: {name.replace('_', ' ')}", _text(value)) for name, value in entries.items()]
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        items = cast(list[Any], value)
+        if items and all(isinstance(one, float) for one in items):
+            shown = ", ".join(significant(one) for one in items[:_SHOWN_NUMBERS])
+            return shown if len(items) <= _SHOWN_NUMBERS else f"{shown}, … ({len(items)} numbers)"
+        return ", ".join(_text(one) for one in items) or "none"
+    if isinstance(value, dict):
+        return json.dumps(value, ensure_ascii=False)
+    return significant(value) if isinstance(value, float) else str(value)
