@@ -8,11 +8,11 @@ from pathlib import Path
 
 from swim2real.demo import film_swims
 from swim2real.errors import Swim2RealError
-from swim2real.pipeline import track_films
+from swim2real.pipeline import track_videos
 from swim2real.rendering.pool import Glare, PoolCamera
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrackingSettings
-from swim2real.tracking.camera import CameraFile, write_camera
+from swim2real.tracking.camera_file import CameraFile, write_camera
 
 
 def main(out: Path) -> None:
@@ -27,15 +27,15 @@ def main(out: Path) -> None:
     points = [video.with_suffix(".points.json") for video in videos]  # `swim2real pick` makes them of real videos
     settings = TrackingSettings(camera=out / "camera.json")
 
-    for result in track_films(videos, points, FISH, settings, out / "reference"):
+    for result in track_videos(videos, points, FISH, settings, out / "reference"):
         if isinstance(result, Swim2RealError):
             raise result
-        found = result.report
-        print(f"{result.name}: {1e3 * found['meters_per_pixel']:.4f} mm per pixel", end=", ")
-        print(f"known lengths disagree by {100 * found['scale_spread']:.1f} %")
-        for name, share in zip(FISH.marker_names, found["lost_share"], strict=True):
+        report = result.report
+        print(f"{result.name}: {1e3 * report.meters_per_pixel:.4f} mm per pixel", end=", ")
+        print(f"known lengths disagree by {100 * report.scale_spread:.1f} %")
+        for name, share in zip(FISH.marker_names, report.lost_share, strict=True):
             if share > 0:
-                print(f"{result.name}: {name} is lost in {100 * share:.0f} % of {found['frames']} frames")
+                print(f"{result.name}: {name} is lost in {100 * share:.0f} % of {report.frames} frames")
     print(f"overlays in {out / 'reference' / 'tracks'}")
 
 

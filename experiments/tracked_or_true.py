@@ -17,12 +17,12 @@ from swim2real.demo.example import CAMERA, hidden_values
 from swim2real.demo.films import PLACEMENT, SAMPLE_INTERVAL, TIMESTEP
 from swim2real.demo.synthetic import placed_by_hand, steady_swims, turned
 from swim2real.parameters import read_parameters
-from swim2real.pipeline import run, track_films
+from swim2real.pipeline import run, track_videos
 from swim2real.rendering.pool import film
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
-from swim2real.tracking.camera import CameraFile, write_camera
-from swim2real.tracking.picking import save_points
+from swim2real.tracking.camera_file import CameraFile, write_camera
+from swim2real.tracking.points import save_points
 from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
 
 FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75)  # Hz
@@ -55,7 +55,7 @@ def references(out):
     write_camera(out / "camera.json", CameraFile(camera_height=CAMERA.camera_height - float(FISH.marker_heights[0])))
     paths = [job[4] for job in jobs]
     settings = TrackingSettings(camera=out / "camera.json", overlay=False)
-    for result in track_films(paths, [p.with_suffix(".json") for p in paths], FISH, settings, out / "tracked"):
+    for result in track_videos(paths, [p.with_suffix(".json") for p in paths], FISH, settings, out / "tracked"):
         if isinstance(result, Exception):
             raise result
     return load_reference(out / "true"), load_reference(out / "tracked")

@@ -18,9 +18,10 @@ from swim2real.errors import TrackingError
 from swim2real.rendering.pool import Glare, PoolCamera, film, scene
 from swim2real.robots.fish import FISH
 from swim2real.tracking import check_track
-from swim2real.tracking.camera import CameraFile, write_camera
+from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.tracking.cleaning import fill_gaps
-from swim2real.tracking.picking import label_markers, save_points
+from swim2real.tracking.labeling import label_markers
+from swim2real.tracking.points import save_points
 from swim2real.trials import MarkerTrack, load_reference
 from swim2real.trials.pose_tables import read_dlc
 

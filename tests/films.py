@@ -11,8 +11,8 @@ from swim2real.demo import Camera
 from swim2real.demo.synthetic import turned
 from swim2real.rendering.pool import Filmed, PoolCamera, film
 from swim2real.robots.fish import FISH
-from swim2real.tracking.camera import CameraFile, write_camera
-from swim2real.tracking.picking import save_points
+from swim2real.tracking.camera_file import CameraFile, write_camera
+from swim2real.tracking.points import save_points
 from swim2real.trials import MarkerTrack, Trial
 
 FREQUENCY = 1.5  # Hz

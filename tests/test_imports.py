@@ -32,7 +32,7 @@ def test_trials_need_no_physics_engine():
 
 
 def test_videos_and_tracking_need_no_physics_engine():
-    assert "mujoco" not in loaded_by("import swim2real.video, swim2real.tracking.detector, swim2real.tracking.csrt")
+    assert "mujoco" not in loaded_by("import swim2real.video, swim2real.tracking.detection, swim2real.tracking.tracker")
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from swim2real.cli.film import import_tracks
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.robots.fish import FISH
 from swim2real.tracking import check_track
-from swim2real.tracking.camera import CameraFile, Length, write_camera
+from swim2real.tracking.camera_file import CameraFile, Length, write_camera
 from swim2real.trials import MarkerTrack, load_reference
 from swim2real.trials.pose_tables import write_dlc
 from swimmers import Swimmer

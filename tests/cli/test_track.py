@@ -15,7 +15,7 @@ from program import process
 
 from films import Shot, contents, named, parts, tables
 from swim2real.robots.fish import FISH
-from swim2real.tracking.camera import CameraFile, write_camera
+from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.trials import load_reference
 
 NAMES = FISH.marker_names

@@ -25,13 +25,13 @@ from swim2real.demo import (
 )  # fmt: skip
 from swim2real.demo import example as room
 from swim2real.errors import ArgumentError, RunError
-from swim2real.pipeline import Filmed, FrameProgress
+from swim2real.pipeline import FrameProgress, TrackedVideo
 from swim2real.rendering.pool import PoolCamera
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
 from swim2real.tracking import check_track
-from swim2real.tracking.camera import read_camera
-from swim2real.tracking.picking import load_points
+from swim2real.tracking.camera_file import read_camera
+from swim2real.tracking.points import load_points
 from swim2real.trials import Actuation, TrialSet, load_reference
 from swim2real.trials.pose_tables import read_dlc
 
@@ -145,7 +145,7 @@ class Heard:
 
     lines: list[str] = field(default_factory=list)
     frames: list[FrameProgress] = field(default_factory=list)
-    films: list[tuple[str, Filmed]] = field(default_factory=list)
+    films: list[tuple[str, TrackedVideo]] = field(default_factory=list)
 
     @property
     def callbacks(self) -> DemoCallbacks:
@@ -191,7 +191,7 @@ def test_the_demo_tells_what_it_does(short_demo):
         f"{videos / 'f1_50.mp4'}: filmed",
         "Tracking the markers",
     ]
-    assert [(name, result.again) for name, result in heard.films] == [("f0_75", False), ("f1_50", False)]
+    assert [(name, result.done_before) for name, result in heard.films] == [("f0_75", False), ("f1_50", False)]
     assert len(heard.frames) == 2 * 46
 
 
@@ -277,7 +277,7 @@ def test_an_interrupted_demo_goes_on_with_what_is_missing(short_demo, tmp_path):
     (out / "videos" / "part_f1_50.mp4.part").write_text("half")
     film_and_track(out, resume=True, callbacks=heard.callbacks, **SHORT)
     assert [line for line in heard.lines if "filmed" in line] == [f"{out / 'videos' / 'f1_50.mp4'}: filmed"]
-    assert [(name, result.again) for name, result in heard.films] == [("f0_75", True), ("f1_50", False)]
+    assert [(name, result.done_before) for name, result in heard.films] == [("f0_75", True), ("f1_50", False)]
     for folder in ("videos", "reference"):
         assert tables(out / folder) == tables(short_demo.out / folder)
     assert contents(out / "videos") == contents(short_demo.out / "videos")
@@ -291,7 +291,7 @@ def test_an_interrupted_demo_goes_on_with_what_is_missing(short_demo, tmp_path):
 def test_a_demo_that_is_done_is_only_read(short_demo):
     before, heard = contents(short_demo.out), Heard()
     film_and_track(short_demo.out, resume=True, callbacks=heard.callbacks, **SHORT)
-    assert [(name, result.again) for name, result in heard.films] == [("f0_75", True), ("f1_50", True)]
+    assert [(name, result.done_before) for name, result in heard.films] == [("f0_75", True), ("f1_50", True)]
     assert contents(short_demo.out) == before
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from swim2real.demo.lab import Lab, Take
 from swim2real.errors import ArgumentError, TrackingError, TrialError
-from swim2real.pipeline import track_film, track_films
+from swim2real.pipeline import track_video, track_videos
 from swim2real.rendering.pool import PoolCamera
 from swim2real.robots import robot_named
 from swim2real.settings import TrackingSettings
@@ -45,7 +45,7 @@ def films(tmp_path_factory) -> Path:
 def tracked(films, to, **options):
     settings = TrackingSettings(camera=films / "camera.json", overlay=False)
     tables = {kind: films / f"pull.{kind}.csv" for kind in ("controls", "sensors")}
-    return track_film(films / "pull.mp4", films / "pull.points.json", FINGER, settings, to, **{**tables, **options})
+    return track_video(films / "pull.mp4", films / "pull.points.json", FINGER, settings, to, **{**tables, **options})
 
 
 def test_it_holds_its_first_command_until_the_recording_begins():
@@ -95,17 +95,17 @@ def test_a_film_from_the_side_becomes_a_trial_with_its_tables(films, tmp_path):
     assert trial.sensors is not None
     np.testing.assert_array_equal(trial.controls.values, pull().controls.values)
     np.testing.assert_allclose(trial.sensors.values, truth.sensors.values)
-    assert found.report["usable"]
-    assert found.report["scales"].keys() == {"camera file's plane", "palm1–palm2"}
-    assert found.report["scale_spread"] < 0.02
+    assert found.report.usable
+    assert found.report.scales.keys() == {"camera file's plane", "palm1–palm2"}
+    assert found.report.scale_spread < 0.02
 
 
 def test_it_is_tracked_again_when_a_table_is_another(films, tmp_path):
-    assert not tracked(films, tmp_path / "trials").again
-    assert tracked(films, tmp_path / "trials").again
+    assert not tracked(films, tmp_path / "trials").done_before
+    assert tracked(films, tmp_path / "trials").done_before
     other = tmp_path / "other.csv"
     other.write_text("time_s,winch\n0,0.01\n", encoding="utf-8")
-    assert not tracked(films, tmp_path / "trials", controls=other).again
+    assert not tracked(films, tmp_path / "trials", controls=other).done_before
     (trial,) = load_reference(tmp_path / "trials")
     assert trial.controls.values.tolist() == [[0.01]]
 
@@ -120,7 +120,7 @@ def test_a_table_that_cant_be_read_stops_it_before_the_tracking(films, tmp_path)
 
 def test_markers_of_a_robot_that_bends_anyhow_are_picked(films, tmp_path):
     with pytest.raises(TrackingError) as caught:
-        track_film(films / "pull.mp4", None, FINGER, TrackingSettings(), tmp_path / "trials")
+        track_video(films / "pull.mp4", "auto", FINGER, TrackingSettings(), tmp_path / "trials")
     assert str(caught.value) == (
         "the markers of robot 'finger' can't be found by themselves: that takes a straight swimmer, and its trials are "
         "recordings; pick the points with `swim2real pick`"
@@ -129,7 +129,7 @@ def test_markers_of_a_robot_that_bends_anyhow_are_picked(films, tmp_path):
 
 def test_tables_are_one_for_each_video(films, tmp_path):
     with pytest.raises(ArgumentError, match="2 controls for 1 videos; give as many as videos"):
-        track_films(
-            [films / "pull.mp4"], [None], FINGER, TrackingSettings(), tmp_path,
+        track_videos(
+            [films / "pull.mp4"], ["auto"], FINGER, TrackingSettings(), tmp_path,
             controls=[films / "pull.controls.csv"] * 2,
         )  # fmt: skip

@@ -16,13 +16,13 @@ import pytest
 import swim2real
 from films import CAMERA, Shot, contents, named, parts, shoot, tables
 from swim2real.errors import ArgumentError, TrackingError, TrialError, VideoError
-from swim2real.pipeline import Filmed, track_film, track_films
+from swim2real.pipeline import TrackedVideo, track_video, track_videos
 from swim2real.rendering.pool import Glare
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrackingSettings
 from swim2real.tracking import check_track
-from swim2real.tracking.camera import CameraFile, Length, write_camera
-from swim2real.tracking.picking import save_points
+from swim2real.tracking.camera_file import CameraFile, Length, write_camera
+from swim2real.tracking.points import save_points
 from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.pose_tables import read_dlc
 from swim2real.video import VideoReader
@@ -31,10 +31,10 @@ NAMES = FISH.marker_names
 FAST = TrackingSettings(overlay=False)
 
 
-def tracked(shot: Shot, folder: Path, settings: TrackingSettings = FAST, **options) -> tuple[Trial, Filmed]:
+def tracked(shot: Shot, folder: Path, settings: TrackingSettings = FAST, **options) -> tuple[Trial, TrackedVideo]:
     """The trial that a film becomes, with what is known about the camera."""
     settings = replace(settings, camera=settings.camera or shot.camera)
-    found = track_film(shot.video, shot.points, FISH, settings, folder, **options)
+    found = track_video(shot.video, shot.points, FISH, settings, folder, **options)
     return load_reference(folder)[shot.name], found
 
 
@@ -114,7 +114,7 @@ def test_an_overlay_can_be_left_out(clip, tmp_path):
 
 
 def test_the_markers_may_be_found_without_points(clip, tmp_path):
-    trial, _ = tracked(replace(clip, points=None), tmp_path)
+    trial, _ = tracked(replace(clip, points="auto"), tmp_path)
     assert clip.errors(trial).max() < 2e-3
     report = json.loads((tmp_path / "tracks" / "f1_25.json").read_text())
     assert report["points_from"] == "auto"
@@ -130,13 +130,13 @@ def test_progress_is_told_after_every_frame(clip, tmp_path):
 
 
 def test_without_the_cameras_height_raised_markers_are_off_and_a_finding_says_so(clip, tmp_path):
-    found = track_film(clip.video, clip.points, FISH, FAST, tmp_path)
+    found = track_video(clip.video, clip.points, FISH, FAST, tmp_path)
     errors = clip.errors(load_reference(tmp_path)["f1_25"]).mean(axis=0)
     raised = FISH.marker_heights > FISH.marker_heights[0]
     known, _ = tracked(clip, tmp_path)
     corrected = clip.errors(known).mean(axis=0)
     assert (errors[raised] > 2 * corrected[raised]).all()
-    assert any("M2 and M8 stand up to 50 mm nearer to the camera than M0" in line for line in found.report["findings"])
+    assert any("M2 and M8 stand up to 50 mm nearer to the camera than M0" in line for line in found.report.findings)
 
 
 def test_a_known_length_sets_the_scale(clip, tmp_path):
@@ -151,7 +151,7 @@ def test_a_known_length_sets_the_scale(clip, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def glared(tmp_path_factory) -> tuple[Shot, Trial, Filmed]:
+def glared(tmp_path_factory) -> tuple[Shot, Trial, TrackedVideo]:
     """M4 and M5 are below glare for 0.3 s, M7 for two frames."""
     folder = tmp_path_factory.mktemp("glared")
     glares = (Glare(0.45, 0.75, over=(4, 5)), Glare(0.985, 1.05, over=(7,)))
@@ -178,7 +178,7 @@ def test_a_short_gap_is_filled_and_counts_as_lost(glared):
     assert (trial.track.confidence[gap, 7] == 0).all()
     quality = check_track(trial.track, FISH.rest_markers)
     assert quality.lost[gap, 7].all()
-    shares = found.report["filled_share"]
+    shares = found.report.filled_share
     assert shares[7] >= gap.mean() - 1e-9
     assert shares[4] < 0.1  # of a long gap nothing is
 
@@ -186,9 +186,9 @@ def test_a_short_gap_is_filled_and_counts_as_lost(glared):
 def test_the_report_tells_what_was_lost(glared):
     _, trial, found = glared
     quality = check_track(trial.track, FISH.rest_markers)
-    np.testing.assert_allclose(found.report["lost_share"], quality.lost_share, atol=1e-8)
-    assert not found.report["usable"]
-    assert {line[:13] for line in found.report["findings"]} >= {f"M{m} is lost in" for m in (4, 5, 7)}
+    np.testing.assert_allclose(found.report.lost_share, quality.lost_share, atol=1e-8)
+    assert not found.report.usable
+    assert {line[:13] for line in found.report.findings} >= {f"M{m} is lost in" for m in (4, 5, 7)}
 
 
 # other ways to track
@@ -210,8 +210,8 @@ def test_the_papers_tracker_goes_the_same_way(tmp_path):
     made = shoot(tmp_path, seconds=0.1)
     tracked(made, tmp_path / "reference")
     trial, found = tracked(made, tmp_path / "reference", replace(FAST, tracker="csrt"))
-    assert not found.again
-    assert found.report["tracker"] == "csrt"
+    assert not found.done_before
+    assert found.report.tracker == "csrt"
     assert "csrt tracker" in trial.provenance
     assert trial.track.frame_count == 4
     assert np.nanmax(made.errors(trial)[:, :4]) < 10e-3
@@ -250,8 +250,8 @@ def test_a_camera_that_was_held_upright_gives_the_same_track(tmp_path):
     held = shoot(tmp_path / "held", seconds=0.4, camera=camera, turn=np.pi / 2, rotation=90)
     _, first = tracked(plain, tmp_path / "one", TrackingSettings())
     trial, second = tracked(held, tmp_path / "other", TrackingSettings())
-    assert [r["rotation"] for r in (first.report, second.report)] == [0, 90]
-    assert [(r["width"], r["height"]) for r in (first.report, second.report)] == [(360, 640)] * 2
+    assert [r.rotation for r in (first.report, second.report)] == [0, 90]
+    assert [(r.width, r.height) for r in (first.report, second.report)] == [(360, 640)] * 2
     one, other = (pixels(tmp_path / folder, "f1_50") for folder in ("one", "other"))
     assert np.linalg.norm(one.positions - other.positions, axis=2).mean() < 0.2
     assert np.linalg.norm(one.positions - other.positions, axis=2).max() < 1
@@ -277,7 +277,7 @@ def test_a_video_that_was_cut_off_makes_a_shorter_trial_with_a_finding(shot, tmp
     cut.video.write_bytes(data[: int(0.6 * len(data))])
     trial, found = tracked(cut, tmp_path / "reference")
     assert 8 < trial.track.frame_count < 32
-    (line,) = [line for line in found.report["findings"] if "ends early" in line]
+    (line,) = [line for line in found.report.findings if "ends early" in line]
     assert line.startswith("the video ends early: the file says 37 frames, ")
     assert np.nanmax(shot.errors(trial)) < 3e-3
 
@@ -293,8 +293,8 @@ def test_a_film_that_is_done_isnt_tracked_again(shot, done):
     before, files = contents(done), stamps(done)
     seen = []
     _, found = tracked(shot, done, TrackingSettings(), on_progress=seen.append)
-    assert found.again
-    assert found.report == json.loads((done / "tracks" / "f1_50.json").read_text())
+    assert found.done_before
+    assert found.report.model_dump() == json.loads((done / "tracks" / "f1_50.json").read_text())
     assert seen == []
     assert (contents(done), stamps(done)) == (before, files)
 
@@ -310,7 +310,7 @@ def untouched(clip, tmp_path_factory) -> Path:
 def there(clip, untouched, tmp_path) -> Path:
     """A reference folder with a tracked film, to change."""
     folder = Path(shutil.copytree(untouched, tmp_path / "reference"))
-    assert tracked(clip, folder)[1].again
+    assert tracked(clip, folder)[1].done_before
     return folder
 
 
@@ -318,27 +318,27 @@ def test_other_points_track_again(clip, there, tmp_path):
     moved = tmp_path / "moved.json"
     save_points(moved, clip.filmed.truth.positions[0] + 0.5, NAMES, clip.video.name, 640, 360)
     _, found = tracked(replace(clip, points=moved), there)
-    assert not found.again
-    np.testing.assert_allclose(found.report["points"], clip.filmed.truth.positions[0] + 0.5, atol=1e-3)
+    assert not found.done_before
+    np.testing.assert_allclose(found.report.points, clip.filmed.truth.positions[0] + 0.5, atol=1e-3)
 
 
 @pytest.mark.parametrize("changes", [{"smooth": True}, {"overlay": True}], ids=["smooth", "overlay"])
 def test_other_settings_track_again(clip, there, changes):
     _, found = tracked(clip, there, replace(FAST, **changes))
-    assert not found.again
-    assert tracked(clip, there, replace(FAST, **changes))[1].again
+    assert not found.done_before
+    assert tracked(clip, there, replace(FAST, **changes))[1].done_before
 
 
 def test_another_camera_file_or_frequency_tracks_again(clip, there, tmp_path):
     write_camera(tmp_path / "camera.json", CameraFile(camera_height=3.0))
-    assert not tracked(clip, there, replace(FAST, camera=tmp_path / "camera.json"))[1].again
-    assert not tracked(clip, there, frequency=1.4)[1].again
+    assert not tracked(clip, there, replace(FAST, camera=tmp_path / "camera.json"))[1].done_before
+    assert not tracked(clip, there, frequency=1.4)[1].done_before
 
 
 def test_another_film_of_the_same_name_replaces_the_trial(clip, there, tmp_path):
     other = shoot(tmp_path / "other", "f1_25", seconds=0.1, seed=2)
     trial, found = tracked(other, there)
-    assert not found.again
+    assert not found.done_before
     assert trial.track.frame_count == 4
     assert len(load_reference(there)) == 1
 
@@ -348,14 +348,14 @@ def test_what_was_taken_away_is_made_again(clip, there, gone):
     """A process that is killed just before the last file is written leaves it away, too."""
     before = tables(there)
     (there / gone).unlink()
-    assert not tracked(clip, there)[1].again
+    assert not tracked(clip, there)[1].done_before
     assert tables(there) == before
 
 
 def test_a_damaged_report_is_made_again(clip, there):
     for content in ("[]", "{"):
         (there / "tracks" / "f1_25.json").write_text(content)
-        assert not tracked(clip, there)[1].again
+        assert not tracked(clip, there)[1].done_before
 
 
 def test_a_track_that_cant_be_replaced_stays(clip, there, tmp_path):
@@ -367,14 +367,14 @@ def test_a_track_that_cant_be_replaced_stays(clip, there, tmp_path):
     with pytest.raises(TrialError, match="'format' is missing"):
         tracked(replace(clip, points=moved), there)
     (there / "reference.json").write_bytes(index)
-    assert tracked(clip, there)[1].again
+    assert tracked(clip, there)[1].done_before
     assert tables(there) == before
 
 
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from swim2real.pipeline import track_film
+from swim2real.pipeline import track_video
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrackingSettings
 
@@ -383,7 +383,7 @@ def kill(progress):
         os.kill(os.getpid(), signal.SIGKILL)
 
 video, points, camera, folder = map(Path, sys.argv[1:])
-track_film(video, points, FISH, TrackingSettings(camera=camera), folder, on_progress=kill)
+track_video(video, points, FISH, TrackingSettings(camera=camera), folder, on_progress=kill)
 """
 
 
@@ -397,7 +397,7 @@ def test_a_process_that_is_killed_leaves_a_whole_reference_and_can_go_on(shot, u
     assert load_reference(folder).names == ("f1_25",)
     assert parts(folder) == ["tracks/f1_50.mp4.part"]
     trial, found = tracked(shot, folder, TrackingSettings())
-    assert not found.again
+    assert not found.done_before
     assert shot.errors(trial).max() < 2e-3
     assert parts(folder) == []
     assert tables(folder) == {**tables(untouched), **tables(done)}
@@ -420,7 +420,7 @@ def films(*shots: Shot, **options):
     settings = options.pop("settings", replace(FAST, camera=shots[0].camera))
     folder = options.pop("folder")
     points = options.pop("points", [shot.points for shot in shots])
-    return track_films([shot.video for shot in shots], points, FISH, settings, folder, **options)
+    return track_videos([shot.video for shot in shots], points, FISH, settings, folder, **options)
 
 
 @pytest.mark.slow
@@ -439,8 +439,8 @@ def test_one_and_two_processes_write_the_same_files_and_answer_in_the_order_of_t
         long, wrong, short = found
         assert isinstance(wrong, VideoError)
         assert str(bad.video) in str(wrong)
-        assert [one.report["frames"] for one in (long, short)] == [37, 7]
-        told[workers] = [{**one.report, "seconds": None} for one in (long, short)], str(wrong)
+        assert [one.report.frames for one in (long, short)] == [37, 7]
+        told[workers] = [{**result.report.model_dump(), "seconds": None} for result in (long, short)], str(wrong)
         reference = load_reference(folder)
         assert reference.names == ("f1_25", "f1_50")
         assert [trial.nominal_frequency for trial in reference] == [1.4, 1.5]
@@ -471,7 +471,7 @@ def test_videos_that_dont_fit_their_arguments_are_refused(clip, tmp_path, option
 
 def test_no_video_and_two_of_one_name_are_refused(clip, tmp_path):
     with pytest.raises(ArgumentError, match="no video was given"):
-        track_films([], [], FISH, FAST, tmp_path / "reference")
+        track_videos([], [], FISH, FAST, tmp_path / "reference")
     with pytest.raises(ArgumentError, match="two videos would make trial 'f1_25'; rename one"):
         films(clip, named(clip, tmp_path, "f1_25"), folder=tmp_path / "reference")
     assert not (tmp_path / "reference").exists()

@@ -9,19 +9,9 @@ from hypothesis import strategies as st
 
 from swim2real.errors import ArgumentError, MissingExtraError, TrackingError
 from swim2real.robots.fish import FISH
-from swim2real.tracking.camera import (
-    Camera,
-    CameraFile,
-    Length,
-    camera_for,
-    camera_from_board,
-    read_camera,
-    write_camera,
-)
-from swim2real.tracking.camera.lens import Lens
-from swim2real.tracking.camera.parallax import camera_height_seen
-from swim2real.tracking.camera.plane import fit_plane, local_scale, project
-from swim2real.tracking.camera.scale import Scale, common_scale
+from swim2real.tracking.camera import Camera, camera_for, camera_height_seen
+from swim2real.tracking.camera_file import CameraFile, Length, Lens, camera_from_board, read_camera, write_camera
+from swim2real.tracking.plane import Scale, common_scale, fit_plane, local_scale, project
 from swim2real.trials import MarkerTrack
 from swimmers import Swimmer
 
@@ -509,7 +499,7 @@ def test_a_camera_file_is_read(tmp_path):
     camera = read_camera(file_with(tmp_path))
     assert camera.camera_height == 2.0
     assert camera.principal_point.tolist() == [1919.5, 1079.5]
-    assert [(one.name, one.meters) for one in camera.lengths] == [("tape", 0.5), ("length 2", 1.0)]
+    assert [(length.name, length.meters) for length in camera.lengths] == [("tape", 0.5), ("length 2", 1.0)]
     assert camera.points[0].tolist() == [[0, 0], [100, 0], [100, 100], [0, 100]]
     assert camera.lens.distortion.tolist() == [0.1, 0, 0, 0]
     assert camera.homography is None
@@ -526,48 +516,42 @@ def test_what_was_written_is_read_again(tmp_path):
     assert refusal(write_camera, tmp_path / "nowhere" / "c.json", CameraFile()).startswith("can't write camera file")
 
 
-KEYS = "format, camera_height, principal_point, lengths, points, homography, lens"
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": 2}, ": format is 2; this version reads format 1"),
-        ({"height": 2}, f" has an unknown key 'height'; allowed are {KEYS}; did you mean 'camera_height'?"),
-        ({"zoom": 2}, f" has an unknown key 'zoom'; allowed are {KEYS}"),
-        ({"homography": np.eye(3).tolist()}, " has both points and a homography; keep one of them"),
-        ({"camera_height": -2}, ": camera_height is -2; it must be a number of m above 0"),
-        ({"camera_height": True}, ": camera_height is True; it must be a number of m above 0"),
-        ({"camera_height": float("inf")}, ": camera_height is inf; it must be a number of m above 0"),
-        ({"principal_point": [1, 2, 3]}, ": principal_point is [1, 2, 3]; it must be 2 finite numbers"),
-        ({"principal_point": [1, float("nan")]}, ": principal_point is [1, nan]; it must be 2 finite numbers"),
-        ({"points": ..., "homography": [[1, 2], [3, 4]]},
-         ": homography is [[1, 2], [3, 4]]; it must be 3 x 3 finite numbers"),
-        ({"points": ..., "homography": [[1, 2, 3]] * 3},
-         ": homography can't be inverted; it must map the picture to a plane"),
-        ({"points": FULL["points"][:3]}, ": points are 3; a plane needs at least 4"),
-        ({"points": 4}, ": points is 4; it must be a list"),
-        ({"points": [[1, 2]] * 4}, ": points[0] is [1, 2]; it must be an object with pixel, meters"),
-        ({"points": [{"pixel": [1, 2]}] * 4}, ": points[0] has no 'meters'; it needs pixel, meters"),
-        ({"points": [{"pixel": [1, "a"], "meters": [1, 2]}] * 4},
-         ": points[0]: pixel is [1, 'a']; it must be 2 finite numbers"),
-        ({"lengths": {}}, ": lengths is {}; it must be a list"),
-        ({"lengths": [{"pixels": [[1, 2], [1, 2]], "meters": 1}]},
-         ": lengths[0]: both ends are the same pixel; give the two ends of the length"),
-        ({"lengths": [{"pixels": [[1, 2], [1, 3]], "meters": 0}]},
-         ": lengths[0]: meters is 0; it must be a number of m above 0"),
-        ({"lengths": [{"pixels": [1, 2], "meters": 1}]},
-         ": lengths[0]: pixels is [1, 2]; it must be 2 x 2 finite numbers"),
-        ({"lens": {"distortion": [0, 0, 0, 0]}}, ": lens has no 'camera_matrix'; it needs camera_matrix, distortion"),
-        ({"lens": {**FULL["lens"], "distortion": [0, 0]}},
-         ": lens: distortion has 2 numbers; allowed are 4, 5, 8, 12, 14 (k1, k2, p1, p2, k3, …)"),
+        ({"format": 2}, "'format' is 2; it must be 1"),
+        ({"format": ...}, "'format' is missing"),
+        ({"height": 2}, "there is no 'height'; remove it or correct its name; did you mean 'camera_height'?"),
+        ({"zoom": 2}, "there is no 'zoom'; remove it"),
+        ({"homography": np.eye(3).tolist()}, "both points and a homography; keep one of them"),
+        ({"camera_height": -2}, "'camera_height' is -2; it must be above 0"),
+        ({"camera_height": True}, "'camera_height' is true; it must be a number"),
+        ({"camera_height": float("inf")}, "'camera_height' is Infinity; it must be finite"),
+        ({"principal_point": [1, 2, 3]}, "'principal_point' is [1, 2, 3]; it must have at most 2 entries"),
+        ({"principal_point": [1, float("nan")]}, "'principal_point[1]' is NaN; it must be finite"),
+        ({"points": ..., "homography": [[1, 2], [3, 4]]}, "'homography' is [[1, 2], [3, 4]]; it must have at least 3"),
+        ({"points": ..., "homography": [[1, 2, 3]] * 3}, "'homography': it can't be inverted"),
+        ({"points": ..., "homography": [[0, 0, 0]] * 3}, "'homography': it can't be inverted"),
+        ({"points": FULL["points"][:3]}, "it must have at least 4 entries"),
+        ({"points": 4}, "'points' is 4; it must be a list"),
+        ({"points": [[1, 2]] * 4}, "'points[0]' is [1, 2]"),
+        ({"points": [{"pixel": [1, 2]}] * 4}, "'points[0].meters' is missing"),
+        ({"points": [{"pixel": [1, "a"], "meters": [1, 2]}] * 4}, "'points[0].pixel[1]' is \"a\"; it must be a number"),
+        ({"lengths": {}}, "'lengths' is {}; it must be a list"),
+        ({"lengths": [{"pixels": [[1, 2], [1, 2]], "meters": 1}]}, "'lengths[0].pixels': both ends are the same pixel"),
+        ({"lengths": [{"pixels": [[1, 2], [1, 3]], "meters": 0}]}, "'lengths[0].meters' is 0; it must be above 0"),
+        ({"lengths": [{"pixels": [1, 2], "meters": 1}]}, "'lengths[0].pixels[0]' is 1; it must be a list"),
+        ({"lens": {"distortion": [0, 0, 0, 0]}}, "'lens.camera_matrix' is missing"),
+        ({"lens": {**FULL["lens"], "distortion": [0, 0]}}, "it has 2 numbers; allowed are 4, 5, 8, 12, 14"),
         ({"lens": {**FULL["lens"], "camera_matrix": np.zeros((3, 3)).tolist()}},
-         ": lens: camera_matrix must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], fx and fy above 0"),
+         "it must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], fx and fy above 0"),
     ],
 )  # fmt: skip
 def test_camera_files_that_cant_be_used_are_refused(tmp_path, changes, message):
     path = file_with(tmp_path, **changes)
-    assert refusal(read_camera, path) == f"camera file '{path}'{message}"
+    text = refusal(read_camera, path)
+    assert text.startswith(f"camera file '{path}': ")
+    assert message in text
 
 
 def test_a_camera_file_that_isnt_one_is_refused(tmp_path):
@@ -576,7 +560,7 @@ def test_a_camera_file_that_isnt_one_is_refused(tmp_path):
     path.write_text("{")
     assert refusal(read_camera, path).startswith(f"camera file '{path}' can't be read as JSON: ")
     path.write_text("[]")
-    assert refusal(read_camera, path) == f"camera file '{path}': format is 'list'; this version reads format 1"
+    assert refusal(read_camera, path).startswith(f"camera file '{path}': []")
 
 
 def test_a_lens_without_opencv_says_what_to_install(monkeypatch):

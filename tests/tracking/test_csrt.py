@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from swim2real.errors import ArgumentError
-from swim2real.tracking.csrt import CsrtTracker
+from swim2real.tracking.tracker import CsrtTracker
 
 START = np.array([[90.25, 60.5], [150.0, 64.75], [230.5, 70.0]])
 STEP = np.array([2.5, 1.25])
-MISSING = "from swim2real.errors import MissingExtraError\nfrom swim2real.tracking.csrt import CsrtTracker\n"
+MISSING = "from swim2real.errors import MissingExtraError\nfrom swim2real.tracking.tracker import CsrtTracker\n"
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +118,6 @@ def test_opencv_without_contrib(tmp_path):
 
 
 def test_opencv_is_imported_only_when_a_tracker_is_made():
-    code = "import sys\nimport swim2real.tracking.csrt\nprint('cv2' in sys.modules)"
+    code = "import sys\nimport swim2real.tracking.tracker\nprint('cv2' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.strip() == "False"

@@ -6,7 +6,7 @@ import pytest
 from swim2real.errors import TrackingError
 from swim2real.rendering.pool import PoolCamera, scene
 from swim2real.robots.fish import FISH
-from swim2real.tracking.detector import DetectionTracker
+from swim2real.tracking.detection import DetectionTracker
 from swimmers import Swimmer
 
 # one beat of the tail, from low in the picture to high and back

@@ -6,8 +6,8 @@ from scipy.ndimage import zoom
 
 from swim2real.errors import TrackingError
 from swim2real.robots.fish import FISH
-from swim2real.tracking.picking.candidates import Blobs, find_blobs
-from swim2real.tracking.picking.labeling import label_blobs, label_markers
+from swim2real.tracking.candidates import Blobs, find_blobs
+from swim2real.tracking.labeling import label_blobs, label_markers
 
 REST = FISH.rest_markers
 COUNT = len(REST)

@@ -22,7 +22,7 @@ from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import ProtocolName, Start
 from swim2real.simulation import ForwardModel, PlaybackSimulator, Simulator
-from swim2real.tracking import Beat, LostMarkers, TrackQuality, check_track, identify_beat, unseen
+from swim2real.tracking import Beat, LostMarkers, TrackQuality, check_confidence, check_track, identify_beat
 from swim2real.trials import Actuation, Trial, TrialSet
 
 Model = TypeVar("Model", bound=ForwardModel[Any])
@@ -226,7 +226,7 @@ class Playback(Protocol[PlaybackSimulator]):
     def _prepared(
         self, trial: Trial, robot: Robot, simulator: PlaybackSimulator, horizon: float | None
     ) -> PreparedTrial:
-        trials, lost, cut = robot.trials, unseen(trial.track), trial.cut(horizon)
+        trials, lost, cut = robot.trials, check_confidence(trial.track), trial.cut(horizon)
         weights = lost.weights[: cut.track.frame_count]
         scales = {sensor.name: sensor.meters_per_unit for sensor in trials.sensors}
         target = playback_target(cut, weights, trials.frame, trials.score_progress, scales)

@@ -18,7 +18,8 @@ from swim2real.settings import TrackingSettings
 if TYPE_CHECKING:
     from swim2real.calibration import Problem
     from swim2real.robots.robot import Robot
-    from swim2real.tracking.camera import Camera, CameraFile
+    from swim2real.tracking.camera import Camera
+    from swim2real.tracking.camera_file import CameraFile
     from swim2real.trials import MarkerTrack, TrialSet
 
 AUTO = "auto"
@@ -56,7 +57,7 @@ def pick(videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot
         raise ArgumentError(f"--out '{out}' is one page for {len(videos)} videos; leave it out")
     from swim2real.cli.tables import say
     from swim2real.robots import robot_named
-    from swim2real.tracking.picking import write_pick_page
+    from swim2real.tracking.points import write_pick_page
     from swim2real.video import first_frame
 
     body = robot_named(robot)
@@ -113,25 +114,25 @@ def track(
     finite_above_0("frequency", *frequency, unit=" Hz")
     from swim2real.cli.progress import films_shown
     from swim2real.cli.tables import say
-    from swim2real.pipeline import TRACKS, Filmed, track_films
+    from swim2real.pipeline import TRACKS, TrackedVideo, track_videos
     from swim2real.robots import robot_named
 
-    points = [None] * count if markers == (AUTO,) else [None if one == AUTO else Path(one) for one in markers]
+    points = [AUTO] * count if markers == (AUTO,) else list(markers)
     body = robot_named(robot)
     try:
         with films_shown(quiet or json) as (on_progress, on_done):
-            results = track_films(
+            results = track_videos(
                 videos, points, body, settings, to, frequencies=frequency or None, controls=controls or None,
                 sensors=sensors or None, workers=workers or None, on_progress=on_progress, on_done=on_done,
             )  # fmt: skip
     except KeyboardInterrupt:
         print("swim2real: interrupted; the same command goes on with the videos that aren't done", file=sys.stderr)
         return 1
-    tracked = [result for result in results if isinstance(result, Filmed)]
+    tracked = [result for result in results if isinstance(result, TrackedVideo)]
     if json:
-        print(dumps({result.name: result.report for result in tracked}, indent=2))
+        print(dumps({result.name: result.report.model_dump() for result in tracked}, indent=2))
     elif not quiet and tracked:
-        _print_tracked({result.name: result.report for result in tracked}, body)
+        _print_tracked({result.name: result.report.model_dump() for result in tracked}, body)
         say(
             f"Reference: {to}   Overlays: {to / TRACKS}   Next: swim2real calibrate {to} --out RUN{for_robot(robot)}"
         )  # fmt: skip
@@ -164,7 +165,7 @@ def import_tracks(
     finite_above_0("fps", fps)
     from swim2real.cli.tables import say
     from swim2real.robots import robot_named
-    from swim2real.tracking.camera import read_camera
+    from swim2real.tracking.camera_file import read_camera
     from swim2real.trials import Trial
     from swim2real.trials.reference import add_trial, nominal_frequency
     from swim2real.trials.signals import read_signals

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from swim2real.advisor import AdvisorEvent
     from swim2real.calibration import Progress
     from swim2real.comparison import ComparisonProgress, JobReport
-    from swim2real.pipeline import Filmed, FrameProgress
+    from swim2real.pipeline import FrameProgress, TrackedVideo
     from swim2real.rl.training import Progress as TrainingProgress
 
 _FILM_LINES = 5.0  # s between plain lines of a video
@@ -161,7 +161,9 @@ def _job_line(p: ComparisonProgress, job: JobReport) -> str:
     return head + best + (", done before" if job.state == "read" else f", {job.seconds:.1f} s")
 
 
-FilmCallbacks: TypeAlias = "tuple[Callable[[FrameProgress], None], Callable[[str, Filmed | Swim2RealError], None]]"
+FilmCallbacks: TypeAlias = (
+    "tuple[Callable[[FrameProgress], None], Callable[[str, TrackedVideo | Swim2RealError], None]]"
+)
 
 
 @contextmanager
@@ -191,7 +193,7 @@ def films_shown(quiet: bool) -> Generator[FilmCallbacks]:
                 tasks[p.name] = bar.add_task(p.name, total=p.total, text="")
             bar.update(tasks[p.name], completed=p.done, text=f"{p.lost} lost" if p.lost else "")
 
-        def done(name: str, result: Filmed | Swim2RealError) -> None:
+        def done(name: str, result: TrackedVideo | Swim2RealError) -> None:
             bar.console.print(f"{name}: {_film_outcome(result)}", markup=False)
             if name in tasks:
                 bar.remove_task(tasks.pop(name))
@@ -199,12 +201,12 @@ def films_shown(quiet: bool) -> Generator[FilmCallbacks]:
         yield update, done
 
 
-def _film_outcome(result: Filmed | Swim2RealError) -> str:
+def _film_outcome(result: TrackedVideo | Swim2RealError) -> str:
     if isinstance(result, Swim2RealError):
         return "failed"
-    if result.again:
+    if result.done_before:
         return "done before"
-    return f"{result.report['frames']} frames in {result.report['seconds']:.1f} s"
+    return f"{result.report.frames} frames in {result.report.seconds:.1f} s"
 
 
 @contextmanager

@@ -11,11 +11,11 @@ import numpy as np
 from swim2real.calibration import Outcome, Progress
 from swim2real.demo.films import film_swims, points_file
 from swim2real.errors import RunError, Swim2RealError
-from swim2real.pipeline import Filmed, FrameProgress, run, track_films
+from swim2real.pipeline import FrameProgress, TrackedVideo, run, track_videos
 from swim2real.rendering.pool import Glare, PoolCamera
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
-from swim2real.tracking.camera import CameraFile, write_camera
+from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.trials import TrialSet, load_reference
 
 DEMO_FREQUENCIES = (0.5, 0.75, 1.0, 1.25)
@@ -35,7 +35,7 @@ class DemoCallbacks:
 
     line: Callable[[str], None] = lambda text: None
     frame: Callable[[FrameProgress], None] = lambda progress: None
-    film: Callable[[str, Filmed | Swim2RealError], None] = lambda name, result: None
+    film: Callable[[str, TrackedVideo | Swim2RealError], None] = lambda name, result: None
 
 
 def hidden_values() -> dict[str, float]:
@@ -86,7 +86,7 @@ def film_and_track(
     known = folder / "camera.json"
     write_camera(known, CameraFile(camera_height=camera.camera_height - float(FISH.marker_heights[0])))
     callbacks.line("Tracking the markers")
-    results = track_films(
+    results = track_videos(
         films, [points_file(film) for film in films], FISH, TrackingSettings(camera=known), folder / "reference",
         workers=workers, on_progress=callbacks.frame, on_done=callbacks.film,
     )  # fmt: skip

@@ -14,7 +14,7 @@ from swim2real.parameters import Values
 from swim2real.processes import ProcessPool
 from swim2real.rendering.pool import PoolCamera, film
 from swim2real.robots.robot import Robot
-from swim2real.tracking.picking import save_points
+from swim2real.tracking.points import save_points
 from swim2real.trials import MarkerTrack
 
 SAMPLE_INTERVAL = 0.004  # s, of the swims that are filmed

@@ -21,8 +21,8 @@ from swim2real.rendering.pool import PoolCamera, film
 from swim2real.robots.robot import Recordings, Robot
 from swim2real.simulation import PlaybackSimulator, Rollout
 from swim2real.simulation.playback import driven
-from swim2real.tracking.camera import CameraFile, write_camera
-from swim2real.tracking.picking import save_points
+from swim2real.tracking.camera_file import CameraFile, write_camera
+from swim2real.tracking.points import save_points
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 from swim2real.trials.signals import write_signals
 

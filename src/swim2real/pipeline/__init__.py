@@ -2,16 +2,26 @@
 
 from swim2real.pipeline.calibration import run
 from swim2real.pipeline.methods import make_optimizer
-from swim2real.pipeline.tracking import TRACKS, Filmed, FrameProgress, check_lost, track_film
-from swim2real.pipeline.tracking_many import track_films
+from swim2real.pipeline.tracking import (
+    AUTO,
+    TRACKS,
+    FrameProgress,
+    TrackedVideo,
+    TrackingReport,
+    check_lost,
+    track_video,
+)
+from swim2real.pipeline.tracking_many import track_videos
 
 __all__ = [
+    "AUTO",
     "TRACKS",
-    "Filmed",
     "FrameProgress",
+    "TrackedVideo",
+    "TrackingReport",
     "check_lost",
     "make_optimizer",
     "run",
-    "track_film",
-    "track_films",
+    "track_video",
+    "track_videos",
 ]

@@ -1,4 +1,4 @@
-"""Several videos at a time, each in a process of its own."""
+"""From several videos to trials in one reference folder, each video in a process of its own."""
 
 from __future__ import annotations
 
@@ -11,40 +11,40 @@ from pathlib import Path
 from typing import Any
 
 from swim2real.errors import ArgumentError, Swim2RealError, TrackingError
-from swim2real.pipeline.tracking import Filmed, FrameProgress, track_film
+from swim2real.pipeline.tracking import FrameProgress, TrackedVideo, track_video
 from swim2real.processes import ProcessDiedError, ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
 
-_LOOK = 0.2  # s between two looks at what the processes say
-_every: Any = None  # a process's end of the queue
+_POLL_INTERVAL = 0.2  # s between two looks at what the processes report
+_progress: Any = None  # a process's end of the queue
 
 
-def track_films(
-    videos: Sequence[str | Path], points: Sequence[str | Path | None], robot: Robot, settings: TrackingSettings,
+def track_videos(
+    videos: Sequence[str | Path], points: Sequence[str | Path], robot: Robot, settings: TrackingSettings,
     folder: str | Path, *, frequencies: Sequence[float | None] | None = None,
     controls: Sequence[Path | None] | None = None, sensors: Sequence[Path | None] | None = None,
     workers: int | None = None,
     on_progress: Callable[[FrameProgress], None] = lambda progress: None,
-    on_done: Callable[[str, Filmed | Swim2RealError], None] = lambda name, result: None,
-) -> list[Filmed | Swim2RealError]:  # fmt: skip
+    on_done: Callable[[str, TrackedVideo | Swim2RealError], None] = lambda name, result: None,
+) -> list[TrackedVideo | Swim2RealError]:  # fmt: skip
     """Tracks videos into one reference folder. One that fails leaves the others alone.
 
     Args:
-        videos: The videos, whose names become the trials'.
-        points: File with the markers of each first frame, None to find them.
-        robot: Whose markers they are.
-        settings: How.
-        folder: Reference folder.
-        frequencies: That were asked of the motor [Hz], None where it isn't known.
-        controls: Tables of what drove the robot, None where there is none.
-        sensors: Likewise of what was measured.
-        workers: Processes at a time; None for as many as there are cores and videos.
+        videos: Paths of the videos, whose names become the trials'.
+        points: Points file of each video, or "auto" to find its markers without a click.
+        robot: Robot that carries the markers.
+        settings: How to track.
+        folder: Path of the reference folder.
+        frequencies: Frequency that the motor was commanded to turn at in each video [Hz], None where it isn't known.
+        controls: Table of what drove the robot in each video, None where there is none.
+        sensors: Table of what was measured in each video, None where there is none.
+        workers: Number of processes at a time; None for as many as there are cores and videos.
         on_progress: Called now and then with the state of a video.
         on_done: Called when a video is done or has failed.
 
     Returns:
-        What came of each video, or why nothing did.
+        The result of each video in order, or the error that it failed with.
 
     Raises:
         ArgumentError: The videos can't make one reference.
@@ -62,71 +62,72 @@ def track_films(
         "points": points, "frequency": frequencies or [None] * count, "controls": controls or [None] * count,
         "sensors": sensors or [None] * count,
     }  # fmt: skip
-    for key, one in known.items():
-        if len(one) != count:
-            raise ArgumentError(f"{len(one)} {key} for {count} videos; give as many as videos")
+    for key, values in known.items():
+        if len(values) != count:
+            raise ArgumentError(f"{len(values)} {key} for {count} videos; give as many as videos")
     jobs: list[dict[str, Any]] = [
         {"video": video, "robot": robot, "settings": settings, "folder": folder,
-         **{key: one[i] for key, one in known.items()}}
+         **{key: values[i] for key, values in known.items()}}
         for i, video in enumerate(videos)
     ]  # fmt: skip
     processes = min(count, workers or os.cpu_count() or 1)
     if processes == 1:
-        results: list[Filmed | Swim2RealError] = []
+        results: list[TrackedVideo | Swim2RealError] = []
         for name, job in zip(names, jobs, strict=True):
             try:
-                found: Filmed | Swim2RealError = track_film(**job, on_progress=on_progress)
+                result: TrackedVideo | Swim2RealError = track_video(**job, on_progress=on_progress)
             except Swim2RealError as error:
-                found = error
-            on_done(name, found)
-            results.append(found)
+                result = error
+            on_done(name, result)
+            results.append(result)
         return results
     return _in_processes(names, jobs, processes, on_progress, on_done)
 
 
 def _in_processes(
     names: Sequence[str], jobs: Sequence[dict[str, Any]], processes: int,
-    on_progress: Callable[[FrameProgress], None], on_done: Callable[[str, Filmed | Swim2RealError], None],
-) -> list[Filmed | Swim2RealError]:  # fmt: skip
-    told: Any = multiprocessing.get_context("spawn").Queue()
-    results: dict[str, Filmed | Swim2RealError] = {}
+    on_progress: Callable[[FrameProgress], None], on_done: Callable[[str, TrackedVideo | Swim2RealError], None],
+) -> list[TrackedVideo | Swim2RealError]:  # fmt: skip
+    progress: Any = multiprocessing.get_context("spawn").Queue()
+    results: dict[str, TrackedVideo | Swim2RealError] = {}
     try:
-        with ProcessPool(processes, tries=1, initializer=_listen, initargs=(told,)) as pool:
-            futures: dict[Future[Filmed], str] = {
+        with ProcessPool(processes, tries=1, initializer=_connect, initargs=(progress,)) as pool:
+            futures: dict[Future[TrackedVideo], str] = {
                 pool.submit(_job, job): name for name, job in zip(names, jobs, strict=True)
             }
             left = set(futures)
             while left:
-                done, left = wait(left, timeout=_LOOK)
-                _drain(told, on_progress)
+                done, left = wait(left, timeout=_POLL_INTERVAL)
+                _report(progress, on_progress)
                 for future in done:
                     name = futures[future]
                     results[name] = _result(future)
                     on_done(name, results[name])
     finally:
-        told.close()
+        progress.close()
     return [results[name] for name in names]
 
 
-def _listen(told: Any) -> None:
-    global _every
-    _every = told
-    told.cancel_join_thread()  # a process that ends doesn't wait until its last words are heard
+def _connect(progress: Any) -> None:
+    global _progress
+    _progress = progress
+    progress.cancel_join_thread()  # a process that ends doesn't wait until its last reports are read
 
 
-def _job(job: dict[str, Any]) -> Filmed:
-    return track_film(**job, threads=1, on_progress=_every.put)
+def _job(job: dict[str, Any]) -> TrackedVideo:
+    return track_video(**job, threads=1, on_progress=_progress.put)
 
 
-def _drain(told: Any, on_progress: Callable[[FrameProgress], None]) -> None:
+def _report(progress: Any, on_progress: Callable[[FrameProgress], None]) -> None:
+    """Passes on what the processes have reported so far."""
     try:
         while True:
-            on_progress(told.get_nowait())
+            on_progress(progress.get_nowait())
     except queue.Empty:
         return
 
 
-def _result(future: Future[Filmed]) -> Filmed | Swim2RealError:
+def _result(future: Future[TrackedVideo]) -> TrackedVideo | Swim2RealError:
     try:
         return future.result()
     except ProcessDiedError as error:

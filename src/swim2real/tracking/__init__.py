@@ -1,6 +1,6 @@
 """From what a camera saw to what can be trusted: track quality and what drove a trial."""
 
 from swim2real.tracking.beat import Beat, identify_beat
-from swim2real.tracking.quality import LostMarkers, TrackQuality, check_track, unseen
+from swim2real.tracking.quality import LostMarkers, TrackQuality, check_confidence, check_track
 
-__all__ = ["Beat", "LostMarkers", "TrackQuality", "check_track", "identify_beat", "unseen"]
+__all__ = ["Beat", "LostMarkers", "TrackQuality", "check_confidence", "check_track", "identify_beat"]

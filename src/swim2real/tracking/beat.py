@@ -32,13 +32,13 @@ class Beat:
     """What drove a real trial.
 
     Attributes:
-        frequency: Of the tail's beat, one turn of the motor [Hz].
-        frequency_std: Standard error [Hz].
-        phase: Of the last tail marker's fundamental at the first frame, as a cosine [rad].
-        phase_std: Standard error [rad].
+        frequency: Frequency of the tail's beat, one turn of the motor [Hz].
+        frequency_std: Standard error of the frequency [Hz].
+        phase: Phase of the last tail marker's fundamental at the first frame, as a cosine [rad].
+        phase_std: Standard error of the phase [rad].
         start_speed: Forward speed over the first cycles [m/s].
-        start_speed_std: Standard error [m/s].
-        amplitude: Of the last tail marker's fundamental [m].
+        start_speed_std: Standard error of the speed [m/s].
+        amplitude: Amplitude of the last tail marker's fundamental [m].
         explained: Share of the lateral motion's variance that the fit explains.
     """
 
@@ -61,10 +61,10 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
     """Fits the beat of one track.
 
     Args:
-        track: Of a real swim.
-        tail_markers: Indices of the markers to fit, the last one gives phase and amplitude.
-        quality: Lost marker-frames are left out.
-        name: Of the trial, for messages.
+        track: Track of a real swim.
+        tail_markers: Indices of the markers to fit; the last one gives phase and amplitude.
+        quality: Quality of the track; lost marker-frames are left out.
+        name: Name of the trial, for messages.
 
     Raises:
         TrialError: No beat can be made out: less than a cycle, no motion, or nothing periodic.
@@ -95,8 +95,8 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
     coarse = [misfit(frequency, 1) for frequency in grid]
     best = int(np.argmin(coarse))
     bounds = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)]))
-    found = minimize_scalar(misfit, bounds=bounds, args=(HARMONICS,), method="bounded", options={"xatol": 1e-7})
-    frequency, residual = float(found.x), float(found.fun)
+    fit = minimize_scalar(misfit, bounds=bounds, args=(HARMONICS,), method="bounded", options={"xatol": 1e-7})
+    frequency, residual = float(fit.x), float(fit.fun)
     explained = 1 - residual / total
     if explained < LEAST_SHARE:
         raise TrialError(

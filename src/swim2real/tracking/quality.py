@@ -36,11 +36,11 @@ USABLE_SHARE = 0.05  # of frames that a marker may be lost for in a trial that i
 
 @dataclass(frozen=True)
 class LostMarkers:
-    """What was lost in one track.
+    """Markers that are lost in one track, and why.
 
     Attributes:
         lost: True where a marker must not be scored. Shape (T, M).
-        reasons: Frames per reason and marker, in the order of `REASONS`. Shape (6, M).
+        reasons: Number of frames per reason and marker, in the order of `REASONS`. Shape (6, M).
     """
 
     lost: Mask
@@ -72,19 +72,19 @@ class LostMarkers:
 
     def findings(self, names: tuple[str, ...]) -> list[str]:
         """A sentence for each thing that a person should know."""
-        found: list[str] = []
+        sentences: list[str] = []
         for m, share in enumerate(self.lost_share):
             if share > 0:
                 parts = [
                     f"{reason} {count}" for reason, count in zip(REASONS, self.reasons[:, m], strict=True) if count
                 ]
-                found.append(f"{names[m]} is lost in {_percent(share)} of frames ({', '.join(parts)})")
-        return found
+                sentences.append(f"{names[m]} is lost in {_percent(share)} of frames ({', '.join(parts)})")
+        return sentences
 
 
 @dataclass(frozen=True)
 class TrackQuality(LostMarkers):
-    """What was found in one track of a swimmer.
+    """Quality of one track of a swimmer.
 
     Attributes:
         head_spread: Relative standard deviation of the head's length, a measure of scale and jitter.
@@ -102,19 +102,19 @@ class TrackQuality(LostMarkers):
         return (~(self.lost | self.lost[:, :2].any(axis=1, keepdims=True))).astype(float)
 
     def findings(self, names: tuple[str, ...]) -> list[str]:
-        found = super().findings(names)
+        sentences = super().findings(names)
         if self.head_spread > HEAD_SPREAD:
-            found.append(f"the head's length varies by {100 * self.head_spread:.1f} %: the scale is doubtful")
-        return found
+            sentences.append(f"the head's length varies by {100 * self.head_spread:.1f} %: the scale is doubtful")
+        return sentences
 
 
 def _percent(share: float) -> str:
     return "under 1 %" if share < 0.01 else f"{100 * share:.0f} %"
 
 
-def unseen(track: MarkerTrack) -> LostMarkers:
-    """What the tracker itself says of any robot's markers: that it has lost them, or doubts where they are."""
-    missing, doubtful = _unseen(track)
+def check_confidence(track: MarkerTrack) -> LostMarkers:
+    """Finds the markers of any robot that the tracker itself reports as lost or doubtful, by its confidence."""
+    missing, doubtful = _missing_and_doubtful(track)
     kinds = {"missing": missing, "doubtful": doubtful}
     reasons = [kinds[reason].sum(axis=0) if reason in kinds else np.zeros(track.marker_count) for reason in REASONS]
     return LostMarkers(missing | doubtful, np.array(reasons, dtype=np.int64))
@@ -127,10 +127,10 @@ def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
     `DOUBTFUL`) are lost, and say nothing about the others.
 
     Args:
-        track: Of a real swim; NaN is legal.
+        track: Track of a real swim; NaN is legal.
         rest_markers: Marker positions of the straight robot [m]. Shape (M, 2).
     """
-    missing, doubtful = _unseen(track)
+    missing, doubtful = _missing_and_doubtful(track)
     missing |= doubtful
     track = MarkerTrack(track.times, np.where(missing[:, :, None], np.nan, track.positions), track.confidence)
     positions = track.positions
@@ -167,8 +167,8 @@ def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
     )
 
 
-def _unseen(track: MarkerTrack) -> tuple[Mask, Mask]:
-    """Where markers are missing, and where they are only doubted. Each of shape (T, M)."""
+def _missing_and_doubtful(track: MarkerTrack) -> tuple[Mask, Mask]:
+    """Masks of markers without a position, and of those whose position is doubtful. Each of shape (T, M)."""
     missing = ~np.isfinite(track.positions).all(axis=2) | (track.confidence <= 0)
     return missing, ~missing & (track.confidence < DOUBTFUL)
 
@@ -201,8 +201,8 @@ def _first_intact(distances: Array, rest: Array) -> int | None:
     neighbors = np.array([[i, i + 1] for i in range(len(rest) - 1)])
     gaps = distances[:, neighbors[:, 0], neighbors[:, 1]]
     intact = (gaps > COLLAPSE_SHARE * rest[neighbors[:, 0], neighbors[:, 1]]).all(axis=1)
-    found = np.flatnonzero(intact & np.isfinite(distances).all(axis=(1, 2)))
-    return int(found[0]) if found.size else None
+    frames = np.flatnonzero(intact & np.isfinite(distances).all(axis=(1, 2)))
+    return int(frames[0]) if frames.size else None
 
 
 def _usual(lengths: Array, start: int) -> Array:

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, uniform_filter
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.detector.appearance import Appearance
-from swim2real.tracking.detector.coverage import contrasts, covered, discs
-from swim2real.tracking.detector.matching import (
+from swim2real.tracking.appearance import Appearance, contrasts, covered, discs
+from swim2real.tracking.matching import (
+    LEAST_PARTS,
     LEAST_SEEN,
     filled,
+    fit_body,
     gaps_of,
     link_strain,
     links_of,
@@ -24,7 +25,6 @@ from swim2real.tracking.detector.matching import (
     strained,
     unsupported,
 )
-from swim2real.tracking.detector.whole_body import LEAST_PARTS, fit_body
 from swim2real.tracking.tracker import Array, Image
 
 LEAST_CONFIDENCE, LEAST_AGAIN = 0.4, 0.6  # below it a marker is lost, and isn't found again
@@ -82,11 +82,11 @@ class DetectionTracker:
             raise TrackingError(f"frame time {time:.4f} s isn't after the last one; call start() first, then in order")
         self._interval = time - self._times[-1]
         predicted = self._predicted(time)
-        found = self._in_region(image, predicted, time)
-        if np.isfinite(found[0][:, 0]).sum() < 2 and time - self._seen_at > SEARCH_TIME:
+        result = self._in_region(image, predicted, time)
+        if np.isfinite(result[0][:, 0]).sum() < 2 and time - self._seen_at > SEARCH_TIME:
             size = np.array(image.shape[1::-1], dtype=float)
-            found = self._whole(image, predicted, *self._blobs(image, np.zeros(2), size))
-        positions, confidence = found
+            result = self._whole(image, predicted, *self._blobs(image, np.zeros(2), size))
+        positions, confidence = result
         self._remember(positions, time)
         self._adapt(image, positions, confidence, time)
         return positions, confidence
@@ -99,8 +99,8 @@ class DetectionTracker:
         blobs, quality = self._blobs(image, predicted.min(axis=0) - reach, predicted.max(axis=0) + reach)
         trust = np.where(np.isfinite(self._tracks[-1][:, 0]), 1.0, LOST_TRUST)
         chosen, places = match(predicted, doubt, trust, blobs, quality)
-        found = self._judged(image, chosen, blobs, places)
-        seen = found[0][np.isfinite(found[0][:, 0])]
+        result = self._measured(image, chosen, blobs, places)
+        seen = result[0][np.isfinite(result[0][:, 0])]
         good = blobs[quality > GOOD_QUALITY]
         strange = np.linalg.norm(good[:, None] - seen[None], axis=2).min(axis=1, initial=np.inf) > 1.5 * radius
         if len(predicted) - len(seen) >= MANY and strange.sum() >= MANY:
@@ -108,9 +108,9 @@ class DetectionTracker:
             other = self._whole(image, predicted, blobs, quality)
             if np.isfinite(other[0][:, 0]).sum() >= len(seen) + MANY:
                 return other
-        return found
+        return result
 
-    def _judged(
+    def _measured(
         self, image: Image, chosen: NDArray[np.int64], blobs: Array, places: Array, whole: bool = False
     ) -> tuple[Array, Array]:
         """Positions and confidence of what was chosen; NaN and 0 for what doesn't fit."""
@@ -184,7 +184,7 @@ class DetectionTracker:
         if (chosen < 0).all():
             return np.full_like(predicted, np.nan), np.zeros(len(predicted))
         places = filled(np.where(chosen[:, None] >= 0, blobs[chosen], np.nan), self._shapes)
-        return self._judged(image, chosen, blobs, places, whole=True)
+        return self._measured(image, chosen, blobs, places, whole=True)
 
     def _predicted(self, time: float) -> Array:
         """Where each marker should be now [px]. Shape (M, 2)."""
@@ -226,10 +226,10 @@ class DetectionTracker:
 
     def _adapt(self, image: Image, positions: Array, confidence: Array, time: float) -> None:
         sure = confidence > 0.7
-        found = np.linalg.norm(positions[self._links[:, 0]] - positions[self._links[:, 1]], axis=1)
+        lengths = np.linalg.norm(positions[self._links[:, 0]] - positions[self._links[:, 1]], axis=1)
         both = sure[self._links].all(axis=1)
         rate = min(1.0, self._interval / ADAPT_TIME)
-        self._lengths = np.where(both, self._lengths + rate * (np.nan_to_num(found) - self._lengths), self._lengths)
+        self._lengths = np.where(both, self._lengths + rate * (np.nan_to_num(lengths) - self._lengths), self._lengths)
         if time - self._learned >= RELEARN_TIME and sure.sum() > len(sure) // 2:
             self._learned = time
             self._look.learn(image, positions[sure])

@@ -3,6 +3,8 @@
 Markers move together, so what a prediction misses is nearly the same for neighbors. First one shift for all is found by
 vote, then a correction that varies smoothly along the body; only then is each marker given the blob at its place. Blobs
 that would stretch or shrink the body are refused.
+
+When this has lost the thread, the whole body is fitted to the blobs (`fit_body`).
 """
 
 from __future__ import annotations
@@ -19,6 +21,11 @@ LINK_SHARES = (0.15, 0.22)  # by which the distance of neighbors, and of next ne
 SUPPORT = 0.6  # of the strain that is allowed, at most, to vouch for a marker that reappears
 LEAST_GROUP = 4  # markers that may reappear without another that was seen
 LEAST_SEEN = 3  # markers, for a correction along the body
+MISSED = 2.0  # cost of a marker without a blob; a length that is off by all that is allowed costs 1
+POOR = 1.0  # cost of a blob of quality 0
+FAR = 1.0  # cost of a place that is off by the length of the body
+LEAST_PARTS = 5  # markers that must be found for a body to be believed
+SHORTEST_CHORD, LONGEST_CHORD = 0.5, 1.05  # of the way along the body, between markers with others left out between
 _ROUNDS = 3
 _FAR = 1e6
 
@@ -38,8 +45,8 @@ def match(
         predicted: Places that markers should be at [px]. Shape (M, 2).
         doubt: How far off each one may be beyond what markers have in common [px]. Shape (M,).
         trust: How much each one says about what they have in common, from 0 to 1. Shape (M,).
-        blobs: Found in the frame [px]. Shape (P, 2).
-        quality: Of the blobs, from 0 to 1. Shape (P,).
+        blobs: Places of the blobs in the frame [px]. Shape (P, 2).
+        quality: Quality of the blobs, from 0 to 1. Shape (P,).
 
     Returns:
         Index of each marker's blob, -1 for none, shape (M,), and the corrected places [px], shape (M, 2).
@@ -115,7 +122,7 @@ def strained(points: Array, links: NDArray[np.int64], lengths: Array, slack: flo
     """Markers that have to go until all lengths along the body are as usual. Shape (M,).
 
     Args:
-        points: NaN for markers that weren't found [px]. Shape (M, 2).
+        points: Positions, NaN for markers that aren't seen [px]. Shape (M, 2).
         links: Pairs of markers. Shape (L, 2).
         lengths: Usual distance of each pair [px]. Shape (L,).
         slack: By which a length may be off in any case [px].
@@ -134,40 +141,40 @@ def strained(points: Array, links: NDArray[np.int64], lengths: Array, slack: flo
 
 
 def link_strain(points: Array, links: NDArray[np.int64], lengths: Array, slack: float) -> Array:
-    """How far each length is off, 1 at what is allowed; 0 where one end wasn't found. Shape (L,)."""
-    found = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
+    """How far each length is off, 1 at what is allowed; 0 where one end isn't seen. Shape (L,)."""
+    distances = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
     shares = np.array(LINK_SHARES)[links[:, 1] - links[:, 0] - 1]
-    return np.nan_to_num(np.abs(found - lengths) / (shares * lengths + slack))
+    return np.nan_to_num(np.abs(distances - lengths) / (shares * lengths + slack))
 
 
-def unsupported(found: NDArray[np.bool_], known: NDArray[np.bool_], links: NDArray[np.int64], strain: Array) -> Mask:
+def unsupported(seen: NDArray[np.bool_], known: NDArray[np.bool_], links: NDArray[np.int64], strain: Array) -> Mask:
     """Markers that reappeared where nothing vouches for them: a wrong blob may lie there. Shape (M,).
 
     A marker that was seen a moment ago vouches for one that reappears next to it at the right distance, and so on along
     the body. Without any, most of the body must reappear at once.
 
     Args:
-        found: In this frame. Shape (M,).
-        known: In the last frame, too. Shape (M,).
+        seen: Whether each marker is seen in this frame. Shape (M,).
+        known: Whether it was seen in the last frame. Shape (M,).
         links: Pairs of markers. Shape (L, 2).
-        strain: Of each, see `link_strain`. Shape (L,).
+        strain: Strain of each pair, see `link_strain`. Shape (L,).
     """
-    sure = found & known
+    sure = seen & known
     if not sure.any():
-        sound = found.copy()
+        sound = seen.copy()
         a, b = links[strain > SUPPORT].T
         sound[a] = sound[b] = False
-        return found & ~(sound if sound.sum() >= max(LEAST_GROUP, len(found) // 2) else np.zeros_like(found))
+        return seen & ~(sound if sound.sum() >= max(LEAST_GROUP, len(seen) // 2) else np.zeros_like(seen))
     while True:
         a, b = links.T
         good, bad = strain <= SUPPORT, strain > SUPPORT
-        vouched, refused = np.zeros_like(found), np.zeros_like(found)
-        for one, other in ((a, b), (b, a)):
-            vouched[one[good & sure[other] & found[one]]] = True
-            refused[one[bad & sure[other] & found[one]]] = True
+        vouched, refused = np.zeros_like(seen), np.zeros_like(seen)
+        for end, other in ((a, b), (b, a)):
+            vouched[end[good & sure[other] & seen[end]]] = True
+            refused[end[bad & sure[other] & seen[end]]] = True
         more = vouched & ~refused & ~sure
         if not more.any():
-            return found & ~sure
+            return seen & ~sure
         sure |= more
 
 
@@ -210,3 +217,67 @@ def placed(points: Array, before: Array, weights: Array) -> Array:
     turn = np.arctan2(cross, dot)
     rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])  # for row vectors
     return (before - there) @ rotation + here
+
+
+def fit_body(predicted: Array, lengths: Array, blobs: Array, quality: Array, slack: float) -> NDArray[np.int64]:
+    """Gives the markers blobs in the order of the body, wherever they were expected.
+
+    The markers keep their order and their distances along the body. Of all ways to give some of them a blob in this
+    order, the one is taken that leaves fewest markers out and strains the distances least; dynamic programming finds
+    it. Where the markers were a moment ago counts for little, so it recovers from a wrong prediction or a long
+    occlusion.
+
+    Args:
+        predicted: Where the markers might be [px]. Shape (M, 2).
+        lengths: Usual distances of neighbors, then of next neighbors, (i, i + 1) and (i, i + 2) in turns as in
+            `links_of` [px]. Shape (2 M - 3,).
+        blobs: Places of the blobs in the frame [px]. Shape (P, 2).
+        quality: Quality of the blobs, from 0 to 1. Shape (P,).
+        slack: By which a length may be off in any case [px].
+
+    Returns:
+        Index of each marker's blob, -1 for none; all -1 when no body is found. Shape (M,).
+    """
+    count, number = len(predicted), len(blobs)
+    nothing = np.full(count, -1)
+    least = max(LEAST_PARTS, int(np.ceil(0.5 * count)))
+    if count < 3 or number < least:
+        return nothing
+    neighbors = lengths[0::2]  # links_of lists (0, 1), (0, 2), (1, 2), (1, 3), ...
+    body = float(neighbors.sum())
+    away = np.linalg.norm(blobs[:, None] - blobs[None], axis=2)  # (P, P)
+    own = FAR * (np.linalg.norm(predicted[:, None] - blobs[None], axis=2) / body) ** 2 + POOR * (1 - quality)
+    best = own + MISSED * np.arange(count)[:, None]  # cost up to here with all markers before left out
+    came = np.full((count, number, 2), -1)
+    for m in range(1, count):
+        for before in range(m):
+            step = (
+                best[before][:, None]
+                + _chord_strain(before, m, lengths, neighbors, away, slack)
+                + MISSED * (m - before - 1)
+            )
+            np.fill_diagonal(step, np.inf)
+            source = np.argmin(step, axis=0)
+            cost = step[source, np.arange(number)] + own[m]
+            better = cost < best[m]
+            best[m] = np.where(better, cost, best[m])
+            came[m, better] = np.stack([np.full(number, before), source], axis=1)[better]
+    ends = best + MISSED * np.arange(count - 1, -1, -1)[:, None]
+    m, p = (int(i) for i in np.unravel_index(int(np.argmin(ends)), ends.shape))
+    chosen = nothing.copy()
+    while m >= 0:
+        chosen[m] = p
+        m, p = (int(i) for i in came[m, p])
+    taken = chosen[chosen >= 0]
+    return chosen if len(taken) >= least and len(set(taken.tolist())) == len(taken) else nothing
+
+
+def _chord_strain(before: int, m: int, lengths: Array, neighbors: Array, away: Array, slack: float) -> Array:
+    """Cost of two markers' blobs, with none for the markers between. Shape (P, P)."""
+    if m - before <= 2:
+        # of marker i: (i, i + 1) at 2 i, (i, i + 2) at 2 i + 1
+        length = lengths[2 * before + (m - before - 1)]
+        return np.minimum(((away - length) / (LINK_SHARES[m - before - 1] * length + slack)) ** 2, 1e3)
+    way = float(neighbors[before:m].sum())
+    off = np.maximum(away - LONGEST_CHORD * way, 0.0) + np.maximum(SHORTEST_CHORD * way - away, 0.0)
+    return np.minimum((off / (LINK_SHARES[1] * way + slack)) ** 2 * 4, 1e3)

@@ -61,9 +61,9 @@ def find_blobs(image: Image) -> Blobs:
     rough = _rough(_reduced(image, factor))
     rough = rough[:, :3] * factor + [(factor - 1) / 2, (factor - 1) / 2, 0.0]
     least = max(LEAST_CONTRAST, LEAST_OF_NOISE * _noise(image))
-    found = [blob for x, y, r in rough if (blob := _examined(image, x, y, r, least)) is not None]
+    blobs = [blob for x, y, r in rough if (blob := _examined(image, x, y, r, least)) is not None]
     kept: list[tuple[float, ...]] = []
-    for blob in found:  # the same blob is found in several sizes
+    for blob in blobs:  # the same blob is found in several sizes
         if all((blob[0] - k[0]) ** 2 + (blob[1] - k[1]) ** 2 > (0.8 * max(blob[2], k[2])) ** 2 for k in kept):
             kept.append(blob)
     table = np.array(kept, dtype=float).reshape(-1, 9)
@@ -91,7 +91,7 @@ def _reduced(image: Image, factor: int) -> Array32:
 
 def _rough(channels: Array32) -> Array:
     """Peaks of the answer over places and sizes: x, y, radius, signal; the strongest first. Shape (n, 4)."""
-    found: list[Array] = []
+    octaves: list[Array] = []
     scale = 1
     for _ in range(OCTAVES):
         if min(channels.shape[1:]) < 16:
@@ -112,10 +112,10 @@ def _rough(channels: Array32) -> Array:
             radius = np.full(len(x), 1.7 * sigma)
             table = np.stack([x, y, radius], axis=1) * scale
             table[:, :2] += (scale - 1) / 2
-            found.append(np.column_stack([table, answer[y, x]]).astype(float))
+            octaves.append(np.column_stack([table, answer[y, x]]).astype(float))
         channels = np.stack([_halved(channel) for channel in channels])
         scale *= 2
-    table = np.concatenate(found)
+    table = np.concatenate(octaves)
     return table[np.argsort(-table[:, 3], kind="stable")][: 3 * MOST]
 
 
@@ -137,15 +137,15 @@ def _halved(channel: Array32) -> Array32:
 
 def _examined(image: Image, x: float, y: float, radius: float, least_contrast: float) -> tuple[float, ...] | None:
     """Center, radius, color and contrast of the blob at a place, or None where there is no round one."""
-    found = None
+    blob = None
     for _ in range(ROUNDS):
-        found = _measured(image, x, y, radius, least_contrast)
-        if found is None:
+        blob = _measured(image, x, y, radius, least_contrast)
+        if blob is None:
             return None
-        x, y, radius = found[:3]
-    if found is None or not _round(found[9:], radius):
+        x, y, radius = blob[:3]
+    if blob is None or not _round(blob[9:], radius):
         return None
-    return found[:9]
+    return blob[:9]
 
 
 def _measured(image: Image, x: float, y: float, radius: float, least_contrast: float) -> tuple[float, ...] | None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.picking.candidates import Blobs, find_blobs
+from swim2real.tracking.candidates import Blobs, find_blobs
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -43,7 +43,7 @@ PICK = "pick the points with `swim2real pick`"
 
 
 @dataclass(frozen=True)
-class Labeled:
+class Labeling:
     """Markers found in a frame.
 
     Attributes:
@@ -67,7 +67,7 @@ class _Fit:
     meters_per_pixel: float
 
 
-def label_markers(image: Image, rest_markers: Array, heights: Array | None = None) -> Labeled:
+def label_markers(image: Image, rest_markers: Array, heights: Array | None = None) -> Labeling:
     """Finds the markers of a frame and says which is which.
 
     Args:
@@ -81,7 +81,7 @@ def label_markers(image: Image, rest_markers: Array, heights: Array | None = Non
     return label_blobs(find_blobs(image), rest_markers, heights)
 
 
-def label_blobs(blobs: Blobs, rest_markers: Array, heights: Array | None = None) -> Labeled:
+def label_blobs(blobs: Blobs, rest_markers: Array, heights: Array | None = None) -> Labeling:
     """Says which of some blobs are which markers; as `label_markers`."""
     count = len(rest_markers)
     raised = np.zeros(count) if heights is None else heights - _most_common(heights)
@@ -112,7 +112,7 @@ def label_blobs(blobs: Blobs, rest_markers: Array, heights: Array | None = None)
             f"equally well ({1e3 * best.misfit:.1f} and {1e3 * fits[1].misfit:.1f} mm); they differ in marker "
             f"{', '.join(str(m) for m in other)} from the head, counted from 0; {PICK}"
         )
-    return Labeled(blobs.points[list(best.chosen)], best.misfit, best.meters_per_pixel)
+    return Labeling(blobs.points[list(best.chosen)], best.misfit, best.meters_per_pixel)
 
 
 def _best(fits: Iterable[_Fit]) -> list[_Fit]:
@@ -208,12 +208,12 @@ def _completed(
         off = np.linalg.norm(points - (a + share * (b - a)), axis=1)
         near = np.flatnonzero(free & (off < reach * scale))
         choices.append([int(i) for i in near[np.argsort(off[near])][:6]])
-    found: list[tuple[int, ...]] = []
+    labelings: list[tuple[int, ...]] = []
     for extra in product(*choices):
         if len(set(extra)) == len(extra):
             whole = at | dict(zip(missing, extra, strict=True))
-            found.append(tuple(whole[m] for m in range(len(rest))))
-    return found
+            labelings.append(tuple(whole[m] for m in range(len(rest))))
+    return labelings
 
 
 def _guess(points: Array, rest: Array, raised: Array) -> Array:

@@ -1,0 +1,291 @@
+"""From pixels to meters: scale with its doubts, perspective, lens, and markers that stand higher than others.
+
+In the order in which light met them, backward: the lens (if a camera file has one), the water's plane (a homography, or
+one scale for a camera that looks straight down), the markers' heights (if the camera's height is known).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import TrackingError
+from swim2real.tracking.camera_file import CameraFile, Lens
+from swim2real.tracking.plane import LEVEL, Scale, fit_plane, local_scale, make_scale, marker_estimates, project
+from swim2real.trials import frames
+from swim2real.trials.trial import MarkerTrack
+
+Array = NDArray[np.float64]
+
+LOOSEST_FIT = 0.01  # m, root mean square error of a plane's points before a person is told
+_CORRELATED = 30  # frames whose residuals count as one when the camera's height is sought in a track
+_PLAUSIBLE_HEIGHTS = (0.5, 10.0)  # m
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Turns pixels into meters for one video.
+
+    Attributes:
+        plane: Homography from (undistorted) pixels to meters at the height of the head's markers, y up. Shape (3, 3).
+        scale: Scale at the middle of where the head was.
+        heights: Heights of the markers above the first one [m]. Shape (M,).
+        height: Height of the camera above the first marker [m]; None leaves the markers' heights uncorrected.
+        center: The (undistorted) pixel straight below the camera [px]. Shape (2,).
+        lens: Distortion of the lens, which is taken out first; None without one.
+        residual: Root mean square error of the points that the plane was fitted to [m].
+        notes: What a person should know, beside the scale.
+    """
+
+    plane: Array
+    scale: Scale
+    heights: Array
+    height: float | None = None
+    center: Array | None = None
+    lens: Lens | None = None
+    residual: float | None = None
+    notes: tuple[str, ...] = ()
+
+    def to_meters(self, track: MarkerTrack) -> MarkerTrack:
+        """The track in the world, in meters with y up; confidences stay.
+
+        Args:
+            track: Track in pixels of the upright video, with this camera's markers.
+        """
+        if track.marker_count != len(self.heights):
+            raise TrackingError(f"the track has {track.marker_count} markers; the camera is for {len(self.heights)}")
+        points = project(self.plane, _straight(self.lens, track.positions))
+        if self.height is not None and self.center is not None:
+            points = lowered(points, project(self.plane, self.center), self.heights, self.height)
+        return MarkerTrack(track.times, points, track.confidence)
+
+    def with_scale(self, scale: Scale) -> Camera:
+        """The same camera with another scale, such as one for several videos.
+
+        Raises:
+            TrackingError: The scale comes from points or a homography, which say more.
+        """
+        if not np.array_equal(self.plane, _scaling(self.plane[0, 0])):
+            raise TrackingError("the camera file gives a plane, which has its own scale; it can't have another one")
+        return replace(self, plane=_scaling(scale.meters_per_pixel), scale=scale)
+
+    def findings(self) -> list[str]:
+        """A sentence for each thing that a person should know."""
+        return [*self.scale.findings(), *self.notes]
+
+
+def camera_for(
+    track: MarkerTrack, rest_markers: Array, heights: Array, names: Sequence[str], rigid: Sequence[int],
+    known: CameraFile | None = None, size: tuple[int, int] | None = None,
+) -> Camera:  # fmt: skip
+    """The camera that took a video, from what it saw and what a person knows about it.
+
+    The scale is the median of the lengths in the camera file; without any, of the distances of markers that are rigid
+    against each other and stand level: the head's. The other rigid ones are estimated too, so that a person sees
+    whether they agree. They don't count, even if the camera's height is known: on the published tracks their scales
+    differ more between videos (by 8.6 %, at 2 m) than the head's (6.5 %), since markers are placed by hand.
+
+    Args:
+        track: Track in pixels of the upright video.
+        rest_markers: Marker positions of the straight robot [m]. Shape (M, 2).
+        heights: Heights of the markers [m]. Shape (M,).
+        names: Names of the M markers.
+        rigid: Indices of markers that keep their distances as the robot moves.
+        known: What the camera file says; None without one.
+        size: Width and height of the upright video [px], whose center is taken to lie straight below the camera.
+
+    Raises:
+        TrackingError: There is no scale, or the camera file contradicts itself or the video.
+        MissingExtraError: The camera file has a lens, and OpenCV isn't installed.
+    """
+    camera = known if known is not None else CameraFile()
+    if not track.marker_count == len(rest_markers) == len(heights) == len(names):
+        raise TrackingError(f"the track has {track.marker_count} markers; the robot has {len(rest_markers)}")
+    above = heights - heights[0]
+    pixels = np.where(track.confidence[:, :, None] > 0, _straight(camera.lens, track.positions), np.nan)
+    center = _center(camera, size)
+    raised = np.flatnonzero(np.abs(above) > LEVEL)
+    if camera.camera_height is not None and raised.size:
+        if center is None:
+            raise TrackingError(
+                f"the camera file gives camera_height {camera.camera_height:g} m, but nothing tells the pixel straight "
+                f"below the camera (straight ahead of one that looks from the side); add principal_point"
+            )
+        if camera.camera_height <= above.max():
+            raise TrackingError(
+                f"the camera file's camera_height {camera.camera_height:g} m doesn't reach beyond marker "
+                f"{names[int(above.argmax())]}, which stands {above.max():g} m nearer to the camera than {names[0]}; "
+                f"measure from {names[0]} to the camera"
+            )
+
+    plane, residual = _plane(camera, pixels)
+    points = pixels if plane is None else project(plane, pixels)
+    if camera.camera_height is not None and center is not None:
+        below = center if plane is None else project(plane, center)
+        points = lowered(points, below, above, camera.camera_height)
+    unit = None if plane is None else local_scale(plane, _middle(pixels[:, :2]))
+    # with a plane, lengths are measured in meters: what they should be over what they are, times the plane's own scale
+    ratio = 1.0 if unit is None else unit
+    lengths = [
+        (length.name, ratio * length.meters / _distance(camera, plane, length.pixels)) for length in camera.lengths
+    ]
+    markers = marker_estimates(points, ratio, rest_markers, heights, names, rigid)
+    scale = make_scale(lengths, markers, unit, rest_markers)
+
+    notes: list[str] = []
+    if residual is not None and residual > LOOSEST_FIT:
+        notes.append(
+            f"the camera file's points fit no plane better than {1e3 * residual:.0f} mm; check their pixels and meters"
+        )
+    if camera.camera_height is None and raised.size:
+        notes.append(height_note(pixels, scale.meters_per_pixel, plane is None, center, size, above, names, rigid))
+    return Camera(
+        _scaling(scale.meters_per_pixel) if plane is None else plane,
+        scale, above, camera.camera_height, center, camera.lens, residual, tuple(notes),
+    )  # fmt: skip
+
+
+def _plane(camera: CameraFile, pixels: Array) -> tuple[Array | None, float | None]:
+    """The homography that the camera file gives, turned to the side where the robot is, and its residual [m]."""
+    if camera.points is not None:
+        try:
+            plane, residual = fit_plane(_straight(camera.lens, camera.points[0]), camera.points[1])
+        except TrackingError as error:
+            raise TrackingError(f"camera file: {error}") from error
+    elif camera.homography is not None:
+        plane, residual = camera.homography, None
+    else:
+        return None, None
+    usual = _middle(pixels[:, :2])
+    if plane[2] @ [*usual, 1.0] < 0:
+        plane = -plane
+    if not local_scale(plane, usual) > 0:
+        raise TrackingError(
+            "the camera file's plane is a mirror image: the picture's y points down, the meters' y must point up when "
+            "x points to the right; change the sign of all y in meters"
+        )
+    return plane, residual
+
+
+def _center(camera: CameraFile, size: tuple[int, int] | None) -> Array | None:
+    if camera.principal_point is not None:
+        return _straight(camera.lens, camera.principal_point)
+    if camera.lens is not None:
+        return camera.lens.center
+    return None if size is None else (np.array(size, dtype=float) - 1) / 2
+
+
+def _distance(camera: CameraFile, plane: Array | None, ends: Array) -> float:
+    """Between two pixels: in undistorted pixels, or in meters with a plane."""
+    straight = _straight(camera.lens, ends)
+    start, end = straight if plane is None else project(plane, straight)
+    return float(np.linalg.norm(start - end))
+
+
+def _straight(lens: Lens | None, points: Array) -> Array:
+    return points if lens is None else lens.undistort(points)
+
+
+def _scaling(meters_per_pixel: float) -> Array:
+    return np.diag([meters_per_pixel, -meters_per_pixel, 1.0])
+
+
+def _middle(heads: Array) -> Array:
+    """Median pixel of the head's markers (T, 2, 2). Shape (2,)."""
+    seen = heads.reshape(-1, 2)
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    if not len(seen):
+        raise TrackingError("the first two markers are never seen, so the track can't be turned into meters")
+    return np.median(seen, axis=0)
+
+
+def lowered(points: Array, below: Array, heights: Array, camera_height: float) -> Array:
+    """Where the markers stand, from where they seem to lie on the plane: exact, however the camera is tilted.
+
+    Args:
+        points: Where the lines of sight meet the plane, in pixels or meters. Shape (T, M, 2).
+        below: The plane's point straight below the camera, in the same unit. Shape (2,).
+        heights: Heights of the markers above the plane [m]. Shape (M,).
+        camera_height: Height of the camera above the plane [m].
+    """
+    return below + (points - below) * (1 - heights / camera_height)[:, None]
+
+
+def camera_height_seen(pixels: Array, heights: Array, center: Array, rigid: Sequence[int]) -> float | None:
+    """The height at which the camera seems to hang, from how a raised marker shifts against the head on its way.
+
+    A marker on the head that stands higher lies still against it but for a share `height / camera height` of its
+    distance from the picture's center. Of the fish's published tracks four of six give 1.7 to 2.5 m, and the others
+    nothing, so it is a hint and never used by itself.
+
+    Args:
+        pixels: Positions [px]. Shape (T, M, 2).
+        heights: Heights of the markers above the first [m]. Shape (M,).
+        center: The pixel straight below the camera [px]. Shape (2,).
+        rigid: Indices of markers that keep their distances.
+
+    Returns:
+        Above the first marker [m]; None where the track doesn't show it, or no rigid marker stands higher.
+    """
+    raised = [m for m in rigid if abs(heights[m]) > LEVEL]
+    if not raised or not {0, 1} <= set(rigid):
+        return None
+    marker = raised[0]
+    axes = frames.body_axes(pixels)
+    aside = np.stack([-axes[:, 1], axes[:, 0]], axis=1)
+    terms = np.stack([axes, aside, pixels[:, marker] - center], axis=2)  # (T, 2, 3)
+    offsets = pixels[:, marker] - pixels[:, 0]
+    good = np.isfinite(terms).all(axis=(1, 2)) & np.isfinite(offsets).all(axis=1)
+    if np.count_nonzero(good) < 2 * _CORRELATED:
+        return None
+    matrix, values = terms[good].reshape(-1, 3), offsets[good].ravel()
+    fitted, _, rank, _ = np.linalg.lstsq(matrix, values, rcond=None)
+    if rank < 3:
+        return None
+    rest = values - matrix @ fitted
+    variance = float(rest @ rest) / len(values) * _CORRELATED * float(np.linalg.inv(matrix.T @ matrix)[2, 2])
+    share = float(fitted[2])
+    if share <= 0 or share < 3 * np.sqrt(variance):
+        return None
+    height = float(heights[marker]) / share
+    return height if _PLAUSIBLE_HEIGHTS[0] <= height <= _PLAUSIBLE_HEIGHTS[1] else None
+
+
+def height_note(
+    pixels: Array, scale: float, flat: bool, center: Array | None, size: tuple[int, int] | None,
+    above: Array, names: Sequence[str], rigid: Sequence[int],
+) -> str:  # fmt: skip
+    """A sentence on what the markers' heights do when nothing corrects them.
+
+    Args:
+        pixels: NaN where not seen [px]. Shape (T, M, 2).
+        scale: Meters per pixel [m].
+        flat: Whether the camera looks straight down, with one scale.
+        center: The pixel straight below the camera [px]. Shape (2,).
+        size: Width and height of the video [px].
+        above: Heights of the markers above the first [m]. Shape (M,).
+        names: Names of the M markers.
+        rigid: Indices of markers that keep their distances.
+    """
+    raised = np.flatnonzero(np.abs(above) > LEVEL)
+    which = " and ".join(names[m] for m in raised.tolist())
+    nearer = f"{1e3 * above[raised].max():.0f} mm nearer to the camera than {names[0]}"
+    begin = f"{which} stand up to {nearer} and seem to lie"
+    advice = "give camera_height in the camera file to correct it"
+    if center is None:
+        return f"{begin} farther from the picture's center than they do; {advice}, with principal_point"
+    height = camera_height_seen(pixels, above, center, rigid) if flat else None
+    if height is not None:
+        basis = f"{height:.1f} m away, as the track suggests"
+    elif size is not None:
+        height = max(size) * scale
+        basis = f"{height:.1f} m away, as far as its picture is wide"
+    else:
+        return f"{begin} farther from the picture's center than they do; {advice}"
+    share = above[raised] / height
+    out = np.linalg.norm(pixels[:, raised] - center, axis=2) * scale * share
+    drift = float(np.nanmax(out)) if np.isfinite(out).any() else 0.0
+    return f"{begin} up to {1e3 * drift:.0f} mm too far out (estimated for a camera {basis}); {advice}"
