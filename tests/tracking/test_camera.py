@@ -529,7 +529,7 @@ def test_what_was_written_is_read_again(tmp_path):
         ({"camera_height": float("inf")}, "'camera_height' is Infinity; it must be finite"),
         ({"principal_point": [1, 2, 3]}, "'principal_point' is [1, 2, 3]; it must have at most 2 entries"),
         ({"principal_point": [1, float("nan")]}, "'principal_point[1]' is NaN; it must be finite"),
-        ({"points": ..., "homography": [[1, 2], [3, 4]]}, "'homography' is [[1, 2], [3, 4]]; it must have at least 3"),
+        ({"points": ..., "homography": [[1, 2], [3, 4]]}, "'homography[0]' is [1, 2]; it must have at least 3"),
         ({"points": ..., "homography": [[1, 2, 3]] * 3}, "'homography': it can't be inverted"),
         ({"points": ..., "homography": [[0, 0, 0]] * 3}, "'homography': it can't be inverted"),
         ({"points": FULL["points"][:3]}, "it must have at least 4 entries"),
