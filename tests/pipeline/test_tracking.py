@@ -217,12 +217,6 @@ def test_the_papers_tracker_goes_the_same_way(tmp_path):
     assert np.nanmax(made.errors(trial)[:, :4]) < 10e-3
 
 
-def test_an_unknown_tracker_is_named():
-    with pytest.raises(ArgumentError) as caught:
-        TrackingSettings(tracker="guess")
-    assert str(caught.value) == "tracker is 'guess'; there are detection and csrt"
-
-
 @pytest.mark.parametrize(
     ("name", "frequency", "nominal"),
     [("f1_50", 1.4, 1.4), ("swim", None, None), ("f0_00", None, None)],
