@@ -108,7 +108,7 @@ def test_a_bad_video_leaves_the_others_alone_and_leaves_with_1(program, clip, tm
         (["--markers", "a", "b"], "--markers has 2 files for 1 videos; give one for each video in order, or auto"),
         (
             ["--markers"],
-            "--markers is missing; give the points file of each video (`swim2real pick` makes them), or auto",
+            "--markers has 0 files for 1 videos; give one for each video in order, or auto",
         ),
         (["--frequency", "1", "2"], "--frequency has 2 values for 1 videos; give one for each, or none"),
         (["--frequency", "0"], "--frequency is 0 Hz; it must be finite and above 0"),
@@ -311,7 +311,7 @@ def test_tables_are_one_for_each_video(program, clip, tmp_path, option):
     sentence = program(
         "track", clip.video, "--to", tmp_path / "reference", "--markers", "auto", f"--{option}", "a.csv", "b.csv"
     ).sentence(2)  # fmt: skip
-    assert sentence == f"--{option} has 2 tables for 1 videos; give one for each video in order, or none"
+    assert sentence == f"--{option} has 2 values for 1 videos; give one for each, or none"
 
 
 def test_a_track_in_pixels_can_be_imported_again(program, clip, tmp_path):
