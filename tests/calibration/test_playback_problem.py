@@ -25,8 +25,8 @@ from swim2real.calibration import (
     sensitivities,
 )
 from swim2real.calibration.ensemble import make_ensemble
+from swim2real.calibration.finished_run import reopen
 from swim2real.calibration.identifiability import identify
-from swim2real.calibration.reopened import reopen
 from swim2real.calibration.saved_trials import save_trials
 from swim2real.errors import ArgumentError, RunError, TrialError
 from swim2real.objective import evidence

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from swim2real.calibration import Problem
-from swim2real.calibration.local import local
-from swim2real.calibration.refit import Evaluator, jacobian
+from swim2real.calibration.gauss_newton import Evaluator, jacobian
+from swim2real.calibration.neighborhood import neighborhood
 from swim2real.pipeline import run
 from swim2real.settings import CalibrationSettings
 
@@ -69,7 +69,7 @@ def test_what_the_trials_cant_tell_is_the_sloppiest_direction(example):
     space = example.code.ROBOT.space
     evaluate = Evaluator(example.problem, space)
     (at,) = evaluate([space.to_cube(example.code.HIDDEN)])
-    sloppiest, next_one, *_ = local(jacobian(evaluate, at)[0], at.residual, example.problem.blocks()).directions(
+    sloppiest, next_one, *_ = neighborhood(jacobian(evaluate, at)[0], at.residual, example.problem.blocks()).directions(
         space.names
     )
     assert set(sloppiest["parameters"]) == UNTOLD[example.name]

@@ -7,21 +7,23 @@ stiff ones. A spread-out subset is kept.
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import MinLen
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
+from swim2real import store
+from swim2real.calibration.finished_run import FinishedRun
+from swim2real.calibration.gauss_newton import Evaluator, jacobian
 from swim2real.calibration.identifiability import IDENTIFIABILITY, read_study
 from swim2real.calibration.provenance import commit, versions
-from swim2real.calibration.refit import Evaluator, jacobian
-from swim2real.calibration.reopened import Reopened, described
+from swim2real.checking import read
 from swim2real.errors import ArgumentError, ParameterError, RunError
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
@@ -32,12 +34,18 @@ Array = NDArray[np.float64]
 FORMAT = 1
 _BATCH = 8
 _ACCEPTED = 0.3  # share of proposals that the length of the walk's steps is steered to
-_SPREAD = 12**-0.5  # standard deviation of a parameter that nothing tells, of its range
+_SPREAD = 12**-0.5  # of the range: standard deviation of a parameter that nothing determines
 
 
 @dataclass(frozen=True)
 class Member:
-    """A parameter set. `source` says where it is from: `record`, `profile` or `walk`."""
+    """A parameter set.
+
+    Attributes:
+        point: Coordinates in the unit cube. Shape (d,).
+        loss: Its loss [m].
+        source: Where it is from: `record`, `profile` or `walk`.
+    """
 
     point: Array
     loss: float
@@ -45,25 +53,25 @@ class Member:
 
 
 def make_ensemble(
-    runs: Sequence[Reopened], settings: EnsembleSettings | None = None,
-    on_progress: Callable[[int, int, int], None] = lambda evaluations, most, found: None,
+    runs: Sequence[FinishedRun], settings: EnsembleSettings | None = None,
+    on_progress: Callable[[int, int, int], None] = lambda evaluations, most, near_best: None,
 ) -> dict[str, Any]:  # fmt: skip
     """Gathers, samples and thins out near-best parameter sets.
 
     Args:
-        runs: With the same robot, protocol, trials, reference and engine.
-        settings: Of the ensemble.
+        runs: Runs with the same robot, protocol, trials, reference and engine.
+        settings: Settings of the ensemble.
         on_progress: Called with the evaluations so far, those in all, and the near-best sets found.
 
     Returns:
-        The file's content: `members` with `parameters`, `loss` and `source`, the best first; `ranges` of each parameter
-        with `unit`, `min`, `p5`, `median`, `p95`, `max`, in the values; and what they were made with.
+        The content of the file: `members` with `parameters`, `loss` and `source`, the best first; `ranges` of each
+        parameter with `unit`, `min`, `p5`, `median`, `p95`, `max` of its values; and the conditions of the runs.
 
     Raises:
         RunError: The runs don't fit together.
     """
     wanted = settings or EnsembleSettings()
-    about = _same(runs)
+    conditions = _common_conditions(runs)
     first = runs[0]
     pool = [member for run in runs for member in _gathered(run)]
     best = min(pool, key=lambda member: member.loss)
@@ -83,7 +91,7 @@ def make_ensemble(
     return {
         "format": FORMAT,
         "kind": "ensemble",
-        **about,
+        **conditions,
         "runs": [str(run.folder.path) for run in runs],
         "settings": asdict(wanted),
         "best_loss": best.loss,
@@ -113,14 +121,22 @@ def spread_out(members: Sequence[Member], count: int) -> list[Member]:
 
 
 def write_ensemble(path: str | Path, content: dict[str, Any]) -> None:
-    """Writes an ensemble whole or not at all."""
-    place = Path(path)
-    part = place.with_name(place.name + ".part")
+    """Writes an ensemble, whole or not at all."""
     try:
-        part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        os.replace(part, place)
+        store.write_json(path, content)
     except OSError as error:
-        raise RunError(f"can't write ensemble '{place}': {error.strerror or error}") from error
+        raise RunError(f"can't write ensemble '{path}': {error.strerror or error}") from error
+
+
+class _MemberFile(BaseModel):
+    parameters: dict[str, Any]
+
+
+class _EnsembleFile(BaseModel):
+    kind: Literal["ensemble"]
+    format: Literal[1]
+    robot: str
+    members: Annotated[list[_MemberFile], MinLen(1)]
 
 
 def read_ensemble(path: str | Path, robot: Robot) -> list[Values]:
@@ -129,39 +145,21 @@ def read_ensemble(path: str | Path, robot: Robot) -> list[Values]:
     Raises:
         ParameterError: Not there, not JSON, no ensemble, of another robot, or with a value that is not allowed.
     """
-    place = Path(path)
-    try:
-        content = json.loads(place.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ParameterError(f"ensemble '{place}' is not there; swim2real ensemble writes it") from None
-    except (OSError, ValueError) as error:
-        raise ParameterError(f"ensemble '{place}' can't be read as JSON: {error}") from error
-    if not isinstance(content, dict) or content.get("kind") != "ensemble":
-        raise ParameterError(f"'{place}' is no ensemble; swim2real ensemble writes one")
-    if content.get("format") != FORMAT:
-        raise ParameterError(
-            f"ensemble '{place}': format is {content.get('format')!r}; this version reads format {FORMAT}"
-        )
-    if content.get("robot") != robot.name:
-        raise ParameterError(f"ensemble '{place}' is for robot {content.get('robot')!r}, not '{robot.name}'")
-    members = content.get("members")
-    if not isinstance(members, list) or not members:
-        raise ParameterError(f"ensemble '{place}': 'members' must be a list with at least one parameter set")
-    found: list[Values] = []
-    for number, member in enumerate(members, start=1):
-        values = member.get("parameters") if isinstance(member, dict) else None
-        if not isinstance(values, dict):
-            raise ParameterError(f"ensemble '{place}', member {number}: 'parameters' must map names to numbers")
-        found.append(robot.space.check(values, where=f"'{place}', member {number}"))
-    return found
+    content = read(_EnsembleFile, path, "ensemble", ParameterError, "swim2real ensemble writes one")
+    if content.robot != robot.name:
+        raise ParameterError(f"ensemble '{path}' is for robot {content.robot!r}, not '{robot.name}'")
+    return [
+        robot.space.check(member.parameters, where=f"'{path}', member {number}")
+        for number, member in enumerate(content.members, start=1)
+    ]
 
 
-def _same(runs: Sequence[Reopened]) -> dict[str, Any]:
+def _common_conditions(runs: Sequence[FinishedRun]) -> dict[str, Any]:
     if not runs:
         raise ArgumentError("an ensemble needs at least one run")
-    first = described(runs[0])
+    first = runs[0].conditions()
     for run in runs[1:]:
-        for key, value in described(run).items():
+        for key, value in run.conditions().items():
             if value != first[key]:
                 raise RunError(
                     f"runs '{runs[0].folder.path}' and '{run.folder.path}' can't be put together: {key} is "
@@ -170,18 +168,18 @@ def _same(runs: Sequence[Reopened]) -> dict[str, Any]:
     return first
 
 
-def _gathered(run: Reopened) -> list[Member]:
-    """What the run evaluated, and what a study of it re-fitted."""
-    found = [Member(np.array(entry["point"]), float(entry["loss"]), "record") for entry in run.record]
+def _gathered(run: FinishedRun) -> list[Member]:
+    """The points that the run evaluated, and those that a study of it re-fitted."""
+    recorded = [Member(np.array(entry["point"]), float(entry["loss"]), "record") for entry in run.record]
     path = run.folder.path / IDENTIFIABILITY
     if not path.is_file():
-        return found
+        return recorded
     study = read_study(path)
-    if any(study.get(key) != value for key, value in described(run).items()):
-        return found
+    if any(study.get(key) != value for key, value in run.conditions().items()):
+        return recorded
     points = [study["fit"]] if "fit" in study else []
-    points += [point for one in study.get("profiles", {}).values() for point in one["points"]]
-    return found + [Member(np.array(point["point"]), float(point["loss"]), "profile") for point in points]
+    points += [point for profile in study.get("profiles", {}).values() for point in profile["points"]]
+    return recorded + [Member(np.array(point["point"]), float(point["loss"]), "profile") for point in points]
 
 
 def _near(members: Sequence[Member], limit: float) -> list[Member]:
@@ -210,22 +208,22 @@ def _walked(
         starts = rng.integers(len(pool), size=count)
         moves = rng.standard_normal((count, len(values))) @ step.T * length / np.sqrt(len(values))
         points = [_reflected(pool[i].point + move) for i, move in zip(starts, moves, strict=True)]
-        found = [Member(one.point, one.loss, "walk") for one in evaluate(points) if not one.failed]
+        walked = [Member(result.point, result.loss, "walk") for result in evaluate(points) if not result.failed]
         spent += count
-        best = min((best, *found), key=lambda member: member.loss)
-        accepted = sum(member.loss <= best.loss * settings.within for member in found)
-        pool[:] = _near([*pool, *found], best.loss * settings.within)
+        best = min((best, *walked), key=lambda member: member.loss)
+        accepted = sum(member.loss <= best.loss * settings.within for member in walked)
+        pool[:] = _near([*pool, *walked], best.loss * settings.within)
         length *= float(np.exp(accepted / count - _ACCEPTED))
     return best, pool
 
 
 def _reflected(point: Array) -> Array:
-    """Back into the cube, mirrored at its faces."""
+    """A point mirrored at the faces of the cube until it is inside."""
     folded = np.mod(point, 2.0)
     return np.where(folded > 1.0, 2.0 - folded, folded)
 
 
-def _ranges(run: Reopened, values: Array) -> dict[str, dict[str, Any]]:
+def _ranges(run: FinishedRun, values: Array) -> dict[str, dict[str, Any]]:
     quantiles = np.percentile(values, (0, 5, 50, 95, 100), axis=0).T
     names = ("min", "p5", "median", "p95", "max")
     return {

@@ -1,4 +1,4 @@
-"""Which parameters the trials tell at a run's best fit, and which make up for one another.
+"""Which parameters the trials determine at a run's best fit, and which make up for one another.
 
 First the fit is improved, since profiles around a point that isn't a minimum say little. Then come its neighborhood and
 the profile of each parameter. When a profile comes upon a clearly better fit, the study begins again there. After each
@@ -12,17 +12,20 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, FiniteFloat, NonNegativeInt
 
-from swim2real.calibration.local import Local, local
-from swim2real.calibration.loop import write_found
-from swim2real.calibration.profile import DISTANCES, ProfilePoint, judge, profile
+from swim2real import store
+from swim2real.calibration.finished_run import FinishedRun
+from swim2real.calibration.gauss_newton import STEP, EvaluatedPoint, Evaluator, jacobian, refit
+from swim2real.calibration.loop import write_fit
+from swim2real.calibration.neighborhood import Neighborhood, neighborhood
+from swim2real.calibration.profile import DISTANCES, ProfilePoint, profile, summarize
 from swim2real.calibration.provenance import commit, versions
-from swim2real.calibration.refit import STEP, Evaluator, Fitted, jacobian, refit
-from swim2real.calibration.reopened import Reopened, described
+from swim2real.checking import check
 from swim2real.errors import RunError
 from swim2real.settings import IdentifiabilitySettings
 
@@ -34,15 +37,41 @@ _RECENTERS = 3  # times that a study begins again at a clearly better fit that a
 _BETTER = 0.5  # of the rise that counts, by which a fit is clearly better
 
 
+class _Point(BaseModel):
+    """A point of the unit cube with its loss."""
+
+    point: list[float]
+    loss: FiniteFloat
+
+
+class _Profile(BaseModel):
+    """The profile of a parameter, as far as it is read again."""
+
+    points: list[_Point]
+
+
+class _Study(BaseModel):
+    """The file of a study, as far as it is read again."""
+
+    format: Literal[1]
+    complete: bool
+    evaluations: NonNegativeInt
+    recentered: NonNegativeInt
+    start: _Point
+    fit: _Point | None = None
+    lowest: _Point | None = None
+    profiles: dict[str, _Profile] = {}
+
+
 @dataclass(frozen=True)
 class StudyProgress:
     """What a person wants to see while it goes on.
 
     Attributes:
-        evaluations: So far.
-        most: An upper limit for all; it grows when the study begins again at a better fit.
-        stage: What is being done.
-        finished: A profile that is done, or None.
+        evaluations: Number of evaluations so far.
+        most: An upper limit for their number; it grows when the study begins again at a better fit.
+        stage: What is being worked out.
+        finished: A profile that has just been finished, or None.
     """
 
     evaluations: int
@@ -52,7 +81,7 @@ class StudyProgress:
 
 
 def identify(
-    run: Reopened, settings: IdentifiabilitySettings | None = None, again: bool = False,
+    run: FinishedRun, settings: IdentifiabilitySettings | None = None, again: bool = False,
     on_progress: Callable[[StudyProgress], None] = lambda progress: None,
 ) -> dict[str, Any]:  # fmt: skip
     """Studies a run's best fit, or goes on with the study that is there, into identifiability.json of its folder.
@@ -60,9 +89,9 @@ def identify(
     The lowest point that is on record there is also a parameters file, identified.json.
 
     Args:
-        run: Its folder is locked meanwhile.
-        settings: Of the study.
-        again: Begin anew even if there is one.
+        run: The run; its folder is locked meanwhile.
+        settings: Settings of the study.
+        again: Whether to begin anew even if there is a study.
         on_progress: Called after each batch of evaluations; what it raises ends the study, which goes on from there
             when called again.
 
@@ -73,7 +102,7 @@ def identify(
         RunError: The study that is there was made with other settings, or the folder can't be written.
     """
     with run.folder.locked():
-        return _Study(run, settings or IdentifiabilitySettings(), on_progress).run(again)
+        return _Profiling(run, settings or IdentifiabilitySettings(), on_progress).run(again)
 
 
 def most_evaluations(settings: IdentifiabilitySettings, dimension: int) -> int:
@@ -83,9 +112,11 @@ def most_evaluations(settings: IdentifiabilitySettings, dimension: int) -> int:
     return 2 + polish + 2 * dimension + dimension * values * (5 + 3 * settings.steps)
 
 
-class _Study:
+class _Profiling:
+    """A study as it goes on."""
+
     def __init__(
-        self, run: Reopened, settings: IdentifiabilitySettings, on_progress: Callable[[StudyProgress], None]
+        self, run: FinishedRun, settings: IdentifiabilitySettings, on_progress: Callable[[StudyProgress], None]
     ) -> None:
         self._run, self._settings, self._tell = run, settings, on_progress
         self._names = run.space.names
@@ -93,21 +124,21 @@ class _Study:
         self._most = most_evaluations(settings, len(self._names))
         self._stage = ""
         self._before = 0
-        self._evaluate = Evaluator(run.problem, run.space, self._told)
+        self._evaluate = Evaluator(run.problem, run.space, self._count)
         self._begun = {
             "format": FORMAT,
-            **described(run),
+            **run.conditions(),
             "settings": asdict(settings),
             "start": {"point": [float(x) for x in run.best["point"]], "loss": run.best["loss"]},
         }
 
-    def _told(self, count: int) -> None:
+    def _count(self, count: int) -> None:
         self._tell(StudyProgress(self._before + count, self._most, self._stage))
 
     def run(self, again: bool) -> dict[str, Any]:
-        there = None if again else self._there()
-        state: dict[str, Any] = there or {}
-        if there is None:
+        earlier = None if again else self._earlier()
+        state: dict[str, Any] = earlier or {}
+        if earlier is None:
             state = {**self._begun, "complete": False, "evaluations": 0, "recentered": 0}
         if state["complete"]:
             self._write_lowest(state)
@@ -138,7 +169,7 @@ class _Study:
         best = self._evaluate([np.array(state["fit"]["point"])])[0]
         slopes, jumps = jacobian(self._evaluate, best)
         if "local" not in state:
-            state["local"] = self._local_content(local(slopes, best.residual, self._run.problem.blocks()), best)
+            state["local"] = self._local_content(neighborhood(slopes, best.residual, self._run.problem.blocks()), best)
             state["local"]["jumps"] = [self._names[i] for i in jumps]
             self._write(state)
         rise = self._settings.rise * best.loss
@@ -146,7 +177,7 @@ class _Study:
             if name not in state["profiles"]:
                 self._stage = name
                 points = profile(self._evaluate, best, slopes, index, rise, self._settings.steps)
-                state["profiles"][name] = self._judged(points, index, rise)
+                state["profiles"][name] = self._summary(points, index, rise)
                 state["lowest"] = self._lowest(state)
                 self._write(state)
                 done = {"name": name, **state["profiles"][name]}
@@ -155,50 +186,52 @@ class _Study:
                 return False
         return True
 
-    def _there(self) -> dict[str, Any] | None:
+    def _earlier(self) -> dict[str, Any] | None:
+        """The study that is on the disk, None where there is none."""
         if not self._path.is_file():
             return None
-        found = read_study(self._path)
+        study = read_study(self._path)
         for key, value in self._begun.items():
-            if found.get(key) != value:
+            if study.get(key) != value:
                 raise RunError(
-                    f"'{self._path}' is a study with another {key}: it was {json.dumps(found.get(key))[:80]} and is "
+                    f"'{self._path}' is a study with another {key}: it was {json.dumps(study.get(key))[:80]} and is "
                     f"now {json.dumps(value)[:80]}; begin anew with --again"
                 )
-        return found
+        return study
 
-    def _polished(self, point: NDArray[np.float64]) -> Fitted:
+    def _polished(self, point: NDArray[np.float64]) -> EvaluatedPoint:
         best = self._evaluate([point])[0]
         free = np.ones(len(best.point), dtype=bool)
         for _ in range(_POLISH_ROUNDS if self._settings.polish else 0):
-            found, _ = refit(self._evaluate, best, jacobian(self._evaluate, best)[0], free, self._settings.polish)
-            best = min((best, found), key=lambda one: one.loss)
+            slopes, _ = jacobian(self._evaluate, best)
+            refitted, _ = refit(self._evaluate, best, slopes, free, self._settings.polish)
+            best = min((best, refitted), key=lambda point: point.loss)
         return best
 
-    def _local_content(self, found: Local, best: Fitted) -> dict[str, Any]:
-        errors = found.standard_errors
+    def _local_content(self, around: Neighborhood, best: EvaluatedPoint) -> dict[str, Any]:
+        errors = around.standard_errors
         values = [_around(self._run, best.point, i, float(e)) for i, e in enumerate(errors)]
         return {
             "step": STEP,
             "misfit": best.misfit,
             "rise": self._settings.rise * best.loss,
-            "effective_count": found.effective_count,
+            "effective_count": around.effective_count,
             "standard_errors": {
                 name: {"cube": float(e) if np.isfinite(e) else None, "values": v}
                 for name, e, v in zip(self._names, errors, values, strict=True)
             },
-            "correlations": found.correlations.tolist(),
-            "directions": found.directions(self._names),
-            "normal": found.normal.tolist(),
+            "correlations": around.correlations.tolist(),
+            "directions": around.directions(self._names),
+            "normal": around.normal.tolist(),
         }
 
-    def _judged(self, points: list[ProfilePoint], index: int, rise: float) -> dict[str, Any]:
-        found = judge(points, index, self._names, rise)
-        ends = [_value(self._run, index, at) for at in found["interval"]]
-        return {**found, "values": ends, "points": [point.as_dict() for point in points]}
+    def _summary(self, points: list[ProfilePoint], index: int, rise: float) -> dict[str, Any]:
+        summary = summarize(points, index, self._names, rise)
+        ends = [_value(self._run, index, at) for at in summary["interval"]]
+        return {**summary, "values": ends, "points": [point.as_dict() for point in points]}
 
     def _lowest(self, state: dict[str, Any]) -> dict[str, Any]:
-        points = [point for one in state["profiles"].values() for point in one["points"]]
+        points = [point for summary in state["profiles"].values() for point in summary["points"]]
         lowest = min(points, key=lambda point: point["loss"])
         return {"point": lowest["point"], "loss": lowest["loss"]}
 
@@ -208,21 +241,22 @@ class _Study:
         self._write_lowest(state)
 
     def _write_lowest(self, state: dict[str, Any]) -> None:
-        found = min((state[key] for key in ("start", "fit", "lowest") if key in state), key=lambda one: one["loss"])
+        known = [state[key] for key in ("start", "fit", "lowest") if key in state]
+        lowest = min(known, key=lambda point: point["loss"])
         place = self._run.folder.path / IDENTIFIED
         try:
-            write_found(place, self._run.problem, self._run.space.to_values(found["point"]), loss=found["loss"])
+            write_fit(place, self._run.problem, self._run.space.to_values(lowest["point"]), loss=lowest["loss"])
         except OSError as error:
             raise RunError(f"can't write '{place}': {error.strerror or error}; the same command goes on") from error
 
 
-def _value(run: Reopened, index: int, at: float) -> float:
+def _value(run: FinishedRun, index: int, at: float) -> float:
     point = np.full(len(run.space), 0.5)
     point[index] = at
     return float(run.space.to_array(point)[index])
 
 
-def _around(run: Reopened, point: NDArray[np.float64], index: int, error: float) -> list[float]:
+def _around(run: FinishedRun, point: NDArray[np.float64], index: int, error: float) -> list[float]:
     """Values a standard error below and above, cut at the bounds."""
     return [_value(run, index, float(np.clip(point[index] + sign * error, 0.0, 1.0))) for sign in (-1.0, 1.0)]
 
@@ -233,14 +267,11 @@ def read_study(path: str | Path) -> dict[str, Any]:
     Raises:
         RunError: Not there, damaged, or of another format.
     """
-    place = Path(path)
     try:
-        content = json.loads(place.read_text(encoding="utf-8"))
+        content = store.read_json(path)
     except FileNotFoundError:
-        raise RunError(f"'{place}' is not there; swim2real identify writes it") from None
+        raise RunError(f"'{path}' is not there; swim2real identify writes it") from None
     except (OSError, ValueError) as error:
-        raise RunError(f"'{place}' can't be read: {error}; begin anew with --again") from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        found = content.get("format") if isinstance(content, dict) else content
-        raise RunError(f"'{place}': format is {found!r}; this version reads format {FORMAT}")
+        raise RunError(f"'{path}' can't be read: {error}; begin anew with --again") from error
+    check(_Study, content, f"'{path}'", RunError, "begin anew with --again")
     return content

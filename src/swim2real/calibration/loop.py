@@ -140,12 +140,12 @@ def _check_replay(entry: Mapping[str, Any], candidate: Candidate, index: int, fo
 def write_best(folder: RunFolder, problem: Problem, entry: Mapping[str, Any]) -> None:
     """Writes the incumbent as the run's parameters file."""
     try:
-        write_found(folder.best_path, problem, entry["values"], loss=entry["loss"], evaluation=entry["index"])
+        write_fit(folder.best_path, problem, entry["values"], loss=entry["loss"], evaluation=entry["index"])
     except OSError as error:
         raise RunError(f"can't write '{folder.best_path}': {error.strerror or error}; --resume goes on") from error
 
 
-def write_found(path: Path, problem: Problem, values: Values, **notes: Any) -> None:
+def write_fit(path: Path, problem: Problem, values: Values, **notes: Any) -> None:
     """Writes values as a parameters file of the problem's robot and physics, whole or not at all.
 
     Raises:

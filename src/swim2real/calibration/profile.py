@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.calibration.refit import Evaluator, Fitted, mended, moved, refit
+from swim2real.calibration.gauss_newton import EvaluatedPoint, Evaluator, broyden_update, refit, step_toward
 
 Array = NDArray[np.float64]
 
 DISTANCES = (0.05, 0.15, 0.4, 1.0)  # from the best fit, of the range, cut at the bound
 ENOUGH = 3.0  # times the rise that counts, at which a side ends
 IDENTIFIED = 0.25  # of the range: the widest interval of a parameter that is identified
-_MADE_UP = 0.05  # of the range: the least move of another parameter that is told
-_AT_BOUND = 0.02  # of the range: nearer to a bound there is no side to speak of
+_MADE_UP = 0.05  # of the range: the least move of another parameter that is reported
+_AT_BOUND = 0.02  # of the range: an interval that ends nearer to a bound is open there
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,10 @@ class ProfilePoint:
 
     Attributes:
         at: The parameter's coordinate in the cube.
-        loss: The lowest that was seen, after the re-fit or before it. A re-fit lowers the misfit, a sum of squares, and
-            may leave a loss, a mean of distances, that was lower [m].
-        fixed_loss: With the others where they were at the value before [m].
-        point: That with the lowest loss. Shape (d,).
+        loss: The lowest loss, after the re-fit or before it [m]. A re-fit lowers the misfit, a sum of squares, and may
+            leave a lower loss, a mean of distances.
+        fixed_loss: The loss with the others where they were at the value before [m].
+        point: The point with the lowest loss. Shape (d,).
     """
 
     at: float
@@ -46,32 +46,32 @@ class ProfilePoint:
 
 
 def profile(
-    evaluate: Evaluator, best: Fitted, slopes: Array, index: int, rise: float, steps: int
+    evaluate: Evaluator, best: EvaluatedPoint, slopes: Array, index: int, rise: float, steps: int
 ) -> list[ProfilePoint]:
     """Walks from the best fit to both ends of a parameter's range, until the loss has clearly risen.
 
     Args:
         evaluate: Evaluates points.
-        best: Where the walk begins.
+        best: The best fit, where the walk begins.
         slopes: Jacobian there [m]. Shape (n, d).
-        index: Of the parameter.
-        rise: Of the loss that counts [m].
-        steps: Of each re-fit, at most.
+        index: Index of the parameter.
+        rise: Rise of the loss that counts [m].
+        steps: Most steps of each re-fit.
 
     Returns:
         Points in the order of the parameter's value, the best fit among them.
     """
     free = np.arange(len(best.point)) != index
-    found = [ProfilePoint(float(best.point[index]), best.loss, best.loss, best.point)]
+    points = [ProfilePoint(float(best.point[index]), best.loss, best.loss, best.point)]
     for sign in (-1.0, 1.0):
-        at, mending = best, slopes
+        at, updated = best, slopes
         for value in _values(float(best.point[index]), sign):
-            at, mending, alone = _fixed(evaluate, at, mending, index, value, free, rise, steps)
-            lowest = min((at, alone, *evaluate([_with(best.point, index, value)])), key=lambda one: one.loss)
-            found.append(ProfilePoint(value, lowest.loss, alone.loss, lowest.point))
+            at, updated, alone = _fixed(evaluate, at, updated, index, value, free, rise, steps)
+            lowest = min((at, alone, *evaluate([_with(best.point, index, value)])), key=lambda point: point.loss)
+            points.append(ProfilePoint(value, lowest.loss, alone.loss, lowest.point))
             if lowest.loss > best.loss + ENOUGH * rise:
                 break
-    return sorted(found, key=lambda point: point.at)
+    return sorted(points, key=lambda point: point.at)
 
 
 def _values(start: float, sign: float) -> list[float]:
@@ -84,20 +84,20 @@ def _values(start: float, sign: float) -> list[float]:
 
 
 def _fixed(
-    evaluate: Evaluator, before: Fitted, slopes: Array, index: int, value: float, free: NDArray[np.bool_],
+    evaluate: Evaluator, before: EvaluatedPoint, slopes: Array, index: int, value: float, free: NDArray[np.bool_],
     rise: float, steps: int,
-) -> tuple[Fitted, Array, Fitted]:  # fmt: skip
-    """One value: the others as they were, then as the slopes foresee them, then re-fitted.
+) -> tuple[EvaluatedPoint, Array, EvaluatedPoint]:  # fmt: skip
+    """One value: the others as they were, then as the slopes predict them, then re-fitted.
 
     Returns:
-        The last, the mended slopes, and the first.
+        The re-fitted point, the updated slopes, and the point with the others as they were.
     """
     shift = value - before.point[index]
     alone = _with(before.point, index, value)
-    foreseen = -(before.residual + slopes[:, index] * shift)
-    first = evaluate([alone, *(moved(alone, foreseen, slopes, free, abs(shift) * k) for k in (3.0, 1.0, 1 / 3))])
-    best = min(first, key=lambda one: one.misfit)
-    slopes = mended(slopes, before, [one for one in first if abs(shift) < 0.2])
+    predicted = -(before.residual + slopes[:, index] * shift)
+    first = evaluate([alone, *(step_toward(alone, predicted, slopes, free, abs(shift) * k) for k in (3.0, 1.0, 1 / 3))])
+    best = min(first, key=lambda point: point.misfit)
+    slopes = broyden_update(slopes, before, first if abs(shift) < 0.2 else [])
     best, slopes = refit(evaluate, best, slopes, free, steps, min(abs(shift), 0.1), enough=0.02 * rise)
     return best, slopes, first[0]
 
@@ -108,14 +108,14 @@ def _with(point: Array, index: int, value: float) -> Array:
     return out
 
 
-def judge(points: Sequence[ProfilePoint], index: int, names: Sequence[str], rise: float) -> dict[str, Any]:
+def summarize(points: Sequence[ProfilePoint], index: int, names: Sequence[str], rise: float) -> dict[str, Any]:
     """What a profile says of its parameter.
 
     Args:
-        points: In the order of the parameter's value.
-        index: Of the parameter.
-        names: Of all parameters.
-        rise: That counts, above the profile's own lowest loss [m].
+        points: The profile, in the order of the parameter's value.
+        index: Index of the parameter.
+        names: Names of all parameters.
+        rise: Rise of the loss that counts, above the profile's own lowest [m].
 
     Returns:
         `verdict`; `interval`, the cube's coordinates within the rise, interpolated; `open`, whether the interval ends

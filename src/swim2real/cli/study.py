@@ -36,9 +36,9 @@ def identify(
         json: Print JSON in SI units.
         quiet: Print no progress.
     """
+    from swim2real.calibration.finished_run import reopen
     from swim2real.calibration.identifiability import IDENTIFIED, StudyProgress
     from swim2real.calibration.identifiability import identify as study
-    from swim2real.calibration.reopened import reopen
     from swim2real.cli.subject import robot_for
     from swim2real.cli.tables import progress_console, say
     from swim2real.interruption import Interruption
@@ -89,7 +89,7 @@ def ensemble(
         quiet: Print no progress.
     """
     from swim2real.calibration.ensemble import make_ensemble, write_ensemble
-    from swim2real.calibration.reopened import reopen
+    from swim2real.calibration.finished_run import reopen
     from swim2real.cli import tables
     from swim2real.cli.subject import robot_for
     from swim2real.interruption import Interruption

@@ -1,4 +1,4 @@
-"""A finished run as a problem again, with what it was run with: for studies of its best fit."""
+"""A finished run with its problem posed again, for studies of its best fit."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from swim2real.trials import TrialSet
 
 
 @dataclass(frozen=True)
-class Reopened:
-    """A run's problem and what the run has found.
+class FinishedRun:
+    """A run, its problem and its evaluations.
 
     Attributes:
-        folder: Of the run.
-        settings: As recorded.
+        folder: Folder of the run.
+        settings: Recorded settings.
         problem: The fitted trials and a simulator, as in the run.
-        space: With the run's scale.
+        space: Parameters on the run's scale.
         record: Evaluations that didn't fail and weren't stopped early.
     """
 
@@ -40,8 +40,22 @@ class Reopened:
         """The record's entry of the lowest loss, the first of several."""
         return min(self.record, key=lambda entry: entry["loss"])
 
+    def conditions(self) -> dict[str, Any]:
+        """What decides a loss, for the file of a study: robot, protocol, trials, reference and engine."""
+        conditions = {
+            "robot": self.settings["robot"],
+            "parameters": list(self.space.names),
+            "scale": self.space.scale,
+            "protocol": self.problem.protocol.name,
+            "horizon": self.problem.horizon,
+            "trials": [trial.name for trial in self.problem.trials],
+            "reference_fingerprint": self.settings["reference_fingerprint"],
+            "engine": self.problem.engine.as_dict(),
+        }
+        return json.loads(json.dumps(conditions))  # as it will be when it is read back
 
-def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | None = None) -> Reopened:
+
+def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | None = None) -> FinishedRun:
     """Reads a run and makes its problem again.
 
     Args:
@@ -78,19 +92,4 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
             space.to_values(entry["point"])
     except (KeyError, ValueError, TypeError) as error:
         raise RunError(f"the record of '{folder.path}' is damaged: {error!r}; begin a new run") from error
-    return Reopened(folder, settings, problem, space, record)
-
-
-def described(run: Reopened) -> dict[str, Any]:
-    """What decides a loss, for the file of a study: robot, protocol, trials, reference and engine."""
-    found = {
-        "robot": run.settings["robot"],
-        "parameters": list(run.space.names),
-        "scale": run.space.scale,
-        "protocol": run.problem.protocol.name,
-        "horizon": run.problem.horizon,
-        "trials": [trial.name for trial in run.problem.trials],
-        "reference_fingerprint": run.settings["reference_fingerprint"],
-        "engine": run.problem.engine.as_dict(),
-    }
-    return json.loads(json.dumps(found))  # as it will be when it is read back
+    return FinishedRun(folder, settings, problem, space, record)

@@ -1,4 +1,4 @@
-"""How well the trials tell the parameters near a fit: standard errors, correlations, stiff and sloppy directions.
+"""How well the trials determine the parameters near a fit: standard errors, correlations, stiff and sloppy directions.
 
 The residual of a good fit is mostly what the model can't do, strongly correlated in time and between markers. Counting
 frames as independent would make standard errors many times too small. Here the noise of a trial is taken as stationary,
@@ -23,13 +23,13 @@ _NAMED = 0.8  # of a direction's square that its named parameters hold
 
 
 @dataclass(frozen=True)
-class Local:
+class Neighborhood:
     """The neighborhood of a fit, in the unit cube.
 
     Attributes:
         normal: J'J [m²]. Shape (d, d).
-        covariance: Of the parameters, infinite on the diagonal where nothing tells them. Shape (d, d).
-        effective_count: Independent numbers that the residual holds, an estimate.
+        covariance: Covariance of the parameters, infinite on the diagonal where nothing determines them. Shape (d, d).
+        effective_count: Estimated number of independent numbers in the residual.
     """
 
     normal: Array
@@ -38,12 +38,12 @@ class Local:
 
     @property
     def standard_errors(self) -> Array:
-        """Of each parameter, in the cube; infinite where nothing tells it. Shape (d,)."""
+        """Standard error of each parameter in the cube; infinite where nothing determines it. Shape (d,)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def correlations(self) -> Array:
-        """Between parameters, 0 where one isn't told at all. Shape (d, d)."""
+        """Correlations between parameters, 0 where one isn't determined at all. Shape (d, d)."""
         errors = self.standard_errors
         finite = np.isfinite(errors) & (errors > 0)
         out = np.eye(len(errors))
@@ -69,12 +69,12 @@ class Local:
         return out
 
 
-def local(slopes: Array, residual: Array, blocks: Sequence[tuple[int, int]]) -> Local:
+def neighborhood(slopes: Array, residual: Array, blocks: Sequence[tuple[int, int]]) -> Neighborhood:
     """Standard errors and directions from a Jacobian and the residual at a fit.
 
     Args:
         slopes: Jacobian of the residual by the cube's coordinates [m]. Shape (n, d).
-        residual: [m]. Shape (n,).
+        residual: Residual at the fit [m]. Shape (n,).
         blocks: Rows, in time, and columns of the numbers that belong together; n is the sum of their products.
     """
     count = slopes.shape[1]
@@ -91,24 +91,24 @@ def local(slopes: Array, residual: Array, blocks: Sequence[tuple[int, int]]) -> 
         over_both = np.einsum("tci,ce->tei", over_time, between)
         middle += np.tensordot(sway, over_both, axes=((0, 1), (0, 1)))
     values, vectors = np.linalg.eigh(normal)
-    told = values > _NO_EFFECT * max(float(values[-1]), 1e-300)
-    inverse = (vectors[:, told] / values[told]) @ vectors[:, told].T
-    fitted = int(told.sum())
+    determined = values > _NO_EFFECT * max(float(values[-1]), 1e-300)
+    inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
+    fitted = int(determined.sum())
     spread = effective / max(effective - fitted, 1.0)  # a fit takes away from the residual
     covariance: Array = np.asarray(inverse @ middle @ inverse * spread, dtype=float)
-    untold = np.square(vectors[:, ~told]).sum(axis=1) > 1e-6
-    covariance[untold, untold] = np.inf
-    return Local(normal, covariance, effective)
+    undetermined = np.square(vectors[:, ~determined]).sum(axis=1) > 1e-6
+    covariance[undetermined, undetermined] = np.inf
+    return Neighborhood(normal, covariance, effective)
 
 
 def autocorrelation(noise: Array) -> Array:
-    """Of all channels together, not centered, biased toward 0 at long lags so that it is a covariance.
+    """Autocorrelation of all channels together, not centered, biased toward 0 at long lags so that it is a covariance.
 
     Args:
-        noise: Shape (T, C).
+        noise: Channels over time. Shape (T, C).
 
     Returns:
-        1 at lag 0. Shape (T,).
+        The autocorrelation, 1 at lag 0. Shape (T,).
     """
     frames = len(noise)
     spectrum = np.square(np.abs(np.fft.rfft(noise, 2 * frames, axis=0))).sum(axis=1)
@@ -124,6 +124,6 @@ def _independent_frames(correlation: Array) -> float:
 
 
 def _participation(covariance: Array) -> float:
-    """How many eigenvalues share the sum."""
+    """Participation ratio: how many eigenvalues share the sum."""
     square = float(np.sum(covariance**2))
     return float(np.trace(covariance)) ** 2 / square if square > 0 else 0.0

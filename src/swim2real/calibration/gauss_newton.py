@@ -1,7 +1,7 @@
 """Bounded Gauss-Newton steps in the unit cube, for studies around a best fit.
 
 The simulator has no gradient, and near a fit it may have cliffs. So a step tries several reaches in one batch and keeps
-the best, and the Jacobian is mended from what was evaluated (Broyden's update) instead of being measured anew.
+the best, and the Jacobian is updated from the evaluated points (Broyden's update) instead of being measured anew.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ _SMALLEST = 1e-4  # reach [of the range] at which a re-fit gives up
 
 
 @dataclass(frozen=True)
-class Fitted:
+class EvaluatedPoint:
     """An evaluated point.
 
     Attributes:
-        point: In the unit cube. Shape (d,).
-        loss: [m].
-        residual: `Comparison.residual_vector()` [m]. Shape (n,).
+        point: Coordinates in the unit cube. Shape (d,).
+        loss: Loss of the comparison [m].
+        residual: Residual vector of the comparison [m]. Shape (n,).
         failed: Whether a simulation diverged.
     """
 
@@ -45,35 +45,43 @@ class Fitted:
 
     @property
     def misfit(self) -> float:
-        """Root of the mean square of the residual, what Gauss-Newton lowers [m]."""
+        """Root of the mean square of the residual, which Gauss-Newton lowers [m]."""
         return float(np.linalg.norm(self.residual))
 
 
 class Evaluator:
-    """Evaluates points of the unit cube in batches, counts them and tells of it."""
+    """Evaluates points of the unit cube in batches and counts them."""
 
     def __init__(
         self, problem: Problem, space: ParameterSpace, on_batch: Callable[[int], None] = lambda count: None
     ) -> None:
-        """Args: `on_batch` is called after every batch, with the evaluations so far."""
+        """Prepares the evaluations.
+
+        Args:
+            problem: What evaluates parameter values.
+            space: Maps the unit cube to values.
+            on_batch: Called after every batch with the number of evaluations so far.
+        """
         self.problem, self.space, self.count = problem, space, 0
         self._on_batch = on_batch
 
     def comparisons(self, points: Sequence[Array]) -> list[Comparison]:
-        """Evaluates points of the unit cube. Each of shape (d,)."""
-        found = self.problem.evaluate_many([self.space.to_values(point) for point in points])
+        """Comparisons of points of the unit cube. Each of shape (d,)."""
+        comparisons = self.problem.evaluate_many([self.space.to_values(point) for point in points])
         self.count += len(points)
         self._on_batch(self.count)
-        return found
+        return comparisons
 
-    def __call__(self, points: Sequence[Array]) -> list[Fitted]:
+    def __call__(self, points: Sequence[Array]) -> list[EvaluatedPoint]:
         return [
-            Fitted(np.asarray(point), one.loss, one.residual_vector(), one.divergence is not None)
-            for point, one in zip(points, self.comparisons(points), strict=True)
+            EvaluatedPoint(
+                np.asarray(point), comparison.loss, comparison.residual_vector(), comparison.divergence is not None
+            )
+            for point, comparison in zip(points, self.comparisons(points), strict=True)
         ]
 
 
-def jacobian(evaluate: Evaluator, at: Fitted) -> tuple[Array, list[int]]:
+def jacobian(evaluate: Evaluator, at: EvaluatedPoint) -> tuple[Array, list[int]]:
     """Slopes of the residual by central differences, one-sided at a bound or where the other side crosses a jump.
 
     A jump, where a motion changes into another kind, is no slope: one among the columns would hide all others.
@@ -87,12 +95,12 @@ def jacobian(evaluate: Evaluator, at: Fitted) -> tuple[Array, list[int]]:
             point = at.point.copy()
             point[i] = np.clip(point[i] + sign * STEP, 0.0, 1.0)
             points.append(point)
-    found = evaluate(points)
+    neighbors = evaluate(points)
     columns: list[Array] = []
     jumps: list[int] = []
     for i in range(len(at.point)):
-        low, high = found[2 * i], found[2 * i + 1]
-        down, up = (float(np.linalg.norm(one.residual - at.residual)) for one in (low, high))
+        low, high = neighbors[2 * i], neighbors[2 * i + 1]
+        down, up = (float(np.linalg.norm(side.residual - at.residual)) for side in (low, high))
         if low.failed or (down > _JUMP * up and high.point[i] > at.point[i]):
             low = at
             jumps.append(i)
@@ -105,46 +113,46 @@ def jacobian(evaluate: Evaluator, at: Fitted) -> tuple[Array, list[int]]:
 
 
 def refit(
-    evaluate: Evaluator, start: Fitted, slopes: Array, free: NDArray[np.bool_], steps: int, reach: float = 0.1,
+    evaluate: Evaluator, start: EvaluatedPoint, slopes: Array, free: NDArray[np.bool_], steps: int, reach: float = 0.1,
     enough: float = 0.0,
-) -> tuple[Fitted, Array]:  # fmt: skip
+) -> tuple[EvaluatedPoint, Array]:  # fmt: skip
     """Lowers the residual by a few bounded steps.
 
     Args:
         evaluate: Evaluates points.
-        start: Where to begin.
+        start: The point to begin at.
         slopes: Jacobian near the start [m]. Shape (n, d).
         free: Which parameters may move. Shape (d,).
-        steps: At most, of three evaluations each.
-        reach: Of the first step, the most that a parameter moves [of its range].
+        steps: Most steps, of three evaluations each.
+        reach: The most that a parameter moves in the first step [of its range].
         enough: Gain in the loss below which the re-fit ends [m].
 
     Returns:
-        The best point found, which may be the start, and the mended Jacobian.
+        The best evaluated point, which may be the start, and the updated Jacobian.
     """
     at = start
     for _ in range(steps if free.any() else 0):
-        points = [moved(at.point, -at.residual, slopes, free, reach * share) for share in _REACHES]
-        found = evaluate(points)
-        slopes = mended(slopes, at, found)
-        best = min(range(len(found)), key=lambda i: found[i].misfit)
-        if found[best].misfit >= at.misfit:
+        points = [step_toward(at.point, -at.residual, slopes, free, reach * share) for share in _REACHES]
+        trials = evaluate(points)
+        slopes = broyden_update(slopes, at, trials)
+        best = min(range(len(trials)), key=lambda i: trials[i].misfit)
+        if trials[best].misfit >= at.misfit:
             reach *= _REACHES[-1] / 3
             if reach < _SMALLEST:
                 break
             continue
-        gain = at.misfit - found[best].misfit
-        at, reach = found[best], 2 * reach * _REACHES[best]
+        gain = at.misfit - trials[best].misfit
+        at, reach = trials[best], 2 * reach * _REACHES[best]
         if gain < enough:
             break
     return at, slopes
 
 
-def moved(point: Array, wanted: Array, slopes: Array, free: NDArray[np.bool_], reach: float) -> Array:
-    """The point whose residual changes by what is wanted, as near as the slopes, the reach and the bounds allow."""
+def step_toward(point: Array, change: Array, slopes: Array, free: NDArray[np.bool_], reach: float) -> Array:
+    """The point whose residual changes as asked, as nearly as the slopes, the reach and the bounds allow."""
     a = np.vstack([slopes[:, free], _DAMPING * np.eye(int(free.sum()))])
     q, r = np.linalg.qr(a)
-    b = q.T @ np.concatenate([wanted, np.zeros(int(free.sum()))])
+    b = q.T @ np.concatenate([change, np.zeros(int(free.sum()))])
     tiny = 1e-12  # the solver wants room between the bounds
     low = np.maximum(-point[free], -reach) - tiny
     high = np.minimum(1.0 - point[free], reach) + tiny
@@ -153,11 +161,11 @@ def moved(point: Array, wanted: Array, slopes: Array, free: NDArray[np.bool_], r
     return out
 
 
-def mended(slopes: Array, at: Fitted, found: Sequence[Fitted]) -> Array:
+def broyden_update(slopes: Array, at: EvaluatedPoint, evaluated: Sequence[EvaluatedPoint]) -> Array:
     """Broyden's update by each evaluation that is neither far off nor so near that it shows the engine's grain."""
-    for one in sorted(found, key=lambda one: -one.misfit):
-        step = one.point - at.point
+    for other in sorted(evaluated, key=lambda other: -other.misfit):
+        step = other.point - at.point
         square = float(step @ step)
-        if square >= STEP**2 and not one.failed and one.misfit < _FAR * at.misfit:
-            slopes = slopes + np.outer(one.residual - at.residual - slopes @ step, step) / square
+        if square >= STEP**2 and not other.failed and other.misfit < _FAR * at.misfit:
+            slopes = slopes + np.outer(other.residual - at.residual - slopes @ step, step) / square
     return slopes
