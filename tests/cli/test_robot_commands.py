@@ -164,7 +164,7 @@ def test_wrong_arguments_of_check_are_named(program, tmp_path):
     place = made(tmp_path, ROBOT, RECORDINGS, DAMPING, model=ARM)
     says = f"reference '{tmp_path / 'none'}' is not there; give a folder with reference.json or with published CSVs"
     assert program("check", place, "--reference", tmp_path / "none").sentence(1) == says
-    assert program("check", place, "--threads", -1).sentence(2) == "--threads is -1; it must be 0 (all cores) or above"
+    assert "threads is -1; it must be 0 (all cores) or above" in program("check", place, "--threads", -1).sentence(2)
     program("check", place, "--out", tmp_path / "none" / "p.png")
     assert program.code == 2
     assert program.err.endswith(f"--out '{tmp_path / 'none' / 'p.png'}' can't be written: No such file or directory\n")

@@ -46,8 +46,8 @@ def test_what_moves_the_markers_and_what_does_not(robot_of):
     first, second, third = probe(robot_of(stiff, unused, unseen), threads=1)
     assert min(first.lower.distance, first.upper.distance) > 1e-4
     assert not first.idle
-    assert (second.reach.changes, second.distance, second.idle) == (False, 0.0, True)
-    assert (third.reach.changes, third.idle) == (True, True)
+    assert (second.effect.changes, second.distance, second.idle) == (False, 0.0, True)
+    assert (third.effect.changes, third.idle) == (True, True)
     assert third.distance <= NOISE
 
 

@@ -14,10 +14,10 @@ from swim2real.rendering.marker_map import marker_map
 from swim2real.robots import ROBOTS, robot_file, robot_named
 from swim2real.robots.effects import why_no_effect
 from swim2real.robots.file import PLANES, RobotFile, open_robot_file
-from swim2real.robots.robot import Control, Recordings, Robot, Sine
+from swim2real.robots.robot import Control, Robot, Sine
 from swim2real.simulation.misfits import misfits, misplaced
 from swim2real.simulation.pose import MarkerView
-from swim2real.simulation.probing import FAINT, FREQUENCY, SECONDS, TRIALS, Probe, Shift, probe
+from swim2real.simulation.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
 from swim2real.trials import load_reference
 
 
@@ -71,13 +71,7 @@ def _cell(shift: Shift) -> str:
 
 def _moved(robot: Robot, trials: tuple[str, ...] | None) -> None:
     """How the robot was moved for these numbers."""
-    if trials is not None:
-        by = f"as in the trials of the reference ({', '.join(trials)})"
-    elif isinstance(robot.trials, Recordings):
-        by = f"by what drives a trial, at {FREQUENCY:g} Hz and with sines for tables, " if robot.trials.controls else ""
-        by += "from a pose off its rest" if robot.trials.start == "markers" else "from where trials start"
-    else:
-        by = f"by its motor at {FREQUENCY:g} Hz, from rest"
+    by = made_up_motion(robot) if trials is None else f"as in the trials of the reference ({', '.join(trials)})"
     say(f"Moved for {SECONDS:g} s {by}.")
 
 
@@ -106,29 +100,16 @@ def _side(robot: Robot) -> str:
 
 
 def _trials(robot: Robot) -> None:
-    if not isinstance(robot.trials, Recordings):
-        swims = robot.trials
-        text = (
-            f"Trials are steady swims: joint '{swims.motor_joint}' turns at the trial's frequency, and the robot moves "
-            f"along joints '{swims.surge_joints[0]}' and '{swims.surge_joints[1]}'."
-        )
-        say(text)
-        return
-    about = robot.trials
+    trials = robot.trials
     model = robot.build(robot.space.published).compile()
     actuators = [model.actuator(i).name for i in range(model.nu)]
     if actuators:
-        rows = [(name or "(no name)", _control(about.controls.get(name))) for name in actuators]
+        rows = [(name or "(no name)", _control(trials.control_of(name))) for name in actuators]
         table("What drives a trial", ("actuator", "driven by"), rows)
-    if about.sensors:
-        rows = [(one.name, one.unit, f"{1e3 * one.meters_per_unit:g}") for one in about.sensors]
-        table("Sensors", ("sensor", "unit", "one unit is worth mm"), rows)
-    pair = "" if about.frame is None else " and ".join(robot.marker_names[i] for i in about.frame)
-    frame = f"the frame of {pair}" if pair else "the world"
-    progress = ", progress included" if about.score_progress else ""
-    start = {"rest": "at rest", "markers": "where the markers are"}.get(about.start, f"in keyframe '{about.start}'")
-    text = f"Trials are recordings that start {start} and are compared in {frame}{progress}."
-    say(text)
+    if trials.sensors:
+        rows = [(sensor.name, sensor.unit, f"{1e3 * sensor.meters_per_unit:g}") for sensor in trials.sensors]
+        table("Sensors", ("sensor", "unit", "one unit counts as mm"), rows)
+    say(trials.summary(robot.marker_names))
 
 
 def _control(control: Control | None) -> str:
@@ -151,10 +132,10 @@ def _signed(number: float) -> str:
 
 def _wrong(file: RobotFile, robot: Robot, one: Probe) -> Iterator[str]:
     """What is wrong with a parameter."""
-    refused = [why for why in (one.reach.lower, one.reach.upper) if why is not None]
+    refused = [why for why in (one.effect.lower, one.effect.upper) if why is not None]
     yield from refused
     if not refused and one.idle:
-        what = "moves no marker" if one.reach.changes else "changes nothing of the model"
+        what = "moves no marker" if one.effect.changes else "changes nothing of the model"
         why = why_no_effect(file, robot, one.parameter.name)
         yield f"{one.parameter.name} {what}{f': {why}' if why else ''}"
 
@@ -163,7 +144,7 @@ def _notes(probes: list[Probe]) -> Iterator[str]:
     """What is worth knowing of the others."""
     for one in probes:
         p = one.parameter
-        for bound, refused, shift in ((p.lower, one.reach.lower, one.lower), (p.upper, one.reach.upper, one.upper)):
+        for bound, refused, shift in ((p.lower, one.effect.lower, one.lower), (p.upper, one.effect.upper, one.upper)):
             if refused is None and shift.failure is not None:
                 yield f"{p.name} = {bound:g}: {shift.failure}"
         if not one.idle and one.distance < FAINT:

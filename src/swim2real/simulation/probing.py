@@ -57,18 +57,18 @@ class Probe:
     """What a parameter does.
 
     Attributes:
-        reach: What it does to the model.
+        effect: What it does to the model.
         lower: What it does at its lower bound.
         upper: What it does at its upper bound.
     """
 
-    reach: ModelEffect
+    effect: ModelEffect
     lower: Shift
     upper: Shift
 
     @property
     def parameter(self) -> Parameter:
-        return self.reach.parameter
+        return self.effect.parameter
 
     @property
     def distance(self) -> float:
@@ -83,7 +83,7 @@ class Probe:
     @property
     def refused(self) -> str | None:
         """Why the model doesn't compile at a bound; None where it does at both."""
-        return self.reach.lower or self.effect.upper
+        return self.effect.lower or self.effect.upper
 
 
 def probe(robot: Robot, reference: TrialSet | None = None, threads: int | None = None) -> list[Probe]:
