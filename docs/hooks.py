@@ -79,32 +79,15 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def _commands() -> str:
-    """A section for each command: what its `--help` prints, without the frames."""
+    """A section for each command: its description, and what else its `--help` prints."""
     environment = {**os.environ, "COLUMNS": "92", "NO_COLOR": "1", "PYTHONPATH": str(ROOT / "src")}
     done = subprocess.run([sys.executable, "-c", HELP], env=environment, capture_output=True, text=True, check=True)
     parts = ["\n"]
     for name, text in json.loads(done.stdout).items():
-        usage, _, rest = text.partition("\n\n")
-        description, _, options = rest.partition("╭")
-        parts.append(
-            f"## {name}\n\n{_plain(description)}\n\n```text\n{_unframed(usage + chr(10) + '╭' + options)}```\n"
-        )
+        marked = re.sub(r"^ (\S.*?) *\n -+ *$", "\f\\1:", text, flags=re.MULTILINE)  # titles, without their lines
+        usage, _, rest = marked.partition("\n\n")
+        description, _, options = rest.partition("\f")
+        options = "\n".join(line.rstrip() for line in options.replace("\f", "").splitlines())
+        escaped = re.sub(r"([*_<>\[\]])", r"\\\1", description.strip())  # nothing in it is markup
+        parts.append(f"## {name}\n\n{escaped}\n\n```text\n{usage}\n\n{options.strip()}\n```\n")
     return "\n".join(parts)
-
-
-def _plain(text: str) -> str:
-    """A help text as Markdown: nothing in it is markup."""
-    return re.sub(r"([*_<>\[\]`])", r"\\\1", text.strip())
-
-
-def _unframed(text: str) -> str:
-    """A help text without its boxes: a box's title becomes a line, its lines are indented."""
-    lines: list[str] = []
-    for line in text.splitlines():
-        if line.startswith("╭"):
-            lines += ["", line.strip("╭─╮ ") + ":"]
-        elif line.startswith("│"):
-            lines.append(("  " + line.strip("│ ") if line[2] != " " else "  " + line[2:-1]).rstrip())
-        elif not line.startswith("╰"):
-            lines.append(line.rstrip())
-    return "\n".join(lines).strip() + "\n"
