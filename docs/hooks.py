@@ -34,18 +34,17 @@ SOURCES = {
 COMMANDS = "reference/commands.md"  # what it has by hand comes first, then a section for each command
 LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
 
-HELP = r"""
-import contextlib, io, json, re, sys
-from swim2real.cli import main
+HELP = """
+import contextlib, io, json, sys
+from swim2real.cli.main import COMMANDS, main
 
-def help_of(*words):
+def help_of(name):
     text = io.StringIO()
     with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
-        main([*words, "--help"])
+        main([name, "--help"])
     return text.getvalue()
 
-names = re.search(r"\{([a-z0-9,\s-]+)\}", help_of()).group(1).split(",")
-json.dump({name.strip(): help_of(name.strip()) for name in names}, sys.stdout)
+json.dump({title: {name: help_of(name) for name in group} for title, group in COMMANDS.items()}, sys.stdout)
 """
 
 
@@ -82,12 +81,14 @@ def _commands() -> str:
     """A section for each command: its description, and what else its `--help` prints."""
     environment = {**os.environ, "COLUMNS": "92", "NO_COLOR": "1", "PYTHONPATH": str(ROOT / "src")}
     done = subprocess.run([sys.executable, "-c", HELP], env=environment, capture_output=True, text=True, check=True)
-    parts = ["\n"]
-    for name, text in json.loads(done.stdout).items():
-        marked = re.sub(r"^ (\S.*?) *\n -+ *$", "\f\\1:", text, flags=re.MULTILINE)  # titles, without their lines
-        usage, _, rest = marked.partition("\n\n")
-        description, _, options = rest.partition("\f")
-        options = "\n".join(line.rstrip() for line in options.replace("\f", "").splitlines())
-        escaped = re.sub(r"([*_<>\[\]])", r"\\\1", description.strip())  # nothing in it is markup
-        parts.append(f"## {name}\n\n{escaped}\n\n```text\n{usage}\n\n{options.strip()}\n```\n")
+    parts: list[str] = ["\n"]
+    for title, group in json.loads(done.stdout).items():
+        parts.append(f"## {title}\n")
+        for name, text in group.items():
+            marked = re.sub(r"^ (\S.*?) *\n -+ *$", "\f\\1:", text, flags=re.MULTILINE)  # titles, not underlined
+            usage, _, rest = marked.partition("\n\n")
+            description, _, options = rest.partition("\f")
+            options = "\n".join(line.rstrip() for line in options.replace("\f", "").splitlines()).strip()
+            escaped = re.sub(r"([*_<>\[\]])", r"\\\1", description.strip())  # nothing in it is markup
+            parts.append(f"### {name}\n\n{escaped}\n\n```text\n{usage}\n\n{options}\n```\n")
     return "\n".join(parts)
