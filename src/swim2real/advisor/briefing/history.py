@@ -137,15 +137,15 @@ def _how_told(facts: Facts, numbers: bool) -> str:
     )
     if not numbers:
         return steps
-    told = ["its loss, the change from the loss before the round"]
+    parts = ["its loss, the change from the loss before the round"]
     if facts["differences"]["sensors"]:
-        told.append("what the markers have of it, the mean error of each sensor")
+        parts.append("what the markers have of it, the mean error of each sensor")
     if facts["compared"]["score_progress"]:
         ends = " at the lowest and at the highest frequency" if facts["robot"]["beats"] else ""
-        told.append(f"the ratio of speeds (simulated / real){ends}")
+        parts.append(f"the ratio of speeds (simulated / real){ends}")
     last = f" of {facts['robot']['markers'][-1]}" if facts["robot"]["beats"] else ""
-    told.append(f"the ratio of amplitudes{last} (simulated / real)")
-    return f"{steps} A step tells {', '.join(told[:-1])} and {told[-1]}: learn from it what a change does."
+    parts.append(f"the ratio of amplitudes{last} (simulated / real)")
+    return f"{steps} A step tells {', '.join(parts[:-1])} and {parts[-1]}: learn from it what a change does."
 
 
 def _in_full(finished: Facts, numbers: bool) -> str:

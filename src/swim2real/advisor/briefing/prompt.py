@@ -133,10 +133,10 @@ def _robot(facts: Facts) -> str:
 def _parameters(facts: Facts) -> str:
     rows = [
         [
-            one["name"], one["unit"], value(one["lower"]), value(one["upper"]), value(one["first"]),
-            value(one["current"]), number(one["place"], 2), one["meaning"],
+            known["name"], known["unit"], value(known["lower"]), value(known["upper"]), value(known["first"]),
+            value(known["current"]), number(known["place"], 2), known["meaning"],
         ]
-        for one in facts["parameters"]
+        for known in facts["parameters"]
     ]  # fmt: skip
     how = (
         "Each value is in the unit of its row; answer in the same unit. `current` is the best point so far, from which "

@@ -52,22 +52,22 @@ def trial_label(trial: Facts) -> str:
 
 def _short(facts: Facts) -> list[str]:
     """The main differences in sentences."""
-    found = facts["differences"]
+    overall = facts["differences"]
     lines = [
-        *_where(facts), *_when(found), *_other_way(facts), *_speed(found), *_amplitude(facts), *_wave(found),
-        *_heading(facts), *_sensors(found),
+        *_where(facts), *_when(overall), *_other_way(facts), *_speed(overall), *_amplitude(facts), *_wave(overall),
+        *_heading(facts), *_sensors(overall),
     ]  # fmt: skip
     return ["In short:\n" + "\n".join(f"- {line}" for line in lines)] if lines else []
 
 
 def _where(facts: Facts) -> list[str]:
-    found = facts["differences"]
-    if found["worst_trial"] is None:
+    overall = facts["differences"]
+    if overall["worst_trial"] is None:
         return []
-    trial = next(trial for trial in facts["incumbent"]["trials"] if trial["name"] == found["worst_trial"])
+    trial = next(trial for trial in facts["incumbent"]["trials"] if trial["name"] == overall["worst_trial"])
     lines = [f"The worst trial is {trial_label(trial)}: {mm(trial['error'], 1)} mm. {_shares(facts)}".rstrip()]
-    if found["worst_marker"] is not None:
-        marker = next(marker for marker in found["by_marker"] if marker["name"] == found["worst_marker"])
+    if overall["worst_marker"] is not None:
+        marker = next(marker for marker in overall["by_marker"] if marker["name"] == overall["worst_marker"])
         line = f"The marker that is farthest off is {marker['name']}: {mm(marker['error'], 1)} mm on average."
         if marker["offset"] is not None and math.hypot(*marker["offset"]) >= max(_MOST_OF * marker["error"], _TINY):
             parts = zip(marker["offset"], facts["compared"]["ways"], strict=True)
@@ -91,8 +91,8 @@ def _shares(facts: Facts) -> str:
     return sentence + ("the shape matters most." if shape > 2 * progress else "both matter.")
 
 
-def _when(found: Facts) -> list[str]:
-    first, second = found["halves"]
+def _when(overall: Facts) -> list[str]:
+    first, second = overall["halves"]
     if first is None or second is None or max(first, second) < _TINY:
         return []
     verdict = "it is there all the time"
@@ -116,8 +116,8 @@ def _other_way(facts: Facts) -> list[str]:
     return [f"The simulated robot goes the other way, last marker first, in {', '.join(labels)}."]
 
 
-def _speed(found: Facts) -> list[str]:
-    rows = [row for row in found["by_trial"] if row["speed_ratio"] is not None]
+def _speed(overall: Facts) -> list[str]:
+    rows = [row for row in overall["by_trial"] if row["speed_ratio"] is not None]
     if not rows:
         return []
     groups = {
@@ -131,8 +131,8 @@ def _speed(found: Facts) -> list[str]:
     ]
     fits = len(rows) - sum(map(len, groups.values()))
     verdict = " and ".join(off) + (", else right" if off and fits else "") or "about right everywhere"
-    lines = [f"The simulated speed is {verdict}: {_trend(found, 'speed_ratio')}."]
-    real, simulated = found["speed_exponent"]["real"], found["speed_exponent"]["simulated"]
+    lines = [f"The simulated speed is {verdict}: {_trend(overall, 'speed_ratio')}."]
+    real, simulated = overall["speed_exponent"]["real"], overall["speed_exponent"]["simulated"]
     if real is not None and simulated is not None:
         if abs(simulated - real) < _SAME_POWER:
             verdict = "which fits"
@@ -146,19 +146,21 @@ def _speed(found: Facts) -> list[str]:
 
 
 def _amplitude(facts: Facts) -> list[str]:
-    found = facts["differences"]
-    ratio = found["median"]["amplitude_ratio"]
+    overall = facts["differences"]
+    ratio = overall["median"]["amplitude_ratio"]
     if facts["robot"]["beats"]:
         last = facts["robot"]["markers"][-1]
         if ratio is None:
             return [f"The beat of the last marker, {last}, can't be compared."]
-        return [f"The simulated {last}, the last marker, beats {_width(ratio)}: {_trend(found, 'amplitude_ratio')}."]
-    ratios = [(row["amplitude_ratio"], row["name"]) for row in found["by_marker"] if row["amplitude_ratio"] is not None]
+        return [f"The simulated {last}, the last marker, beats {_width(ratio)}: {_trend(overall, 'amplitude_ratio')}."]
+    ratios = [
+        (row["amplitude_ratio"], row["name"]) for row in overall["by_marker"] if row["amplitude_ratio"] is not None
+    ]
     if not ratios or ratio is None:
         return []
     (low, least), (high, most) = min(ratios), max(ratios)
     by_marker = f", from {low:.2f} ({least}) to {high:.2f} ({most})" if high - low > _CLOSE else ""
-    return [f"The simulated markers move {_width(ratio)}: {_trend(found, 'amplitude_ratio')}{by_marker}."]
+    return [f"The simulated markers move {_width(ratio)}: {_trend(overall, 'amplitude_ratio')}{by_marker}."]
 
 
 def _width(ratio: float) -> str:
@@ -169,18 +171,18 @@ def _width(ratio: float) -> str:
     return f"{100 * abs(ratio - 1):.0f} % {'wider' if ratio > 1 else 'narrower'} than in reality"
 
 
-def _wave(found: Facts) -> list[str]:
-    real, simulated = found["median"]["lag_real_deg"], found["median"]["lag_simulated_deg"]
+def _wave(overall: Facts) -> list[str]:
+    real, simulated = overall["median"]["lag_real_deg"], overall["median"]["lag_simulated_deg"]
     if real is None or simulated is None:
         return []
     if abs(simulated - real) <= _SAME_ANGLE:
         verdict = "which fits"
     elif simulated < real:
-        verdict = f"so the simulated wave runs too fast: {found['lag_to']} swings too much in step with the rest"
+        verdict = f"so the simulated wave runs too fast: {overall['lag_to']} swings too much in step with the rest"
     else:
-        verdict = f"so the simulated wave runs too slowly: {found['lag_to']} trails too much"
+        verdict = f"so the simulated wave runs too slowly: {overall['lag_to']} trails too much"
     return [
-        f"The beat runs as a wave from {found['lag_from']} to {found['lag_to']}. {found['lag_to']} is "
+        f"The beat runs as a wave from {overall['lag_from']} to {overall['lag_to']}. {overall['lag_to']} is "
         f"{number(simulated)} deg of a beat behind in simulation and {number(real)} deg in reality, {verdict}."
     ]
 
@@ -192,18 +194,18 @@ def _heading(facts: Facts) -> list[str]:
     return [f"Its heading turns away from the real one's by {degrees(heading)} deg on average."]
 
 
-def _sensors(found: Facts) -> list[str]:
+def _sensors(overall: Facts) -> list[str]:
     return [
         f"Sensor {sensor['name']} is off by {reading(sensor['error'])} {sensor['unit']} on average, which adds "
         f"{mm(sensor['meters_per_unit'] * sensor['error'], 1)} mm to the loss."
-        for sensor in found["sensors"]
+        for sensor in overall["sensors"]
         if sensor["error"] is not None
     ]
 
 
-def _trend(found: Facts, key: str) -> str:
+def _trend(overall: Facts, key: str) -> str:
     """A ratio's median and how it changes with frequency."""
-    trend, median = found["trend"][key], f"median ratio {found['median'][key]:.2f}"
+    trend, median = overall["trend"][key], f"median ratio {overall['median'][key]:.2f}"
     if trend is None:
         return median
     low, high = trend["low"], trend["high"]
@@ -226,7 +228,7 @@ def _by_trial(facts: Facts) -> str:
 
 
 def _trial_columns(facts: Facts) -> list[Column]:
-    found, trials = facts["differences"], facts["incumbent"]["trials"]
+    overall, trials = facts["differences"], facts["incumbent"]["trials"]
     has = {name for trial in trials for name, figure in trial["figures"].items() if figure is not None}
     columns: list[Column] = [("trial", lambda trial, row: trial["name"])]
     beats = any(trial["frequency"] is not None for trial in trials)
@@ -235,9 +237,9 @@ def _trial_columns(facts: Facts) -> list[Column]:
     if windows := any(trial["edges"] for trial in trials):
         columns.append(("s", lambda trial, row: number(trial["edges"][-1] - trial["edges"][0], 2)))
     columns.append(("error mm", lambda trial, row: mm(trial["error"], 1)))
-    if found["sensors"]:
+    if overall["sensors"]:
         columns.append(("markers mm", lambda trial, row: mm(trial["figures"].get("aligned_marker_error"), 1)))
-    for i, sensor in enumerate(found["sensors"]):
+    for i, sensor in enumerate(overall["sensors"]):
         name = f"{sensor['name']} {sensor['unit']}"
         columns.append((name, lambda trial, row, i=i: reading(trial["sensors"][i]["error"])))
     for name, heading in (("progress_error", "progress mm"), ("shape_error", "shape mm")):
@@ -254,7 +256,7 @@ def _trial_columns(facts: Facts) -> list[Column]:
     last = f"{facts['robot']['markers'][-1]} " if beats else "amplitude "
     columns.append((f"{last}ratio", lambda trial, row: number(row["amplitude_ratio"], 2)))
     if beats:
-        lag = f"lag {found['lag_from']} to {found['lag_to']}" if found["lag_from"] else "lag"
+        lag = f"lag {overall['lag_from']} to {overall['lag_to']}" if overall["lag_from"] else "lag"
         columns += [
             (f"{lag} real deg", lambda trial, row: number(row["lag_real_deg"])),
             ("sim deg", lambda trial, row: number(row["lag_simulated_deg"])),
