@@ -127,7 +127,7 @@ def test_the_strip_says_how_many_are_lost(tmp_path):
 
 
 def test_the_tail_draws_its_last_half_second(tmp_path):
-    times = np.arange(31) / 30
+    times = np.arange(11) / 10
     steps = [(t, moved(3, (580 + 200 * t, 140)), SURE) for t in times]
     image = overlay(tmp_path / "o.mp4", steps)[-1]
     color = marker_colors(4)[3]

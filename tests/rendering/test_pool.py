@@ -11,7 +11,7 @@ from swim2real.trials import MarkerTrack
 from swim2real.video import VideoReader
 
 HEIGHTS = np.array([0.05, 0.1, 0.0])
-CAMERA = PoolCamera(width=640, height=360, view=1.4, fps=30.0, marker_radius=0.02, noise=0.0)
+CAMERA = PoolCamera(width=640, height=360, view=1.4, fps=30.0, marker_radius=0.02, noise=0.0, caustics=0.0)
 
 
 def swim(speed: float = 0.2, beat: float = 1.0, amplitude: float = 0.06, seconds: float = 1.0) -> MarkerTrack:
@@ -45,11 +45,11 @@ def centroid(cover: np.ndarray, point: np.ndarray) -> np.ndarray:
     return np.array([(x * weight).sum(), (y * weight).sum()]) / weight.sum()
 
 
-@pytest.mark.parametrize("camera", [CAMERA, replace(CAMERA, tilt=(0.05, -0.08)), replace(CAMERA, shutter=0.0)])
+@pytest.mark.parametrize("camera", [CAMERA, replace(CAMERA, tilt=(0.05, -0.08), shutter=0.0)])
 def test_markers_are_drawn_where_the_truth_says(camera):
     track = swim()
     truth = scene(track, HEIGHTS, camera, 0).filmed.truth
-    for index, cover in zip((0, 11, 30), coverage(track, camera, 0, 11, 30), strict=True):
+    for index, cover in zip((0, 11), coverage(track, camera, 0, 11), strict=True):
         for point in truth.positions[index]:
             np.testing.assert_allclose(centroid(cover, point), point, atol=0.02)
 
@@ -90,7 +90,7 @@ def test_a_tilted_camera_keeps_its_middle_and_sees_one_side_larger():
     assert abs(np.log(scales[1] / scales[2])) == pytest.approx(2 * 0.3 * np.sin(0.1) / 2.5, rel=0.01)
 
 
-@pytest.mark.parametrize("shutter", [0.3, 1.0])
+@pytest.mark.parametrize("shutter", [1.0])
 def test_motion_blur_draws_a_marker_out_over_the_way_of_one_exposure(shutter):
     track = swim(speed=0.5, amplitude=0.0)
     camera = replace(CAMERA, shutter=shutter)
@@ -126,14 +126,14 @@ def test_hidden_means_that_less_than_half_of_a_marker_is_seen():
     _, scales = camera.project(np.zeros((3, 2)), HEIGHTS, (0.35, 0.0))
     pixels, _ = camera.project(track.positions[::20], HEIGHTS, (0.35, 0.0))
     compared = 0
-    covers = coverage(track, camera, *range(0, 31, 3), occluder=rod)
-    for index, (points, cover) in enumerate(zip(pixels, covers, strict=True)):
+    covers = coverage(track, camera, *range(0, 31, 6), occluder=rod)
+    for index, (points, cover) in enumerate(zip(pixels[::2], covers, strict=True)):
         for marker, point in enumerate(points):
             share = around(cover, point)[2].sum() / (np.pi * (0.02 * scales[marker]) ** 2)
             if abs(share - 0.5) > 0.08:
-                assert hidden[3 * index, marker] == (share < 0.5), (index, marker, share)
+                assert hidden[6 * index, marker] == (share < 0.5), (index, marker, share)
                 compared += 1
-    assert compared > 25
+    assert compared > 12
     assert 0.2 < hidden.mean() < 0.8
 
 
@@ -159,13 +159,15 @@ def test_a_swim_that_does_not_fit_says_which_view_it_needs():
 
 
 def test_a_seed_is_a_film():
-    camera = replace(CAMERA, noise=2.0, glints=5.0, jitter=0.2, dropped=0.2)
-    first, again, other = (list(frames(swim(), HEIGHTS, camera, seed)) for seed in (0, 0, 1))
-    assert [time for time, _ in first] == [time for time, _ in again] != [time for time, _ in other]
-    assert all(np.array_equal(a, b) for (_, a), (_, b) in zip(first, again, strict=True))
-    assert not np.array_equal(first[0][1], other[0][1])
-    np.testing.assert_array_equal(scene(swim(), HEIGHTS, camera, 0).frame(5), first[5][1])  # in any order
-    assert first[0][1].shape == (360, 640, 3)
+    camera = replace(CAMERA, width=320, height=180, noise=2.0, caustics=0.5, glints=5.0, jitter=0.2, dropped=0.2)
+    track = swim(seconds=0.3)
+    first, other = list(frames(track, HEIGHTS, camera, 0)), next(frames(track, HEIGHTS, camera, 1))
+    again = scene(track, HEIGHTS, camera, 0)
+    assert [time for time, _ in first] == again.filmed.truth.times.tolist()
+    for index in (5, 0, 2):  # in any order
+        np.testing.assert_array_equal(again.frame(index), first[index][1])
+    assert not np.array_equal(first[0][1], other[1])
+    assert first[0][1].shape == (180, 320, 3)
     assert first[0][1].dtype == np.uint8
 
 
@@ -189,7 +191,7 @@ def test_dropped_and_late_frames_have_their_true_times():
 
 def test_noise_has_its_size_and_never_overflows():
     track = still((0.0, 0.0), (0.1, 0.0), (0.2, 0.0))
-    for color in ((92, 158, 178), (0, 0, 0), (255, 255, 255)):
+    for color in ((92, 158, 178), (255, 255, 255)):
         camera = replace(CAMERA, water_color=color, noise=6.0)
         calm = replace(CAMERA, water_color=color)
         noisy, quiet = (scene(track, HEIGHTS, c, 0).frame(1).astype(float) for c in (camera, calm))
@@ -208,10 +210,10 @@ def test_low_contrast_markers_are_nearly_as_dark_as_the_body():
 
 
 def test_the_light_in_the_water_moves_slowly():
-    setting = scene(swim(), HEIGHTS, CAMERA, 0)
+    setting = scene(swim(), HEIGHTS, replace(CAMERA, caustics=0.5), 0)
     corner = [setting.frame(index)[:80, :120].astype(float) for index in (0, 1, 30)]
     assert np.abs(corner[2] - corner[0]).mean() > 2 * np.abs(corner[1] - corner[0]).mean()
-    calm = scene(swim(), HEIGHTS, replace(CAMERA, caustics=0.0), 0)
+    calm = scene(swim(), HEIGHTS, CAMERA, 0)
     np.testing.assert_array_equal(calm.frame(0)[:80, :120], calm.frame(30)[:80, :120])
 
 
@@ -278,13 +280,13 @@ def test_links_are_bars_between_their_markers():
     assert np.ptp(columns) == pytest.approx(abs(truth[2, 0] - truth[0, 0]), rel=0.15)
 
 
-@pytest.mark.parametrize(("rotation", "dropped"), [(0, 0.0), (90, 0.3)])
+@pytest.mark.parametrize(("rotation", "dropped"), [pytest.param(0, 0.0, marks=pytest.mark.slow), (90, 0.3)])
 def test_a_film_is_read_back_as_it_was_filmed(tmp_path, rotation, dropped):
     pytest.importorskip("av")
     camera = replace(CAMERA, dropped=dropped, noise=1.0)
-    filmed = film(swim(seconds=0.5), HEIGHTS, camera, tmp_path / "swim.mp4", 0, rotation=rotation)
-    shown = scene(swim(seconds=0.5), HEIGHTS, camera, 0)
-    assert (filmed.truth.frame_count < 16) == (dropped > 0)
+    filmed = film(swim(seconds=0.3), HEIGHTS, camera, tmp_path / "swim.mp4", 0, rotation=rotation)
+    shown = scene(swim(seconds=0.3), HEIGHTS, camera, 0)
+    assert (filmed.truth.frame_count < 10) == (dropped > 0)
     with VideoReader(tmp_path / "swim.mp4") as video:
         assert (video.info.width, video.info.height, video.info.rotation) == (640, 360, rotation)
         read = list(video)

@@ -87,7 +87,7 @@ class Canvas:
         """Draws a line from point to point.
 
         Args:
-            points: Its corners; it is broken where one is NaN [px].
+            points: Corners of the line; it is broken where one is NaN [px].
             color: Color of the stroke, RGB.
             width: Width of the line [px].
             edge: Width of the dark edge [px]; 0 for none.
@@ -194,7 +194,7 @@ def contact_sheet(images: Sequence[Bytes], captions: Sequence[str], columns: int
         images: RGB, of any sizes. Shapes (H, W, 3).
         captions: One for each picture.
         columns: Pictures in a row.
-        width: That every picture is scaled to [px].
+        width: Width that every picture is scaled to [px].
 
     Returns:
         The sheet, RGB.
@@ -259,7 +259,7 @@ def _symbol_mask(symbol: _Symbol, edge: float, x: int, y: int, opacity: float) -
         symbol: What is drawn.
         edge: By which its line is wider on either side [px].
         x: Place of its center, from the pixel `reach` pixels from the mask's top left one [quarters of a pixel].
-        y: As x.
+        y: The same, downward.
         opacity: From 0 to 1.
     """
     size, level = 2 * symbol.reach(edge) + 2, round(255 * opacity)

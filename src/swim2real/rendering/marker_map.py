@@ -32,11 +32,11 @@ def marker_map(
 
     Args:
         positions: In the plane [m]. Shape (M, 2).
-        names: Of the M markers.
+        names: Names of the M markers.
         links: Pairs of markers that a line joins.
         axes: Names of what is to the right and up.
         title: A line above.
-        width: Of the picture [px].
+        width: Width of the picture [px].
 
     Returns:
         RGB. Shape (H, W, 3).

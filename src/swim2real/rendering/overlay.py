@@ -42,8 +42,8 @@ class TrackOverlay:
     hides nothing of the track. The strip below the film says the frame, its time, and how each marker is.
 
     Attributes:
-        width: Of the film in the overlay [px]: `Frame.scaled(overlay.width)` fits without being scaled again.
-        height: Of the film in the overlay, without the strip [px].
+        width: Width of the film in the overlay [px]: `Frame.scaled(overlay.width)` fits without being scaled again.
+        height: Height of the film in the overlay, without the strip [px].
     """
 
     def __init__(
@@ -52,11 +52,11 @@ class TrackOverlay:
         """Opens the file.
 
         Args:
-            path: Of the overlay, such as `.mp4`.
-            width: Of the upright film [px].
-            height: Of the upright film [px].
+            path: Path of the overlay, such as `.mp4`.
+            width: Width of the upright film [px].
+            height: Height of the upright film [px].
             fps: Frames a second.
-            names: Of the markers, head to tail.
+            names: Names of the markers, head to tail.
             longest_side: To which the film is scaled down [px]. A smaller film keeps its size.
 
         Raises:
@@ -98,8 +98,8 @@ class TrackOverlay:
         Args:
             image: The upright film, RGB, in any size; that of the overlay is the cheapest. Shape (H, W, 3).
             scale: Pixels of `image` to a pixel of the film.
-            time: Of the frame [s].
-            positions: Of the markers in the film, NaN where lost [px]. Shape (M, 2).
+            time: Time of the frame [s].
+            positions: Positions of the markers in the film, NaN where lost [px]. Shape (M, 2).
             confidence: From 0 to 1; a position with 0 was filled in. Shape (M,).
             refused: Markers that a check takes for lost though they have a position, where they are drawn as lost.
                 Shape (M,).

@@ -37,7 +37,7 @@ class Inset:
 
         Args:
             points: Markers that are seen [px]. Shape (N, 2).
-            picture: Its width and height [px].
+            picture: Width and height of the picture [px].
         """
         self._picture = np.array(picture, dtype=float)
         extent = np.ptp(points, axis=0)
@@ -101,10 +101,10 @@ def label_places(places: Array, sizes: Sequence[tuple[int, int]], low: Array, hi
     """Where labels stand: in rows at the long sides of a box, by turns, each as close to its marker as there is room.
 
     Args:
-        places: Of the markers, NaN where unknown [px]. Shape (M, 2).
-        sizes: Of the labels: width and height [px].
+        places: Places of the markers, NaN where unknown [px]. Shape (M, 2).
+        sizes: Sizes of the labels: width and height [px].
         low: Top left corner of the box [px]. Shape (2,).
-        high: Its bottom right corner [px]. Shape (2,).
+        high: Bottom right corner of the box [px]. Shape (2,).
 
     Returns:
         The middles of the labels [px]; NaN for markers that aren't in the box, and for rows that are too long for it.

@@ -41,9 +41,9 @@ def scene(
 
     Args:
         track: A swim in the world, y up, without gaps [m]. 100 samples a second or more show the motion well.
-        heights: Of the markers above the plane in which `camera.view` is measured [m]. Shape (M,).
+        heights: Heights of the markers above the plane in which `camera.view` is measured [m]. Shape (M,).
         camera: What films it.
-        seed: Of everything random. The same seed gives the same film.
+        seed: Seed of everything random. The same seed gives the same film.
         body_half_width: Greatest half width of the body [m]; 0 films the markers alone.
         links: Pairs of markers that a straight bar of this half width joins; None draws a fish.
         occluder: Hides what swims below it.
@@ -120,16 +120,16 @@ def film(
     """Films a swim into a video file.
 
     Args:
-        track: As for `scene`.
-        heights: As for `scene`.
-        camera: As for `scene`.
-        path: Of the video.
-        seed: As for `scene`.
-        body_half_width: As for `scene`.
-        links: As for `scene`.
-        occluder: As for `scene`.
-        codec: Of the video.
-        crf: Its quality; larger is smaller and worse.
+        track: See `scene`.
+        heights: See `scene`.
+        camera: See `scene`.
+        path: Path of the video.
+        seed: See `scene`.
+        body_half_width: See `scene`.
+        links: See `scene`.
+        occluder: See `scene`.
+        codec: Codec of the video.
+        crf: Quality of the video; larger is smaller and worse.
         rotation: The camera is held turned: the file holds turned pictures, and says that players turn them clockwise
             by 0, 90, 180 or 270 degrees, which makes them upright again.
 

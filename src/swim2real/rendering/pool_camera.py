@@ -25,9 +25,9 @@ class Glare:
         start: First instant, from the first frame [s].
         end: It is gone from this instant on [s].
         over: Markers that it covers and follows; none for a patch with a course of its own.
-        center: Of a patch that follows no marker, at its start, in the plane of height 0 [m].
-        velocity: Of such a patch [m/s].
-        radius: Of the patch; a patch over markers is as large as it takes to cover them, and at least this [m].
+        center: Center of a patch that follows no marker, at its start, in the plane of height 0 [m].
+        velocity: Velocity of such a patch [m/s].
+        radius: Radius of the patch; a patch over markers is as large as it takes to cover them, and at least this [m].
         stretch: How many times wider than high it is in the image; from 1.
         strength: From 0, which hides nothing, to 1, which is white.
     """
@@ -56,8 +56,8 @@ class Occluder:
     """A straight cable or rod above the water. It does not move, and the fish swims below it.
 
     Attributes:
-        ends: Its two ends, world x and y [m].
-        width: Its thickness [m].
+        ends: The two ends, world x and y [m].
+        width: Thickness [m].
         height: Above the plane of height 0 [m].
         color: RGB.
     """
@@ -81,14 +81,14 @@ class PoolCamera:
     """A pinhole camera above a pool, looking down.
 
     Attributes:
-        width: Of the image [px].
-        height: Of the image [px].
+        width: Width of the image [px].
+        height: Height of the image [px].
         fps: Frames a second.
         view: Width of what is seen in the plane of height 0 [m].
-        camera_height: Of the lens above that plane [m].
+        camera_height: Height of the lens above that plane [m].
         tilt: Turn about the image's x and y axes; the middle of the image stays where it is [rad].
         center: World point in the middle of the image [m]; None for the middle of the swim, which then must fit.
-        marker_radius: Of all markers [m].
+        marker_radius: Radius of all markers [m].
         marker_color: RGB.
         body_color: RGB.
         water_color: RGB.

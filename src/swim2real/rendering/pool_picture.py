@@ -56,9 +56,9 @@ class Water:
     Attributes:
         floor: What never changes. Shape (height, 3 width).
         light: Patterns that move over it, each of shape (height + sway, 3 (width + sway)).
-        noise: Of the sensor, larger by NOISE_SHIFT px; None without noise.
+        noise: Noise of the sensor, larger by NOISE_SHIFT px; None without noise.
         sway: How far the patterns move [px].
-        seed: Of the noise's shifts.
+        seed: Seed of the noise's shifts.
     """
 
     floor: Bytes
@@ -277,8 +277,8 @@ def patch_cover(x: Image32 | Array, y: Image32 | Array, light: Patch) -> Image32
     """How much a patch of light with a wavy edge covers.
 
     Args:
-        x: Of the pixels [px].
-        y: Of the pixels [px]; a shape that broadcasts with that of `x`.
+        x: Places of the pixels [px].
+        y: Places of the pixels [px]; a shape that broadcasts with that of `x`.
         light: The patch.
 
     Returns:

@@ -92,13 +92,13 @@ class Scene:
         camera: What films.
         filmed: What is true of the film.
         course: Time from the first frame [s] to the markers' world positions, shape (..., M, 2) [m].
-        heights: Of the markers [m]. Shape (M,).
+        heights: Heights of the markers [m]. Shape (M,).
         water: What the fish swims in.
         glares: Those of the camera and the small sparkles.
         rod: What the fish swims below.
         body_half_width: Greatest half width of the body [m].
         links: Pairs of markers that straight bars join; None for a fish.
-        instants: Of one exposure, from its middle [s]. Shape (S,).
+        instants: Instants of one exposure, from its middle [s]. Shape (S,).
     """
 
     camera: PoolCamera

@@ -25,7 +25,7 @@ class Shown:
 
     Attributes:
         label: What it shows.
-        path: Within the run folder, with forward slashes.
+        path: Path within the run folder, with forward slashes.
         media_type: Such as `image/png`.
         sha256: Digest of the file, as it was shown.
     """
@@ -66,7 +66,7 @@ def read_calls(folder: Path, settings: Json, entries: Sequence[Json]) -> Recorde
     Args:
         folder: Folder of the run.
         settings: Settings of the run.
-        entries: Its record, whose proposals name the calls that they came of.
+        entries: The record, whose proposals name the calls that they came of.
 
     Returns:
         None for a run that made no calls: its advisor is built in, repeats another run's calls, or hasn't been asked.
@@ -208,35 +208,35 @@ def _sums(calls: Sequence[Call]) -> tuple[tuple[str, str], ...]:
         *([f"{unusable} with a reply that wasn't usable"] if unusable else []),
         f"{repairs or 'no'} repair{'' if repairs == 1 else 's'}",
     ]
-    found = [(str(sums.calls), f"call{'' if sums.calls == 1 else 's'}: {listed(parts)}")]
+    amounts = [(str(sums.calls), f"call{'' if sums.calls == 1 else 's'}: {listed(parts)}")]
     if any(reply.input_tokens is not None for reply in replies):
-        found += [(count(sums.input_tokens), "tokens in"), (count(sums.output_tokens), "tokens out")]
+        amounts += [(count(sums.input_tokens), "tokens in"), (count(sums.output_tokens), "tokens out")]
     else:
-        found.append(("tokens", "not counted"))
+        amounts.append(("tokens", "not counted"))
     unpriced = sum(reply.cost is None for reply in replies)
     if sums.cost is None:
-        found.append(("price", "not known"))
+        amounts.append(("price", "not known"))
     else:
         rest = f", and {unpriced} repl{'y' if unpriced == 1 else 'ies'} of unknown price" if unpriced else ""
-        found.append((dollars(sums.cost), f"spent{rest}"))
-    found.append((duration(sums.seconds), "waited"))
+        amounts.append((dollars(sums.cost), f"spent{rest}"))
+    amounts.append((duration(sums.seconds), "waited"))
     models = Counter(reply.model for reply in replies if reply.model)
-    found += [
+    amounts += [
         (shortened(model), f"answered {times} time{'' if times == 1 else 's'}") for model, times in models.items()
     ]
-    return tuple(found)
+    return tuple(amounts)
 
 
 def _other_models(calls: Sequence[Call]) -> tuple[str, ...]:
-    found: dict[tuple[str, str], list[int]] = {}
+    numbers_of: dict[tuple[str, str], list[int]] = {}
     for call in calls:
         model = call.reply.model if call.reply else None
         if model and is_other(call.advisor, model):
-            found.setdefault((call.advisor.partition(":")[2], model), []).append(call.number)
+            numbers_of.setdefault((call.advisor.partition(":")[2], model), []).append(call.number)
     return tuple(
         f"Another model answered: {shortened(asked)} was asked, and {shortened(model)} answered call"
         f"{'' if len(numbers) == 1 else 's'} {listed(numbers)}. The result is not that of {shortened(asked)} alone."
-        for (asked, model), numbers in found.items()
+        for (asked, model), numbers in numbers_of.items()
     )
 
 

@@ -85,21 +85,21 @@ def _swim(folder: Path, trial: str | None) -> ComparedTrial:
         (saved.compared for saved in load_trials(RunFolder(folder)) if not saved.held_out),
         key=lambda compared: compared.frequency or 0.0,
     )
-    found = [one for one in fitted if one.name == trial] if trial is not None else fitted[len(fitted) // 2 :]
-    if not found:
+    chosen = [one for one in fitted if one.name == trial] if trial is not None else fitted[len(fitted) // 2 :]
+    if not chosen:
         raise RunError(f"run '{folder}' has no swim '{trial}'; it has {', '.join(one.name for one in fitted)}")
-    return found[0]
+    return chosen[0]
 
 
 def _frames(swim: ComparedTrial) -> list[int]:
     """The first, the middle and the last frame, or ones near by in which tracking has more of the markers."""
     seen = ((swim.weights > 0) & np.isfinite(swim.real).all(axis=2)).sum(axis=1)
     last, window = len(swim.times) - 1, max(1, len(swim.times) // 20)
-    found: list[int] = []
+    frames: list[int] = []
     for wanted in (0, last // 2, last):
         near = np.arange(max(0, wanted - window), min(last, wanted + window) + 1)
-        found.append(int(min(near, key=lambda i: (-seen[i], abs(i - wanted)))))
-    return found
+        frames.append(int(min(near, key=lambda i: (-seen[i], abs(i - wanted)))))
+    return frames
 
 
 def moments(swim: ComparedTrial, positions: Array, progress: Array | None, frames: Sequence[int], seen: bool) -> Array:

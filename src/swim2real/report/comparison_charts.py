@@ -45,31 +45,31 @@ def convergence(methods: Sequence[MethodStatistics], styles: Styles, width: floa
     The dots of each method stand in a column of their own, right of the last evaluation. Width in inches.
     """
     height = 2.4 + 0.24 * (width - COLUMN)
-    figure = new_figure(width, height + 0.14 * legend_rows([one.method for one in methods], width))
+    figure = new_figure(width, height + 0.14 * legend_rows([stats.method for stats in methods], width))
     axes: Any = figure.subplots()
-    ordered = sorted(methods, key=lambda one: one.mean("final"))
+    ordered = sorted(methods, key=lambda stats: stats.mean("final"))
     budget = methods[0].curves.shape[1]
     evaluations = np.arange(1, budget + 1)
     spacing = 0.028 * budget * COLUMN / width
     alpha = 0.4 if len(methods) <= MANY else 0.18
     handles: list[Any] = []
-    for i, one in enumerate(ordered):
-        style = styles[one.method]
-        for seed, curve in zip(one.seeds, one.curves, strict=True):
+    for i, stats in enumerate(ordered):
+        style = styles[stats.method]
+        for seed, curve in zip(stats.seeds, stats.curves, strict=True):
             (line,) = axes.step(evaluations, 1e3 * curve, where="post", color=style.light, linewidth=0.4, alpha=alpha)
-            titled(line, f"{one.method}, seed {seed}")
-        mean = 1e3 * one.curves.mean(axis=0)
+            titled(line, f"{stats.method}, seed {seed}")
+        mean = 1e3 * stats.curves.mean(axis=0)
         (line,) = axes.step(
             evaluations, mean, where="post", color=style.light, linewidth=1.5, zorder=3, **style.pattern
         )
-        titled(line, f"{one.method}, mean of {len(one.seeds)}")
-        place = np.full(len(one.runs), budget + (i + 1) * spacing)
+        titled(line, f"{stats.method}, mean of {len(stats.seeds)}")
+        place = np.full(len(stats.runs), budget + (i + 1) * spacing)
         axes.plot(
-            place, 1e3 * one.final.to_numpy(), style.mark, color=style.light, markersize=3, markeredgewidth=0,
+            place, 1e3 * stats.final.to_numpy(), style.mark, color=style.light, markersize=3, markeredgewidth=0,
             alpha=0.85, clip_on=False, zorder=4,
         )  # fmt: skip
-        handles.append(handle(label=one.method, linewidth=1.5, **style.line))
-    curves = 1e3 * np.concatenate([one.curves for one in methods])
+        handles.append(handle(label=stats.method, linewidth=1.5, **style.line))
+    curves = 1e3 * np.concatenate([stats.curves for stats in methods])
     log_axis(axes.yaxis, 0.85 * float(curves.min()), 1.12 * float(curves.max()))
     end = budget + (len(ordered) + 0.8) * spacing
     axes.axvline(budget + 0.45 * spacing, color=LIGHT["muted"], linewidth=0.5, linestyle=(0, (1, 2)))
@@ -85,34 +85,36 @@ def convergence(methods: Sequence[MethodStatistics], styles: Styles, width: floa
 
 def strip(methods: Sequence[MethodStatistics], styles: Styles, width: float = COLUMN) -> Figure:
     """One row a method, the best first: a dot a seed, a bar at the mean, mean ± standard deviation at the side."""
-    ordered = sorted(methods, key=lambda one: one.mean("final"))
+    ordered = sorted(methods, key=lambda stats: stats.mean("final"))
     figure = new_figure(width, 0.75 + 0.24 * len(ordered))
     axes: Any = figure.subplots()
     axes.grid(visible=True, axis="x")
     axes.grid(visible=False, axis="y")
-    for row, one in enumerate(ordered):
-        style = styles[one.method]
-        values = 1e3 * one.final.to_numpy()
+    for row, stats in enumerate(ordered):
+        style = styles[stats.method]
+        values = 1e3 * stats.final.to_numpy()
         offsets = 0.26 * (np.arange(len(values)) - (len(values) - 1) / 2) / max(len(values) - 1, 1) * 1.6
-        for seed, value, offset in zip(one.seeds, values, offsets, strict=True):
+        for seed, value, offset in zip(stats.seeds, values, offsets, strict=True):
             (point,) = axes.plot(
                 value, row + offset, style.mark, color=style.light, markersize=4, markeredgecolor=LIGHT["surface"],
                 markeredgewidth=0.3, zorder=3, clip_on=False,
             )  # fmt: skip
-            titled(point, f"{one.method}, seed {seed}: {value:.1f} mm")
-        axes.plot([1e3 * one.mean("final")] * 2, [row - 0.34, row + 0.34], color=LIGHT["text"], linewidth=1.1, zorder=2)
+            titled(point, f"{stats.method}, seed {seed}: {value:.1f} mm")
+        axes.plot(
+            [1e3 * stats.mean("final")] * 2, [row - 0.34, row + 0.34], color=LIGHT["text"], linewidth=1.1, zorder=2
+        )
         axes.annotate(
-            spread_cell(one.final).text, (1.0, row), xycoords=("axes fraction", "data"), xytext=(4, 0),
+            spread_cell(stats.final).text, (1.0, row), xycoords=("axes fraction", "data"), xytext=(4, 0),
             textcoords="offset points", va="center", ha="left", fontsize=7.5, annotation_clip=False,
         )  # fmt: skip
     axes.annotate(
         "mean ± std", (1.0, -0.62), xycoords=("axes fraction", "data"), xytext=(4, 0), textcoords="offset points",
         va="bottom", ha="left", fontsize=6.5, color=LIGHT["muted"], annotation_clip=False,
     )  # fmt: skip
-    values = 1e3 * np.concatenate([one.final.to_numpy() for one in methods])
+    values = 1e3 * np.concatenate([stats.final.to_numpy() for stats in methods])
     log_axis(axes.xaxis, 0.88 * float(values.min()), 1.12 * float(values.max()))
     axes.set_ylim(len(ordered) - 0.4, -0.6)
-    axes.set_yticks(range(len(ordered)), [one.method for one in ordered])
+    axes.set_yticks(range(len(ordered)), [stats.method for stats in ordered])
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.set_xlabel(f"best {methods[0].description.loss} (mm)")
@@ -131,8 +133,8 @@ def velocity(
         theory: Speeds that elongated body theory predicts, by trial [m/s].
         width: [inches].
     """
-    ordered = sorted(methods, key=lambda one: one.figures["velocity_error"].mean())
-    by_method = {one.method: own for one in ordered if (own := speeds(one.runs)) is not None}
+    ordered = sorted(methods, key=lambda stats: stats.figures["velocity_error"].mean())
+    by_method = {stats.method: own for stats in ordered if (own := speeds(stats.runs)) is not None}
     if not by_method:
         return None
     first = next(iter(by_method.values()))
@@ -192,19 +194,19 @@ def markers(
     Args:
         methods: Under one protocol.
         styles: By method.
-        names: Of the markers.
+        names: Names of the markers.
         width: [inches].
     """
     protocol = methods[0].description
-    figure = new_figure(width, 0.29 * width + 0.14 * legend_rows([one.method for one in methods], width))
+    figure = new_figure(width, 0.29 * width + 0.14 * legend_rows([stats.method for stats in methods], width))
     panels = figure.subplots(1, len(protocol.markers), squeeze=False)[0]
     places = list(range(len(names)))
     for axes, (kind, description), name in zip(panels, protocol.markers, "abc", strict=False):
-        for one in methods:
-            style = styles[one.method]
-            errors = 1e3 * marker_errors(one.runs, kind)
+        for stats in methods:
+            style = styles[stats.method]
+            errors = 1e3 * marker_errors(stats.runs, kind)
             (line,) = axes.plot(places, errors.mean(), markersize=3.2, zorder=3, clip_on=False, **style.line)
-            titled(line, one.method)
+            titled(line, stats.method)
             if len(methods) > MANY:
                 continue
             axes.fill_between(places, errors.min(), errors.max(), color=style.light, alpha=0.13, linewidth=0, zorder=1)
@@ -213,7 +215,7 @@ def markers(
         axes.set_xlabel(protocol.markers_order)
         panel_title(axes, f"({name}) {description}")
     panels[0].set_ylabel("error (mm)")
-    legend_above(figure, [handle(label=one.method, **styles[one.method].line) for one in methods], width)
+    legend_above(figure, [handle(label=stats.method, **styles[stats.method].line) for stats in methods], width)
     return figure
 
 
@@ -222,7 +224,9 @@ def line_search(methods: Sequence[MethodStatistics], styles: Styles) -> Figure |
 
     The run is that with the median loss of the first method that tries more than one step. None without rounds.
     """
-    counted = [(one, steps) for one in methods if (steps := step_statistics(one.runs)) is not None and steps.rounds]
+    counted = [
+        (stats, steps) for stats in methods if (steps := step_statistics(stats.runs)) is not None and steps.rounds
+    ]
     if not counted:
         return None
     figure = new_figure(DOUBLE, 2.5)
@@ -244,14 +248,14 @@ def line_search(methods: Sequence[MethodStatistics], styles: Styles) -> Figure |
             100, row - 0.33, f"{steps.accepted} of {steps.rounds} accepted ({100 * steps.accept_rate:.0f} %)",
             ha="right", va="bottom", fontsize=7,
         )  # fmt: skip
-    left.set_yticks(range(len(counted)), [one.method for one, _ in counted])
+    left.set_yticks(range(len(counted)), [stats.method for stats, _ in counted])
     left.tick_params(axis="y", length=0)
     left.spines["left"].set_visible(False)
     left.set(ylim=(len(counted) - 0.45, -0.85), xlim=(0, 100), xlabel="share of the rounds (%)")
     panel_title(left, "(a) step at which a proposal is accepted")
     patches = [Patch(facecolor=shade, label=f"step {size:g}") for shade, size in zip(shades, sizes, strict=True)]
     _legend_below(left, [*patches, Patch(facecolor=_REJECTED, label="rejected")], 1.0)
-    many = next((one for one, steps in counted if len(steps.by_size) > 1), counted[0][0])
+    many = next((stats for stats, steps in counted if len(steps.by_size) > 1), counted[0][0])
     run = many.typical_run()
     _draw_run(right, run, styles[many.method].light)
     panel_title(right, f"(b) {many.method}, seed {run.seed}")
@@ -271,16 +275,16 @@ def _draw_run(axes: Any, run: RunResult, color: str) -> None:
     losses = [1e3 * loss for loss in run.losses]
     known = [loss for loss, failed in zip(losses, run.failed, strict=True) if not failed] or losses
     top = 1.15 * max(known)
-    for number, one in enumerate(run.rounds):
-        first = one.begin + 1
+    for number, proposal in enumerate(run.rounds):
+        first = proposal.begin + 1
         if number % 2:
-            axes.axvspan(first - 0.5, first + len(one.sizes) - 0.5, color="#f1f3f5", linewidth=0, zorder=0)
-        steps = range(one.begin, one.begin + len(one.sizes))
+            axes.axvspan(first - 0.5, first + len(proposal.sizes) - 0.5, color="#f1f3f5", linewidth=0, zorder=0)
+        steps = range(proposal.begin, proposal.begin + len(proposal.sizes))
         axes.plot(
             [i + 1 for i in steps], [min(losses[i], top) for i in steps], color=LIGHT["muted"], linewidth=0.6, zorder=2
         )
     axes.step(range(1, len(losses) + 1), 1e3 * run.best, where="post", color=color, linewidth=1.3, zorder=3)
-    accepted = {one.begin + len(one.sizes) - 1 for one in run.rounds if one.accepted} | {0}
+    accepted = {proposal.begin + len(proposal.sizes) - 1 for proposal in run.rounds if proposal.accepted} | {0}
     for i, loss in enumerate(losses):
         good, failed = i in accepted, run.failed[i]
         axes.plot(

@@ -44,7 +44,7 @@ def write_comparison_report(folder: str | Path, theory: Mapping[str, float] | No
     """Writes the page of a comparison into its folder. The same folder gives the same page, to the last byte.
 
     Args:
-        folder: Of the comparison, with `results.json`.
+        folder: Folder of the comparison, with `results.json`.
         theory: Speeds that elongated body theory predicts, by trial [m/s].
 
     Returns:

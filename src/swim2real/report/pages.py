@@ -35,7 +35,7 @@ def render_page(template: str, content: Mapping[str, Any], charts: Charts, **par
     """A page as text.
 
     Args:
-        template: Its name.
+        template: Name of the template.
         content: What it shows; texts are escaped.
         charts: What draws each chart, by name; the template's `plot` shows it.
         parts: Names of our own files beside the template, several after one another with a space; they are put in as

@@ -23,7 +23,7 @@ def write_quality_page(
     Args:
         checked: Trials, and what is lost in each.
         names: Names of the M markers.
-        path: Where to.
+        path: Path of the file.
 
     Raises:
         RunError: The file can't be written.

@@ -36,7 +36,7 @@ class Step:
     """One step of a round, as texts.
 
     Attributes:
-        evaluation: Its number, from 1 on.
+        evaluation: Number of the evaluation, from 1 on.
         size: Share of the proposed move.
         loss: [mm], or that it diverged.
         change: Against the loss before the round [mm], signed.
@@ -58,8 +58,8 @@ class Exhibit:
 
     Attributes:
         label: What it shows.
-        path: Within the run folder.
-        picture: As a data URI; empty where it isn't on the page.
+        path: Path within the run folder.
+        picture: The picture as a data URI; empty where it isn't on the page.
         problem: Why the file isn't what was shown; empty where it is, or wasn't looked at.
     """
 
@@ -79,8 +79,8 @@ class Consultation:
     """What a round took and showed.
 
     Attributes:
-        model: That answered.
-        instead: The one that was asked, where another answered; else empty.
+        model: Model that answered.
+        instead: Model that was asked, where another answered; else empty.
         took: Calls, tokens, cost and time, as texts.
         mended: What was put right in the reply: a name and a text each.
         exhibits: What was shown.
@@ -114,7 +114,7 @@ class AdvisorRound:
         reasoning: The advisor's reasons.
         notes: What else the advisor left, short texts by name.
         moves: The largest proposed changes, such as `motor_arm_length 0.042 → 0.05 m`.
-        steps: As tried, at least one.
+        steps: Steps as they were tried, at least one.
         before: Loss before the round [mm].
         after: Loss of the accepted step, else as before [mm].
         consultation: What it took of a VLM; None for a proposal that came of no call.
@@ -242,7 +242,7 @@ def consultation(notes: Mapping[str, Any], space: ParameterSpace, exhibits: Sequ
     """What the notes of a VLM's proposal tell.
 
     Args:
-        notes: As on record.
+        notes: Notes as on record.
         space: Space of the parameters.
         exhibits: Those of the round.
     """
@@ -262,19 +262,19 @@ def exhibits_of(recorded: RecordedCalls, rounds: Sequence[int], on_page: Sequenc
 
     Args:
         recorded: The calls.
-        rounds: All that are asked for.
-        on_page: Those whose pictures are put on the page, as far as they fit.
+        rounds: Numbers of the rounds.
+        on_page: Numbers of the rounds whose pictures are put on the page, as far as they fit.
     """
     each = MOST_PICTURES // max(1, len(set(on_page)))
-    found: dict[int, list[Exhibit]] = {}
+    exhibits: dict[int, list[Exhibit]] = {}
     for number in rounds:
         left = each if number in on_page else 0
-        found[number] = []
+        exhibits[number] = []
         for shown in recorded.of_round(number):
             exhibit, size = _exhibit(recorded, shown, left)
             left -= size
-            found[number].append(exhibit)
-    return found
+            exhibits[number].append(exhibit)
+    return exhibits
 
 
 def _exhibit(recorded: RecordedCalls, shown: Shown, left: int) -> tuple[Exhibit, int]:
@@ -297,36 +297,36 @@ def _exhibit(recorded: RecordedCalls, shown: Shown, left: int) -> tuple[Exhibit,
 
 
 def _costs(notes: Mapping[str, Any]) -> tuple[str, ...]:
-    found: list[str] = []
+    parts: list[str] = []
     calls = [number for number in _list(notes.get("calls")) if isinstance(number, int)]
     if calls:
-        found.append(f"call{'' if len(calls) == 1 else 's'} {listed(calls)}")
+        parts.append(f"call{'' if len(calls) == 1 else 's'} {listed(calls)}")
     tokens = [notes.get("input_tokens"), notes.get("output_tokens")]
     if any(isinstance(one, int) and one for one in tokens):
         inside, outside = (count(one) if isinstance(one, int) else "–" for one in tokens)
-        found.append(f"{inside} tokens in, {outside} out")
+        parts.append(f"{inside} tokens in, {outside} out")
     for key, shown in (("cost", dollars), ("seconds", duration)):
         amount = notes.get(key)
         if isinstance(amount, int | float) and math.isfinite(amount):
-            found.append(shown(amount))
-    return tuple(found)
+            parts.append(shown(amount))
+    return tuple(parts)
 
 
 def _mended(notes: Mapping[str, Any], space: ParameterSpace) -> tuple[tuple[str, str], ...]:
-    found: list[tuple[str, str]] = []
+    corrections: list[tuple[str, str]] = []
     clipped: Any = notes.get("clipped")
     moved = cast(dict[str, Any], clipped) if isinstance(clipped, dict) else {}
     for name, value in moved.items():
         if name in space.names and isinstance(value, int | float):
             bound = min(max(value, space[name].lower), space[name].upper)
             unit = "" if space[name].unit == "-" else f" {space[name].unit}"
-            found.append(("clipped", f"{name} {significant(value)} → {significant(bound)}{unit}"))
+            corrections.append(("clipped", f"{name} {significant(value)} → {significant(bound)}{unit}"))
     for key, what in (("ignored", "no parameter of this name"), ("missing", "kept as before")):
         names = [shortened(str(name)) for name in _list(notes.get(key))]
         if names:
-            found.append((key, f"{listed(names, _MOST_NAMES)} ({what})"))
-    found += [("remark", shortened(str(one))) for one in _list(notes.get("remarks"))]
-    return tuple(found)
+            corrections.append((key, f"{listed(names, _MOST_NAMES)} ({what})"))
+    corrections += [("remark", shortened(str(one))) for one in _list(notes.get("remarks"))]
+    return tuple(corrections)
 
 
 def _list(value: Any) -> list[Any]:

@@ -49,7 +49,7 @@ class ReportedRun:
     Attributes:
         name: Name of the folder.
         robot: The robot that was calibrated.
-        settings: As recorded.
+        settings: Settings as recorded.
         space: On the run's scale.
         entries: The record, one entry an evaluation, at least one.
         fit: Figures of the best parameters on the fitted trials, in SI.
@@ -60,8 +60,8 @@ class ReportedRun:
         unfinished: What is missing and why, in sentences; None for a run that ended.
         calls: Calls of the advisor; None for a run that made none.
         saved: Trials at the best parameters by frequency and name; empty before a run ends.
-        backward: That the best parameters don't swim forward from rest, and what to do; None where they do and where
-            nobody tried.
+        backward: A sentence that the best parameters don't swim forward from rest, and what to do; None where they do
+            and where nobody tried.
     """
 
     name: str
@@ -167,11 +167,11 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
         fit=of_best.get("fit") or best["evidence"],
         held_out=of_best.get("held_out"),
         quality=(outcome or {}).get("trials") or {},
-        sensitivity={one["name"]: one for one in of_best.get("sensitivity") or ()},
+        sensitivity={effect["name"]: effect for effect in of_best.get("sensitivity") or ()},
         marker_names=tuple((outcome or {}).get("marker_names") or robot.marker_names),
         unfinished=_unfinished(settings, len(entries), outcome is not None, current, has_trials),
         calls=read_calls(folder.path, settings, entries),
-        saved=tuple(sorted(saved, key=lambda one: (one.compared.frequency or 0.0, one.compared.name))),
+        saved=tuple(sorted(saved, key=lambda trial: (trial.compared.frequency or 0.0, trial.compared.name))),
         backward=backward_from_rest(of_best.get("from_rest") or {}),
     )
 

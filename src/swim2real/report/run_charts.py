@@ -66,7 +66,7 @@ def by_marker(errors: MarkerErrors, markers: Sequence[str], order: str) -> Figur
     """One kind of error over the markers: every trial thin, the mean of the fitted ones bold.
 
     Args:
-        errors: Of that kind.
+        errors: Errors of that kind.
         markers: Their names.
         order: What the axis of the markers is, in words.
     """

@@ -150,7 +150,7 @@ class MethodStyle:
     Attributes:
         light: Color on a light ground.
         dark: Color on a dark ground.
-        mark: Of points, in matplotlib's letters.
+        mark: Marker of points, in matplotlib's letters.
         dashes: Pattern of lines in multiples of the width; empty for a solid line.
     """
 
