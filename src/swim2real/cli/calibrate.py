@@ -100,11 +100,11 @@ def demo(
 
 def _finished(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path, quiet: bool, as_json: bool) -> int:
     """Does the work of a run with its progress shown, prints the outcome and its warnings, and writes the report."""
+    from swim2real.api import recorded_robot
     from swim2real.calibration import RunFolder
     from swim2real.calibration.from_rest import backward_from_rest
     from swim2real.calibration.run_folder import still_falling
     from swim2real.cli.progress import run_shown
-    from swim2real.cli.subject import recorded_robot
     from swim2real.cli.tables import say
     from swim2real.report import write_report
 
@@ -124,7 +124,7 @@ def _finished(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path
     for warning in (backward_from_rest(outcome.get("from_rest", {})), still_falling(run.record(), run.settings())):
         if warning:
             print(f"swim2real: warning: {warning}", file=sys.stderr)
-    page = write_report(folder, recorded_robot(folder))
+    page = write_report(folder, recorded_robot(run))
     if not as_json and not quiet:
         say(f"Parameters: {folder / 'best.json'}   Report: {page}")
     return 0

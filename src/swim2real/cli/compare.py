@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from swim2real.cli.options import Positional, RobotOption
 from swim2real.errors import ArgumentError
-from swim2real.settings import ComparisonSettings, VlmAccess, expand_seeds
+from swim2real.settings import ComparisonSettings, VlmAccess
 
 if TYPE_CHECKING:
     from swim2real.comparison import ComparisonResults
@@ -38,25 +38,17 @@ def compare(
     """
     if access.once:
         raise ArgumentError("--once is for advisor files, which a comparison can't wait for")
+    from swim2real import api
     from swim2real.cli.comparison_files import write_files, write_theory
     from swim2real.cli.progress import comparison_shown
-    from swim2real.comparison import compare as run_comparison
-    from swim2real.comparison import contestants, make_plan, table_methods
     from swim2real.robots import robot_named
     from swim2real.trials import load_reference
 
     body, trials = robot_named(robot), load_reference(reference)
-    methods = contestants(settings.methods or table_methods(body), settings.scale)
-    plan = make_plan(
-        methods, expand_seeds(settings.seeds), settings.protocols, settings.budget, trials, body,
-        leave_one_out=settings.leave_one_out, horizon=settings.horizon, briefing=settings.briefing,
-        source=str(reference), start=settings.start,
-    )  # fmt: skip
     try:
         with comparison_shown(quiet or json) as show:
-            results = run_comparison(
-                plan, trials, body, out, workers=settings.workers or None, cluster=settings.cluster, access=access,
-                on_progress=show,
+            results = api.compare(
+                trials, body, settings, out, source=str(reference), access=access, on_progress=show
             )  # fmt: skip
     except KeyboardInterrupt:
         print(f"swim2real: interrupted; '{out}' is usable as it is, the same command goes on", file=sys.stderr)

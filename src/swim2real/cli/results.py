@@ -5,11 +5,9 @@ from __future__ import annotations
 from json import dumps
 from pathlib import Path
 
-from swim2real.cli.options import Positional, finite_above_0
-from swim2real.errors import ArgumentError, EngineError
-from swim2real.settings import EvaluationSettings, all_cores
-
-_START_SPEED = 0.1  # m/s, a first guess from which the steady cycle is found
+from swim2real.cli.options import Positional
+from swim2real.errors import ArgumentError
+from swim2real.settings import EvaluationSettings
 
 
 def evaluate(
@@ -90,30 +88,19 @@ def simulate(
         from_rest: Start from rest with the motor turning; otherwise a steady cycle, from motor angle 0.
         threads: Swims simulated at a time; 0 for all cores.
     """
-    finite_above_0("seconds", seconds)
-    finite_above_0("rate", rate)
-    finite_above_0("frequency", *frequency)
-    if not frequency:
-        raise ArgumentError("give at least one --frequency in Hz")
     import numpy as np
 
+    from swim2real import api
     from swim2real.cli import tables
     from swim2real.cli.subject import robot_for, values_of
-    from swim2real.simulation import Simulator, Swim
+    from swim2real.simulation import Simulator
     from swim2real.store import write_arrays
-    from swim2real.trials import Actuation
 
     robot = robot_for(parameters)
-    simulator = Simulator(robot, all_cores(threads), sample_interval=1 / rate)
-    values = values_of(parameters, simulator)
-    start = None if from_rest else _START_SPEED
-    # a whole number of intervals, so that samples are exactly 1 / rate apart
-    count = max(1, round(seconds * rate))
-    swims = [Swim(f"{f:g} Hz", Actuation(f, 0.0, start), count / rate) for f in frequency]
-    trials = simulator.simulate(values, swims)
-    for trial in trials:
-        if trial.divergence:
-            raise EngineError(f"{trial.name}: {trial.divergence}; nothing was written")
+    values = values_of(parameters, Simulator(robot, 1))
+    trials = api.simulate(
+        values, robot, frequency, seconds=seconds, rate=rate, from_rest=from_rest, threads=threads
+    )  # fmt: skip
     arrays = {
         "times": trials.trials[0].track.times, "frequencies": np.array(frequency),
         "markers": np.stack([trial.track.positions for trial in trials]),
@@ -124,7 +111,7 @@ def simulate(
     except OSError as error:
         raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
     tables.table("Simulated", ("swim", "speed mm/s"), [(t.name, tables.millimeters(t.track.speed)) for t in trials])
-    tables.say(f"{out}: {len(trials)} swims of {count + 1} samples")
+    tables.say(f"{out}: {len(trials)} swims of {trials.trials[0].track.frame_count} samples")
     return 0
 
 
@@ -136,12 +123,13 @@ def report(run: Positional[Path]) -> int:
     Args:
         run: Folder of a run or a comparison.
     """
+    from swim2real.api import recorded_robot
+    from swim2real.calibration import RunFolder
     from swim2real.cli.comparison_files import write_files
-    from swim2real.cli.subject import recorded_robot
     from swim2real.cli.tables import say
     from swim2real.comparison.plan import PLAN
     from swim2real.report import write_report
 
-    page = write_files(run)[-1] if (run / PLAN).is_file() else write_report(run, recorded_robot(run))
+    page = write_files(run)[-1] if (run / PLAN).is_file() else write_report(run, recorded_robot(RunFolder(run)))
     say(str(page))
     return 0

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Protocol
 
-from swim2real.calibration import Problem, RunFolder
+from swim2real.calibration import Problem
 from swim2real.cli.options import DEFAULT_ROBOT, PUBLISHED
 from swim2real.errors import ArgumentError, ParameterError, RobotError
 from swim2real.parameters import read_parameters, robot_of
@@ -33,13 +33,6 @@ def robot_for(path: Path) -> Robot:
         return robot_named(name)
     except (ArgumentError, RobotError) as error:
         raise ParameterError(f"'{path}' is for another robot: {error}") from error
-
-
-def recorded_robot(folder: Path) -> Robot:
-    """The robot that the settings of a run folder name."""
-    settings = RunFolder(folder).settings()
-    file = settings.get("robot_file")
-    return robot_named(str(settings.get("robot")) if file is None else folder / str(file))
 
 
 def values_of(path: Path, simulator: Simulates) -> dict[str, float]:

@@ -1,0 +1,59 @@
+"""What `import swim2real` offers."""
+
+import inspect
+import subprocess
+import sys
+
+import pytest
+
+import swim2real
+from recorded import PENDULUM, pendulum_reference
+from swim2real.errors import ArgumentError, RunError
+from swim2real.robots.fish import FISH
+
+
+@pytest.mark.parametrize("name", swim2real.__all__)
+def test_every_name_is_there_and_says_what_it_is(name):
+    assert inspect.getdoc(getattr(swim2real, name))
+    assert name in dir(swim2real)
+
+
+def test_the_names_are_sorted_and_others_are_refused():
+    assert swim2real.__all__ == sorted(swim2real.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'robot_named'"):
+        swim2real.robot_named  # noqa: B018
+
+
+def test_importing_it_imports_nothing_else():
+    code = "import sys, swim2real; print(*[m for m in sys.modules if m.startswith('swim2real.') or m == 'numpy'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout.strip()) == (0, "")
+
+
+def test_a_run_from_its_settings_to_what_it_left(tmp_path):
+    reference = pendulum_reference(1e-3)
+    settings = swim2real.CalibrationSettings(method="random", budget=3, threads=1)
+    outcome = swim2real.calibrate(reference, PENDULUM, settings, tmp_path / "run")
+    assert isinstance(outcome, swim2real.Outcome)
+    compared = swim2real.evaluate(PENDULUM.space.published, reference, PENDULUM)
+    assert isinstance(compared, swim2real.Comparison)
+    assert compared.loss > 0
+
+
+def test_a_folder_without_a_run_cant_be_opened(tmp_path):
+    with pytest.raises(RunError, match="is no run folder"):
+        swim2real.open_run(tmp_path)
+
+
+def test_swims_are_simulated():
+    (swim,) = swim2real.simulate(FISH.space.published, FISH, [1.5], seconds=0.1, from_rest=True, threads=1)
+    assert swim.track.frame_count == 7
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "options", "says"),
+    [([], {}, "at least one frequency"), ([1.0, -1.0], {}, "frequency is -1"), ([1.0], {"rate": 0.0}, "rate is 0")],
+)
+def test_swims_that_cant_be_are_refused(frequencies, options, says):
+    with pytest.raises(ArgumentError, match=says):
+        swim2real.simulate(FISH.space.published, FISH, frequencies, **options)
