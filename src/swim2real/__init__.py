@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from swim2real.errors import Swim2RealError
     from swim2real.objective import Comparison
     from swim2real.pipeline import run as calibrate
-    from swim2real.pipeline import track_film, track_films
+    from swim2real.pipeline import track_video, track_videos
     from swim2real.report import write_report
     from swim2real.rl.training import train
     from swim2real.robots import robot_named as load_robot
@@ -61,8 +61,8 @@ __all__ = [
     "save_reference",
     "simulate",
     "synthetic_reference",
-    "track_film",
-    "track_films",
+    "track_video",
+    "track_videos",
     "train",
     "write_report",
 ]
@@ -74,7 +74,7 @@ _MODULES = {
     "demo": ("Camera", "synthetic_reference"),
     "errors": ("Swim2RealError",),
     "objective": ("Comparison",),
-    "pipeline": ("run", "track_film", "track_films"),
+    "pipeline": ("run", "track_video", "track_videos"),
     "report": ("write_report",),
     "rl.training": ("train",),
     "robots": ("robot_named",),
