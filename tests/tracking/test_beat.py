@@ -7,7 +7,7 @@ from swim2real.tracking import check_track, identify_beat
 from swim2real.trials import MarkerTrack
 from swimmers import REST, Swimmer
 
-SEEDS = range(12)
+SEEDS = range(6)
 
 
 def beat_of(track, name=""):
