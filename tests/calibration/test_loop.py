@@ -13,7 +13,7 @@ import pytest
 import small_run
 
 import swim2real
-from swim2real.calibration import RunFolder, calibrate, run_folder
+from swim2real.calibration import RunFolder, calibrate
 from swim2real.errors import RunError
 from swim2real.parameters import read_parameters
 
@@ -284,7 +284,7 @@ def test_a_full_disk_stops_the_run_and_keeps_the_record(go, tmp_path, uninterrup
             raise OSError(errno.ENOSPC, "No space left on device")
         real(descriptor)
 
-    monkeypatch.setattr(run_folder.os, "fsync", fsync)
+    monkeypatch.setattr(os, "fsync", fsync)
     run = tmp_path / "run"
     assert refusal(go, method="line-search") == (
         f"can't write run folder '{run}': No space left on device; what was recorded so far is kept, "

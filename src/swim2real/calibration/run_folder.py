@@ -129,9 +129,9 @@ class RunFolder:
                 raise RunError(f"{path}, line {number} is damaged ({error}); {self.RESTORE}") from error
             if not isinstance(entry, dict):
                 raise RunError(f"{path}, line {number} is damaged (no evaluation); {self.RESTORE}")
-            entries.append(
-                {**cast("dict[str, Any]", entry), "evidence": upgraded_evidence(cast("Any", entry).get("evidence"))}
-            )
+            if "evidence" in entry:
+                entry["evidence"] = upgraded_evidence(entry["evidence"])
+            entries.append(cast("dict[str, Any]", entry))
         return entries
 
     def drop_cut_line(self) -> None:
