@@ -147,7 +147,7 @@ def rough_swims():
 def test_a_calibration_of_the_extended_fish_is_one_like_any_other(rough_swims, tmp_path):
     settings = CalibrationSettings(budget=5, seed=0, threads=1)
     outcome = run(rough_swims, FISH_EXTENDED, settings, tmp_path / "run", sensitivity=True)
-    assert [one["name"] for one in outcome["sensitivity"]][-len(EXTRA) :] == list(EXTRA)
+    assert [one.name for one in outcome.sensitivity][-len(EXTRA) :] == list(EXTRA)
     written = json.loads((tmp_path / "run" / "best.json").read_text())
     assert written["robot"] == "fish-extended"
     best = read_parameters(tmp_path / "run", "fish-extended", FISH_EXTENDED.space)
@@ -160,7 +160,7 @@ def test_a_calibration_of_the_extended_fish_is_one_like_any_other(rough_swims, t
         read_parameters(tmp_path / "run", "fish", FISH.space)
     # going on with more budget takes the record up again
     more = run(rough_swims, FISH_EXTENDED, replace(settings, budget=6), tmp_path / "run", resume=True)
-    assert more["fit"]["aligned_marker_error"] <= min(losses) + 1e-12
+    assert more.fit.aligned_marker_error <= min(losses) + 1e-12
 
 
 @pytest.mark.usefixtures("repeatable_swims")

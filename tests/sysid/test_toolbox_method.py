@@ -71,7 +71,7 @@ def test_a_run_with_all_of_the_fishs_parameters_goes_on_as_if_never_stopped(tmp_
         return [{key: value for key, value in one.items() if key != "seconds"} for one in RunFolder(folder).record()]
 
     def go(folder, budget: int, resume: bool = False) -> None:
-        run(swims, FISH, CalibrationSettings("mujoco-sysid", budget=budget, threads=2), folder, resume=resume)
+        run(swims, FISH, CalibrationSettings(method="mujoco-sysid", budget=budget, threads=2), folder, resume=resume)
 
     swims = pools.film(frequencies=(1.6,), seconds=1.5)
     go(tmp_path / "whole", 20)
