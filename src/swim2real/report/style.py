@@ -77,6 +77,7 @@ _PAPER: Any = {
     "font.family": ["STIXGeneral", "DejaVu Sans"],  # both come with matplotlib, so every machine has them
     "pdf.fonttype": 42,  # letters stay letters, embedded
     "ps.fonttype": 42,
+    "svg.hashsalt": "swim2real",  # the same names in a file each time
     "savefig.facecolor": "white",
 }
 _PAGE: Any = {
