@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Mapping, Sequence
+from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
@@ -44,6 +45,11 @@ _ALLOWED = {
 }
 
 
+@cache
+def _adapter(model: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(model)
+
+
 def check(model: type[Model], content: Any, what: str, error: type[Swim2RealError], remedy: str = "") -> Model:
     """Content as an object of a model.
 
@@ -51,22 +57,22 @@ def check(model: type[Model], content: Any, what: str, error: type[Swim2RealErro
         model: What is allowed.
         content: Plain lists, dictionaries, texts and numbers, as JSON or TOML has them.
         what: The thing that is checked, such as "camera file 'pool.json'".
-        error: That is raised.
+        error: Type of the error that is raised.
         remedy: What to do, without a full stop; empty where the sentence says it already.
 
     Raises:
         Swim2RealError: Of the type `error`, on the first thing that isn't allowed.
     """
     try:
-        return TypeAdapter(model).validate_python(content)
-    except ValidationError as found:
-        details, unknown = found.errors(include_url=False), ("extra_forbidden", "unexpected_keyword_argument")
+        return _adapter(model).validate_python(content)
+    except ValidationError as failure:
+        details, unknown = failure.errors(include_url=False), ("extra_forbidden", "unexpected_keyword_argument")
         # a key that isn't known tells more than the one that it should have been, which is missing
         detail = next((detail for detail in details if detail["type"] in unknown), details[0])
-        told = explained(detail)
+        sentence = explained(detail)
         if detail["type"] in unknown:
-            told += did_you_mean(str(detail["loc"][-1]), _field_names(model))
-        raise error(f"{what}: {told}" + (f"; {remedy}" if remedy else "")) from None
+            sentence += did_you_mean(str(detail["loc"][-1]), _field_names(model))
+        raise error(f"{what}: {sentence}" + (f"; {remedy}" if remedy else "")) from None
 
 
 def read(model: type[Model], path: str | Path, what: str, error: type[Swim2RealError], remedy: str = "") -> Model:
@@ -76,7 +82,7 @@ def read(model: type[Model], path: str | Path, what: str, error: type[Swim2RealE
         model: What is allowed.
         path: Of the file.
         what: What the file is, such as "camera file"; its path is added.
-        error: That is raised.
+        error: Type of the error that is raised.
         remedy: As for `check`.
 
     Raises:
@@ -87,8 +93,8 @@ def read(model: type[Model], path: str | Path, what: str, error: type[Swim2RealE
         content = read_json(path)
     except FileNotFoundError:
         raise error(f"{named} is not there{end}") from None
-    except (OSError, ValueError) as found:
-        raise error(f"{named} can't be read as JSON: {found}{end}") from found
+    except (OSError, ValueError) as failure:
+        raise error(f"{named} can't be read as JSON: {failure}{end}") from failure
     return check(model, content, named, error, remedy)
 
 

@@ -304,6 +304,13 @@ def test_a_replay_gives_the_same_proposals_without_asking(ask, vlm, tmp_path):
     assert len(vlm.requests) == asked
 
 
+def test_a_replay_on_another_processor_is_the_same_run(ask, vlm, tmp_path):
+    vlm.script(replies(good()))
+    proposal = ask().propose(START)
+    here = evaluation(0.5, 0.5, 0.05 * (1 + 1e-14))
+    assert ReplayAdvisor(tmp_path, SPACE).propose(Situation(here, (), here)).as_dict() == proposal.as_dict()
+
+
 def test_a_replay_that_has_come_elsewhere_is_refused(ask, vlm, tmp_path):
     vlm.script(replies(good()))
     ask().propose(START)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import mimetypes
 import re
 from collections.abc import Sequence
@@ -25,6 +26,7 @@ Outcome = Literal["used", "unusable", "failed"]
 
 _MOST_CALLS = 1_000_000  # calls or rounds; more is an error
 _MEDIA_PATH = re.compile(rf"{MEDIA}/\w+\.\w+")
+_SAME_LOSS = 1e-6  # relative
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,10 @@ class Incumbent:
     @classmethod
     def of(cls, evaluation: Evaluation) -> Incumbent:
         return cls(tuple(float(x) for x in evaluation.candidate.point), evaluation.loss)
+
+    def matches(self, other: Incumbent) -> bool:
+        """Whether both are the same evaluation, perhaps simulated by another processor: its last digits may differ."""
+        return self.point == other.point and math.isclose(self.loss, other.loss, rel_tol=_SAME_LOSS)
 
 
 def _check_media_path(path: str) -> str:
@@ -180,7 +186,7 @@ class Transcript:
         """The call whose reply a round's proposal was made of, if the round began at this incumbent; None without."""
         began = Incumbent.of(incumbent)
         for call in reversed(self.of_round(round_number)):
-            if call.outcome == "used" and call.incumbent == began:
+            if call.outcome == "used" and call.incumbent.matches(began):
                 return call
         return None
 
