@@ -43,7 +43,6 @@ def marker_map(
 
     Raises:
         ArgumentError: Positions are missing or not finite, or the picture is too small.
-        MissingExtraError: Pillow isn't installed.
     """
     points = np.array(positions, dtype=float)
     if points.shape != (len(names), 2) or not names or not np.isfinite(points).all():
