@@ -1,4 +1,4 @@
-"""The page on architecture names every package and module directly below swim2real."""
+"""The page on architecture names every package, and every module directly below swim2real."""
 
 import re
 from pathlib import Path
@@ -13,3 +13,5 @@ def test_the_tree_names_what_exists():
     named = set(re.findall(r"^  ([a-z_]+(?:/|\.py)) ", PAGE, flags=re.MULTILINE))
     packages = {f"{path.parent.name}/" for path in SOURCE.glob("*/__init__.py")}
     assert named == packages | {path.name for path in SOURCE.glob("*.py")} - {"__main__.py"}
+    inner = {path.parent.name for path in SOURCE.glob("*/*/__init__.py")}
+    assert sorted(name for name in inner if f"{name}/" not in PAGE) == []
