@@ -9,10 +9,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from swim2real.demo.lab import Lab, Take
 from swim2real.rendering.pool import PoolCamera
 from swim2real.robots import robot_named
 from swim2real.trials import Signals
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from lab import Lab, Take
 
 ROBOT = robot_named(Path(__file__).with_name("finger.toml"))
 HIDDEN = {

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import mujoco
 
-from swim2real.demo.lab import Lab, Take
 from swim2real.rendering.pool import PoolCamera
 from swim2real.robots import robot_named
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from lab import Lab, Take
 
 ROBOT = robot_named(Path(__file__).with_name("snake.toml"))
 HIDDEN = {

@@ -101,9 +101,11 @@ def tail_motion(target: Target, end: tuple[int, int]) -> TailMotion:
         end: Indices of two markers on the last stiff part of the tail, the trailing edge last.
 
     Raises:
-        TrialError: The two markers are seen together for less than a beat.
+        TrialError: The trial has no beat, or the two markers are seen together for less than one.
     """
     track, frequency = target.trial.track, target.beat_frequency or target.frequency
+    if frequency is None:
+        raise TrialError(f"trial '{target.name}' has no beat, which elongated body theory needs")
     times, course = track.times - track.times[0], track.course
     pair = course[:, list(end)]
     good = np.isfinite(pair).all(axis=(1, 2)) & (target.weights[:, list(end)] > 0).all(axis=1)

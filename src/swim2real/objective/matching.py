@@ -97,7 +97,7 @@ def compare_playback(target: Target, simulated: Trial) -> ComparedTrial:
     world = simulated.track.positions
     progress = velocity = None
     if target.progress is not None and target.frame is not None:
-        framed = (target.weights[:, target.frame] > 0).all(axis=1)
+        framed = np.all(target.weights[:, target.frame] > 0, axis=1)
         progress = np.full(len(world), np.nan)
         if simulated.divergence is None or np.isfinite(world).any():
             progress = frames.progress(target.times, np.where(framed[:, None, None], world, np.nan), target.frame)

@@ -114,7 +114,7 @@ def playback_target(
     progress = velocity = None
     real = world
     if frame is not None:
-        framed = (counted[:, frame] > 0).all(axis=1)
+        framed = np.all(counted[:, frame] > 0, axis=1)
         counted = counted * framed[:, None]  # without its frame no marker can be compared
         real = frames.to_body(world, frame)
         if score_progress:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lab import Lab, Take
 
-from swim2real.demo.lab import Lab, Take
 from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.pipeline import track_video, track_videos
 from swim2real.rendering.pool import PoolCamera
