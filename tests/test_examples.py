@@ -14,6 +14,7 @@ EXAMPLE = PROJECT / "examples" / "calibrate.py"
 TRACKING = PROJECT / "examples" / "track.py"
 
 
+@pytest.mark.slow
 def test_the_example_calibrates_and_goes_on(tmp_path):
     out = tmp_path / "run"
     for budget in (2, 3):

@@ -94,6 +94,7 @@ def test_the_diagnosis_begins_with_speed_over_frequency():
     assert "The worst trial is f" in proposal.diagnosis
 
 
+@pytest.mark.slow
 def test_the_same_situation_gets_the_same_proposal():
     shown = situation(World(), rounds=2)
     one = advisor()

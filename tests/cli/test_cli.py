@@ -295,6 +295,7 @@ def test_it_runs_as_a_module():
     assert (done.returncode, done.stdout, done.stderr) == (0, f"swim2real {swim2real.__version__}\n", "")
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_gone_is_no_fault(pool_folder):
     program = process("evaluate", "published", "--reference", pool_folder, "--json")
     program.stdout.close()
@@ -632,6 +633,7 @@ def test_calibrate_leaves_a_whole_run(finished, calibration):
     assert json.loads((finished / "best.json").read_text())["loss"] == min(entry["loss"] for entry in entries)
 
 
+@pytest.mark.slow
 def test_calibrate_quietly_only_warns_of_a_fit_that_swims_backward(program, pool_folder, tmp_path, new_fluid_law):
     out = tmp_path / "run"
     program("calibrate", pool_folder, "--out", out, "--budget", 1, "--horizon", 1, "--quiet").done()
@@ -658,6 +660,7 @@ def test_calibrate_tells_its_progress_in_plain_lines_when_piped(program, calibra
     assert f"Report: {tmp_path / 'run' / 'report.html'}" in program.text
 
 
+@pytest.mark.slow
 def test_calibrate_shows_a_bar_on_a_terminal(program, calibration, tmp_path, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")  # as if it were one
     monkeypatch.setenv("COLUMNS", "120")
@@ -766,6 +769,7 @@ def test_a_report_of_no_run_is_refused(program, tmp_path):
     assert program("report", tmp_path).sentence(1) == f"'{tmp_path}' is no run folder: it has no settings.json"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGINT") or sys.platform == "win32", reason="no Ctrl-C to send")
 def test_an_interrupted_run_is_usable_and_goes_on(program, calibration, tmp_path):
     run = tmp_path / "run"

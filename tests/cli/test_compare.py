@@ -102,6 +102,7 @@ def test_an_interruption_leaves_nothing_at_work_and_the_same_command_goes_on(pro
     assert (out / "results.csv").read_bytes() == (finished[0] / "results.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_the_same_again_reads_and_json_is_json_alone(program, finished, pool_folder):
     program(*words(pool_folder, finished[0])).done()
     assert [line.split(", ")[-1] for line in program.err.splitlines()] == ["done before"] * 2

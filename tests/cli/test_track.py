@@ -133,6 +133,7 @@ def test_no_video_and_two_of_one_name_are_refused(program, clip, tmp_path):
     assert not to.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no Ctrl-C to send")
 def test_an_interruption_leaves_no_half_files_and_the_same_command_goes_on(program, shot, clip, tmp_path):
     one, other = named(shot, tmp_path, "one"), named(shot, tmp_path, "other")

@@ -187,6 +187,7 @@ def test_another_model_is_a_warning_also_when_quiet(program, words, vlm):
     assert program.err.strip().startswith("round 1: warning: some-model was asked and another answered")
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_a_vlm_thinks_leaves_a_run_that_goes_on(words, vlm, tmp_path, program):
     vlm.script(hangs, then=thoughtful)
     running = process(*words("run", "--timeout", 60))
@@ -243,6 +244,7 @@ def test_files_step_by_step_on_different_days(program, pendulum_folder, tmp_path
     assert record(tmp_path / "again") == record(run)
 
 
+@pytest.mark.slow
 def test_files_waits_explains_and_goes_on(pendulum_folder, tmp_path):
     run = tmp_path / "run"
     running = process(

@@ -363,6 +363,7 @@ def test_an_unexpected_error_is_kept_with_its_trace(work):
 # a cluster
 
 
+@pytest.mark.slow
 def test_a_local_cluster_gives_the_same_table(finished, tmp_path):
     out = tmp_path / "comparison"
     assert compare_pendulum(make(), out, cluster="local:1").missing == {}

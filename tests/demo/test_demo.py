@@ -10,7 +10,7 @@ import pytest
 
 from films import contents, tables
 from pools import hidden_values
-from swim2real.calibration import reference_fingerprint
+from swim2real.calibration import Outcome, reference_fingerprint
 from swim2real.cli import main
 from swim2real.demo import (
     DEMO_FREQUENCIES,
@@ -160,7 +160,7 @@ class Demo:
 
     out: Path
     heard: Heard
-    outcome: dict
+    outcome: Outcome
 
 
 @pytest.fixture(scope="session")
@@ -180,7 +180,7 @@ def test_the_demo_leaves_films_a_reference_and_a_run(short_demo):
     assert {path.name for path in (out / "reference" / "tracks").iterdir()} == tracks
     files = {path.name for path in (out / "run").iterdir()}
     assert {"settings.json", "record.jsonl", "best.json", "outcome.json", "trials.npz"} <= files
-    assert json.loads((out / "run" / "outcome.json").read_text()) == short_demo.outcome
+    assert json.loads((out / "run" / "outcome.json").read_text()) == short_demo.outcome.to_json()
 
 
 def test_the_demo_tells_what_it_does(short_demo):
@@ -231,10 +231,10 @@ def test_the_demos_run_belongs_to_the_reference_that_it_leaves(short_demo):
 def test_the_demo_evaluates_on_the_trial_that_it_left_out(short_demo):
     assert HELD_OUT in {f"f{frequency:.2f}".replace(".", "_") for frequency in DEMO_FREQUENCIES}
     assert set(DEMO_FREQUENCIES) < set(FULL_FREQUENCIES)
-    assert tuple(short_demo.outcome["held_out"]["trials"]) == (HELD_OUT,)
-    assert tuple(short_demo.outcome["fit"]["trials"]) == ("f1_50",)
-    assert 0 < short_demo.outcome["held_out"]["aligned_marker_error"] < 1
-    assert len(short_demo.outcome["sensitivity"]) == len(FISH.space)
+    assert tuple(short_demo.outcome.held_out.trials) == (HELD_OUT,)
+    assert tuple(short_demo.outcome.fit.trials) == ("f1_50",)
+    assert 0 < short_demo.outcome.held_out.aligned_marker_error < 1
+    assert len(short_demo.outcome.sensitivity) == len(FISH.space)
 
 
 def test_the_hidden_parameters_are_in_no_file(short_demo):
@@ -285,7 +285,7 @@ def test_an_interrupted_demo_goes_on_with_what_is_missing(short_demo, tmp_path):
     record = (out / "run" / "record.jsonl").read_text().splitlines()
     assert record[:2] == (short_demo.out / "run" / "record.jsonl").read_text().splitlines()
     assert len(record) == 3
-    assert outcome["fit"]["loss"] <= short_demo.outcome["fit"]["loss"]
+    assert outcome.fit.loss <= short_demo.outcome.fit.loss
 
 
 def test_a_demo_that_is_done_is_only_read(short_demo):

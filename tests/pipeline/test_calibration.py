@@ -142,6 +142,7 @@ def test_a_run_says_what_it_was_made_of(pool, tmp_path):
     assert outcome["fit"]["loss"] == pytest.approx(min(entry["loss"] for entry in record(tmp_path / "run")), rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [method for method in METHODS if method != "staged"])
 def test_every_method_runs_and_goes_on(pool, tmp_path, method):
     settings = CalibrationSettings(method=method, budget=2)
@@ -162,6 +163,7 @@ def test_stages_run_and_keep_their_plan(pool, tmp_path):
         run(pool, FISH, CalibrationSettings(method="staged", budget=9, threads=2), tmp_path, resume=True)
 
 
+@pytest.mark.slow
 def test_a_resumed_line_search_ends_as_an_uninterrupted_one(pool, tmp_path):
     run(pool, FISH, CalibrationSettings(budget=3), tmp_path / "whole")
     run(pool, FISH, CalibrationSettings(budget=2), tmp_path / "resumed")
@@ -189,12 +191,14 @@ def test_a_damaged_proposal_on_record_is_told(pool, tmp_path):
         run(pool, FISH, CalibrationSettings(budget=3), tmp_path / "run", resume=True)
 
 
+@pytest.mark.slow
 def test_random_search_doesnt_depend_on_the_number_of_threads(pool, tmp_path):
     for threads in (1, 3):
         run(pool, FISH, CalibrationSettings(method="random", budget=2, threads=threads), tmp_path / str(threads))
     assert without_seconds(tmp_path / "1") == without_seconds(tmp_path / "3")
 
 
+@pytest.mark.slow
 def test_the_number_of_threads_may_change_on_the_way(pool, tmp_path):
     run(pool, FISH, CalibrationSettings(method="random", budget=1, threads=1), tmp_path / "run")
     run(pool, FISH, CalibrationSettings(method="random", budget=2, threads=2), tmp_path / "run", resume=True)
@@ -293,8 +297,8 @@ def test_the_effect_of_each_parameter_is_measured_outside_the_budget(pool, tmp_p
         return []
 
     monkeypatch.setattr("swim2real.pipeline.calibration.sensitivities", sensitivities)
-    chosen = CalibrationSettings(method="random", budget=1, hold_out=(NAMES[0],))
-    outcome = run(pool, FISH, chosen, tmp_path / "run").to_json()
+    chosen = CalibrationSettings(method="random", budget=2)
+    outcome = run(pool, FISH, chosen, tmp_path / "run", sensitivity=True).to_json()
     best = min(record(tmp_path / "run"), key=lambda entry: entry["loss"])
     assert asked == [("log", best["values"])]
     assert outcome["sensitivity"] == []
