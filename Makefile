@@ -50,6 +50,7 @@ $(CORE): pyproject.toml constraints.txt
 $(STAMP): $(CORE)
 	$(BIN)/python $(PIP) --upgrade "pip>=25.1"
 	$(BIN)/python $(PIP) --constraint constraints.txt $(EVERYTHING)
+	-$(BIN)/python -m compileall -q -j 0 $(VENV)/lib > /dev/null  # tests start many processes
 	touch $@
 
 $(NEWEST)/.installed: pyproject.toml constraints.txt
