@@ -35,6 +35,7 @@ def test_videos_and_tracking_need_no_physics_engine():
     assert "mujoco" not in loaded_by("import swim2real.video, swim2real.tracking.detection, swim2real.tracking.tracker")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "modules",
     [

@@ -102,6 +102,7 @@ def test_the_same_situation_gets_the_same_proposal():
     assert first.as_dict() == again.as_dict() == other.as_dict()
 
 
+@pytest.mark.slow
 def test_a_situation_read_back_from_a_record_gets_the_same_proposal():
     def read(evaluation):
         return replace(evaluation, detail=json.loads(json.dumps(evaluation.detail)))
@@ -111,6 +112,7 @@ def test_a_situation_read_back_from_a_record_gets_the_same_proposal():
     assert advisor().propose(back).as_dict() == advisor().propose(shown).as_dict()
 
 
+@pytest.mark.slow
 def test_a_proposal_stays_within_its_trust():
     for rounds in (0, 1, 3):
         shown = situation(World(), rounds)
@@ -253,6 +255,7 @@ def test_a_fish_that_is_too_fast_is_slowed_and_one_that_is_too_slow_is_sped_up()
         assert (after < before) == sooner
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_it_gets_close_in_a_world_that_is_like_its_law(seed):
     first = np.random.default_rng(seed).random(16)

@@ -69,6 +69,7 @@ def refusal(advisor: VlmAdvisor, situation: Situation = START) -> str:
     return str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_good_reply_becomes_a_proposal_with_where_it_came_from(ask, vlm, tmp_path):
     vlm.script(replies(good(drag=12.0, gravity=1), tokens=(900, 80), thinking=20))
     proposal = ask().propose(START)
@@ -168,6 +169,7 @@ def test_after_two_repairs_the_round_has_failed_and_is_asked_anew(ask, vlm, tmp_
     assert "An earlier answer to this could not be used: the reply holds no JSON object" in vlm.requests[3].text
 
 
+@pytest.mark.slow
 def test_three_failed_rounds_in_a_row_end_the_run_with_a_sentence(ask, vlm, tmp_path):
     vlm.script(then=refuses(503, "the model is overloaded", "UNAVAILABLE"))
     said = refusal(ask(provider="google", tries=2))

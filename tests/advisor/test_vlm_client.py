@@ -93,6 +93,7 @@ def nothing_is_left_open():
 # good replies
 
 
+@pytest.mark.slow
 @each
 def test_a_good_reply_and_what_is_on_the_wire(vlm, provider):
     ask = Ask(vlm, provider, replies(REPLY, thinking=300))

@@ -147,12 +147,14 @@ def test_any_text_is_usable_or_refused(text):
     usable_or_refused(text)
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(json_values)
 def test_any_json_is_usable_or_refused(value):
     usable_or_refused(json.dumps(value))
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(st.dictionaries(st.sampled_from([*SPACE.names, "other"]), json_values), json_values, json_values)
 def test_any_contents_of_the_right_shape_are_usable_or_refused(parameters, diagnosis, reasoning):

@@ -227,6 +227,7 @@ def test_without_numbers_no_section_on_swims_and_no_loss_is_left():
         assert f"| {one.name} | {one.unit} |" in text
 
 
+@pytest.mark.slow
 @given(st.integers(0, 4), st.integers(0, 5), st.floats(1.01, 5.0))
 @settings(max_examples=5)
 def test_without_numbers_the_text_doesnt_depend_on_anything_measured(rounds, seed, factor):

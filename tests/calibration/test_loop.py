@@ -101,6 +101,7 @@ def test_progress_is_told_after_every_evaluation(go):
     assert seen[-1].seconds_left == 0
 
 
+@pytest.mark.slow
 @both
 @pytest.mark.parametrize("stop", [1, 4])
 def test_a_run_that_was_left_early_ends_as_if_it_hadnt_been(go, tmp_path, uninterrupted, method, stop):
@@ -157,6 +158,7 @@ def test_a_process_that_is_killed_loses_nothing(go, tmp_path, reference_folder, 
     assert (run / "best.json").read_bytes() == (uninterrupted["line-search"] / "best.json").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_larger_budget_goes_on(go, tmp_path, uninterrupted):
     go(budget=2)
     seen = []

@@ -152,6 +152,7 @@ def test_trials_of_version_0_1_are_refused_with_the_way_to_convert_them(tmp_path
 # which parameters the trials can tell
 
 
+@pytest.mark.slow
 def test_sensitivities_tell_parameters_apart(problem):
     space = ParameterSpace(tuple(ROBOT.space[name] for name in small_run.FREE))
     values = {**small_run.HIDDEN, "hinge_damping_0": 0.0}

@@ -251,6 +251,7 @@ def test_a_change_of_the_controls_is_another_reference(runs, pendulum):
         reopen(runs["pendulum"].path, reference, PENDULUM, 1)
 
 
+@pytest.mark.slow
 def test_what_the_markers_dont_show_isnt_told(pendulum):
     """A parameter without effect is found to have none."""
     robot = telling(PENDULUM, sensors=())

@@ -281,6 +281,7 @@ def test_a_fault_of_the_disk_is_a_sentence(program, pool_folder, monkeypatch):
     assert program("quality", pool_folder).sentence(1) == "Input/output error: swims.csv"
 
 
+@pytest.mark.slow
 def test_as_a_process_a_refusal_is_one_line_and_debug_a_traceback(tmp_path):
     for words, is_traceback in ((["quality", "nothing"], False), (["quality", "nothing", "--debug"], True)):
         program = process(*words, cwd=tmp_path)
@@ -359,6 +360,7 @@ def test_quality_as_json_is_json_alone(program, lossy_folder):
     assert program.err == ""
 
 
+@pytest.mark.slow
 def test_quality_plots_a_page_that_needs_nothing_else(program, lossy_folder, tmp_path):
     page = tmp_path / "page.html"
     assert program("quality", lossy_folder, "--plot", page).code == 1
@@ -643,12 +645,14 @@ def test_calibrate_quietly_only_warns_of_a_fit_that_swims_backward(program, pool
     assert program.out == ""
 
 
+@pytest.mark.slow
 def test_calibrate_may_stop_a_hopeless_step_early(program, calibration, tmp_path):
     program(*calibration, "--out", tmp_path / "run", "--budget", 2, "--early-stop", "--quiet").done()
     assert RunFolder(tmp_path / "run").settings()["early_stop"] is True
     assert len(record(tmp_path / "run")) == 2
 
 
+@pytest.mark.slow
 def test_calibrate_tells_its_progress_in_plain_lines_when_piped(program, calibration, tmp_path):
     program(*calibration, "--out", tmp_path / "run", "--budget", 2, "--method", "random").done()
     lines = without_warnings(program.err)
@@ -703,6 +707,7 @@ def test_a_run_that_is_there_isnt_overwritten(program, run, calibration):
     assert {path.name: path.read_bytes() for path in run.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_a_larger_budget_goes_on_with_a_run(program, run, calibration):
     before = (run / "record.jsonl").read_bytes()
     program(*calibration, "--out", run, "--budget", 4, "--resume").done()
@@ -733,6 +738,7 @@ def test_a_run_of_another_format_is_refused(program, run, calibration):
     assert program("report", run).sentence(1) == says
 
 
+@pytest.mark.slow
 def test_a_run_that_another_process_works_on_is_left_alone(program, run, calibration):
     with FileLock(run / ".lock"):
         words = (*calibration, "--out", run, "--budget", 4, "--resume")

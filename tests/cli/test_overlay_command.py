@@ -19,6 +19,7 @@ def test_overlays_of_recordings_are_written(program, pendulum_folder, tmp_path):
         assert sum(1 for _ in film) == 6
 
 
+@pytest.mark.slow
 def test_overlays_of_every_trial_are_written(program, pool_folder, tmp_path):
     program("overlay", "published", "--reference", pool_folder, "--out", tmp_path, "--fps", 10, "--width", 480).done()
     names = sorted(path.name for path in tmp_path.iterdir())

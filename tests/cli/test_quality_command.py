@@ -61,6 +61,7 @@ def test_what_is_allowed_is_a_share(reference, allowed):
     assert str(caught.value) == (f"--allow-lost is {allowed:g}; it is a share of frames within 0 and 1, such as 0.05")
 
 
+@pytest.mark.slow
 def test_a_trial_without_a_beat_leaves_the_others_alone(reference, capsys):
     good = Swimmer().track(seed=0)
     still = MarkerTrack(good.times[:6], good.positions[:6])

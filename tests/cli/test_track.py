@@ -79,6 +79,7 @@ def test_json_is_json_alone(program, clip, tmp_path):
     assert load_reference(tmp_path)["f1_25"].nominal_frequency == 1.2
 
 
+@pytest.mark.slow
 def test_without_points_and_camera_markers_are_found_and_findings_are_told(program, clip, tmp_path):
     program("track", clip.video, "--to", tmp_path, "--markers", "auto", "--no-overlay").done()
     assert "What to know" in program.text
@@ -209,6 +210,7 @@ def test_a_video_that_cant_be_read_is_a_sentence(program, clip, tmp_path, make, 
     assert not to.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "says"),
     [

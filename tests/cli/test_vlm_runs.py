@@ -60,6 +60,7 @@ def kept(path: Path) -> list[dict]:
     return [json.loads(one.read_text()) for one in sorted((path / "advisor").glob("call_*.json"))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("provider", "kind"), [("google", "video/mp4"), ("openai", "image/png"), ("anthropic", "png")])
 def test_a_run_with_each_provider_shows_films_or_pictures(program, words, vlm, tmp_path, provider, kind):
     vlm.script(then=thoughtful)
@@ -135,6 +136,7 @@ def test_three_failures_in_a_row_stop_the_run_and_it_can_go_on(program, words, v
     assert len(record(tmp_path / "run")) == 5
 
 
+@pytest.mark.slow
 def test_numbers_alone_and_pictures_alone_are_ablations(program, words, vlm):
     vlm.script(then=thoughtful)
     program(*words("numbers", "--show", "numbers", "--budget", 2)).done()
@@ -174,6 +176,7 @@ def test_the_key_is_never_seen(program, words, vlm, tmp_path, monkeypatch, caplo
     assert KEY not in everything
 
 
+@pytest.mark.slow
 def test_a_server_of_ones_own_is_not_sent_the_providers_key(program, words, vlm, monkeypatch):
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     vlm.script(then=thoughtful)
@@ -181,6 +184,7 @@ def test_a_server_of_ones_own_is_not_sent_the_providers_key(program, words, vlm,
     assert KEY not in json.dumps([dict(asked.headers) for asked in vlm.requests])
 
 
+@pytest.mark.slow
 def test_another_model_is_a_warning_also_when_quiet(program, words, vlm):
     vlm.script(then=replies('{"parameters": {"elbow_damping": 0.005}}', model="another"))
     program(*words("run", "--quiet", "--budget", 2)).done()

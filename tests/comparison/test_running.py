@@ -312,6 +312,7 @@ def test_a_job_stops_when_nobody_waits_for_it_any_more(work, monkeypatch):
     assert not job.folder.exists()
 
 
+@pytest.mark.slow
 def test_a_job_in_the_middle_stops_after_an_evaluation_and_goes_on(work):
     job, shared = work
     longer = replace(job, settings=replace(job.settings, budget=3000))

@@ -213,6 +213,7 @@ def test_after_a_halt_the_watchdog_is_named(emulated):
     assert emulated.motor.get(ct.TORQUE_ENABLE) == 0
 
 
+@pytest.mark.slow
 def test_nobody_at_that_id(emulated):
     with (
         Bus(emulated.port, 2) as bus,

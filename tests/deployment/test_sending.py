@@ -72,6 +72,7 @@ def test_unplugged_the_watchdog_stops_it():
     assert emulator.motor.watchdog_tripped
 
 
+@pytest.mark.slow
 def test_the_watchdog_stays_on_while_nobody_knows_whether_the_torque_is_off():
     emulator, _ = swim(Fault("silent", MIDDLE))
     assert emulator.motor.get(ct.GOAL_VELOCITY) == emulator.motor.get(ct.TORQUE_ENABLE) == 0
@@ -87,6 +88,7 @@ def test_one_bad_answer_is_counted_and_the_swim_goes_on(kind):
     assert emulator.motor.get(ct.TORQUE_ENABLE) == 0
 
 
+@pytest.mark.slow
 def test_noise_before_answers_is_passed_over():
     _, sent = swim(Fault("noise-before"))
     assert not isinstance(sent, MotorError), sent

@@ -86,6 +86,7 @@ def test_a_camera_without_a_center_and_a_robot_that_is_torn_apart_are_refused(tm
         torn.record([pull()])
 
 
+@pytest.mark.slow
 def test_a_film_from_the_side_becomes_a_trial_with_its_tables(films, tmp_path):
     found = tracked(films, tmp_path / "trials")
     (trial,) = load_reference(tmp_path / "trials")
@@ -100,6 +101,7 @@ def test_a_film_from_the_side_becomes_a_trial_with_its_tables(films, tmp_path):
     assert found.report.scale_spread < 0.02
 
 
+@pytest.mark.slow
 def test_it_is_tracked_again_when_a_table_is_another(films, tmp_path):
     assert not tracked(films, tmp_path / "trials").done_before
     assert tracked(films, tmp_path / "trials").done_before

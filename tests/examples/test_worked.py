@@ -65,6 +65,7 @@ def test_hidden_parameters_explain_the_recordings_but_for_what_the_model_lacks(e
     assert drawing.loss > 5 * hidden.loss
 
 
+@pytest.mark.slow
 def test_what_the_trials_cant_tell_is_the_sloppiest_direction(example):
     space = example.code.ROBOT.space
     evaluate = Evaluator(example.problem, space)

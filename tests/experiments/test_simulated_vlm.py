@@ -121,6 +121,7 @@ def test_what_looks_alike_moves_together_and_opposite_differences_cancel():
     np.testing.assert_allclose(steps([half], here)[0], [0.2, 0.05, 0.05, 0.1])
 
 
+@pytest.mark.slow
 def test_what_cannot_be_seen_is_nearly_a_guess():
     here, hidden = np.full(8, 0.5), np.full(8, 0.52)
     advisors = [vlm(hidden, seed, VlmErrors(noise=1.0, floor=0.0, wrong=0.0), unseen=["p3"]) for seed in range(2000)]

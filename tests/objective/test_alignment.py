@@ -20,6 +20,7 @@ def body(times):
     return np.stack([along, sideways], axis=2)
 
 
+@pytest.mark.slow
 @given(st.floats(0.0, PERIOD, exclude_max=True))
 def test_a_known_shift_is_recovered_off_the_frame_grid(shift):
     alignment = align(body, body(TIMES + shift), TIMES, ONES, PERIOD)

@@ -60,12 +60,14 @@ def test_ten_initial_points_then_the_model(run):
     np.testing.assert_array_equal(run[0].candidate.point, first_point(D, 0))
 
 
+@pytest.mark.slow
 def test_a_minimum_in_a_corner_is_found_within_the_cube():
     told = drive(make(1, initial=5), 11, lambda candidate: float(candidate.point.sum()))
     assert np.all((points(told) >= 0) & (points(told) <= 1))
     assert min(one.loss for one in told) < 0.05
 
 
+@pytest.mark.slow
 def test_the_same_losses_give_the_same_points_to_the_last_bit_on_any_number_of_threads(run):
     again = make()
     with threadpool_limits(1):
@@ -76,6 +78,7 @@ def test_the_same_losses_give_the_same_points_to_the_last_bit_on_any_number_of_t
             again.tell(Evaluation(candidate, one.loss))
 
 
+@pytest.mark.slow
 def test_the_model_reads_losses_not_flags(run):
     """A failed evaluation counts with its loss, so its point is avoided."""
 
@@ -87,12 +90,14 @@ def test_the_model_reads_losses_not_flags(run):
     assert np.mean(points(told)[10:, 0] > 0.5) <= 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [1.0, 0.0])
 def test_equal_losses_are_lived_with(loss):
     told = drive(make(initial=3), 8, lambda candidate: loss)
     assert len(np.unique(points(told), axis=0)) == 8
 
 
+@pytest.mark.slow
 def test_no_point_is_asked_twice():
     """A lone minimum at a corner makes the model suggest that corner again and again."""
     optimizer = BayesianOptimization(1, streams(5)[1], first_point(1, 5), initial=2)

@@ -147,6 +147,7 @@ def test_the_run_begins_at_the_first_point_and_says_so(make):
     assert candidate.note == {"source": "first point"}
 
 
+@pytest.mark.slow
 @every
 def test_failed_evaluations_are_lived_with(make):
     points = drive(make(0), 25, failed=lambda i: i % 3 != 1)

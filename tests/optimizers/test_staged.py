@@ -293,6 +293,7 @@ def test_a_scan_stays_within_reach_of_the_best_place_and_never_repeats(best, cou
     assert min(abs(place - best) for place in places) <= 0.5 / coarse + 1e-9
 
 
+@pytest.mark.slow
 def test_a_scan_that_goes_on_for_long_never_repeats():
     assert len(set(scan(2000, 0.4321, planned=5))) == 2000
 

@@ -29,12 +29,14 @@ def spaces(draw) -> ParameterSpace:
     return ParameterSpace(tuple(parameters), draw(st.sampled_from(["log", "linear"])))
 
 
+@pytest.mark.slow
 @given(spaces(), st.data())
 def test_a_point_of_the_cube_survives_the_way_to_values_and_back(space, data):
     point = np.array(data.draw(st.lists(unit, min_size=len(space), max_size=len(space))))
     np.testing.assert_allclose(space.to_cube(space.to_values(point)), point, atol=1e-6)
 
 
+@pytest.mark.slow
 @given(spaces(), st.data())
 def test_values_survive_the_way_to_the_cube_and_back(space, data):
     values = {p.name: data.draw(st.floats(p.lower, p.upper)) for p in space}
@@ -43,6 +45,7 @@ def test_values_survive_the_way_to_the_cube_and_back(space, data):
         assert back[p.name] == pytest.approx(values[p.name], abs=1e-9 * max(1.0, abs(p.lower), abs(p.upper)))
 
 
+@pytest.mark.slow
 @given(spaces(), st.data())
 def test_every_point_of_the_cube_gives_values_within_bounds(space, data):
     point = data.draw(st.lists(unit, min_size=len(space), max_size=len(space)))
@@ -50,6 +53,7 @@ def test_every_point_of_the_cube_gives_values_within_bounds(space, data):
     assert space.check(values) == values
 
 
+@pytest.mark.slow
 @given(spaces())
 def test_corners_of_the_cube_are_the_bounds(space):
     low, high = space.to_values(np.zeros(len(space))), space.to_values(np.ones(len(space)))

@@ -124,6 +124,7 @@ def test_seeds_start_at_different_points():
 # runs
 
 
+@pytest.mark.slow
 def test_a_run_says_what_it_was_made_of(pool, tmp_path):
     chosen = CalibrationSettings(method="random", budget=2, seed=5)
     outcome = run(pool, FISH, chosen, tmp_path / "run", source="the pool").to_json()
@@ -171,6 +172,7 @@ def test_a_resumed_line_search_ends_as_an_uninterrupted_one(pool, tmp_path):
     assert without_seconds(tmp_path / "resumed") == without_seconds(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_proposals_on_record_arent_asked_again(pool, tmp_path, monkeypatch):
     run(pool, FISH, CalibrationSettings(budget=2), tmp_path / "run")
 
@@ -205,6 +207,7 @@ def test_the_number_of_threads_may_change_on_the_way(pool, tmp_path):
     assert len(record(tmp_path / "run")) == 2
 
 
+@pytest.mark.slow
 def test_progress_is_told_after_every_evaluation(pool, tmp_path):
     seen = []
     run(pool, FISH, CalibrationSettings(method="random", budget=2), tmp_path / "run", on_progress=seen.append)
@@ -228,6 +231,7 @@ def test_an_unknown_trial_to_hold_out_is_named(pool, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_the_papers_protocol_drives_at_the_nominal_frequency_and_minimizes_its_error(tmp_path):
     trials = film(frequencies=(1.2, 1.6), seconds=1.5)
     nominal = {"f1_20": 1.5, "f1_60": 2.0}  # another than the tail beats at, as in the published trials
@@ -289,6 +293,7 @@ def test_a_run_that_is_there_isnt_begun_again(begun, pool):
         run(pool, FISH, CalibrationSettings(method="random", budget=1), begun)
 
 
+@pytest.mark.slow
 def test_the_effect_of_each_parameter_is_measured_outside_the_budget(pool, tmp_path, monkeypatch):
     asked = []
 

@@ -132,6 +132,7 @@ def test_an_overlay_can_be_left_out(clip, tmp_path):
     assert not (tmp_path / "tracks" / f"{clip.name}.mp4").exists()
 
 
+@pytest.mark.slow
 def test_the_markers_may_be_found_without_points(clip, tmp_path):
     trial, _ = tracked(replace(clip, points="auto"), tmp_path)
     assert clip.errors(trial).max() < 2e-3
@@ -149,6 +150,7 @@ def test_progress_is_told_after_every_frame(clip, tmp_path):
 # the camera
 
 
+@pytest.mark.slow
 def test_without_the_cameras_height_raised_markers_are_off_and_a_finding_says_so(clip, tmp_path):
     found = track_video(clip.video, clip.points, FISH, FAST, tmp_path)
     errors = clip.errors(load_reference(tmp_path)["f1_25"]).mean(axis=0)
@@ -159,6 +161,7 @@ def test_without_the_cameras_height_raised_markers_are_off_and_a_finding_says_so
     assert any("M2 and M8 stand up to 50 mm nearer to the camera than M0" in line for line in found.report.findings)
 
 
+@pytest.mark.slow
 def test_a_known_length_sets_the_scale(clip, tmp_path):
     head = clip.filmed.truth.positions[0, :2]
     write_camera(tmp_path / "camera.json", CameraFile(lengths=(Length("head", head, 2 * FISH.rest_markers[1, 0]),)))
@@ -288,6 +291,7 @@ def test_uneven_frames_keep_their_times(tmp_path):
         np.testing.assert_allclose([frame.time for frame in overlay], made.times, atol=5e-3)
 
 
+@pytest.mark.slow
 def test_a_video_that_was_cut_off_makes_a_shorter_trial_with_a_finding(shot, tmp_path):
     cut = named(shot, tmp_path, "cut")
     data = cut.video.read_bytes()

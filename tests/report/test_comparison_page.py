@@ -71,6 +71,7 @@ def test_the_same_folder_gives_the_same_page(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.part"))
 
 
+@pytest.mark.slow
 def test_the_page_needs_no_network(drawn: None, tmp_path: Path) -> None:
     page = page_of(two_methods(), tmp_path)
     markup = re.sub(r"(<(script|style)\b[^>]*>).*?</\2>", r"\1", page, flags=re.DOTALL)

@@ -230,6 +230,7 @@ def test_rounds_tell_what_the_advisor_said(tmp_path: Path, monkeypatch: pytest.M
     assert "<script>alert" not in page
 
 
+@pytest.mark.slow
 def test_texts_from_a_robot_file_are_escaped(pendulum: Path, drawn: None, tmp_path: Path) -> None:
     evil = telling(PENDULUM, sensors=(Sensor("gyro[1]", EVIL, 0.001),))
     outcome = RunFolder(pendulum).outcome()

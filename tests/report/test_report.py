@@ -206,6 +206,7 @@ def test_the_same_folder_gives_the_same_page(run: Run) -> None:
     assert not list(run.path.glob("*.part"))
 
 
+@pytest.mark.slow
 def test_a_whole_page_is_sound_small_and_escaped_and_needs_no_network(run: Run, drawn: None) -> None:
     page = page_of(run)
     markup = re.sub(r"(<(script|style)\b[^>]*>).*?</\2>", r"\1", page, flags=re.DOTALL)

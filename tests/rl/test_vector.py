@@ -99,6 +99,7 @@ def test_seeds_and_stages_reach_the_environments():
     assert vector.env_is_wrapped(VecMonitor) == [False] * 3
 
 
+@pytest.mark.slow
 def test_stable_baselines_learns_in_it():
     torch.set_num_threads(1)
     vector = VecMonitor(rl.make_vector_env("forward", PUBLISHED, 2, seed=0, seconds=0.2))

@@ -163,6 +163,7 @@ def test_a_calibration_of_the_extended_fish_is_one_like_any_other(rough_swims, t
     assert more.fit.aligned_marker_error <= min(losses) + 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("repeatable_swims")
 def test_friction_is_recovered_from_swims(rough_swims):
     """The speeds over frequency tell friction from the other parameters, here all known."""

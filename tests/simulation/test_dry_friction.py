@@ -78,6 +78,7 @@ def test_a_swim_with_friction_is_the_engines_and_slower():
     assert smooth.markers[-1, 0, 0] < ours.markers[-1, 0, 0] - 1e-3  # it swims toward -x
 
 
+@pytest.mark.slow
 def test_without_friction_no_bit_changes():
     model = rough(0.0)
     plain = FISH.build(PUBLISHED).compile()

@@ -20,6 +20,7 @@ def refusal(track, name="swim") -> str:
     return str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("swimmer", [Swimmer(0.4, 0.03), Swimmer(1.0, 0.1, -2.0), Swimmer(1.7, 0.2, 3.0)])
 def test_frequency_phase_and_speed_are_recovered_within_their_standard_errors(swimmer):
     rows = []

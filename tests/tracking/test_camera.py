@@ -88,6 +88,7 @@ def shape_misfit(found, true):
 # scale
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.floats(0.5, 5), st.floats(500, 4000), st.floats(-3, 3))
 def test_a_level_robot_under_a_straight_camera_is_recovered(height, focal, heading):

@@ -198,6 +198,7 @@ def test_a_gain_needs_a_frame_rate():
         beat_gain(7, 0, 2.25)
 
 
+@pytest.mark.slow
 def test_published_beats_survive_smoothing(tracks):
     for trial in tracks:
         quality = check_track(trial.track, REST)

@@ -41,6 +41,7 @@ def track(frames, crop=True, **more):
     return np.array([positions for positions, _ in found]), np.array([confidence for _, confidence in found])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opencv")
 def test_markers_are_followed():
     positions, confidence = track(20)
@@ -81,6 +82,7 @@ def test_a_lost_marker_is_nan_and_the_others_go_on():
     np.testing.assert_allclose(positions[1:], START[1:] + 2, atol=1.5)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opencv")
 def test_markers_that_leave_the_frame_do_no_harm():
     positions, confidence = track(16, step=np.array([24.0, 0.0]))
@@ -101,12 +103,14 @@ def message(code):
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_without_opencv():
     assert message("import sys\nsys.modules['cv2'] = None\n" + MISSING) == (
         "the csrt tracker needs OpenCV with its contrib modules; install it with: pip install 'swim2real[opencv]'"
     )
 
 
+@pytest.mark.slow
 def test_opencv_without_contrib(tmp_path):
     (tmp_path / "cv2").mkdir()
     (tmp_path / "cv2" / "__init__.py").write_text("__version__ = '5.0.0'\n")
@@ -117,6 +121,7 @@ def test_opencv_without_contrib(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_opencv_is_imported_only_when_a_tracker_is_made():
     code = "import sys\nimport swim2real.tracking.tracker\nprint('cv2' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

@@ -118,6 +118,7 @@ def test_hidden_markers_are_lost_and_found_again_at_their_places(glared):
     assert np.nanmax(errors(film, positions)) < 1
 
 
+@pytest.mark.slow
 def test_dark_patches_hide_markers_too(film):
     positions, _ = painted(film, GLARE, (0, 7, 8), color=(20, 20, 20)).tracked()
     assert np.isnan(positions[GLARE, (0, 7, 8), 0]).all()
@@ -150,6 +151,7 @@ def test_points_may_be_off_by_three_pixels(film, seed):
     assert rmse(early, positions) < 0.25
 
 
+@pytest.mark.slow
 def test_points_without_markers_are_refused(film):
     beside = film.places[0] + [0.0, 4 * film.radius]
     with pytest.raises(
@@ -203,6 +205,7 @@ def test_markers_of_other_colors(marker, body):
     assert rmse(short, positions) < 0.25
 
 
+@pytest.mark.slow
 def test_the_same_film_gives_the_same_track_with_a_used_tracker_too(glared):
     film, positions, confidence = glared
     tracker = DetectionTracker()

@@ -89,12 +89,14 @@ def as_blobs(points, rng, radius=8.0):
     return Blobs(points, np.full(count, radius), np.full((count, 3), 200.0), np.full((count, 3), 100.0))
 
 
+@pytest.mark.slow
 def test_markers_are_found_and_labeled():
     counts = outcomes(range(4))
     assert counts["wrong"] == 0
     assert counts["right"] >= 3
 
 
+@pytest.mark.slow
 def test_a_hidden_marker_is_noticed():
     counts = outcomes(range(20, 22), hidden=1)
     assert counts["right"] == counts["wrong"] == 0

@@ -140,6 +140,7 @@ def points_of(text, path):
     return load_points(path, NAMES, WIDTH, HEIGHT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("window", ["1400,860", "500,900"])
 def test_clicks_after_zoom_and_pan_are_points_of_the_frame(play, tmp_path, window):
     result = play(
@@ -156,6 +157,7 @@ def test_clicks_after_zoom_and_pan_are_points_of_the_frame(play, tmp_path, windo
     assert list(content["markers"]) == list(NAMES)
 
 
+@pytest.mark.slow
 def test_pinch_buttons_and_keys_zoom_as_well(play, tmp_path):
     result = play(
         """
@@ -182,6 +184,7 @@ def test_pinch_buttons_and_keys_zoom_as_well(play, tmp_path):
     assert max(result["said"]) < 8  # the discs did come to the middle
 
 
+@pytest.mark.slow
 def test_the_magnifier_shows_what_is_under_the_pointer(play):
     result = play(
         """
@@ -195,6 +198,7 @@ def test_the_magnifier_shows_what_is_under_the_pointer(play):
     np.testing.assert_allclose(result["said"], [0, 255, 0, 255], atol=30)
 
 
+@pytest.mark.slow
 def test_undo_and_moving(play, tmp_path):
     result = play(
         """
@@ -220,6 +224,7 @@ def test_undo_and_moving(play, tmp_path):
     np.testing.assert_allclose(points_of(result["files"][0], tmp_path / "p.json"), TARGETS, atol=1.0)
 
 
+@pytest.mark.slow
 def test_arrow_keys_move_the_last_point(play):
     result = play(
         """
@@ -234,6 +239,7 @@ def test_arrow_keys_move_the_last_point(play):
     assert undone == before
 
 
+@pytest.mark.slow
 def test_neighbors_that_are_close_can_be_clicked_without_zoom(play):
     result = play(
         """
@@ -245,6 +251,7 @@ def test_neighbors_that_are_close_can_be_clicked_without_zoom(play):
     assert "next" not in result["rows"]
 
 
+@pytest.mark.slow
 def test_incomplete_points_are_refused(play):
     result = play(
         """
@@ -264,6 +271,7 @@ def test_incomplete_points_are_refused(play):
     ]
 
 
+@pytest.mark.slow
 def test_two_points_on_the_same_spot_are_refused(play):
     result = play(
         """

@@ -135,6 +135,7 @@ def test_slow_motion_has_every_frame(tmp_path):
     assert notes == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colors", [1, 9], ids=["BT.709", "BT.2020"])
 def test_ten_bits_are_read(tmp_path, colors):
     options = {"x265-params": "log-level=none", "crf": "10"}
