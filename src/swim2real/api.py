@@ -84,11 +84,7 @@ def evaluate(
         robot: Robot that is simulated.
         settings: How they are compared; the defaults of `EvaluationSettings` where there are none.
     """
-    chosen = settings or EvaluationSettings()
-    problem = Problem(
-        robot, reference, chosen.protocol, chosen.horizon, start=chosen.start, threads=chosen.threads
-    )  # fmt: skip
-    return problem.evaluate(values)
+    return Problem.with_settings(robot, reference, settings or EvaluationSettings()).evaluate(values)
 
 
 def simulate(

@@ -11,7 +11,7 @@ from swim2real.errors import TrialError
 from swim2real.objective import ComparedTrial, Comparison
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
-from swim2real.settings import HORIZON, ProtocolName, Start
+from swim2real.settings import HORIZON, EvaluationSettings, ProtocolName, Start
 from swim2real.simulation import Engine, ForwardModel
 from swim2real.trials import Trial, TrialSet
 
@@ -55,6 +55,19 @@ class Problem:
         self.protocol: Protocol[Any] = protocol_for(robot, protocol, start) if isinstance(protocol, str) else protocol
         self.simulator: Any = simulator or self.protocol.simulator(robot, threads)
         self.prepared = self.protocol.prepare(reference, robot, self.simulator, horizon)
+
+    @classmethod
+    def with_settings(cls, robot: Robot, reference: TrialSet, settings: EvaluationSettings) -> Problem:
+        """The problem that the settings of an evaluation, or of a calibration, pose.
+
+        Args:
+            robot: The robot that is calibrated.
+            reference: The real trials.
+            settings: How trials are compared.
+        """
+        return cls(
+            robot, reference, settings.protocol, settings.horizon, start=settings.start, threads=settings.threads
+        )  # fmt: skip
 
     def of(self, reference: TrialSet) -> Problem:
         """The same problem with other trials."""

@@ -54,8 +54,5 @@ def values_of(path: Path, simulator: Simulates) -> dict[str, float]:
 def problem_of(parameters: Path, reference: Path, settings: EvaluationSettings) -> tuple[Problem, dict[str, float]]:
     """The comparison of a robot with real trials, and the values of its parameters."""
     robot = robot_for(parameters)
-    problem = Problem(
-        robot, load_reference(reference), settings.protocol, settings.horizon, start=settings.start,
-        threads=settings.threads,
-    )  # fmt: skip
+    problem = Problem.with_settings(robot, load_reference(reference), settings)
     return problem, values_of(parameters, problem)

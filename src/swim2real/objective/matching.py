@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from swim2real.errors import TrialError
 from swim2real.objective.alignment import align, register
-from swim2real.objective.target import SensorTarget, Target
+from swim2real.objective.target import SensorTarget, Target, framed_progress
 from swim2real.objective.trial import ComparedSensor, ComparedTrial
 from swim2real.trials import MarkerTrack, Trial, frames
 
@@ -97,10 +97,9 @@ def compare_playback(target: Target, simulated: Trial) -> ComparedTrial:
     world = simulated.track.positions
     progress = velocity = None
     if target.progress is not None and target.frame is not None:
-        framed = np.all(target.weights[:, target.frame] > 0, axis=1)
         progress = np.full(len(world), np.nan)
         if simulated.divergence is None or np.isfinite(world).any():
-            progress = frames.progress(target.times, np.where(framed[:, None, None], world, np.nan), target.frame)
+            progress = framed_progress(target.times, world, target.weights, target.frame)
         velocity = frames.slope(target.times, progress)
     return ComparedTrial(
         name=target.name,

@@ -114,14 +114,30 @@ def playback_target(
     progress = velocity = None
     real = world
     if frame is not None:
-        framed = np.all(counted[:, frame] > 0, axis=1)
-        counted = counted * framed[:, None]  # without its frame no marker can be compared
+        counted = counted * framed(counted, frame)[:, None]  # without its frame no marker can be compared
         real = frames.to_body(world, frame)
         if score_progress:
-            progress = frames.progress(times, np.where(framed[:, None, None], world, np.nan), frame)
+            progress = framed_progress(times, world, counted, frame)
             velocity = frames.slope(times, progress)
     sensors = tuple(_sensor(trial, name, scale) for name, scale in (meters_per_unit or {}).items())
     return Target(trial, times, times, counted, real, world, frame, progress, velocity, sensors)
+
+
+def framed(weights: Array, frame: tuple[int, int] | None) -> NDArray[np.bool_]:
+    """Time stamps at which the markers of the frame of comparison count; all of them in the world. Shape (T,)."""
+    return np.all(weights[:, frame or ()] > 0, axis=1)
+
+
+def framed_progress(times: Array, world: Array, weights: Array, frame: tuple[int, int]) -> Array:
+    """Way along the line of travel [m], NaN where the frame of comparison is lost. Shape (T,).
+
+    Args:
+        times: Time stamps [s]. Shape (T,).
+        world: Positions, real or simulated [m]. Shape (T, M, 2).
+        weights: Weights of the real markers. Shape (T, M).
+        frame: Indices of the markers that the frame stands on.
+    """
+    return frames.progress(times, np.where(framed(weights, frame)[:, None, None], world, np.nan), frame)
 
 
 def _sensor(trial: Trial, name: str, meters_per_unit: float) -> SensorTarget:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from swim2real.objective.alignment import weighted_distance
 from swim2real.objective.motion import beat, finite_mean, main_amplitudes, windowed_means, windows
+from swim2real.objective.target import framed
 from swim2real.trials import frames
 
 Array = NDArray[np.float64]
@@ -213,7 +214,7 @@ class ComparedTrial:
     @property
     def framed(self) -> NDArray[np.bool_]:
         """Time stamps at which the markers of the frame of comparison count. Shape (T,)."""
-        return np.all(self.weights[:, self.frame or ()] > 0, axis=1)
+        return framed(self.weights, self.frame)
 
     @property
     def left_out_share(self) -> float:

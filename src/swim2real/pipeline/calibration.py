@@ -61,9 +61,7 @@ def run(
     space = replace(robot.space, scale=settings.resolved_scale)
     folder = RunFolder(out)
     fitted, unseen = reference.split(settings.hold_out)
-    problem = Problem(
-        robot, fitted, settings.protocol, settings.horizon, start=settings.start, threads=settings.threads
-    )
+    problem = Problem.with_settings(robot, fitted, settings)
     held_out = None if unseen is None else problem.of(unseen)
     resolved = {
         "robot": robot.name,
