@@ -16,7 +16,7 @@ import numpy as np
 
 from swim2real.calibration import Problem
 from swim2real.parameters import read_parameters, write_parameters
-from swim2real.robots import robot_named
+from swim2real.robots import load_robot
 from swim2real.simulation import Simulator
 from swim2real.trials import load_reference
 
@@ -51,7 +51,7 @@ def main():
     parser.add_argument("--parameters", default="fish")
     parser.add_argument("--out", type=Path, default=Path("runs/floor"))
     a = parser.parse_args()
-    robot = robot_named(a.parameters)
+    robot = load_robot(a.parameters)
     space = replace(robot.space, scale="log")
     simulator = Simulator(robot)
     problem = Problem(robot, load_reference(a.reference), simulator=simulator)
@@ -59,7 +59,7 @@ def main():
     starts = []
     for run in runs:
         name = json.loads((run / "best.json").read_text())["robot"]
-        values = read_parameters(run, name, robot_named(name).space).values
+        values = read_parameters(run, name, load_robot(name).space).values
         starts.append(space.to_cube({**space.published, **values}))
     each, ends, spent = a.budget // 2 // len(starts), [], 0
     for number, (run, start) in enumerate(zip(runs, starts, strict=True)):

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from swim2real.demo import Camera, synthetic_reference
-from swim2real.pipeline import run
+from swim2real.pipeline import calibrate
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings
 
@@ -42,19 +42,21 @@ def main():
         point, reference = hidden(number)
         folder = a.out / f"hidden_{number}"
         settings = CalibrationSettings(budget=a.budget, seed=number)
-        outcome = run(reference, FISH, settings, folder, source="synthetic", resume=folder.exists(), sensitivity=True)
+        outcome = calibrate(
+            reference, FISH, settings, folder, source="synthetic", resume=folder.exists(), sensitivity=True
+        )
         best = json.loads((folder / "best.json").read_text())["parameters"]
         off = np.abs(FISH.space.to_cube(best) - point)
-        fit = outcome["fit"]
-        names = ("aligned_marker_error", "shape_error", "velocity_error")
-        aligned, shape, velocity = (f"{1e3 * fit[name]:.1f}" for name in names)
-        speeds = " ".join(f"{1e3 * trial['velocity_real']:.0f}" for trial in fit["trials"].values())
+        fit = outcome.fit
+        errors = (fit.aligned_marker_error, fit.shape_error, fit.velocity_error)
+        aligned, shape, velocity = (f"{1e3 * error:.1f}" for error in errors if error is not None)
+        speeds = " ".join(f"{1e3 * trial.velocity_real:.0f}" for trial in fit.trials.values() if trial.velocity_real)
         print(
             f"hidden {number}: aligned {aligned} mm, shape {shape} mm, velocity {velocity} mm/s; real speeds {speeds}"
         )
-        for effect, distance in zip(outcome["sensitivity"], off, strict=True):
+        for effect, distance in zip(outcome.sensitivity or (), off, strict=True):
             off_by = f"off by {100 * distance:3.0f} % of its range"
-            print(f"    {effect['name']:24s} {off_by}, {effect['verdict']}", flush=True)
+            print(f"    {effect.name:24s} {off_by}, {effect.verdict}", flush=True)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from swim2real.demo.example import CAMERA, hidden_values
 from swim2real.demo.films import PLACEMENT, SAMPLE_INTERVAL, TIMESTEP
 from swim2real.demo.synthetic import placed_by_hand, steady_swims, turned
 from swim2real.parameters import read_parameters
-from swim2real.pipeline import run, track_videos
+from swim2real.pipeline import calibrate, track_videos
 from swim2real.rendering.pool import film
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
@@ -80,7 +80,7 @@ def main():
     for seed in range(a.seeds):
         for name, reference in (("true", true), ("tracked", tracked)):
             folder = a.out / f"{name}_{seed}"
-            run(reference, FISH, CalibrationSettings(budget=a.budget, seed=seed), folder, resume=folder.exists())
+            calibrate(reference, FISH, CalibrationSettings(budget=a.budget, seed=seed), folder, resume=folder.exists())
             best = read_parameters(folder, FISH.name, FISH.space).values
             figures = {judge: problem.evaluate(best).figures() for judge, problem in judges.items()}
             line = ", ".join(f"{n} {1e3 * figures['true'][n]:.2f} / {1e3 * figures['tracked'][n]:.2f}" for n in NAMES)

@@ -10,13 +10,13 @@ import mujoco
 import numpy as np
 
 from swim2real.rendering.pool import PoolCamera
-from swim2real.robots import robot_named
+from swim2real.robots import load_robot
 from swim2real.trials import Signals
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from lab import Lab, Take
 
-ROBOT = robot_named(Path(__file__).with_name("finger.toml"))
+ROBOT = load_robot(Path(__file__).with_name("finger.toml"))
 HIDDEN = {
     "knuckle_stiffness": 0.27, "middle_stiffness": 0.14, "joint_damping": 0.018, "joint_friction": 0.02,
     "cable_stiffness": 1500.0, "distal_mass": 0.065, "air_density": 1.2,

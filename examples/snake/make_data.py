@@ -9,12 +9,12 @@ from pathlib import Path
 import mujoco
 
 from swim2real.rendering.pool import PoolCamera
-from swim2real.robots import robot_named
+from swim2real.robots import load_robot
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from lab import Lab, Take
 
-ROBOT = robot_named(Path(__file__).with_name("snake.toml"))
+ROBOT = load_robot(Path(__file__).with_name("snake.toml"))
 HIDDEN = {
     "blunt_drag": 0.7, "kutta_lift": 0.8, "joint_stiffness": 0.04, "servo_stiffness": 0.4, "joint_damping": 0.005,
     "servo_damping": 0.005,

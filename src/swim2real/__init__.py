@@ -15,11 +15,10 @@ if TYPE_CHECKING:
     from swim2real.demo import Camera, synthetic_reference
     from swim2real.errors import Swim2RealError
     from swim2real.objective import Comparison
-    from swim2real.pipeline import run as calibrate
-    from swim2real.pipeline import track_video, track_videos
+    from swim2real.pipeline import calibrate, track_video, track_videos
     from swim2real.report import write_report
     from swim2real.rl.training import train
-    from swim2real.robots import robot_named as load_robot
+    from swim2real.robots import load_robot
     from swim2real.robots.robot import Robot
     from swim2real.settings import (
         BriefingSettings,
@@ -74,10 +73,10 @@ _MODULES = {
     "demo": ("Camera", "synthetic_reference"),
     "errors": ("Swim2RealError",),
     "objective": ("Comparison",),
-    "pipeline": ("run", "track_video", "track_videos"),
+    "pipeline": ("calibrate", "track_video", "track_videos"),
     "report": ("write_report",),
     "rl.training": ("train",),
-    "robots": ("robot_named",),
+    "robots": ("load_robot",),
     "robots.robot": ("Robot",),
     "settings": (
         "BriefingSettings", "CalibrationSettings", "ComparisonSettings", "EvaluationSettings", "TrackingSettings",
@@ -85,15 +84,13 @@ _MODULES = {
     ),
     "trials": ("MarkerTrack", "Trial", "TrialSet", "load_reference", "save_reference"),
 }  # fmt: skip
-_RENAMED = {"calibrate": "run", "load_robot": "robot_named"}
 _PLACES = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    original = _RENAMED.get(name, name)
-    if name not in __all__ or original not in _PLACES:
+    if name not in _PLACES:
         raise AttributeError(f"module 'swim2real' has no attribute '{name}'")
-    return getattr(importlib.import_module(f"swim2real.{_PLACES[original]}"), original)
+    return getattr(importlib.import_module(f"swim2real.{_PLACES[name]}"), name)
 
 
 def __dir__() -> list[str]:

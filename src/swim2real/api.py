@@ -16,7 +16,7 @@ from swim2real.comparison import ComparisonProgress, ComparisonResults, contesta
 from swim2real.errors import ArgumentError, EngineError
 from swim2real.objective import Comparison
 from swim2real.parameters import Values, read_parameters
-from swim2real.robots import robot_named
+from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
 from swim2real.settings import ComparisonSettings, EvaluationSettings, VlmAccess, all_cores, expand_seeds
 from swim2real.simulation import Simulator, Swim
@@ -70,7 +70,7 @@ def recorded_robot(run: RunFolder) -> Robot:
     """The robot that the settings of a run folder name."""
     settings = run.settings()
     file = settings.get("robot_file")
-    return robot_named(str(settings.get("robot")) if file is None else run.path / str(file))
+    return load_robot(str(settings.get("robot")) if file is None else run.path / str(file))
 
 
 def evaluate(

@@ -61,7 +61,7 @@ def check(model: type[Model], content: Any, what: str, error: type[Swim2RealErro
         remedy: What to do, without a full stop; empty where the sentence says it already.
 
     Raises:
-        Swim2RealError: Of the type `error`, on the first thing that isn't allowed.
+        Swim2RealError: Something isn't allowed; the error has the type `error` and names the first such thing.
     """
     try:
         return _adapter(model).validate_python(content)
@@ -80,13 +80,14 @@ def read(model: type[Model], path: str | Path, what: str, error: type[Swim2RealE
 
     Args:
         model: What is allowed.
-        path: Of the file.
+        path: Path of the file.
         what: What the file is, such as "camera file"; its path is added.
         error: Type of the error that is raised.
         remedy: As for `check`.
 
     Raises:
-        Swim2RealError: Of the type `error`: not there, not readable, no JSON, or not as the model has it.
+        Swim2RealError: The file isn't there, isn't readable, is no JSON, or isn't as the model has it; the error has
+            the type `error`.
     """
     named, end = f"{what} '{path}'", f"; {remedy}" if remedy else ""
     try:

@@ -21,7 +21,7 @@ class Interruption:
     nothing is noted, and Ctrl-C stays as it is.
 
     Attributes:
-        name: Of the signal that came; empty before.
+        name: Name of the signal that came; empty before.
         impatient: Whether a signal interrupts at once.
     """
 

@@ -49,14 +49,17 @@ EXAMPLE_MODELS = {
 
 @dataclass(frozen=True)
 class BriefingSettings:
-    """What a VLM, or a person in its place, is shown."""
+    """What a VLM, or a person in its place, is shown.
+
+    Attributes:
+        show: What it is shown; one alone is an ablation.
+        media: Films or sheets of pictures; auto: films to those who take them.
+        detail: How much it is shown: trials, pictures, history.
+    """
 
     show: Show = "both"
-    """What it is shown; one alone is an ablation."""
     media: MediaKind = "auto"
-    """Films or sheets of pictures; auto: films to those who take them."""
     detail: DetailName = "medium"
-    """How much it is shown: trials, pictures, history."""
 
     def __post_init__(self) -> None:
         _choice("show", self.show, get_args(Show))
@@ -66,24 +69,28 @@ class BriefingSettings:
 
 @dataclass(frozen=True)
 class VlmAccess:
-    """How a VLM is reached and what it may cost. All of it may change when a run is resumed."""
+    """How a VLM is reached and what it may cost. All of it may change when a run is resumed.
+
+    Attributes:
+        base_url: A server that speaks the provider's protocol, such as vLLM, llama.cpp or Ollama
+            (http://127.0.0.1:8000/v1).
+        key_variable: Environment variable with the key for --base-url; by default it is sent none.
+        max_calls: Stop after so many calls, repairs and failed ones included; the run can be resumed with more.
+        max_cost: Stop before the calls cost more [USD], where the price is known.
+        reply_tokens: Most tokens of a reply, thinking included.
+        timeout: Longest duration of one attempt of a call [s].
+        tries: Attempts of one call.
+        once: With advisor files: write the question and leave; --resume goes on when the reply is there.
+    """
 
     base_url: str | None = None
-    """A server that speaks the provider's protocol, such as vLLM, llama.cpp or Ollama (http://127.0.0.1:8000/v1)."""
     key_variable: str | None = None
-    """Environment variable with the key for --base-url; by default it is sent none."""
     max_calls: int | None = None
-    """Stop after so many calls, repairs and failed ones included; the run can be resumed with more."""
     max_cost: float | None = None
-    """Stop before the calls cost more [USD], where the price is known."""
     reply_tokens: int = REPLY_TOKENS
-    """Most tokens of a reply, thinking included."""
     timeout: float = 180.0
-    """Longest duration of one attempt of a call [s]."""
     tries: int = 6
-    """Attempts of one call."""
     once: bool = False
-    """With advisor files: write the question and leave; --resume goes on when the reply is there."""
 
     def __post_init__(self) -> None:
         _finite("timeout", self.timeout, above=0.0, unit=" s")
@@ -97,18 +104,21 @@ class VlmAccess:
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationSettings:
-    """How parameters are compared with real trials."""
+    """How parameters are compared with real trials.
+
+    Attributes:
+        protocol: For steady swims. aligned: identified frequency, steady swim, phase, registration, lost tracks left
+            out. paper: none of these. Recordings have only playback, which needs no choice.
+        start: Where steady swims begin under protocol aligned. speed: at the real speed. rest: at rest, as the robot
+            did, so that no fit swims tail first from there; takes about half as long again.
+        horizon: Seconds of each trial that are compared; 0 for all of it.
+        threads: Trials simulated at a time; 0 for all cores. Results don't depend on it.
+    """
 
     protocol: ProtocolName = "aligned"
-    """For steady swims. aligned: identified frequency, steady swim, phase, registration, lost tracks left out. paper:
-    none of these. Recordings have only playback, which needs no choice."""
     start: Start = "speed"
-    """Where steady swims begin under protocol aligned. speed: at the real speed. rest: at rest, as the robot did, so
-    that no fit swims tail first from there; takes about half as long again."""
     horizon: float | None = HORIZON
-    """Seconds of each trial that are compared; 0 for all of it."""
     threads: int | None = None
-    """Trials simulated at a time; 0 for all cores. Results don't depend on it."""
 
     def __post_init__(self) -> None:
         _choice("protocol", self.protocol, get_args(ProtocolName))
@@ -119,28 +129,32 @@ class EvaluationSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationSettings(EvaluationSettings):
-    """What decides the result of a calibration. On resume only `threads` may change, and the budget may be raised."""
+    """What decides the result of a calibration. On resume only `threads` may change, and the budget may be raised.
+
+    Attributes:
+        method: line-search: an advisor's proposals with backtracking. warm-start: one proposal, then random. cma-es:
+            pycma. bayesopt: scikit-optimize. least-squares: Levenberg-Marquardt with finite differences. mujoco-sysid:
+            the least squares of MuJoCo's own toolbox. staged: the prior work's stages by hand.
+        advisor: Who proposes. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a VLM, key from
+            GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window. replay:RUN: an earlier
+            run's replies, without a network.
+        budget: Simulation evaluations, the first included.
+        seed: Decides the first point and every random choice.
+        scale: Scale of the parameters; auto: linear for protocol paper, log otherwise.
+        max_steps: Steps of the line search; 1 is the ablation without it.
+        early_stop: Stop a step's evaluation once it is certain to be rejected. The advisor then sees less of rejected
+            steps.
+        hold_out: Trials to leave out of the fit and to evaluate on afterwards.
+    """
 
     method: Method = "line-search"
-    """line-search: an advisor's proposals with backtracking. warm-start: one proposal, then random. cma-es: pycma.
-    bayesopt: scikit-optimize. least-squares: Levenberg-Marquardt with finite differences. mujoco-sysid: the least
-    squares of MuJoCo's own toolbox. staged: the prior work's stages by hand."""
     advisor: str = PHYSICS
-    """Who proposes. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a VLM, key from
-    GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window. replay:RUN: an earlier run's
-    replies, without a network."""
     budget: int = 40
-    """Simulation evaluations, the first included."""
     seed: int = 0
-    """Decides the first point and every random choice."""
     scale: ScaleChoice = "auto"
-    """Scale of the parameters; auto: linear for protocol paper, log otherwise."""
     max_steps: int = 3
-    """Steps of the line search; 1 is the ablation without it."""
     early_stop: bool = False
-    """Stop a step's evaluation once it is certain to be rejected. The advisor then sees less of rejected steps."""
     hold_out: tuple[str, ...] = ()
-    """Trials to leave out of the fit and to evaluate on afterwards."""
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
 
     def __post_init__(self) -> None:
@@ -164,34 +178,39 @@ class CalibrationSettings(EvaluationSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonSettings:
-    """Which methods are compared, and under which conditions."""
+    """Which methods are compared, and under which conditions.
+
+    Attributes:
+        methods: random, cma-es, bayesopt, least-squares, mujoco-sysid, staged, line-search (with the physics advisor),
+            no-line-search (its ablation), warm-start; line-search@ADVISOR, no-line-search@ADVISOR and
+            warm-start@ADVISOR for other advisors, as line-search@google:MODEL or line-search@replay:RUN. By default all
+            but mujoco-sysid and warm-start, and but staged for a robot without stages.
+        seeds: Numbers, and ranges without their end: 0:5 is 0 1 2 3 4.
+        budget: Simulation evaluations of a run, the first included.
+        protocols: As for calibrate; by default all that the robot's trials can be compared by.
+        start: As for calibrate: where steady swims begin under protocol aligned.
+        scale: Scales of the parameters, each a contestant of its own; auto: linear under protocol paper, log otherwise.
+            METHOD+log and METHOD+linear choose it for one method.
+        leave_one_out: Also run every method and seed once for each trial, with it left out of the fit, and evaluate on
+            it.
+        horizon: Seconds of each trial that are compared; 0 for all of it.
+        workers: Runs at a time on this machine; 0 for as many as there are cores.
+        cluster: Instead of --workers, a Dask cluster: the address of its scheduler (tcp://HOST:PORT), or local:N. Its
+            workers need this version of swim2real and must see --out at the same path. Results don't depend on who does
+            the work.
+    """
 
     methods: tuple[str, ...] = ()
-    """random, cma-es, bayesopt, least-squares, mujoco-sysid, staged, line-search (with the physics advisor),
-    no-line-search (its ablation), warm-start; line-search@ADVISOR, no-line-search@ADVISOR and warm-start@ADVISOR for
-    other advisors, as line-search@google:MODEL or line-search@replay:RUN. By default all but mujoco-sysid and
-    warm-start, and but staged for a robot without stages."""
     seeds: tuple[int | str, ...] = ("0:5",)
-    """Numbers, and ranges without their end: 0:5 is 0 1 2 3 4."""
     budget: int = 40
-    """Simulation evaluations of a run, the first included."""
     protocols: tuple[ProtocolName, ...] = ()
-    """As for calibrate; by default all that the robot's trials can be compared by."""
     start: Start = "speed"
-    """As for calibrate: where steady swims begin under protocol aligned."""
     scale: tuple[ScaleChoice, ...] = ("auto",)
-    """Scales of the parameters, each a contestant of its own; auto: linear under protocol paper, log otherwise.
-    METHOD+log and METHOD+linear choose it for one method."""
     leave_one_out: bool = False
-    """Also run every method and seed once for each trial, with it left out of the fit, and evaluate on it."""
     horizon: float | None = HORIZON
-    """Seconds of each trial that are compared; 0 for all of it."""
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
     workers: int = 0
-    """Runs at a time on this machine; 0 for as many as there are cores."""
     cluster: str | None = None
-    """Instead of --workers, a Dask cluster: the address of its scheduler (tcp://HOST:PORT), or local:N. Its workers
-    need this version of swim2real and must see --out at the same path. Results don't depend on who does the work."""
 
     def __post_init__(self) -> None:
         expand_seeds(self.seeds)
@@ -212,16 +231,19 @@ class ComparisonSettings:
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """How markers are tracked in videos."""
+    """How markers are tracked in videos.
+
+    Attributes:
+        tracker: detection: finds all markers anew in every frame. csrt: the paper's, for comparison.
+        camera: JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it.
+        smooth: Smooth the track over time; at 60 frames a second 98 % of a beat of 2.25 Hz and its harmonic are left.
+        overlay: Write the overlay video.
+    """
 
     tracker: TrackerName = "detection"
-    """detection: finds all markers anew in every frame. csrt: the paper's, for comparison."""
     camera: Path | None = None
-    """JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it."""
     smooth: bool = False
-    """Smooth the track over time; at 60 frames a second 98 % of a beat of 2.25 Hz and its harmonic are left."""
     overlay: bool = True
-    """Write the overlay video."""
 
     def __post_init__(self) -> None:
         _choice("tracker", self.tracker, get_args(TrackerName))
@@ -235,33 +257,35 @@ class TrainingSettings:
     as many: it still learns after every 200 transitions, but `ceil(5 M / env_steps)` times, and at most 200 times: one
     update a transition is soft actor-critic's own ratio. Stable-Baselines3 counts `train_freq` in steps of all
     environments together, so it gets 200 divided by their number.
+
+    Attributes:
+        task: forward: as far as possible in 2 s. target: to a goal on the water, in three stages.
+        env_steps: Environment steps of all environments together, 50 a second.
+        seed: Decides the network's start, exploration and every episode.
+        environments: Stepped together; a divisor of 200.
+        exploration: Random steps before learning; by default 50,000, and a tenth of a shorter run.
+        updates: Gradient steps after every 200 environment steps; by default 1 for 5 million steps, as in the prior
+            work, and more for fewer steps, so that a run makes about 25,000, but at most 200, one for each step.
+        checkpoint_every: Environment steps between checkpoints; by default a twentieth of the run.
+        learning_rate: Of actor, critics and entropy coefficient.
+        batch: Transitions of a gradient step.
+        discount: Of rewards, a step.
+        target_rate: Share by which the target critics follow, a gradient step.
+        layers: Widths of the hidden layers of actor and critics.
     """
 
     task: Task
-    """forward: as far as possible in 2 s. target: to a goal on the water, in three stages."""
     env_steps: int = PAPER_STEPS
-    """Environment steps of all environments together, 50 a second."""
     seed: int = 0
-    """Decides the network's start, exploration and every episode."""
     environments: int = 8
-    """Stepped together; a divisor of 200."""
     exploration: int | None = None
-    """Random steps before learning; by default 50,000, and a tenth of a shorter run."""
     updates: int | None = None
-    """Gradient steps after every 200 environment steps; by default 1 for 5 million steps, as in the prior work, and
-    more for fewer steps, so that a run makes about 25,000, but at most 200, one for each step."""
     checkpoint_every: int | None = None
-    """Environment steps between checkpoints; by default a twentieth of the run."""
     learning_rate: float = 2e-3
-    """Of actor, critics and entropy coefficient."""
     batch: int = 256
-    """Transitions of a gradient step."""
     discount: float = 0.99
-    """Of rewards, a step."""
     target_rate: float = 0.1
-    """Share by which the target critics follow, a gradient step."""
     layers: tuple[int, ...] = (256, 256)
-    """Widths of the hidden layers of actor and critics."""
 
     def __post_init__(self) -> None:
         _choice("task", self.task, TASKS)
@@ -307,14 +331,17 @@ class TrainingSettings:
 
 @dataclass(frozen=True)
 class IdentifiabilitySettings:
-    """What decides the result of a study of identifiability."""
+    """What decides the result of a study of identifiability.
+
+    Attributes:
+        rise: Rise of the loss that counts, as a share of the lowest.
+        steps: Steps of each re-fit, three evaluations each.
+        polish: Steps that improve the run's best fit first, twice, each time with a new Jacobian; 0 for none.
+    """
 
     rise: float = 0.05
-    """Rise of the loss that counts, as a share of the lowest."""
     steps: int = 2
-    """Steps of each re-fit, three evaluations each."""
     polish: int = 4
-    """Steps that improve the run's best fit first, twice, each time with a new Jacobian; 0 for none."""
 
     def __post_init__(self) -> None:
         if not 0 < self.rise < 1:
@@ -325,16 +352,19 @@ class IdentifiabilitySettings:
 
 @dataclass(frozen=True)
 class EnsembleSettings:
-    """What decides which parameter sets are in an ensemble."""
+    """What decides which parameter sets are in an ensemble.
+
+    Attributes:
+        within: Highest loss of a member, in multiples of the lowest.
+        count: Members to keep, spread out.
+        evaluations: To look for more sets than the runs hold; 0 for none.
+        seed: Decides every random choice.
+    """
 
     within: float = 1.1
-    """Highest loss of a member, in multiples of the lowest."""
     count: int = 20
-    """Members to keep, spread out."""
     evaluations: int = 200
-    """To look for more sets than the runs hold; 0 for none."""
     seed: int = 0
-    """Decides every random choice."""
 
     def __post_init__(self) -> None:
         if not 1 < self.within <= 10:

@@ -26,7 +26,7 @@ def whole_file(path: str | Path) -> Generator[Path]:
     """Gives a path beside a file to write to; it takes the file's place at a clean end and is removed after an error.
 
     Args:
-        path: Of the file that is written or replaced.
+        path: Path of the file that is written or replaced.
     """
     place = Path(path)
     part = place.with_name(place.name + PART)
@@ -43,7 +43,7 @@ def whole_folder(path: str | Path) -> Generator[Path]:
     """Gives an empty folder beside a path; it takes the path's place at a clean end and is removed after an error.
 
     Args:
-        path: Of the folder that is written or replaced.
+        path: Path of the folder that is written or replaced.
     """
     place = Path(path)
     part = place.with_name(place.name + PART)

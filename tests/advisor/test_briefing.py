@@ -18,7 +18,7 @@ from swim2real.advisor.vlm.files import HOW_TO
 from swim2real.calibration import Problem
 from swim2real.errors import WaitingForReply
 from swim2real.optimizers import Proposal
-from swim2real.pipeline import run
+from swim2real.pipeline import calibrate
 from swim2real.rendering.drawing import Canvas
 from swim2real.robots.fish import FISH
 from swim2real.settings import BriefingSettings, CalibrationSettings, VlmAccess
@@ -144,11 +144,11 @@ def test_a_run_of_recordings_is_briefed_by_file(tmp_path):
     settings = CalibrationSettings(advisor="files", budget=3, horizon=0.5, threads=2)
     folder = tmp_path / "advisor" / "round_001"
     with pytest.raises(WaitingForReply):
-        run(reference, PENDULUM, settings, tmp_path, access=VlmAccess(once=True))
+        calibrate(reference, PENDULUM, settings, tmp_path, access=VlmAccess(once=True))
     assert sorted(path.name for path in folder.iterdir()) == ["1.png", "2.png", "briefing.md", "reply.schema.json"]
     (folder / "reply.json").write_text('{"parameters": {"elbow_damping": 0.0006}}')
     with pytest.raises(WaitingForReply):
-        run(reference, PENDULUM, settings, tmp_path, access=VlmAccess(once=True), resume=True)
+        calibrate(reference, PENDULUM, settings, tmp_path, access=VlmAccess(once=True), resume=True)
     text = (tmp_path / "advisor" / "round_002" / "briefing.md").read_text()
     assert "## Simulated and real motion at the current point" in text
     assert "The first 0.5 s of each trial are compared." in text

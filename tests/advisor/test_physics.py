@@ -22,7 +22,7 @@ from swim2real.advisor.physics.model import (
 from swim2real.demo import Camera, synthetic_reference
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, Situation, Step
-from swim2real.pipeline import run
+from swim2real.pipeline import calibrate
 from swim2real.robots.fish import FISH
 from swim2real.robots.fish.response import fish_response
 from swim2real.settings import CalibrationSettings
@@ -268,7 +268,9 @@ def test_it_finds_a_hidden_fish(tmp_path):
     """Noise-free swims; against the simulator itself, in a dozen evaluations."""
     reference = synthetic_reference(FISH, hidden_values(), (0.8, 1.2, 1.6), 2.5, Camera(), seed=3)
     losses = []
-    run(reference, FISH, CalibrationSettings(budget=12), tmp_path / "run", on_progress=lambda p: losses.append(p.loss))
+    calibrate(
+        reference, FISH, CalibrationSettings(budget=12), tmp_path / "run", on_progress=lambda p: losses.append(p.loss)
+    )
     assert len(losses) == 12
     assert min(losses) < losses[0] / 3
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swim2real.calibration import Problem, Progress, RunFolder, calibrate, reference_fingerprint
+from swim2real.calibration import Problem, Progress, RunFolder, minimize, reference_fingerprint
 from swim2real.optimizers import BacktrackingLineSearch, Optimizer, RandomSearch, ScriptedAdvisor, first_point, streams
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.fish import FISH
@@ -81,7 +81,7 @@ def run(
             folder.resume(settings)
         else:
             folder.begin(settings)
-        return calibrate(problem, ROBOT.space, make_optimizer(method, seed), budget, folder, on_progress)
+        return minimize(problem, ROBOT.space, make_optimizer(method, seed), budget, folder, on_progress)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import small_run
 
-from swim2real.calibration import Problem, RunFolder, calibrate
+from swim2real.calibration import Problem, RunFolder, minimize
 from swim2real.objective import evidence
 from swim2real.optimizers import BacktrackingLineSearch, ScriptedAdvisor, first_point, streams
 from swim2real.simulation import Simulator
@@ -23,7 +23,7 @@ def searched(problem, folder, early_stop=False):
     run = RunFolder(folder)
     with run.locked():
         run.begin({"budget": BUDGET})
-        best = calibrate(problem, small_run.ROBOT.space, search, BUDGET, run)
+        best = minimize(problem, small_run.ROBOT.space, search, BUDGET, run)
     return run.record(), best
 
 

@@ -13,7 +13,7 @@ import pytest
 import small_run
 
 import swim2real
-from swim2real.calibration import RunFolder, calibrate
+from swim2real.calibration import RunFolder, minimize
 from swim2real.errors import RunError
 from swim2real.parameters import read_parameters
 
@@ -205,7 +205,7 @@ def test_a_diverged_simulation_is_recorded_and_not_the_best(reference, tmp_path,
     search = small_run.BacktrackingLineSearch(advisor, high, max_steps=1)
     folder = RunFolder(tmp_path / "run")
     folder.path.mkdir()
-    best = calibrate(problem, robot.space, search, 3, folder)
+    best = minimize(problem, robot.space, search, 3, folder)
     entries = folder.record()
     assert [entry["failed"] for entry in entries] == [True, True, False]
     assert [entry["loss"] for entry in entries[:2]] == [1.0, 1.0]

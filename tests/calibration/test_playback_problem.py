@@ -17,9 +17,9 @@ from recorded import (
 from swim2real.calibration import (
     Problem,
     RunFolder,
-    calibrate,
     conclude,
     load_trials,
+    minimize,
     protocol_for,
     reference_fingerprint,
     sensitivities,
@@ -175,7 +175,7 @@ def runs(tmp_path_factory, problem, floater):
                 "engine": one.engine.as_dict(), "budget": 3, "seed": 0,
             })  # fmt: skip
             optimizer = RandomSearch(len(space), streams(0)[1], space.to_cube(hidden))
-            calibrate(one, space, optimizer, 3, folder)
+            minimize(one, space, optimizer, 3, folder)
         found[one.robot.name] = folder
     return found
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from recorded import PENDULUM, blank, build_pendulum, recorded, telling
-from swim2real.calibration import Problem, RunFolder, calibrate, reference_fingerprint
+from swim2real.calibration import Problem, RunFolder, minimize, reference_fingerprint
 from swim2real.optimizers import RandomSearch, streams
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.trials import TrialSet
@@ -53,5 +53,5 @@ def make_run(reference: TrialSet, out: Path, budget: int = 3, seed: int = 0) -> 
             }
         )  # fmt: skip
         optimizer = RandomSearch(len(SPACE), streams(seed)[1], SPACE.to_cube(START))
-        calibrate(problem, SPACE, optimizer, budget, folder)
+        minimize(problem, SPACE, optimizer, budget, folder)
     return folder

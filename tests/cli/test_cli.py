@@ -812,7 +812,7 @@ def test_an_interruption_before_a_run_began_promises_nothing(program, calibratio
     def interrupted(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("swim2real.pipeline.run", interrupted)
+    monkeypatch.setattr("swim2real.pipeline.calibrate", interrupted)
     assert program(*calibration, "--out", tmp_path / "run").sentence(1) == "interrupted"
 
 

@@ -1,4 +1,7 @@
-"""`compare` as it is used: words in, a folder and tables out, interrupted and gone on with."""
+"""`compare` as it is used: words in, a folder and tables out, interrupted and gone on with.
+
+The comparisons are of the pendulum, which is quick.
+"""
 
 import csv
 import json
@@ -14,13 +17,17 @@ from program import process
 
 from vlm_server import replies
 
-METHODS = ("random", "no-line-search")
+METHODS = ("random", "least-squares")
 
 
-def words(pool_folder: Path, out: Path, *more: object) -> list[object]:
+def pendulum(folder: Path, out: Path, *more: object) -> list[object]:
+    """The words that compare methods on the pendulum."""
+    return ["compare", folder / "tracks", "--robot", folder / "pendulum.toml", "--out", out, *more]
+
+
+def words(folder: Path, out: Path, *more: object) -> list[object]:
     """Two methods with a seed each, three evaluations."""
-    methods, seeds = ["--methods", *METHODS], ["--seeds", 1]
-    return ["compare", pool_folder, "--out", out, *methods, *seeds, "--budget", 3, "--protocols", "aligned", *more]
+    return pendulum(folder, out, "--methods", *METHODS, "--seeds", 1, "--budget", 3, *more)
 
 
 def count(out: Path) -> int:
@@ -40,10 +47,10 @@ def children(pid: int) -> list[int]:
 
 
 @pytest.fixture(scope="module")
-def finished(pool_folder, tmp_path_factory) -> tuple[Path, str, str]:
+def finished(pendulum_folder, tmp_path_factory) -> tuple[Path, str, str]:
     """A comparison that was left alone, and what was printed. Don't write into it."""
     out = tmp_path_factory.mktemp("finished") / "comparison"
-    started = process(*words(pool_folder, out, "--workers", 2))
+    started = process(*words(pendulum_folder, out, "--workers", 1))
     printed, err = started.communicate(timeout=240)
     assert started.returncode == 0, err
     return out, printed, err
@@ -57,11 +64,11 @@ def test_it_prints_a_table_and_a_line_a_run(finished):
     assert last.startswith(f"Results: {out / 'results.csv'}, {out / 'tables.md'}, ")
     assert last.endswith(str(out / "comparison.html"))
     assert (out / "comparison.html").is_file()
-    assert (out / "figures" / "convergence-aligned.png").is_file()
+    assert (out / "figures" / "convergence-playback.png").is_file()
     told = sorted(re.sub(r"^\d", "N", line) for line in err.splitlines())
     assert len(told) == 2
     for line, method in zip(told, sorted(METHODS), strict=True):
-        pattern = rf"N/2 aligned/{method}/seed-1: best \d+\.\d mm, \d+\.\d s, \d+:\d\d left"
+        pattern = rf"N/2 playback/{method}/seed-1: best \d+\.\d mm, \d+\.\d s, \d+:\d\d left"
         assert re.fullmatch(pattern, line)
     with (out / "results.csv").open() as file:
         assert [row["method"] for row in csv.DictReader(file)] == list(METHODS)
@@ -69,9 +76,11 @@ def test_it_prints_a_table_and_a_line_a_run(finished):
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc to find processes in")
 @pytest.mark.slow
-def test_an_interruption_leaves_nothing_at_work_and_the_same_command_goes_on(program, finished, pool_folder, tmp_path):
+def test_an_interruption_leaves_nothing_at_work_and_the_same_command_goes_on(
+    program, finished, pendulum_folder, tmp_path
+):
     out = tmp_path / "comparison"
-    started = process(*words(pool_folder, out, "--workers", 2), start_new_session=True)
+    started = process(*words(pendulum_folder, out, "--workers", 2), start_new_session=True)
     try:
         deadline = time.monotonic() + 120
         while count(out) < 2:
@@ -97,59 +106,65 @@ def test_an_interruption_leaves_nothing_at_work_and_the_same_command_goes_on(pro
     for lock in out.rglob(".lock"):
         with FileLock(lock, timeout=0):
             pass
-    program(*words(pool_folder, out, "--workers", 1, "--quiet")).done()
+    program(*words(pendulum_folder, out, "--workers", 1, "--quiet")).done()
     assert (program.out, program.err) == ("", "")
     assert (out / "results.csv").read_bytes() == (finished[0] / "results.csv").read_bytes()
 
 
 @pytest.mark.slow
-def test_the_same_again_reads_and_json_is_json_alone(program, finished, pool_folder):
-    program(*words(pool_folder, finished[0])).done()
+def test_the_same_again_reads_and_json_is_json_alone(program, finished, pendulum_folder):
+    program(*words(pendulum_folder, finished[0])).done()
     assert [line.split(", ")[-1] for line in program.err.splitlines()] == ["done before"] * 2
     assert program.out == finished[1]
-    program(*words(pool_folder, finished[0], "--json")).done()
+    program(*words(pendulum_folder, finished[0], "--json")).done()
     assert program.err == ""
     assert program.json["methods"] == list(METHODS)
     assert [run["method"] for run in program.json["runs"]] == list(METHODS)
 
 
 @pytest.mark.slow
-def test_on_a_terminal_there_is_a_bar(program, finished, pool_folder, monkeypatch):
+def test_on_a_terminal_there_is_a_bar(program, finished, pendulum_folder, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "160")
-    program(*words(pool_folder, finished[0])).done()
+    program(*words(pendulum_folder, finished[0])).done()
     shown = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", program.err)
     assert re.search(r"evaluations .*━ 6/6 runs 2/2, best \(mm\): [\w-]+ \d+\.\d, [\w-]+ \d+\.\d", shown)
 
 
 @pytest.mark.slow
-def test_a_local_cluster_gives_the_same_table(program, finished, pool_folder, tmp_path):
+def test_a_local_cluster_gives_the_same_table(program, finished, pendulum_folder, tmp_path):
     out = tmp_path / "comparison"
-    program(*words(pool_folder, out, "--cluster", "local:2")).done()
+    program(*words(pendulum_folder, out, "--cluster", "local:2")).done()
     assert (out / "results.csv").read_bytes() == (finished[0] / "results.csv").read_bytes()
 
 
-def test_runs_that_fail_are_told_together_and_leave_with_1(program, pool_folder, tmp_path):
-    command = ["compare", pool_folder, "--out", tmp_path, "--protocols", "aligned", "--budget", 2, "--workers", 1]
-    program(*command, "--methods", "line-search@replay:nowhere", "random", "--seeds", "0:2")
+def test_runs_that_fail_are_told_together_and_leave_with_1(program, pendulum_folder, tmp_path):
+    program(
+        *pendulum(pendulum_folder, tmp_path, "--budget", 2, "--workers", 1),
+        "--methods",
+        "line-search@replay:nowhere",
+        "random",
+        "--seeds",
+        "0:2",
+    )
     assert program.code == 1
     *lines, last = program.err.splitlines()
     assert len(lines) == 4
     why = "'nowhere' is no run folder: it has no settings.json"
-    assert last == f"swim2real: aligned/line-search@replay=nowhere/seed-0 and 1 more failed: {why}"
+    assert last == f"swim2real: playback/line-search@replay=nowhere/seed-0 and 1 more failed: {why}"
     assert "Calibration performance over 2 seeds" in program.out
 
 
 @pytest.mark.slow
-def test_a_vlm_takes_part_with_what_it_is_shown_and_what_it_costs(program, vlm, pool_folder, tmp_path):
-    content = {"diagnosis": "slow", "reasoning": "drag", "parameters": {"fluid_slender_drag": 5.0}}
+def test_a_vlm_takes_part_with_what_it_is_shown_and_what_it_costs(program, vlm, pendulum_folder, tmp_path):
+    content = {"diagnosis": "loose", "reasoning": "damping", "parameters": {"elbow_damping": 0.005}}
     vlm.script(then=replies(json.dumps(content), tokens=(1000, 50)))
     name = "no-line-search@openai:some-model"
-    command = ["compare", pool_folder, "--out", tmp_path, "--methods", name, "--seeds", 2, "--protocols", "aligned"]
+    command = pendulum(pendulum_folder, tmp_path, "--methods", name, "--seeds", 2)
     asked = ["--budget", 3, "--base-url", vlm.url("openai"), "--tries", 1, "--detail", "low", "--workers", 1]
     program(*command, *asked, "--json").done()
     (run,) = program.json["runs"]
-    assert (run["method"], run["folder"]) == (name, "runs/aligned/no-line-search@openai=some-model/seed-2")
+    assert (run["method"], run["folder"]) == (name, "runs/playback/no-line-search@openai=some-model/seed-2")
     assert run["calls"] == len(vlm.requests) == len(run["rounds"]) == 2
     assert (run["spent"]["failed_calls"], run["spent"]["input_tokens"], run["spent"]["output_tokens"]) == (0, 2000, 100)
     other = program(*command, *asked[:-3], "high", "--workers", 1, "--quiet").sentence(1)
@@ -174,20 +189,20 @@ def test_a_vlm_takes_part_with_what_it_is_shown_and_what_it_costs(program, vlm, 
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_wrong_arguments_are_named(program, pool_folder, tmp_path, options, says):
+def test_wrong_arguments_are_named(program, pendulum_folder, tmp_path, options, says):
     out = tmp_path / "comparison"
-    assert program("compare", pool_folder, "--out", out, "--quiet", *options).sentence(2) == says
+    assert program(*pendulum(pendulum_folder, out, "--quiet", *options)).sentence(2) == says
     assert not (out / "runs").exists()
 
 
-def test_an_unknown_method_is_named_with_a_near_one(program, pool_folder, tmp_path):
-    sentence = program("compare", pool_folder, "--out", tmp_path / "out", "--methods", "line-serch").sentence(2)
+def test_an_unknown_method_is_named_with_a_near_one(program, pendulum_folder, tmp_path):
+    sentence = program(*pendulum(pendulum_folder, tmp_path / "out", "--methods", "line-serch")).sentence(2)
     assert sentence.startswith("there is no method 'line-serch'; there are ")
     assert sentence.endswith("; did you mean 'line-search'?")
 
 
-def test_a_folder_that_cant_be_made_is_told(program, pool_folder, tmp_path):
+def test_a_folder_that_cant_be_made_is_told(program, pendulum_folder, tmp_path):
     file = tmp_path / "file"
     file.write_text("mine")
-    sentence = program(*words(pool_folder, file / "out")).sentence(1)
+    sentence = program(*words(pendulum_folder, file / "out")).sentence(1)
     assert sentence == f"can't write '{file / 'out'}': Not a directory; choose another folder"

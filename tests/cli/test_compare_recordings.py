@@ -23,11 +23,11 @@ def test_a_comparison_on_a_robot_file_gives_results_tables_figures_and_a_page(pr
     ]
     first = rows[0]
     assert first["protocol"] == "playback"
-    assert float(first["marker_error"]) + 0.001 * float(first["sensor_errors.gyro[1]"]) == pytest.approx(
+    assert float(first["aligned_marker_error"]) + 0.001 * float(first["sensor_errors.gyro[1]"]) == pytest.approx(
         float(first["best_loss"])
     )
     assert float(rows[1]["held_out_sensor_errors.gyro[1]"]) > 0
-    assert not [column for column in first if "velocity" in column or "aligned" in column or "offset" in column]
+    assert not [column for column in first if "velocity" in column or "shape" in column or "offset" in column]
     tables = (out / "tables.md").read_text(encoding="utf-8")
     for words in ("lowest playback error", "gyro[1] (rad/s)", "Error of each marker", "Trials left out of the fit"):
         assert words in tables

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from swim2real.robots import robot_named
+from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
 
 ARM = """
@@ -51,7 +51,7 @@ def test_a_robot_files_meshes_are_found_from_anywhere(program, tmp_path):
     (tmp_path / "parts" / "m.obj").write_text(MESH)
     (tmp_path / "arm.xml").write_text(ARM)
     (tmp_path / "arm.toml").write_text(FILE)
-    robot = robot_named(tmp_path / "arm.toml")
+    robot = load_robot(tmp_path / "arm.toml")
     folder = tmp_path / "elsewhere"
     folder.mkdir()
     content = {"format": 1, "robot": "arm", "robot_file": "../arm.toml", "parameters": {"damping": 0.25}}

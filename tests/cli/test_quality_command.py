@@ -6,7 +6,7 @@ import pytest
 
 from swim2real.cli.film import quality
 from swim2real.errors import ArgumentError
-from swim2real.robots import robot_named
+from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, save_reference
 from swim2real.trials.reference import add_trial
@@ -78,7 +78,7 @@ FINGER = Path(__file__).parents[2] / "examples" / "finger" / "finger.toml"
 
 
 def test_recordings_are_checked_by_what_was_seen_and_what_was_recorded(tmp_path, capsys):
-    robot, times = robot_named(FINGER), np.arange(20) / 60
+    robot, times = load_robot(FINGER), np.arange(20) / 60
     positions = robot.rest_markers + [-0.065, 0.0] + 1e-4 * np.arange(20)[:, None, None]
     positions[5:8, -1] = np.nan  # however far the finger bends, that alone is no reason
     wound, pulled = Signals(times, ["winch"], 0.01 * times[:, None]), Signals(times, ["pull"], times[:, None])
@@ -98,7 +98,7 @@ def test_recordings_are_checked_by_what_was_seen_and_what_was_recorded(tmp_path,
 
 
 def test_controls_of_another_clock_are_refused_and_those_that_end_early_told(tmp_path, capsys):
-    robot, times = robot_named(FINGER), np.arange(61) / 60
+    robot, times = load_robot(FINGER), np.arange(61) / 60
     track = MarkerTrack(times, robot.rest_markers + [-0.065, 0.0] + 1e-4 * np.arange(61)[:, None, None])
     pulled = Signals(times, ["pull"], times[:, None])
     trials = [

@@ -37,7 +37,7 @@ from swim2real.comparison.cluster import (
 )
 from swim2real.comparison.jobs import PROBLEM, Work, run_job
 from swim2real.errors import ArgumentError, MissingExtraError, RunError
-from swim2real.pipeline import run
+from swim2real.pipeline import calibrate
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings
 
@@ -149,7 +149,7 @@ def test_a_comparison_is_run_folders_results_and_a_table(finished):
 
 
 def test_a_run_is_what_calibrate_makes_of_the_same_settings(finished, tmp_path):
-    run(REFERENCE, PENDULUM, CalibrationSettings(method="random", budget=6, seed=1), tmp_path / "alone")
+    calibrate(REFERENCE, PENDULUM, CalibrationSettings(method="random", budget=6, seed=1), tmp_path / "alone")
     paths = (tmp_path / "alone", finished / "runs/playback/random/seed-1")
     first, second = ([entry["evidence"] for entry in RunFolder(path).record()] for path in paths)
     assert first == second

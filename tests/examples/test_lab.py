@@ -10,13 +10,13 @@ from lab import Lab, Take
 from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.pipeline import track_video, track_videos
 from swim2real.rendering.pool import PoolCamera
-from swim2real.robots import robot_named
+from swim2real.robots import load_robot
 from swim2real.settings import TrackingSettings
 from swim2real.trials import Signals, load_reference
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-FINGER = robot_named(EXAMPLES / "finger" / "finger.toml")
-SNAKE = robot_named(EXAMPLES / "snake" / "snake.toml")
+FINGER = load_robot(EXAMPLES / "finger" / "finger.toml")
+SNAKE = load_robot(EXAMPLES / "snake" / "snake.toml")
 CAMERA = PoolCamera(
     width=480, height=400, fps=30.0, view=0.32, camera_height=1.5, center=(0.035, -0.05), marker_radius=0.004,
     water_color=(150, 158, 150), caustics=0.0,

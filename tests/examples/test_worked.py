@@ -16,7 +16,7 @@ import pytest
 from swim2real.calibration import Problem
 from swim2real.calibration.gauss_newton import Evaluator, jacobian
 from swim2real.calibration.neighborhood import neighborhood
-from swim2real.pipeline import run
+from swim2real.pipeline import calibrate
 from swim2real.settings import CalibrationSettings
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -83,7 +83,7 @@ def test_what_the_trials_cant_tell_is_the_sloppiest_direction(example):
 def test_what_the_trials_tell_is_found_within_sixty_evaluations(example, tmp_path, seed):
     settings = CalibrationSettings(method="least-squares", budget=60, seed=seed)
     recordings = example.code.LAB.record(example.code.takes())
-    run(recordings, example.code.ROBOT, settings, tmp_path / "run")
+    calibrate(recordings, example.code.ROBOT, settings, tmp_path / "run")
     found = json.loads((tmp_path / "run" / "best.json").read_text())
     assert max(example.off(found["parameters"]).values()) < BAR
 

@@ -22,7 +22,7 @@ from swim2real.optimizers import (
 )
 from swim2real.optimizers.callback import CallbackSolver
 from swim2real.parameters import read_parameters
-from swim2real.pipeline import make_optimizer, run
+from swim2real.pipeline import calibrate, make_optimizer
 from swim2real.robots.fish import FISH
 from swim2real.settings import METHODS, CalibrationSettings
 from swim2real.trials import TrialSet
@@ -127,7 +127,7 @@ def test_seeds_start_at_different_points():
 @pytest.mark.slow
 def test_a_run_says_what_it_was_made_of(pool, tmp_path):
     chosen = CalibrationSettings(method="random", budget=2, seed=5)
-    outcome = run(pool, FISH, chosen, tmp_path / "run", source="the pool").to_json()
+    outcome = calibrate(pool, FISH, chosen, tmp_path / "run", source="the pool").to_json()
     settings = json.loads((tmp_path / "run" / "settings.json").read_text())
     assert settings["robot"] == "fish"
     assert (settings["method"], settings["budget"], settings["seed"]) == ("random", 2, 5)
@@ -147,76 +147,76 @@ def test_a_run_says_what_it_was_made_of(pool, tmp_path):
 @pytest.mark.parametrize("method", [method for method in METHODS if method != "staged"])
 def test_every_method_runs_and_goes_on(pool, tmp_path, method):
     settings = CalibrationSettings(method=method, budget=2)
-    run(pool, FISH, settings, tmp_path / "run")
+    calibrate(pool, FISH, settings, tmp_path / "run")
     before = record(tmp_path / "run")
-    run(pool, FISH, replace(settings, budget=3), tmp_path / "run", resume=True)
+    calibrate(pool, FISH, replace(settings, budget=3), tmp_path / "run", resume=True)
     after = record(tmp_path / "run")
     assert len(after) == 3
     assert after[:2] == before
 
 
 def test_stages_run_and_keep_their_plan(pool, tmp_path):
-    run(pool, FISH, CalibrationSettings(method="staged", budget=8, threads=2), tmp_path)
+    calibrate(pool, FISH, CalibrationSettings(method="staged", budget=8, threads=2), tmp_path)
     sources = [entry["note"].get("stage") for entry in record(tmp_path)]
     assert sources[0] is None
     assert "stiffness" in sources
     with pytest.raises(ArgumentError, match="budget was 8 and is now 9; stages are planned by the budget"):
-        run(pool, FISH, CalibrationSettings(method="staged", budget=9, threads=2), tmp_path, resume=True)
+        calibrate(pool, FISH, CalibrationSettings(method="staged", budget=9, threads=2), tmp_path, resume=True)
 
 
 @pytest.mark.slow
 def test_a_resumed_line_search_ends_as_an_uninterrupted_one(pool, tmp_path):
-    run(pool, FISH, CalibrationSettings(budget=3), tmp_path / "whole")
-    run(pool, FISH, CalibrationSettings(budget=2), tmp_path / "resumed")
-    run(pool, FISH, CalibrationSettings(budget=3), tmp_path / "resumed", resume=True)
+    calibrate(pool, FISH, CalibrationSettings(budget=3), tmp_path / "whole")
+    calibrate(pool, FISH, CalibrationSettings(budget=2), tmp_path / "resumed")
+    calibrate(pool, FISH, CalibrationSettings(budget=3), tmp_path / "resumed", resume=True)
     assert without_seconds(tmp_path / "resumed") == without_seconds(tmp_path / "whole")
 
 
 @pytest.mark.slow
 def test_proposals_on_record_arent_asked_again(pool, tmp_path, monkeypatch):
-    run(pool, FISH, CalibrationSettings(budget=2), tmp_path / "run")
+    calibrate(pool, FISH, CalibrationSettings(budget=2), tmp_path / "run")
 
     def propose(self, situation):
         raise AssertionError("the advisor was asked again")
 
     monkeypatch.setattr("swim2real.advisor.PhysicsAdvisor.propose", propose)
-    run(pool, FISH, CalibrationSettings(budget=2), tmp_path / "run", resume=True)
+    calibrate(pool, FISH, CalibrationSettings(budget=2), tmp_path / "run", resume=True)
     assert len(record(tmp_path / "run")) == 2
 
 
 def test_a_damaged_proposal_on_record_is_told(pool, tmp_path):
-    run(pool, FISH, CalibrationSettings(budget=2), tmp_path / "run")
+    calibrate(pool, FISH, CalibrationSettings(budget=2), tmp_path / "run")
     entries = record(tmp_path / "run")
     del entries[1]["note"]["proposal"]["point"]
     (tmp_path / "run" / "record.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
     with pytest.raises(RunError, match=r"the record of .* is damaged"):
-        run(pool, FISH, CalibrationSettings(budget=3), tmp_path / "run", resume=True)
+        calibrate(pool, FISH, CalibrationSettings(budget=3), tmp_path / "run", resume=True)
 
 
 @pytest.mark.slow
 def test_random_search_doesnt_depend_on_the_number_of_threads(pool, tmp_path):
     for threads in (1, 3):
-        run(pool, FISH, CalibrationSettings(method="random", budget=2, threads=threads), tmp_path / str(threads))
+        calibrate(pool, FISH, CalibrationSettings(method="random", budget=2, threads=threads), tmp_path / str(threads))
     assert without_seconds(tmp_path / "1") == without_seconds(tmp_path / "3")
 
 
 @pytest.mark.slow
 def test_the_number_of_threads_may_change_on_the_way(pool, tmp_path):
-    run(pool, FISH, CalibrationSettings(method="random", budget=1, threads=1), tmp_path / "run")
-    run(pool, FISH, CalibrationSettings(method="random", budget=2, threads=2), tmp_path / "run", resume=True)
+    calibrate(pool, FISH, CalibrationSettings(method="random", budget=1, threads=1), tmp_path / "run")
+    calibrate(pool, FISH, CalibrationSettings(method="random", budget=2, threads=2), tmp_path / "run", resume=True)
     assert len(record(tmp_path / "run")) == 2
 
 
 @pytest.mark.slow
 def test_progress_is_told_after_every_evaluation(pool, tmp_path):
     seen = []
-    run(pool, FISH, CalibrationSettings(method="random", budget=2), tmp_path / "run", on_progress=seen.append)
+    calibrate(pool, FISH, CalibrationSettings(method="random", budget=2), tmp_path / "run", on_progress=seen.append)
     assert [(p.done, p.budget, p.replayed) for p in seen] == [(1, 2, False), (2, 2, False)]
 
 
 def test_held_out_trials_arent_fitted_but_evaluated(pool, tmp_path):
     chosen = CalibrationSettings(method="random", budget=1, hold_out=(NAMES[0],))
-    outcome = run(pool, FISH, chosen, tmp_path / "run").to_json()
+    outcome = calibrate(pool, FISH, chosen, tmp_path / "run").to_json()
     assert tuple(outcome["fit"]["trials"]) == (NAMES[1],)
     assert tuple(outcome["held_out"]["trials"]) == (NAMES[0],)
     assert set(outcome["trials"]) == set(NAMES)
@@ -227,7 +227,7 @@ def test_held_out_trials_arent_fitted_but_evaluated(pool, tmp_path):
 
 def test_an_unknown_trial_to_hold_out_is_named(pool, tmp_path):
     with pytest.raises(TrialError, match=r"no trial is named 'f1_61'; .* did you mean 'f1_60'\?"):
-        run(pool, FISH, CalibrationSettings(hold_out=("f1_61",)), tmp_path / "run")
+        calibrate(pool, FISH, CalibrationSettings(hold_out=("f1_61",)), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
@@ -237,7 +237,7 @@ def test_the_papers_protocol_drives_at_the_nominal_frequency_and_minimizes_its_e
     nominal = {"f1_20": 1.5, "f1_60": 2.0}  # another than the tail beats at, as in the published trials
     reference = TrialSet(tuple(replace(t, nominal_frequency=nominal[t.name]) for t in trials), trials.marker_names)
     chosen = CalibrationSettings(protocol="paper", budget=2)
-    outcome = run(reference, FISH, chosen, tmp_path / "run").to_json()
+    outcome = calibrate(reference, FISH, chosen, tmp_path / "run").to_json()
     fit = outcome["fit"]
     assert {name: trial["frequency"] for name, trial in fit["trials"].items()} == nominal
     assert fit["loss"] == fit["marker_error"]
@@ -250,7 +250,7 @@ def test_the_papers_protocol_drives_at_the_nominal_frequency_and_minimizes_its_e
 def test_the_papers_protocol_needs_nominal_frequencies(pool, tmp_path):
     reference = TrialSet(tuple(replace(t, nominal_frequency=None) for t in pool), pool.marker_names)
     with pytest.raises(TrialError, match="trial 'f1_20' has no nominal frequency, which protocol 'paper' needs"):
-        run(reference, FISH, CalibrationSettings(protocol="paper"), tmp_path / "run")
+        calibrate(reference, FISH, CalibrationSettings(protocol="paper"), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
@@ -268,7 +268,7 @@ def test_the_papers_protocol_needs_nominal_frequencies(pool, tmp_path):
 def test_other_settings_on_resume_are_refused_by_name(pool, begun, changes, named):
     before = (begun / "record.jsonl").read_bytes()
     with pytest.raises(RunError) as caught:
-        run(pool, FISH, replace(CalibrationSettings(method="random", budget=2), **changes), begun, resume=True)
+        calibrate(pool, FISH, replace(CalibrationSettings(method="random", budget=2), **changes), begun, resume=True)
     assert named in str(caught.value)
     assert (begun / "record.jsonl").read_bytes() == before
 
@@ -277,7 +277,7 @@ def test_other_settings_on_resume_are_refused_by_name(pool, begun, changes, name
 def begun(pool, tmp_path_factory):
     """A run of random search with one evaluation. Nothing may change it."""
     path = tmp_path_factory.mktemp("begun") / "run"
-    run(pool, FISH, CalibrationSettings(method="random", budget=1), path)
+    calibrate(pool, FISH, CalibrationSettings(method="random", budget=1), path)
     return path
 
 
@@ -285,12 +285,12 @@ def test_another_reference_on_resume_is_refused_by_name(begun, pool):
     moved = TrialSet((replace(pool.trials[0], name="f1_21"), pool.trials[1]), pool.marker_names)
     for other in (film(seed=4), moved):
         with pytest.raises(RunError, match=r"can't go on: reference_fingerprint was .* and is now"):
-            run(other, FISH, CalibrationSettings(method="random", budget=2), begun, resume=True)
+            calibrate(other, FISH, CalibrationSettings(method="random", budget=2), begun, resume=True)
 
 
 def test_a_run_that_is_there_isnt_begun_again(begun, pool):
     with pytest.raises(RunError, match="holds a run already; go on with --resume"):
-        run(pool, FISH, CalibrationSettings(method="random", budget=1), begun)
+        calibrate(pool, FISH, CalibrationSettings(method="random", budget=1), begun)
 
 
 @pytest.mark.slow
@@ -303,7 +303,7 @@ def test_the_effect_of_each_parameter_is_measured_outside_the_budget(pool, tmp_p
 
     monkeypatch.setattr("swim2real.pipeline.calibration.sensitivities", sensitivities)
     chosen = CalibrationSettings(method="random", budget=2)
-    outcome = run(pool, FISH, chosen, tmp_path / "run", sensitivity=True).to_json()
+    outcome = calibrate(pool, FISH, chosen, tmp_path / "run", sensitivity=True).to_json()
     best = min(record(tmp_path / "run"), key=lambda entry: entry["loss"])
     assert asked == [("log", best["values"])]
     assert outcome["sensitivity"] == []

@@ -8,8 +8,8 @@ import pytest
 from small_models import ARM, FINGER, HOPPER, MODELS, PENDULUM, snake
 from swim2real.errors import EngineError, RobotError
 from swim2real.pipeline.drafting import draft_robot, write_draft
+from swim2real.robots import load_robot
 from swim2real.robots.candidates import candidates
-from swim2real.robots.file import load_robot
 from swim2real.robots.robot import Recordings
 from swim2real.simulation.probing import FAINT, probe
 

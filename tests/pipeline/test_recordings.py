@@ -11,8 +11,8 @@ from swim2real.cli import tables
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor
 from swim2real.parameters import read_parameters
+from swim2real.pipeline import calibrate
 from swim2real.pipeline import calibration as room
-from swim2real.pipeline import run
 from swim2real.settings import CalibrationSettings
 from swim2real.trials import load_reference, save_reference
 
@@ -45,16 +45,16 @@ def scripted(monkeypatch):
 )
 def test_every_method_runs_and_goes_on(method, reference, tmp_path, scripted):
     early = {"early_stop": True} if method == "line-search" else {}
-    run(reference, FLOATER, settings(method, 8, **early), tmp_path / "whole")
-    run(reference, FLOATER, settings(method, 5, **early), tmp_path / "parts")
-    outcome = run(reference, FLOATER, settings(method, 8, **early), tmp_path / "parts", resume=True).to_json()
+    calibrate(reference, FLOATER, settings(method, 8, **early), tmp_path / "whole")
+    calibrate(reference, FLOATER, settings(method, 5, **early), tmp_path / "parts")
+    outcome = calibrate(reference, FLOATER, settings(method, 8, **early), tmp_path / "parts", resume=True).to_json()
     assert without_seconds(tmp_path / "parts") == without_seconds(tmp_path / "whole")
     best = min(entry["loss"] for entry in without_seconds(tmp_path / "whole"))
     assert outcome["fit"]["loss"] == pytest.approx(best)
 
 
 def test_a_run_is_recorded_as_what_it_is(reference, tmp_path, capsys):
-    outcome = run(
+    outcome = calibrate(
         reference, FLOATER, settings("random", 2, hold_out=("fast",)), tmp_path / "run", sensitivity=True
     ).to_json()
     recorded_settings = json.loads((tmp_path / "run" / "settings.json").read_text())
@@ -72,7 +72,9 @@ def test_a_run_is_recorded_as_what_it_is(reference, tmp_path, capsys):
 
 def test_figures_of_a_robot_that_goes_nowhere(tmp_path, capsys):
     reference = pendulum_reference()
-    outcome = run(reference, PENDULUM, settings("random", 1, horizon=0.5), tmp_path / "run", sensitivity=True).to_json()
+    outcome = calibrate(
+        reference, PENDULUM, settings("random", 1, horizon=0.5), tmp_path / "run", sensitivity=True
+    ).to_json()
     assert "velocity_error" not in outcome["fit"]
     tables.figures(outcome["fit"], "Fitted")
     tables.sensitivities(outcome["sensitivity"])
@@ -83,14 +85,14 @@ def test_figures_of_a_robot_that_goes_nowhere(tmp_path, capsys):
 
 def test_the_papers_protocol_is_for_swims(reference, tmp_path):
     with pytest.raises(ArgumentError, match="the trials of robot 'floater' are recordings"):
-        run(reference, FLOATER, settings("random", 2, protocol="paper"), tmp_path / "run")
+        calibrate(reference, FLOATER, settings("random", 2, protocol="paper"), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_hidden_parameters_are_recovered(tmp_path, seed):
-    run(floater_reference(1e-4), FLOATER, settings("least-squares", 40, seed=seed), tmp_path / "run")
+    calibrate(floater_reference(1e-4), FLOATER, settings("least-squares", 40, seed=seed), tmp_path / "run")
     found = read_parameters(tmp_path / "run", FLOATER.name, FLOATER.space).values
     assert found == pytest.approx(FLOATER_HIDDEN, rel=0.05)
 
@@ -99,7 +101,9 @@ def test_hidden_parameters_are_recovered(tmp_path, seed):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_hidden_parameters_are_recovered_where_the_start_is_unknown(tmp_path, seed):
     """Two recordings of a double pendulum that begin in motion, with half a millimeter of noise."""
-    run(pendulum_reference(5e-4), PENDULUM, settings("least-squares", 60, seed=seed, horizon=1.0), tmp_path / "run")
+    calibrate(
+        pendulum_reference(5e-4), PENDULUM, settings("least-squares", 60, seed=seed, horizon=1.0), tmp_path / "run"
+    )
     found = read_parameters(tmp_path / "run", PENDULUM.name, PENDULUM.space).values
     assert found == pytest.approx(PENDULUM_HIDDEN, rel=0.02)
 

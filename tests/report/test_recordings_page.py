@@ -22,8 +22,8 @@ from recorded import (
 from swim2real.calibration import Problem, RunFolder, conclude, load_trials
 from swim2real.objective import Comparison
 from swim2real.optimizers import Proposal, ScriptedAdvisor
+from swim2real.pipeline import calibrate
 from swim2real.pipeline import calibration as pipeline
-from swim2real.pipeline import run
 from swim2real.report import write_report
 from swim2real.report.page import content
 from swim2real.report.run import read_run
@@ -57,7 +57,7 @@ def settings(hold_out: str, **more) -> CalibrationSettings:
 def pendulum(tmp_path_factory) -> Path:
     """A finished run with a sensor, compared in the world. Don't write into it."""
     folder = tmp_path_factory.mktemp("pendulum") / "run"
-    run(blinded(pendulum_reference(1e-3)), PENDULUM, settings("b"), folder, sensitivity=True)
+    calibrate(blinded(pendulum_reference(1e-3)), PENDULUM, settings("b"), folder, sensitivity=True)
     return folder
 
 
@@ -65,7 +65,7 @@ def pendulum(tmp_path_factory) -> Path:
 def floater(tmp_path_factory) -> Path:
     """A finished run that travels, compared in a frame. Don't write into it."""
     folder = tmp_path_factory.mktemp("floater") / "run"
-    run(blinded(floater_reference(1e-3)), FLOATER, settings("fast"), folder)
+    calibrate(blinded(floater_reference(1e-3)), FLOATER, settings("fast"), folder)
     return folder
 
 
@@ -222,7 +222,7 @@ def test_rounds_tell_what_the_advisor_said(tmp_path: Path, monkeypatch: pytest.M
     hidden = PENDULUM.space.to_cube(PENDULUM_HIDDEN)
     script = [Proposal(hidden, "The lower arm swings too long.", "More damping."), Proposal(hidden[::-1], EVIL)]
     monkeypatch.setattr(pipeline, "make_advisor", lambda *arguments: ScriptedAdvisor(script))
-    run(pendulum_reference(), PENDULUM, settings("b", method="line-search", horizon=0.5), tmp_path / "run")
+    calibrate(pendulum_reference(), PENDULUM, settings("b", method="line-search", horizon=0.5), tmp_path / "run")
     page = page_of(tmp_path / "run", PENDULUM)
     shown = visible(page)
     assert "The lower arm swings too long." in shown

@@ -3,7 +3,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from swim2real.robots import robot_named
+from swim2real.robots import load_robot
 from swim2real.robots.compiled import rigid_markers
 from swim2real.robots.fish import FISH
 
@@ -40,8 +40,8 @@ MODEL = """
 
 def test_markers_of_the_first_ones_body_keep_their_distances():
     assert rigid_markers(FISH) == (0, 1, 2)
-    assert rigid_markers(robot_named(EXAMPLES / "finger" / "finger.toml")) == (0, 1)
-    assert rigid_markers(robot_named(EXAMPLES / "snake" / "snake.toml")) == (0, 1)
+    assert rigid_markers(load_robot(EXAMPLES / "finger" / "finger.toml")) == (0, 1)
+    assert rigid_markers(load_robot(EXAMPLES / "snake" / "snake.toml")) == (0, 1)
 
 
 @pytest.mark.parametrize(
@@ -51,4 +51,4 @@ def test_a_body_without_a_joint_moves_with_its_parent(tmp_path, markers, rigid):
     (tmp_path / "rod.xml").write_text(MODEL, encoding="utf-8")
     mujoco.MjSpec.from_string(MODEL).compile()
     (tmp_path / "rod.toml").write_text(ROBOT.replace('["stone", "rod", "plate"]', markers), encoding="utf-8")
-    assert rigid_markers(robot_named(tmp_path / "rod.toml")) == rigid
+    assert rigid_markers(load_robot(tmp_path / "rod.toml")) == rigid

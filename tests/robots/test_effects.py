@@ -2,8 +2,9 @@ import pytest
 
 from made_robots import ARM, RECORDINGS, ROBOT, made, parameter
 from swim2real.errors import RobotError
+from swim2real.robots import load_robot
 from swim2real.robots.effects import model_effects, why_no_effect
-from swim2real.robots.file import load_robot, open_robot_file
+from swim2real.robots.file import open_robot_file
 
 
 def second(text: str) -> str:

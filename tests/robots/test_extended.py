@@ -10,8 +10,8 @@ from swim2real.calibration import Problem
 from swim2real.demo.synthetic import Camera, synthetic_reference
 from swim2real.errors import ArgumentError, ParameterError
 from swim2real.parameters import read_parameters
-from swim2real.pipeline import run
-from swim2real.robots import ROBOTS, robot_named
+from swim2real.pipeline import calibrate
+from swim2real.robots import ROBOTS, load_robot
 from swim2real.robots.fish import FISH, FISH_EXTENDED
 from swim2real.robots.fish.response import DRAG
 from swim2real.settings import CalibrationSettings
@@ -25,11 +25,11 @@ EXTRA = FISH_EXTENDED.space.names[16:]
 
 def test_robots_have_names():
     assert ROBOTS == ("fish", "fish-extended")
-    assert robot_named("fish") is FISH
-    assert robot_named("fish-extended") is FISH_EXTENDED
-    assert [robot_named(name).name for name in ROBOTS] == list(ROBOTS)
+    assert load_robot("fish") is FISH
+    assert load_robot("fish-extended") is FISH_EXTENDED
+    assert [load_robot(name).name for name in ROBOTS] == list(ROBOTS)
     with pytest.raises(ArgumentError) as caught:
-        robot_named("shark")
+        load_robot("shark")
     assert str(caught.value) == "there is no robot 'shark'; there are fish, fish-extended, or give a robot file (.toml)"
 
 
@@ -146,7 +146,7 @@ def rough_swims():
 @pytest.mark.slow
 def test_a_calibration_of_the_extended_fish_is_one_like_any_other(rough_swims, tmp_path):
     settings = CalibrationSettings(budget=5, seed=0, threads=1)
-    outcome = run(rough_swims, FISH_EXTENDED, settings, tmp_path / "run", sensitivity=True)
+    outcome = calibrate(rough_swims, FISH_EXTENDED, settings, tmp_path / "run", sensitivity=True)
     assert [one.name for one in outcome.sensitivity][-len(EXTRA) :] == list(EXTRA)
     written = json.loads((tmp_path / "run" / "best.json").read_text())
     assert written["robot"] == "fish-extended"
@@ -159,7 +159,7 @@ def test_a_calibration_of_the_extended_fish_is_one_like_any_other(rough_swims, t
     with pytest.raises(ParameterError, match="is for robot 'fish-extended', not 'fish'"):
         read_parameters(tmp_path / "run", "fish", FISH.space)
     # going on with more budget takes the record up again
-    more = run(rough_swims, FISH_EXTENDED, replace(settings, budget=6), tmp_path / "run", resume=True)
+    more = calibrate(rough_swims, FISH_EXTENDED, replace(settings, budget=6), tmp_path / "run", resume=True)
     assert more.fit.aligned_marker_error <= min(losses) + 1e-12
 
 

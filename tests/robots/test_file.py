@@ -7,8 +7,8 @@ import pytest
 
 from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, parameter
 from swim2real.errors import ArgumentError, ParameterError, RobotError
-from swim2real.robots import robot_file, robot_named
-from swim2real.robots.file import load_robot, open_robot_file
+from swim2real.robots import load_robot, robot_file
+from swim2real.robots.file import open_robot_file
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Sensor, Sine
 
@@ -273,11 +273,11 @@ def test_files_that_extend_one_another_are_refused(tmp_path):
 
 def test_robots_are_found_by_name_or_file(tmp_path):
     place = made(tmp_path, *WHOLE)
-    assert robot_named(place).name == "arm"
-    assert robot_named(str(place)).name == "arm"
-    assert robot_named("fish").name == "fish"
+    assert load_robot(place).name == "arm"
+    assert load_robot(str(place)).name == "arm"
+    assert load_robot("fish").name == "fish"
     with pytest.raises(ArgumentError) as caught:
-        robot_named("finch")
+        load_robot("finch")
     assert str(caught.value) == "there is no robot 'finch'; there are fish, fish-extended, or give a robot file (.toml)"
 
 

@@ -6,7 +6,7 @@ import pytest
 from made_robots import ARM, ROBOT, made, parameter
 from small_models import PENDULUM
 from swim2real.errors import EngineError
-from swim2real.robots.file import load_robot
+from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
 from swim2real.simulation.misfits import misfits, misplaced
 from swim2real.simulation.playback import PlaybackSimulator

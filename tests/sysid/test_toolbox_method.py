@@ -14,7 +14,7 @@ from swim2real.errors import MissingExtraError
 from swim2real.optimizers import Evaluation, first_point, streams
 from swim2real.optimizers.callback import CallbackSolver
 from swim2real.parameters import Parameter, ParameterSpace
-from swim2real.pipeline import make_optimizer, run
+from swim2real.pipeline import calibrate, make_optimizer
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings
 from swim2real.sysid import least_squares
@@ -71,7 +71,9 @@ def test_a_run_with_all_of_the_fishs_parameters_goes_on_as_if_never_stopped(tmp_
         return [{key: value for key, value in one.items() if key != "seconds"} for one in RunFolder(folder).record()]
 
     def go(folder, budget: int, resume: bool = False) -> None:
-        run(swims, FISH, CalibrationSettings(method="mujoco-sysid", budget=budget, threads=2), folder, resume=resume)
+        calibrate(
+            swims, FISH, CalibrationSettings(method="mujoco-sysid", budget=budget, threads=2), folder, resume=resume
+        )
 
     swims = pools.film(frequencies=(1.6,), seconds=1.5)
     go(tmp_path / "whole", 20)

@@ -1,6 +1,6 @@
 """Calibration: the loop around an optimizer and a simulator, with its record."""
 
-from swim2real.calibration.loop import Progress, calibrate
+from swim2real.calibration.loop import Progress, minimize
 from swim2real.calibration.outcome import Outcome, conclude
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.protocols import RealSwim, examine_swims, protocol_for
@@ -17,11 +17,11 @@ __all__ = [
     "RunFolder",
     "SavedTrial",
     "Sensitivity",
-    "calibrate",
     "commit",
     "conclude",
     "examine_swims",
     "load_trials",
+    "minimize",
     "protocol_for",
     "reference_fingerprint",
     "sensitivities",

@@ -61,7 +61,7 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
     Args:
         path: Run folder.
         reference: That the run was made with, held-out trials included.
-        robot: Of the run.
+        robot: Robot of the run.
         threads: Swims simulated at a time, None for all cores.
 
     Raises:

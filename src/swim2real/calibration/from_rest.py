@@ -23,7 +23,7 @@ class FromRest:
     """A swim from rest, once it has settled.
 
     Attributes:
-        frequency: Of the motor [Hz].
+        frequency: Frequency of the motor [Hz].
         speed: Forward [m/s], negative is tail first; None when it diverged.
         divergence: Why and when the simulation failed; None when it didn't.
     """
@@ -42,9 +42,9 @@ def from_rest(simulator: Simulator, values: Values, frequencies: Mapping[str, fl
     Each lasts an even number of periods, 6 s at least; the second half tells the speed.
 
     Args:
-        simulator: Of the robot.
-        values: Of its parameters.
-        frequencies: Of the motor, by name of the swim [Hz].
+        simulator: Simulator of the robot.
+        values: Values of its parameters, by name.
+        frequencies: Frequencies of the motor, by name of the swim [Hz].
     """
     swims = [Swim(name, Actuation(f), 2 * math.ceil(_SETTLING * f) / f) for name, f in frequencies.items()]
     return {trial.name: _settled(trial, frequencies[trial.name]) for trial in simulator.simulate(values, swims)}
@@ -54,7 +54,7 @@ def backward_from_rest(found: Mapping[str, Mapping[str, Any]]) -> str | None:
     """A warning that names the frequencies at which a fit swims tail first or diverges from rest; None without any.
 
     Args:
-        found: By trial, each a `FromRest` as a dictionary.
+        found: What was found, by trial, each a `FromRest` as a dictionary.
     """
     faults = {
         "swims tail first": [one["frequency"] for one in found.values() if (one["speed"] or 0.0) < 0],

@@ -30,7 +30,7 @@ class Progress:
     Attributes:
         done: Evaluations so far.
         budget: Evaluations in all.
-        loss: Of this one [m].
+        loss: Loss of this evaluation [m].
         best: Lowest loss so far [m].
         note: The optimizer's note on the candidate.
         improved: Whether this one is the new incumbent.
@@ -50,7 +50,7 @@ class Progress:
     lower_bound: bool = False
 
 
-def calibrate(
+def minimize(
     problem: Problem, space: ParameterSpace, optimizer: Optimizer, budget: int, folder: RunFolder,
     on_progress: Callable[[Progress], None] = lambda progress: None,
 ) -> dict[str, Any]:  # fmt: skip

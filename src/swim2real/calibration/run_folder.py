@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from swim2real import store
+from swim2real.checking import shown
 from swim2real.errors import RunError
 from swim2real.parameters.file import BEST
 
@@ -82,7 +83,7 @@ class RunFolder:
         for key, value in wanted.items():
             if key not in _FREE and recorded.get(key, _ADDED.get(key)) != value:
                 raise RunError(
-                    f"run '{self.path}' can't go on: {key} was {_short(recorded.get(key))} and is now {_short(value)}; "
+                    f"run '{self.path}' can't go on: {key} was {shown(recorded.get(key))} and is now {shown(value)}; "
                     f"use the same settings and reference, or begin a new run"
                 )
         if wanted["budget"] > recorded.get("budget", 0):
@@ -240,8 +241,3 @@ def upgraded_evidence(evidence: Any) -> Any:
 def _renamed(figures: Mapping[str, Any]) -> dict[str, Any]:
     names = {"marker_error": "aligned_marker_error", "marker_errors": "aligned_marker_errors"}
     return {names.get(key, key): value for key, value in figures.items()}
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) < 60 else text[:57] + "…"

@@ -22,7 +22,7 @@ class Sensitivity:
     """What a step of one parameter does, all others fixed.
 
     Attributes:
-        name: Of the parameter.
+        name: Name of the parameter.
         lower: Change of the loss for a step down [m]; None where the bound is in the way.
         upper: Change of the loss for a step up [m]; None likewise.
         speed: Mean relative change of the forward speed for a step up, from both sides; None where nothing travels.

@@ -32,7 +32,7 @@ def calibrate(
     Args:
         reference: Folder with the real trials.
         settings: What decides the result.
-        access: For --advisor PROVIDER:MODEL and files.
+        access: Access to VLMs, for --advisor PROVIDER:MODEL and files.
         out: Run folder to write.
         robot: What is calibrated. fish: the paper's 16 parameters. fish-extended: dry friction at the water's surface,
             too. FILE.toml: your robot; `swim2real init` writes such a file.
@@ -42,18 +42,18 @@ def calibrate(
         json: Print the outcome as JSON.
         quiet: Print no progress.
     """
-    from swim2real.pipeline import run
-    from swim2real.robots import robot_named
+    from swim2real import pipeline
+    from swim2real.robots import load_robot
     from swim2real.simulation.misfits import misplaced
     from swim2real.trials import load_reference
 
-    body, trials = robot_named(robot), load_reference(reference)
+    body, trials = load_robot(robot), load_reference(reference)
     far = misplaced(body, trials)
     if far is not None:
         print(f"swim2real: warning: {far}", file=sys.stderr)
 
     def work(callbacks: RunCallbacks) -> Outcome:
-        return run(
+        return pipeline.calibrate(
             trials, body, settings, out, source=str(reference), resume=resume, sensitivity=sensitivity, access=access,
             on_progress=callbacks.progress, on_advisor=callbacks.advisor,
         )  # fmt: skip

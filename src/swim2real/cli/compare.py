@@ -30,7 +30,7 @@ def compare(
     Args:
         reference: Folder with the real trials.
         settings: What is compared.
-        access: For --methods line-search@PROVIDER:MODEL and the like.
+        access: Access to VLMs, for --methods line-search@PROVIDER:MODEL and the like.
         out: Folder to write.
         robot: As for calibrate: fish, fish-extended, or a robot file.
         json: Print the results as JSON.
@@ -41,10 +41,10 @@ def compare(
     from swim2real import api
     from swim2real.cli.comparison_files import write_files, write_theory
     from swim2real.cli.progress import comparison_shown
-    from swim2real.robots import robot_named
+    from swim2real.robots import load_robot
     from swim2real.trials import load_reference
 
-    body, trials = robot_named(robot), load_reference(reference)
+    body, trials = load_robot(robot), load_reference(reference)
     try:
         with comparison_shown(quiet or json) as show:
             results = api.compare(

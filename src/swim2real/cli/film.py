@@ -56,11 +56,11 @@ def pick(videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot
     if out is not None and len(videos) > 1:
         raise ArgumentError(f"--out '{out}' is one page for {len(videos)} videos; leave it out")
     from swim2real.cli.tables import say
-    from swim2real.robots import robot_named
+    from swim2real.robots import load_robot
     from swim2real.tracking.points import write_pick_page
     from swim2real.video import first_frame
 
-    body = robot_named(robot)
+    body = load_robot(robot)
     names = body.marker_names
     for video in videos:
         page = out or video.with_name(f"{video.stem}.pick.html")
@@ -115,10 +115,10 @@ def track(
     from swim2real.cli.progress import films_shown
     from swim2real.cli.tables import say
     from swim2real.pipeline import TRACKS, TrackedVideo, track_videos
-    from swim2real.robots import robot_named
+    from swim2real.robots import load_robot
 
     points = [AUTO] * count if markers == (AUTO,) else list(markers)
-    body = robot_named(robot)
+    body = load_robot(robot)
     try:
         with films_shown(quiet or json) as (on_progress, on_done):
             results = track_videos(
@@ -164,13 +164,13 @@ def import_tracks(
     finite_above_0("frequency", *frequency, unit=" Hz")
     finite_above_0("fps", fps)
     from swim2real.cli.tables import say
-    from swim2real.robots import robot_named
+    from swim2real.robots import load_robot
     from swim2real.tracking.camera_file import read_camera
     from swim2real.trials import Trial
     from swim2real.trials.reference import add_trial, nominal_frequency
     from swim2real.trials.signals import read_signals
 
-    body = robot_named(robot)
+    body = load_robot(robot)
     known = None if camera is None else read_camera(camera)
     # all tables are read before anything is written
     read = {_trial_name(path): (path, *_read_track(path, fps, known, body)) for path in tables}
@@ -212,10 +212,10 @@ def quality(
         raise ArgumentError(f"--allow-lost is {allow_lost:g}; it is a share of frames within 0 and 1, such as 0.05")
     from swim2real.cli.tables import say
     from swim2real.pipeline import check_lost
-    from swim2real.robots import robot_named
+    from swim2real.robots import load_robot
     from swim2real.trials import load_reference
 
-    body, trials = robot_named(robot), load_reference(reference)
+    body, trials = load_robot(robot), load_reference(reference)
     findings, refusals = _examined(trials, body)
     refused: dict[str, dict[str, float]] = {}
     for name, finding in findings.items():

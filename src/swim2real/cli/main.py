@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import difflib
 import functools
+import inspect
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import is_dataclass
+from typing import Any, get_type_hints
 
 import tyro
 
@@ -128,4 +131,13 @@ def _deferred(command: Command) -> Callable[..., Callable[[], int]]:
     def prepared(*arguments: Any, **named: Any) -> Callable[[], int]:
         return functools.partial(command, *arguments, **named)
 
+    _flow(command)
     return prepared
+
+
+def _flow(described: Any) -> None:
+    """Joins the lines of each argument's description, so that they wrap where the terminal does; its settings' too."""
+    described.__doc__ = re.sub(r"\n {8,}(?=\S)", " ", inspect.cleandoc(described.__doc__ or ""))
+    for kind in get_type_hints(described).values():
+        for part in filter(is_dataclass, getattr(kind, "__mro__", ())):
+            _flow(part)

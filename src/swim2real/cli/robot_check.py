@@ -11,7 +11,7 @@ from swim2real.cli.tables import millimeters, say, table
 from swim2real.errors import ArgumentError
 from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
-from swim2real.robots import ROBOTS, robot_file, robot_named
+from swim2real.robots import ROBOTS, load_robot, robot_file
 from swim2real.robots.effects import why_no_effect
 from swim2real.robots.file import PLANES, RobotFile, open_robot_file
 from swim2real.robots.robot import Control, Robot, Sine
@@ -33,7 +33,7 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
     Returns:
         Whether nothing is wrong.
     """
-    robot = robot_named(name)
+    robot = load_robot(name)
     file = open_robot_file(robot_file(name))
     reference = None if reference_folder is None else load_reference(reference_folder)
     wrong = [] if reference is None else misfits(robot, reference)

@@ -10,7 +10,7 @@ from swim2real.calibration import Problem
 from swim2real.cli.options import DEFAULT_ROBOT, PUBLISHED
 from swim2real.errors import ArgumentError, ParameterError, RobotError
 from swim2real.parameters import read_parameters, robot_of
-from swim2real.robots import robot_named
+from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
 from swim2real.settings import EvaluationSettings
 from swim2real.simulation import Engine
@@ -30,7 +30,7 @@ def robot_for(path: Path) -> Robot:
     """The robot that parameters are for; the fish for the published ones."""
     name = DEFAULT_ROBOT if str(path) == PUBLISHED else robot_of(path)
     try:
-        return robot_named(name)
+        return load_robot(name)
     except (ArgumentError, RobotError) as error:
         raise ParameterError(f"'{path}' is for another robot: {error}") from error
 

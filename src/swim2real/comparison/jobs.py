@@ -20,7 +20,7 @@ from swim2real.calibration.run_folder import SETTINGS
 from swim2real.comparison.cluster import SessionEnded, check_session
 from swim2real.comparison.plan import Job
 from swim2real.errors import RunError, Swim2RealError
-from swim2real.pipeline import run
+from swim2real.pipeline import calibrate
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess
 from swim2real.simulation import Engine
@@ -174,7 +174,7 @@ def _continue(job: Job, work: Work) -> None:
         if not progress.replayed:
             check_session(work.root, work.token, timeout=1.0)
 
-    run(
+    calibrate(
         work.reference, work.robot, job.settings, job.folder, source=work.source,
         resume=RunFolder(job.folder).exists, access=work.access, on_progress=check,
     )  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from swim2real.calibration import Outcome, Progress
 from swim2real.demo.films import film_swims, points_file
 from swim2real.errors import RunError, Swim2RealError
-from swim2real.pipeline import FrameProgress, TrackedVideo, run, track_videos
+from swim2real.pipeline import FrameProgress, TrackedVideo, calibrate, track_videos
 from swim2real.rendering.pool import Glare, PoolCamera
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
@@ -46,7 +46,7 @@ def hidden_values() -> dict[str, float]:
 
 
 def demo_settings(budget: int = 40, seed: int = 0, workers: int | None = None) -> CalibrationSettings:
-    """Of the demo's calibration.
+    """Settings of the demo's calibration.
 
     Raises:
         ArgumentError: A value is outside what is allowed.
@@ -63,7 +63,7 @@ def film_and_track(
 
     Args:
         out: Folder; gets `videos/`, `camera.json` and `reference/`.
-        frequencies: Of the motor, one film each [Hz].
+        frequencies: Frequencies of the motor, one film each [Hz].
         seconds: Length of each film [s].
         camera: That films; the last film gets glare over two markers as well.
         resume: Go on with an interrupted demo.
@@ -104,14 +104,14 @@ def fit(
 
     Args:
         out: Folder with `reference/`; gets `run/`.
-        settings: Of the calibration.
+        settings: Settings of the calibration.
         on_progress: Called after every evaluation.
 
     Returns:
         The run's outcome.
     """
     folder = Path(out)
-    return run(
+    return calibrate(
         load_reference(folder / "reference"), FISH, settings or demo_settings(), folder / "run",
         source=str(folder / "reference"), resume=(folder / "run" / "settings.json").exists(), sensitivity=True,
         on_progress=on_progress,

@@ -35,8 +35,8 @@ def film_swims(
         values: Its parameters.
         cameras: Frequency of the motor [Hz] and camera of each film.
         seconds: Length of each film [s].
-        seed: Of everything random.
-        folder: For the films, which are named after their frequencies, such as `f1_50.mp4`.
+        seed: Seed of everything random.
+        folder: Folder of the films, which are named after their frequencies, such as `f1_50.mp4`.
         workers: Processes at a time; None for as many as there are cores.
         on_done: Called after each film.
 

@@ -29,7 +29,7 @@ class Camera:
         fps: Frames a second.
         noise: Standard deviation of a marker position [m].
         placement: Standard deviation of each marker's static offset on the body [m].
-        timestep: Of the physics [s]; None for the robot's own.
+        timestep: Timestep of the physics [s]; None for the robot's own.
         lost: Trial name to (marker, neighbor that it collapses onto, time from which on [s]).
     """
 
@@ -49,10 +49,10 @@ def synthetic_reference(
     Args:
         robot: What swims.
         values: Its parameters.
-        frequencies: Of the motor [Hz].
+        frequencies: Frequencies of the motor [Hz].
         seconds: Length of each trial [s].
         camera: Noise and losses.
-        seed: Of everything random.
+        seed: Seed of everything random.
         threads: Swims simulated at a time.
 
     Returns:
@@ -72,11 +72,11 @@ def steady_swims(
     Args:
         robot: What swims.
         values: Its parameters.
-        frequencies: Of the motor [Hz].
+        frequencies: Frequencies of the motor [Hz].
         seconds: Length of each swim [s].
         sample_interval: Longest time between samples [s].
         rng: Draws the angles.
-        timestep: Of the physics [s]; None for the robot's own.
+        timestep: Timestep of the physics [s]; None for the robot's own.
         threads: Swims simulated at a time.
     """
     body = replace(robot, build=_with_timestep(robot, timestep))

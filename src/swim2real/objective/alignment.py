@@ -42,7 +42,7 @@ def align(simulated: Callable[[Array], Array], real: Array, times: Array, weight
         real: Body-frame positions [m], NaN where not seen. Shape (T, M, 2).
         times: Since the first frame [s]. Shape (T,).
         weights: 0 where a marker doesn't count. Shape (T, M).
-        period: Of the beat [s].
+        period: Period of the beat [s].
     """
     usable = np.where(np.isfinite(real).all(axis=2), weights, 0.0)
 

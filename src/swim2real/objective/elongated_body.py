@@ -44,8 +44,8 @@ class TailMotion:
     """What the theory needs of a swim.
 
     Attributes:
-        name: Of the trial.
-        frequency: Of the beat [Hz].
+        name: Name of the trial.
+        frequency: Frequency of the beat [Hz].
         lateral_speed: Root mean square of h_t [m/s].
         slope: Root mean square of h_x.
         speed: Measured, over the whole trial [m/s].
@@ -72,7 +72,7 @@ class SpeedPrediction:
     """A trial's speed as the other trials and its own tail tell it.
 
     Attributes:
-        motion: Of the tail, with the measured speed.
+        motion: Motion of the tail, with the measured speed.
         drag_ratio: κ, fitted to the other trials.
     """
 
@@ -182,7 +182,7 @@ def drag_coefficient(drag_ratio: float, span: float, wetted_area: float, added_m
 
     Args:
         drag_ratio: κ.
-        span: Of the tail fin, s [m].
+        span: Span of the tail fin, s [m].
         wetted_area: S [m²].
         added_mass: β, 1 for a flat plate (Lighthill 1970).
     """

@@ -1,6 +1,6 @@
 """Composes the rooms, for the command line and for scripts: videos to trials, and a reference to a calibrated run."""
 
-from swim2real.pipeline.calibration import run
+from swim2real.pipeline.calibration import calibrate
 from swim2real.pipeline.methods import make_optimizer
 from swim2real.pipeline.tracking import (
     AUTO,
@@ -19,9 +19,9 @@ __all__ = [
     "FrameProgress",
     "TrackedVideo",
     "TrackingReport",
+    "calibrate",
     "check_lost",
     "make_optimizer",
-    "run",
     "track_video",
     "track_videos",
 ]

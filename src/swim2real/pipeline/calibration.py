@@ -15,9 +15,9 @@ from swim2real.calibration import (
     Problem,
     Progress,
     RunFolder,
-    calibrate,
     commit,
     conclude,
+    minimize,
     reference_fingerprint,
     sensitivities,
     versions,
@@ -32,7 +32,7 @@ from swim2real.store import path_from
 from swim2real.trials import TrialSet
 
 
-def run(
+def calibrate(
     reference: TrialSet, robot: Robot, settings: CalibrationSettings, out: str | Path, *, source: str = "",
     resume: bool = False, sensitivity: bool = False, access: VlmAccess | None = None,
     on_progress: Callable[[Progress], None] = lambda progress: None,
@@ -43,7 +43,7 @@ def run(
     Args:
         reference: Real trials.
         robot: What is calibrated.
-        settings: Of the run.
+        settings: Settings of the run.
         out: Run folder.
         source: Where the reference came from, for the record.
         resume: Go on with the run that is there.
@@ -56,7 +56,7 @@ def run(
         The outcome, as `conclude` describes it. On KeyboardInterrupt the folder holds a usable, resumable run.
 
     Raises:
-        Swim2RealError: With a sentence that names what is wrong.
+        Swim2RealError: Something is wrong, which its sentence names.
     """
     space = replace(robot.space, scale=settings.resolved_scale)
     folder = RunFolder(out)
@@ -101,7 +101,7 @@ def run(
             settings.method, robot, space, settings.seed, settings.budget, advisor, _recorded_advice(folder),
             max_steps=settings.max_steps, early_stop=settings.early_stop,
         )  # fmt: skip
-        best = calibrate(problem, space, optimizer, settings.budget, folder, on_progress)
+        best = minimize(problem, space, optimizer, settings.budget, folder, on_progress)
         effects = sensitivities(problem, space, best["values"]) if sensitivity else None
         return conclude(folder, problem, held_out, best["values"], effects)
 

@@ -14,7 +14,7 @@ from swim2real.errors import RobotError
 from swim2real.robots.candidates import candidates, carrying
 from swim2real.robots.compiled import compiled
 from swim2real.robots.draft import Draft
-from swim2real.robots.file import PLANES, load_robot, read_mjcf
+from swim2real.robots.file import PLANES, read_mjcf, robot_from_file
 from swim2real.robots.robot import Robot
 from swim2real.simulation.probing import FAINT, Probe, moved, probe
 
@@ -25,7 +25,7 @@ def draft_robot(path: Path, threads: int | None = None) -> Draft:
     """A robot file for a model: its sites are markers, tables drive it, and what shows in the markers is calibrated.
 
     Args:
-        path: Of the MJCF file.
+        path: Path of the MJCF file.
         threads: Simulations at a time; by default the number of cores.
 
     Raises:
@@ -102,7 +102,7 @@ def _loaded(draft: Draft, path: Path) -> Robot:
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "robot.toml"
         place.write_text(draft.text(path.resolve().as_posix()), encoding="utf-8")
-        return load_robot(place)
+        return robot_from_file(place)
 
 
 def _camera(robot: Robot, threads: int | None) -> str:

@@ -43,12 +43,12 @@ def make_optimizer(
     Args:
         method: Its name.
         robot: Whose simulator is calibrated.
-        space: Of its parameters, on the run's scale.
-        seed: Of the run.
-        budget: Of the run, which stages are planned by.
+        space: Space of the robot's parameters, on the run's scale.
+        seed: Seed of the run.
+        budget: Budget of the run, which stages are planned by.
         advisor: Who proposes, where the method is advised.
         advice: On record, which isn't asked for again.
-        max_steps: Of the line search.
+        max_steps: Largest number of steps tried in a round of the line search.
         early_stop: Whether the line search lets evaluations stop once a step is certain to be rejected.
 
     Raises:

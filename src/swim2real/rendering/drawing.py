@@ -247,7 +247,7 @@ class _Symbol:
     share: float
 
     def reach(self, edge: float) -> int:
-        """From the middle pixel of its mask to the mask's edges [px]."""
+        """Distance from the middle pixel of its mask to the mask's edges [px]."""
         return math.ceil(self.radius + self.width / 2 + edge) + 1
 
 
@@ -257,10 +257,10 @@ def _symbol_mask(symbol: _Symbol, edge: float, x: int, y: int, opacity: float) -
 
     Args:
         symbol: What is drawn.
-        edge: By which its line is wider on either side [px].
+        edge: Width of the line drawn around it on either side [px].
         x: Place of its center, from the pixel `reach` pixels from the mask's top left one [quarters of a pixel].
         y: The same, downward.
-        opacity: From 0 to 1.
+        opacity: Opacity from 0 to 1.
     """
     size, level = 2 * symbol.reach(edge) + 2, round(255 * opacity)
     mask = Image.new("L", (FINER * size, FINER * size))

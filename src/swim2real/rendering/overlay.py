@@ -100,7 +100,7 @@ class TrackOverlay:
             scale: Pixels of `image` to a pixel of the film.
             time: Time of the frame [s].
             positions: Positions of the markers in the film, NaN where lost [px]. Shape (M, 2).
-            confidence: From 0 to 1; a position with 0 was filled in. Shape (M,).
+            confidence: Confidence from 0 to 1; a position with 0 was filled in. Shape (M,).
             refused: Markers that a check takes for lost though they have a position, where they are drawn as lost.
                 Shape (M,).
             detail: The same frame in full resolution; the enlarged view is cut from it, which is sharper.

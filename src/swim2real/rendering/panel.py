@@ -107,7 +107,7 @@ def draw_body(canvas: Canvas, places: Array, side: Side, strength: float, lines:
         canvas: The canvas that is drawn on.
         places: Places of the markers [px]. Shape (M, 2).
         side: The side whose color and style it has.
-        strength: By which lines and markers are wider than usual.
+        strength: Factor by which lines and markers are wider than usual.
         lines: Indices of the markers that each line goes through.
     """
     color, radius, width = COLORS[side], RADII[side] * strength, LINES[side] * strength

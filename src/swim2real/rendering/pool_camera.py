@@ -29,7 +29,7 @@ class Glare:
         velocity: Velocity of such a patch [m/s].
         radius: Radius of the patch; a patch over markers is as large as it takes to cover them, and at least this [m].
         stretch: How many times wider than high it is in the image; from 1.
-        strength: From 0, which hides nothing, to 1, which is white.
+        strength: Strength of the reflection from 0, which hides nothing, to 1, which is white.
     """
 
     start: float = 0.0
@@ -160,7 +160,7 @@ class PoolCamera:
 
     @property
     def middle(self) -> Pair:
-        """Of the image [px]; the center of its top left pixel is (0, 0)."""
+        """Size of the image [px]; the center of its top left pixel is (0, 0)."""
         return (self.width - 1) / 2, (self.height - 1) / 2
 
     def project(self, points: object, heights: object, center: Pair) -> tuple[Array, Array]:

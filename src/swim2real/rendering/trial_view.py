@@ -87,7 +87,7 @@ class TrialView:
 
     @property
     def duration(self) -> float:
-        """From the first to the last time [s]."""
+        """Time from the first to the last sample [s]."""
         return float(self.times[-1] - self.times[0])
 
     @property

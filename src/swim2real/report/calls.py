@@ -43,7 +43,7 @@ class RecordedCalls:
     Attributes:
         folder: Folder of the run.
         calls: In order; empty where the transcript is missing or damaged.
-        shown: By the number of a call, its pictures and films.
+        shown: Pictures and films of each call, by its number.
         problem: What is wrong with the transcript, in sentences; empty where it is whole.
     """
 

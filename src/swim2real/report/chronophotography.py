@@ -58,8 +58,6 @@ def chronophotography(
     Raises:
         RunError: A run has no swims, or none of this name.
     """
-    if not methods[0].description.has_frequencies:
-        raise RunError("its trials are recordings, not swims with a frequency")
     ordered = sorted(methods, key=lambda one: one.mean("final"))
     chosen = [("best", ordered[0])] + ([("worst", ordered[-1])] if len(ordered) > 1 else [])
     swims = [_swim(folder / one.typical_run().folder, trial) for _, one in chosen]

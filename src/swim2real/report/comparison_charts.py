@@ -129,7 +129,7 @@ def velocity(
 
     Args:
         methods: Under one protocol.
-        styles: By method.
+        styles: Look of each method, by name.
         theory: Speeds that elongated body theory predicts, by trial [m/s].
         width: [inches].
     """
@@ -193,7 +193,7 @@ def markers(
 
     Args:
         methods: Under one protocol.
-        styles: By method.
+        styles: Look of each method, by name.
         names: Names of the markers.
         width: [inches].
     """

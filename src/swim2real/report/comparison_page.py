@@ -31,7 +31,7 @@ class Board:
         protocol: `aligned`, `paper` or `playback`.
         description: Description of the protocol.
         verdict: Sentences that say who is best and how surely; empty without runs.
-        tables: By key.
+        tables: Tables by key.
     """
 
     protocol: str

@@ -40,7 +40,7 @@ class SplitRow:
     Attributes:
         label: What it is.
         name: The figure's name in files.
-        cells: With unit: at the first evaluation, at the best, and on held-out trials where there are any.
+        cells: Texts with units: at the first evaluation, at the best, and on held-out trials where there are any.
         meaning: In a sentence.
         main: Whether the line is a sum, not a part.
     """

@@ -21,7 +21,7 @@ class MarkerErrors:
 
     Attributes:
         key: A short name, such as `aligned`.
-        label: For a person.
+        label: Name of the trial as it is shown.
         note: What it tells, in a sentence.
         trials: F names.
         held_out: Whether each trial was left out of the fit. Length F.

@@ -25,8 +25,8 @@ def write_figures(
 ) -> list[Path]:  # fmt: skip
     """Writes each figure as PDF, SVG and PNG into the folder `figures` of a comparison.
 
-    The same results give the same files, to the last byte, with the same matplotlib. A figure whose data are not there
-    is left out, with a warning in the log.
+    The same results give the same files, to the last byte, with the same matplotlib. Figures of what the trials have
+    none of, as frequencies, are left out, and so is one whose data are not there, with a warning in the log.
 
     Args:
         results: The results of the comparison.
@@ -59,12 +59,11 @@ def write_figures(
                 "line-search": line_search(methods, styles),
                 "markers": markers(methods, styles, results.markers),
             }
-            try:
-                drawn["chronophotography"] = chronophotography(methods, styles, Path(folder))
-            except RunError as error:
-                _log.warning("no chronophotography for protocol %s: %s", protocol, error)
-            if drawn["velocity"] is None:
-                _log.warning("no figure of speed against frequency for protocol %s: its trials have none", protocol)
+            if methods[0].description.has_frequencies:
+                try:
+                    drawn["chronophotography"] = chronophotography(methods, styles, Path(folder))
+                except RunError as error:
+                    _log.warning("no chronophotography for protocol %s: %s", protocol, error)
             for name, figure in drawn.items():
                 if figure is not None:
                     paths += _save(figure, place, f"{name}-{protocol}")

@@ -108,7 +108,7 @@ class AdvisorRound:
     """One proposal and its steps.
 
     Attributes:
-        number: From 1 on.
+        number: Number of the round, from 1 on.
         status: `accepted`, `rejected` or `cut short`.
         diagnosis: The advisor's words.
         reasoning: The advisor's reasons.

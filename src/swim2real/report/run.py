@@ -54,8 +54,8 @@ class ReportedRun:
         entries: The record, one entry an evaluation, at least one.
         fit: Figures of the best parameters on the fitted trials, in SI.
         held_out: The same on trials left out of the fit, None without any.
-        quality: By trial, what was found in the real tracks.
-        sensitivity: By parameter, empty where it wasn't determined.
+        quality: What was found in the real tracks, by trial.
+        sensitivity: Sensitivity to each parameter, by name; empty where it wasn't determined.
         marker_names: M names.
         unfinished: What is missing and why, in sentences; None for a run that ended.
         calls: Calls of the advisor; None for a run that made none.

@@ -157,7 +157,7 @@ def learning_curve(
         evaluations: The same, of the policy without exploration.
         key: The figure's name.
         title: Title of the y axis, with unit.
-        factor: By which values are multiplied.
+        factor: Factor by which values are multiplied.
         baseline: What constant-frequency swimming reaches, in the same unit before the factor.
         exploration: Steps of random actions at the start.
     """

@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
-from swim2real.checking import read
+from swim2real.checking import read, shown
 from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.conditions import Disturbances
-from swim2real.robots import robot_named
+from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
 from swim2real.settings import Task
 from swim2real.store import append_line, drop_cut_line, read_lines, write_json, write_text
@@ -147,7 +147,7 @@ class TrainingRun:
             RunError: It isn't known here.
         """
         try:
-            return robot_named(self.settings.robot)
+            return load_robot(self.settings.robot)
         except ArgumentError as error:
             raise RunError(f"'{self.folder}': {error}") from error
 
@@ -195,7 +195,7 @@ def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
     for key, value in content.items():
         if recorded.get(key) != value:
             raise RunError(
-                f"'{folder}' was begun with another {key}: {_short(recorded.get(key))}, now {_short(value)}; "
+                f"'{folder}' was begun with another {key}: {shown(recorded.get(key))}, now {shown(value)}; "
                 f"resume with the same, or begin a new run"
             )
 
@@ -222,8 +222,3 @@ def cut_record(path: Path, step: int) -> None:
     """Drops the lines of a record that were written after an environment step."""
     drop_cut_line(path)
     write_text(path, "".join(json.dumps(line) + "\n" for line in read_record(path) if line["step"] <= step))
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -10,12 +10,12 @@ from swim2real.errors import ArgumentError
 if TYPE_CHECKING:
     from swim2real.robots.robot import Robot
 
-__all__ = ["ROBOTS", "robot_file", "robot_named"]
+__all__ = ["ROBOTS", "load_robot", "robot_file"]
 
 ROBOTS = ("fish", "fish-extended")
 
 
-def robot_named(name: str | Path) -> Robot:
+def load_robot(name: str | Path) -> Robot:
     """A robot by its name, or by its robot file, as on the command line.
 
     Raises:
@@ -28,9 +28,9 @@ def robot_named(name: str | Path) -> Robot:
         return next(robot for robot in (FISH, FISH_EXTENDED) if robot.name == str(name))
     if Path(name).suffix != ".toml":
         raise ArgumentError(f"there is no robot '{name}'; there are {', '.join(ROBOTS)}, or give a robot file (.toml)")
-    from swim2real.robots.file import load_robot
+    from swim2real.robots.file import robot_from_file
 
-    return load_robot(name)
+    return robot_from_file(name)
 
 
 def robot_file(name: str | Path) -> Path:

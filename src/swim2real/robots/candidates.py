@@ -72,7 +72,7 @@ class _Resistance:
     """One of the attributes.
 
     Attributes:
-        units: Of what turns and of what slides.
+        units: Units for what turns and for what slides.
         most: Upper bound where the model has none, by the inertia [kg m² or kg]: of what turns and of what slides.
         usual: Whether it is calibrated where the model has none.
         meaning: What more of it does.
@@ -108,7 +108,7 @@ _TENDON = {key: _JOINT[key] for key in ("stiffness", "damping", "frictionloss")}
 
 
 def _joints(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[Candidate]:
-    """Of the joints that turn or slide; a free one has no resistance of its own."""
+    """Candidates of the joints that turn or slide; a free one has no resistance of its own."""
     there = [joint for joint in spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE and not _set_together(joint)]
 
     def inertia(joint: Any) -> float:
@@ -122,7 +122,7 @@ def _joints(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[Candidate]:
 
 
 def _tendons(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[Candidate]:
-    """Of the tendons."""
+    """Candidates of the tendons."""
 
     def inertia(tendon: Any) -> float:
         inverse = float(model.tendon_invweight0[model.tendon(tendon.name).id])
@@ -190,7 +190,7 @@ _GAIN_MEANINGS = {
 
 
 def _actuators(spec: mujoco.MjSpec) -> Iterator[Candidate]:
-    """Of the named actuators. Those of muscles and other laws of their own are left to a person."""
+    """Candidates of the named actuators. Those of muscles and other laws of their own are left to a person."""
     slides = {joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE}
     slides |= {tendon.name for tendon in spec.tendons}
     for own, members in _grouped(spec.actuators, _gains_of):
@@ -245,7 +245,7 @@ _KNOWN = "it is known for most fluids: water has 1000 kg/m³ and 0.001 Pa·s, ai
 
 
 def _fluid(spec: mujoco.MjSpec) -> Iterator[Candidate]:
-    """Of a model in a fluid, or of one with ellipsoids that could be in one."""
+    """Candidates of a model in a fluid, or of one with ellipsoids that could be in one."""
     wet = [geom for geom in spec.geoms if geom.fluid_ellipsoid]
     if wet:
         yield from _ellipsoids(spec, wet)
@@ -338,7 +338,7 @@ def _line(kind: str, members: Sequence[Any], attribute: str) -> str:
 
 
 def _names(members: Sequence[Any]) -> tuple[str, ...]:
-    """Of a group; none for a single element."""
+    """Candidates of a group; none for a single element."""
     return tuple(member.name for member in members) if len(members) > 1 else ()
 
 

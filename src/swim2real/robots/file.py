@@ -69,7 +69,7 @@ class RobotFile:
     calibrated: tuple[CalibratedParameter, ...]
 
 
-def load_robot(path: str | Path) -> Robot:
+def robot_from_file(path: str | Path) -> Robot:
     """The robot that a file describes.
 
     Raises:
@@ -182,7 +182,7 @@ class _Builder:
 
 
 def _builder_of(path: Path) -> _Builder:
-    return load_robot(path).build.__self__  # type: ignore[attr-defined]
+    return robot_from_file(path).build.__self__  # type: ignore[attr-defined]
 
 
 def _base(table: RobotTable, folder: Path, where: str) -> mujoco.MjSpec:

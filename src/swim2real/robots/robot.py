@@ -52,9 +52,10 @@ class FitStage:
     Attributes:
         name: In a word.
         parameters: Their names.
-        share: Of the evaluations, relative to the other stages.
+        share: Share of the evaluations, relative to the other stages.
         together: Whether all have one place in their ranges and a scan along it, or each its own and a search.
-        score: From the evidence of an evaluation to what is minimized, NaN where it can't be told; None is the loss.
+        score: What is minimized, a function of the evidence of an evaluation; NaN where it can't be told. None is the
+            loss.
     """
 
     name: str
@@ -216,8 +217,8 @@ class Robot:
         marker_names: M names; of a swimmer head first.
         rest_markers: Marker positions in the pose of the model, relative to the first, in the plane of the camera [m].
             Of a swimmer straight, x toward the tail. Shape (M, 2).
-        marker_heights: Of the markers above the robot's origin, toward the camera, which sees higher ones farther out
-            [m]. Shape (M,).
+        marker_heights: Heights of the markers above the robot's origin, toward the camera, which sees higher ones
+            farther out [m]. Shape (M,).
         trials: What a trial of this robot is.
         plane: Axes of the world that the camera sees, to its right and up: (0, 1) from above, (0, 2) from the side.
         links: Pairs of markers that a picture joins by a line.

@@ -52,7 +52,7 @@ class Plan(NamedTuple):
         wet: Address of the model.
         dry: Address of its twin without water.
         timestep: [s].
-        density: Of the water [kg/m³].
+        density: Density of the water [kg/m³].
         symmetric: Whether the integrator is `implicitfast`, which drops the antisymmetric part of the derivative.
         floor: Smallest denominator of the fluid's formulas.
         wind: Velocity of the water [m/s]. Shape (3,).

@@ -69,7 +69,7 @@ class FastStep:
             model: Compiled model. Changes to it afterward aren't seen.
 
         Raises:
-            UnsupportedModelError: With the reason for which the fast step doesn't apply.
+            UnsupportedModelError: The fast step doesn't apply; the message has the reason.
         """
         self.model = model
         self._dry = without_fluid(model)

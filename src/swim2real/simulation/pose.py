@@ -18,7 +18,7 @@ class View:
     Attributes:
         markers: Positions in the plane [m]. Shape (M, 2).
         slopes: Derivatives of the markers by the joints' velocities [m/rad or 1]. Shape (M, 2, nv).
-        gaps: By which equality constraints are violated [m or rad]. Shape (E,).
+        gaps: Violation of each equality constraint [m or rad]. Shape (E,).
         gap_slopes: Derivatives of the gaps. Shape (E, nv).
     """
 

@@ -172,7 +172,7 @@ def _swims(reference: TrialSet | None) -> list[Swim]:
 
 
 def _size(robot: Robot) -> float:
-    """Of the robot, or of its markers where those are farther apart [m]."""
+    """Length of the robot, or of its markers where those are farther apart [m]."""
     model = robot.build(robot.space.published).compile()
     apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2)
     return float(max(model.stat.extent, apart.max()))

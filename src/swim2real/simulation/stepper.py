@@ -47,7 +47,7 @@ def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array) -> Rolled:
     Args:
         model: Compiled.
         data: Where to begin.
-        controls: Of every step. Shape (N, nu).
+        controls: Controls of every step. Shape (N, nu).
     """
     state = physics_state(model, data)
     states, sensors = rollout.rollout(model, data, state[None], controls[None], nstep=len(controls))

@@ -108,7 +108,7 @@ class Appearance:
 
     Attributes:
         points: Centers of the markers in the first frame [px]. Shape (M, 2).
-        radius: Of the markers [px].
+        radius: Radius of the markers [px].
         shares: How much of its disc each marker covers, about 1. Shape (M,).
         contrast: How much each looks like a marker, see `contrasts`. Shape (M,).
         table: Coverage from 0 to 1 by the leading bits of red, green and blue. Shape (2^(3 BITS),).
@@ -164,7 +164,7 @@ class Appearance:
 
         Args:
             image: RGB. Shape (H, W, 3).
-            points: Of the markers that were found with certainty [px]. Shape (K, 2).
+            points: Positions of the markers that were found with certainty [px]. Shape (K, 2).
         """
         new = _moments(image, points, self.radius)
         self._known = tuple(FORGET * a + (1 - FORGET) * b for a, b in zip(self._known, new, strict=True))
@@ -261,11 +261,11 @@ def discs(
 
     Args:
         image: RGB. Shape (H, W, 3).
-        table: Of coverage.
+        table: Table of coverage.
         points: Where to begin [px]. Shape (N, 2).
         reaches: Distance from each within which pixels count [px]. Shape (N,).
         others: Points that share the pixels among them [px]. Shape (K, 2).
-        radius: Of a disc [px].
+        radius: Radius of the disc [px].
 
     Returns:
         Centers [px], NaN where nothing is covered, shape (N, 2), and what is covered as a share of the disc, (N,).

@@ -96,7 +96,7 @@ class CameraFile:
         principal_point: The pixel straight below the camera [px]. Shape (2,).
         lengths: Known lengths at the height of the head's markers.
         points: Pixels [px] and meters [m] of the same points. Shapes (N, 2), N at least 4.
-        homography: From pixels to meters, instead of points. Shape (3, 3).
+        homography: Homography from pixels to meters, instead of points. Shape (3, 3).
         lens: Distortion of the lens, which is taken out first.
     """
 

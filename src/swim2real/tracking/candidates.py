@@ -34,7 +34,7 @@ class Blobs:
 
     Attributes:
         points: Centers [px]. Shape (N, 2).
-        radii: Of discs with the same area [px]. Shape (N,).
+        radii: Radii of discs with the same area [px]. Shape (N,).
         colors: RGB inside. Shape (N, 3).
         contrasts: RGB inside minus RGB around. Shape (N, 3).
     """

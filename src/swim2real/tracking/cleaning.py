@@ -33,7 +33,7 @@ def fill_gaps(track: MarkerTrack, longest: float = LONGEST) -> MarkerTrack:
 
     Args:
         track: In pixels or meters. Samples with confidence 0 are gaps, wherever they are.
-        longest: Of the gaps that are filled: missing frames times the frame interval [s].
+        longest: Longest gap that is filled: missing frames times the frame interval [s].
 
     Returns:
         The track with filled samples at confidence 0, and NaN in longer gaps and in those at either end.
@@ -100,7 +100,7 @@ def beat_gain(window: int, fps: float, frequency: float) -> float:
     Args:
         window: As for `smooth`.
         fps: Frames a second.
-        frequency: Of the oscillation [Hz].
+        frequency: Frequency of the oscillation [Hz].
     """
     size = _checked(window)
     if not (np.isfinite(fps) and fps > 0):
@@ -119,7 +119,7 @@ def beat_window(fps: float, frequency: float = FASTEST_BEAT) -> int:
 
     Args:
         fps: Frames a second.
-        frequency: Of the beat [Hz].
+        frequency: Frequency of the beat [Hz].
     """
     best = 1
     for size in range(ORDER + 2, max(ORDER + 3, int(fps)), 2):

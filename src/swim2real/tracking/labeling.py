@@ -49,7 +49,7 @@ class Labeling:
     Attributes:
         points: Head to tail [px]. Shape (M, 2).
         misfit: Root mean square by which distances of neighbors differ from the robot's [m].
-        meters_per_pixel: From the whole body.
+        meters_per_pixel: Scale found from the whole body [m/px].
     """
 
     points: Array
@@ -73,7 +73,8 @@ def label_markers(image: Image, rest_markers: Array, heights: Array | None = Non
     Args:
         image: RGB, upright. Shape (H, W, 3).
         rest_markers: Marker positions of the straight robot, head first [m]. Shape (M, 2).
-        heights: Of the markers [m]; a slanted view displaces higher ones. None where they are all the same. Shape (M,).
+        heights: Heights of the markers [m]; a slanted view displaces higher ones. None where they are all the same.
+            Shape (M,).
 
     Raises:
         TrackingError: Too few blobs, no labeling that fits, or more than one.

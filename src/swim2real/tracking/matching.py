@@ -125,7 +125,7 @@ def strained(points: Array, links: NDArray[np.int64], lengths: Array, slack: flo
         points: Positions, NaN for markers that aren't seen [px]. Shape (M, 2).
         links: Pairs of markers. Shape (L, 2).
         lengths: Usual distance of each pair [px]. Shape (L,).
-        slack: By which a length may be off in any case [px].
+        slack: Error of a length that is allowed in any case [px].
     """
     out = np.zeros(len(points), dtype=bool)
     strain = link_strain(points, links, lengths, slack)
@@ -200,7 +200,7 @@ def placed(points: Array, before: Array, weights: Array) -> Array:
     Args:
         points: Now, NaN for unknown markers [px]. Shape (M, 2).
         before: The shape [px], NaN where it wasn't known. Shape (M, 2).
-        weights: Of each marker. Shape (M,).
+        weights: Weight of each marker. Shape (M,).
 
     Returns:
         All markers now [px]. Shape (M, 2).
@@ -233,7 +233,7 @@ def fit_body(predicted: Array, lengths: Array, blobs: Array, quality: Array, sla
             `links_of` [px]. Shape (2 M - 3,).
         blobs: Places of the blobs in the frame [px]. Shape (P, 2).
         quality: Quality of the blobs, from 0 to 1. Shape (P,).
-        slack: By which a length may be off in any case [px].
+        slack: Error of a length that is allowed in any case [px].
 
     Returns:
         Index of each marker's blob, -1 for none; all -1 when no body is found. Shape (M,).

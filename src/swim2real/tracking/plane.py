@@ -94,7 +94,7 @@ class Scale:
         meters_per_pixel: The one that is used [m].
         spread: Range of all estimates, relative to it.
         estimates: Name of each known length, and what it says by itself [m].
-        body_length: Of the robot, for what a doubt means in millimeters [m]; 0 when unknown.
+        body_length: Length of the robot, which says what a doubt means in millimeters [m]; 0 when unknown.
     """
 
     meters_per_pixel: float

@@ -30,7 +30,7 @@ class MarkerTrack:
     Attributes:
         times: Time stamps, rising [s]. Shape (T,).
         positions: World positions, NaN where a marker was not seen [m]. Shape (T, M, 2).
-        confidence: From 0 (lost) to 1, per marker and frame. Shape (T, M).
+        confidence: Confidence from 0 (lost) to 1, by frame and marker. Shape (T, M).
     """
 
     times: Array
@@ -67,7 +67,7 @@ class MarkerTrack:
 
     @property
     def duration(self) -> float:
-        """From the first to the last frame [s]."""
+        """Time from the first to the last frame [s]."""
         return float(self.times[-1] - self.times[0])
 
     @property

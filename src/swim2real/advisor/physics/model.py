@@ -100,10 +100,10 @@ class Kernel:
 
     Attributes:
         offset: Standard deviation of a constant deviation.
-        slope: Of its linear part, per unit of the cube.
-        bend: Of its nonlinear part.
+        slope: Scale of its linear part, per unit of the cube.
+        bend: Scale of its nonlinear part.
         length: Length scale of the nonlinear part, in the cube.
-        noise: Of an observation.
+        noise: Noise of an observation.
     """
 
     offset: float
@@ -132,7 +132,7 @@ class Surrogate:
         """Conditions the prior on what was seen.
 
         Args:
-            kernel: For features of unit scale.
+            kernel: Kernel for features of unit scale.
             prior: Points (N, d) to features (N, K).
             spread: Standard deviation of each feature's deviation from the prior, in units of the kernel's. Shape (K,).
             points: Evaluated points. Shape (N, d).
@@ -157,7 +157,7 @@ class Expectation:
     """Predicts the loss from a surrogate of the features.
 
     Attributes:
-        surrogate: Of the features of all trials, flattened from (F, 1 + 2 M).
+        surrogate: Surrogate of the features of all trials, flattened from (F, 1 + 2 M).
         speed: Real speeds [m/s]. Shape (F,).
         beat: Real beats [m], NaN where unknown. Shape (F, 2 M).
         shape_floor: What of each trial's shape error the beats don't explain [m]. Shape (F,).

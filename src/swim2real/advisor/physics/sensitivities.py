@@ -33,8 +33,8 @@ class Sensitivities:
 
     Attributes:
         gradients: Around the incumbent, as far as all evaluations have shown [m]. Shape (d, n).
-        measured: From the last steps along a single parameter each, 0 without any [m]. Shape (d, n).
-        widths: Of those steps, in the unit cube. Shape (d,).
+        measured: Measured in the last steps along a single parameter each, 0 without any [m]. Shape (d, n).
+        widths: Widths of those steps, in the unit cube. Shape (d,).
         place: Where the last of them began. Shape (d,).
     """
 

@@ -129,7 +129,7 @@ def diagnose_sensitivities(
         space: On the scale of the place.
         place: Where the effects were measured. Shape (d,).
         loss: Loss of the incumbent [m].
-        effects: By how much each parameter changes the residual over its whole range [m]. Shape (d,).
+        effects: Change of the residual over each parameter's whole range [m]. Shape (d,).
         unidentified: Directions in which the trials tell nothing.
         evidence: Evidence of the incumbent. The worst trial is read from it, where it has any.
     """

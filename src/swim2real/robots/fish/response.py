@@ -41,7 +41,7 @@ class FishResponse:
         thrust: t. Shape (6,).
         drag: d. Shape (6,).
         amplitude: a. Shape (12,).
-        frequencies: Of the beat's coefficients [Hz]. Shape (G,).
+        frequencies: Frequencies of the beat's coefficients [Hz]. Shape (G,).
         beat: Real, then imaginary part of each marker's sideways fundamental, turned to the last marker's phase:
             constant, then slope per parameter on a scale from -1 to 1 [m]. Shape (G, 17, 2 M).
     """
@@ -161,7 +161,7 @@ class ExtendedResponse:
 
 
 def extended_response() -> ExtendedResponse:
-    """With the friction behind the 16."""
+    """The law with the friction behind the 16."""
     return ExtendedResponse(fish_response(), PLAIN)
 
 
