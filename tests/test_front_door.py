@@ -20,8 +20,8 @@ def test_every_name_is_there_and_says_what_it_is(name):
 
 def test_the_names_are_sorted_and_others_are_refused():
     assert swim2real.__all__ == sorted(swim2real.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'load_robot'"):
-        swim2real.load_robot  # noqa: B018
+    with pytest.raises(AttributeError, match="no attribute 'robot_from_file'"):
+        swim2real.robot_from_file  # noqa: B018
 
 
 def test_importing_it_imports_nothing_else():

@@ -27,10 +27,12 @@ def test_the_package_and_its_command_line_bring_nothing_heavy(statement):
     assert not loaded_by(statement)
 
 
+@pytest.mark.slow
 def test_trials_need_no_physics_engine():
     assert "mujoco" not in loaded_by("import swim2real.trials, swim2real.objective, swim2real.optimizers")
 
 
+@pytest.mark.slow
 def test_videos_and_tracking_need_no_physics_engine():
     assert "mujoco" not in loaded_by("import swim2real.video, swim2real.tracking.detection, swim2real.tracking.tracker")
 

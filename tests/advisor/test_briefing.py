@@ -104,7 +104,7 @@ def test_only_the_fishs_own_words_speak_of_one(burned_in):
     assert not re.search(FISH_WORDS, rest, re.IGNORECASE)
 
 
-@pytest.mark.parametrize("takes_video", [False, True])
+@pytest.mark.parametrize("takes_video", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("robot", [ARM, CART])
 def test_recordings_know_neither_fish_nor_swims(robot, takes_video, film, burned_in):
     comparison = compared(PAIRS, robot)
@@ -139,6 +139,7 @@ def test_a_simulated_pendulum_is_briefed_from_its_robot_alone(burned_in):
     assert f"**The loss is {500 * comparison.loss:.1f} mm**" in text  # of the last step, which halved it
 
 
+@pytest.mark.slow
 def test_a_run_of_recordings_is_briefed_by_file(tmp_path):
     reference = pendulum_reference()
     settings = CalibrationSettings(advisor="files", budget=3, horizon=0.5, threads=2)

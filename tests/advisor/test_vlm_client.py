@@ -122,7 +122,9 @@ def test_a_good_reply_and_what_is_on_the_wire(vlm, provider):
     assert KEY not in asked.path
 
 
-@each
+@pytest.mark.parametrize(
+    "provider", ["openai", *(pytest.param(name, marks=pytest.mark.slow) for name in ("google", "anthropic"))]
+)
 def test_a_reply_that_was_cut_off_and_another_model(vlm, provider):
     reply = Ask(vlm, provider, replies('{"diagnosis": "too li', finish="length", model="another-model-7"))()
     assert (reply.finish, reply.text, reply.model) == ("length", '{"diagnosis": "too li', "another-model-7")

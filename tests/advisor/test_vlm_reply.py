@@ -141,6 +141,7 @@ def usable_or_refused(text: str) -> None:
     assert np.all((point >= 0) & (point <= 1))
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.text())
 def test_any_text_is_usable_or_refused(text):

@@ -41,6 +41,7 @@ def accepted(entries):
     return kept
 
 
+@pytest.mark.slow
 def test_an_early_stop_accepts_the_same_steps_with_the_same_losses(problem, in_full, tmp_path):
     entries, best = searched(problem, tmp_path / "run", early_stop=True)
     assert accepted(entries) == accepted(in_full[0])

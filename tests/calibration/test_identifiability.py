@@ -237,6 +237,7 @@ def test_a_refit_moves_only_what_is_free(run):
     assert np.array_equal(best.point[1:], at.point[1:])
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_of_repeated_noise():
     """Noise that is correlated in time and between markers: the spread of repeated fits is what is foretold."""
     rng = np.random.default_rng(0)

@@ -674,6 +674,7 @@ def test_calibrate_shows_a_bar_on_a_terminal(program, calibration, tmp_path, mon
     assert re.search(r"calibrating .* 2/2 best [\d.]+ mm, 0:00 left", shown)
 
 
+@pytest.mark.slow
 def test_calibrate_as_json_prints_the_outcome_alone(program, calibration, tmp_path):
     words = ("--budget", 2, "--hold-out", "b", "--json")
     program(*calibration, "--out", tmp_path / "run", *words).done()

@@ -317,6 +317,7 @@ def test_tables_are_one_for_each_video(program, clip, tmp_path, option):
     assert sentence == f"--{option} has 2 values for 1 videos; give one for each, or none"
 
 
+@pytest.mark.slow
 def test_a_track_in_pixels_can_be_imported_again(program, clip, tmp_path):
     """What `track` writes for other programs is what `import-tracks` reads, and makes the same trial."""
     height = 2.45

@@ -82,6 +82,7 @@ def test_a_run_with_each_provider_shows_films_or_pictures(program, words, vlm, t
     assert "so far 1 calls, 1.1k tokens" in program.err
 
 
+@pytest.mark.slow
 def test_a_replay_is_the_same_to_the_last_bit_without_a_network(program, words, vlm, pendulum_folder, tmp_path):
     vlm.script(then=thoughtful)
     program(*words()).done()
@@ -111,6 +112,7 @@ def test_a_run_that_was_stopped_goes_on_and_ends_like_one_that_was_not(program, 
     assert [e["loss"] for e in record(tmp_path / "parts")] == [e["loss"] for e in record(tmp_path / "whole")]
 
 
+@pytest.mark.slow
 def test_a_reply_that_came_before_a_crash_is_not_paid_for_again(program, words, vlm, tmp_path):
     vlm.script(then=thoughtful)
     program(*words()).done()
@@ -151,6 +153,7 @@ def test_numbers_alone_and_pictures_alone_are_ablations(program, words, vlm):
     assert " mm" not in asked.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["line-search", "warm-start"])
 def test_no_line_search_and_warm_start_are_compositions(program, words, vlm, tmp_path, method):
     vlm.script(then=thoughtful)

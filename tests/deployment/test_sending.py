@@ -35,9 +35,11 @@ def swim(*faults: Fault, table=TABLE, log=None):
 @pytest.mark.parametrize(
     ("kind", "sentence"),
     [
-        ("silent", "didn't answer a ping at 57600 baud; check power, cable, id and baud rate"),
+        pytest.param(
+            "silent", "didn't answer a ping at 57600 baud; check power, cable, id and baud rate", marks=pytest.mark.slow
+        ),
         ("bad-crc", "a ping got a damaged answer; check cable, ground and baud rate"),
-        ("garbage", "a ping got a damaged answer"),
+        pytest.param("garbage", "a ping got a damaged answer", marks=pytest.mark.slow),
         ("unplugged", "was lost while a ping"),
         ("overheated", "the motor reports overheating (Hardware Error Status (70) is 4)"),
     ],
@@ -51,10 +53,10 @@ def test_from_the_beginning(kind, sentence):
 @pytest.mark.parametrize(
     ("kind", "sentence"),
     [
-        ("silent", "10 commands in a row without an answer: motor 1 on"),
+        pytest.param("silent", "10 commands in a row without an answer: motor 1 on", marks=pytest.mark.slow),
         ("bad-crc", "10 commands in a row without an answer: motor 1 on"),
-        ("garbage", "got a damaged answer"),
-        ("unplugged", "serial port /dev/pts/"),
+        pytest.param("garbage", "got a damaged answer", marks=pytest.mark.slow),
+        pytest.param("unplugged", "serial port /dev/pts/", marks=pytest.mark.slow),
         ("overheated", "the motor reports overheating"),
     ],
 )
@@ -79,7 +81,9 @@ def test_the_watchdog_stays_on_while_nobody_knows_whether_the_torque_is_off():
     assert emulator.motor.get(ct.BUS_WATCHDOG) > 0
 
 
-@pytest.mark.parametrize("kind", ["silent", "bad-crc", "garbage", "slow"])
+@pytest.mark.parametrize(
+    "kind", ["silent", "garbage", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("bad-crc", "slow"))]
+)
 def test_one_bad_answer_is_counted_and_the_swim_goes_on(kind):
     emulator, sent = swim(Fault(kind, MIDDLE, 1))
     assert not isinstance(sent, MotorError), sent

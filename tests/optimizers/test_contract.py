@@ -1,6 +1,6 @@
 """The ask/tell contract, for every optimizer."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -63,8 +63,16 @@ def cma_es(seed: int) -> Optimizer:
 
 
 MAKERS = [random_search, line_search, warm_start, bayesopt, least_squares, callback_solver]
-every = pytest.mark.parametrize("make", [*MAKERS, cma_es], ids=lambda make: make.__name__)
-from_the_first_point = pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
+
+
+def _parameters(makers: Sequence[Callable[[int], Optimizer]]) -> pytest.MarkDecorator:
+    marks = {bayesopt: pytest.mark.slow}
+    parameters = [pytest.param(make, id=make.__name__, marks=marks.get(make, ())) for make in makers]
+    return pytest.mark.parametrize("make", parameters)
+
+
+every = _parameters([*MAKERS, cma_es])
+from_the_first_point = _parameters(MAKERS)
 
 
 def loss_of(candidate: Candidate) -> float:

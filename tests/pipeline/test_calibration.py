@@ -155,6 +155,7 @@ def test_every_method_runs_and_goes_on(pool, tmp_path, method):
     assert after[:2] == before
 
 
+@pytest.mark.slow
 def test_stages_run_and_keep_their_plan(pool, tmp_path):
     calibrate(pool, FISH, CalibrationSettings(method="staged", budget=8, threads=2), tmp_path)
     sources = [entry["note"].get("stage") for entry in record(tmp_path)]

@@ -28,7 +28,7 @@ def begun(tmp_path):
     return begin
 
 
-KINDS = [pytest.param(name, marks=pytest.mark.slow if name == "fish" else ()) for name in MODELS]
+KINDS = [pytest.param(name, marks=() if name in ("pendulum", "finger") else pytest.mark.slow) for name in MODELS]
 
 
 @pytest.mark.parametrize("name", KINDS)

@@ -41,7 +41,15 @@ def scripted(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "method", ["random", "cma-es", "bayesopt", "least-squares", "line-search", "warm-start", "mujoco-sysid"]
+    "method",
+    [
+        "least-squares",
+        "line-search",
+        *(
+            pytest.param(method, marks=pytest.mark.slow)
+            for method in ("random", "cma-es", "bayesopt", "warm-start", "mujoco-sysid")
+        ),
+    ],
 )
 def test_every_method_runs_and_goes_on(method, reference, tmp_path, scripted):
     early = {"early_stop": True} if method == "line-search" else {}

@@ -59,7 +59,8 @@ def test_markers_that_are_not_known_do_not_count():
     assert np.isnan(beat_distance(evidence_of((nothing, WAVE))))
 
 
-@pytest.mark.parametrize("protocol", ["aligned", pytest.param("paper", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("protocol", ["aligned", "paper"])
 def test_stages_calibrate_a_simulated_fish(pool, protocol):
     space, plan = FISH.space, FISH_PLAN
     stages = [

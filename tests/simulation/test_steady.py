@@ -38,7 +38,8 @@ def assert_same_cycle(cycle, markers, frequency):
     assert abs(speed_of(resampled, frequency) - expected) < max(4e-4, 4e-3 * expected)
 
 
-@pytest.mark.parametrize("frequency", [pytest.param(0.75, marks=pytest.mark.slow), 1.5])
+@pytest.mark.slow
+@pytest.mark.parametrize("frequency", [0.75, 1.5])
 def test_the_steady_cycle_is_what_a_long_swim_ends_in(frequency):
     cycle = found_cycle(FISH.space.published, frequency)
     assert cycle.settled

@@ -445,7 +445,9 @@ def board_picture(eye, squares=(9, 6), size=0.05, upside_down=False):
     return cv2.warpPerspective(canvas, matrix, (1920, 1080), flags=cv2.INTER_AREA, borderValue=255)
 
 
-@pytest.mark.parametrize(("tilt", "upside_down"), [((0.0, 0.0), False), ((0.12, -0.1), True)])
+@pytest.mark.parametrize(
+    ("tilt", "upside_down"), [pytest.param((0.0, 0.0), False, marks=pytest.mark.slow), ((0.12, -0.1), True)]
+)
 def test_a_chessboard_gives_the_plane(tilt, upside_down):
     pytest.importorskip("cv2")
     eye = Eye(1.0, tilt, focal=1500.0, center=(959.5, 539.5))

@@ -126,6 +126,7 @@ def test_dark_patches_hide_markers_too(film):
     assert np.nanmax(errors(film, positions)) < 1
 
 
+@pytest.mark.slow
 def test_a_faded_marker_is_less_sure_than_the_others(film):
     faded = painted(film.only(slice(9)), slice(6, 9), (1,), color=CAMERA.body_color, reach=1.3, strength=0.3)
     _, confidence = faded.tracked()
@@ -143,7 +144,7 @@ def test_a_fish_that_was_hidden_as_a_whole_is_found_again(film):
     assert np.nanmax(errors(film, positions)) < 1
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1))])
 def test_points_may_be_off_by_three_pixels(film, seed):
     early = film.only(slice(4))
     positions, _ = early.tracked(off_by(film, 3.0, seed))
@@ -183,6 +184,7 @@ def test_markers_that_leave_the_image_are_lost_until_they_return(film):
     assert np.nanmax(errors(cut, positions)) < 1
 
 
+@pytest.mark.slow
 def test_frames_may_be_missing(film):
     kept = np.sort(np.random.default_rng(5).choice(len(film.times) - 1, 2 * len(film.times) // 3, replace=False) + 1)
     kept = np.concatenate([[0], kept])
@@ -195,8 +197,11 @@ def test_frames_may_be_missing(film):
 
 @pytest.mark.parametrize(
     ("marker", "body"),
-    [((30, 30, 32), (205, 205, 200)), ((250, 250, 250), (34, 38, 44)), ((74, 80, 86), (34, 38, 44))],
-    ids=["black on white", "white on black", "gray on black"],
+    [
+        pytest.param((30, 30, 32), (205, 205, 200), id="black on white", marks=pytest.mark.slow),
+        pytest.param((250, 250, 250), (34, 38, 44), id="white on black", marks=pytest.mark.slow),
+        pytest.param((74, 80, 86), (34, 38, 44), id="gray on black"),
+    ],
 )
 def test_markers_of_other_colors(marker, body):
     short = filmed(replace(CAMERA, marker_color=marker, body_color=body), replace(SWIMMER, duration=0.1))
