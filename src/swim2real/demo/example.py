@@ -22,7 +22,7 @@ DEMO_FREQUENCIES = (0.5, 0.75, 1.0, 1.25)
 FULL_FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25)
 HELD_OUT = "f0_75"
 _HIDDEN_SEED = 2026
-SECONDS = 5.0
+SECONDS = 4.0
 CAMERA = PoolCamera(width=1280, height=720, view=2.4, camera_height=3.5, glints=3.0)
 _GLARE = Glare(1.0, 1.15, over=(4, 5))  # in the last film
 # a fish that swims: the hidden parameters are drawn around these points of the cube, one a parameter group
