@@ -20,7 +20,7 @@ Method = Literal[
     "line-search", "random", "warm-start", "cma-es", "bayesopt", "least-squares", "mujoco-sysid", "staged"
 ]  # fmt: skip
 METHODS: tuple[Method, ...] = get_args(Method)
-ProtocolName = Literal["aligned", "paper", "playback"]
+ProtocolName = Literal["motion", "aligned", "paper", "playback"]
 Start = Literal["speed", "rest"]
 Scale = Literal["log", "linear"]
 ScaleChoice = Literal["auto", "log", "linear"]
@@ -102,27 +102,41 @@ class VlmAccess:
             _finite("max_cost", self.max_cost, above=0.0, unit=" USD")
 
 
+def chooses_start(protocol: str) -> bool:
+    """Whether steady swims may begin at rest or at speed under a protocol."""
+    return protocol in ("motion", "aligned")
+
+
+def start_of(protocol: str, start: Start | None) -> Start:
+    """Where steady swims begin under a protocol; its own start where none is chosen."""
+    return start or ("rest" if protocol == "motion" else "speed")
+
+
 @dataclass(frozen=True, kw_only=True)
 class EvaluationSettings:
     """How parameters are compared with real trials.
 
     Attributes:
-        protocol: For steady swims. aligned: identified frequency, steady swim, phase, registration, lost tracks left
-            out. paper: none of these. Recordings have only playback, which needs no choice.
-        start: Where steady swims begin under protocol aligned. speed: at the real speed. rest: at rest, as the robot
-            did, so that no fit swims tail first from there; takes about half as long again.
+        protocol: For steady swims. motion: the whole motion, in the frame of the path, with the recoil of the head.
+            aligned: the body and its progress alone. Both have the identified frequency, a steady swim, phase and
+            registration, and leave lost tracks out. paper: none of these. Recordings have only playback, which needs
+            no choice.
+        start: Where steady swims begin. rest: at rest, as the robot did, so that no fit swims tail first from there;
+            takes about half as long again. speed: at the real speed. By default at rest under protocol motion, and at
+            the real speed under aligned.
         horizon: Seconds of each trial that are compared; 0 for all of it.
         threads: Trials simulated at a time; 0 for all cores. Results don't depend on it.
     """
 
     protocol: ProtocolName = "aligned"
-    start: Start = "speed"
+    start: Start | None = None
     horizon: float | None = HORIZON
     threads: int | None = None
 
     def __post_init__(self) -> None:
         _choice("protocol", self.protocol, get_args(ProtocolName))
-        _choice("start", self.start, get_args(Start))
+        if self.start is not None:
+            _choice("start", self.start, get_args(Start))
         object.__setattr__(self, "horizon", _horizon(self.horizon))
         object.__setattr__(self, "threads", all_cores(self.threads))
 
@@ -188,7 +202,7 @@ class ComparisonSettings:
         seeds: Numbers, and ranges without their end: 0:5 is 0 1 2 3 4.
         budget: Simulation evaluations of a run, the first included.
         protocols: As for calibrate; by default all that the robot's trials can be compared by.
-        start: As for calibrate: where steady swims begin under protocol aligned.
+        start: As for calibrate: where steady swims begin; by default each protocol's own.
         scale: Scales of the parameters, each a contestant of its own; auto: linear under protocol paper, log otherwise.
             METHOD+log and METHOD+linear choose it for one method.
         leave_one_out: Also run every method and seed once for each trial, with it left out of the fit, and evaluate on
@@ -204,7 +218,7 @@ class ComparisonSettings:
     seeds: tuple[int | str, ...] = ("0:5",)
     budget: int = 40
     protocols: tuple[ProtocolName, ...] = ()
-    start: Start = "speed"
+    start: Start | None = None
     scale: tuple[ScaleChoice, ...] = ("auto",)
     leave_one_out: bool = False
     horizon: float | None = HORIZON
@@ -217,7 +231,8 @@ class ComparisonSettings:
         _least("budget", self.budget, 1)
         for protocol in self.protocols:
             _choice("protocols", protocol, get_args(ProtocolName))
-        _choice("start", self.start, get_args(Start))
+        if self.start is not None:
+            _choice("start", self.start, get_args(Start))
         for scale in self.scale:
             _choice("scale", scale, get_args(ScaleChoice))
         object.__setattr__(self, "horizon", _horizon(self.horizon))

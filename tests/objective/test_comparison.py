@@ -4,11 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pools import hidden_values
 from swim2real.calibration import Problem
+from swim2real.demo import Camera, synthetic_reference
 from swim2real.errors import TrialError
 from swim2real.objective import FAILED_LOSS, Comparison, compare_steady, evidence, steady_target
 from swim2real.robots.fish import FISH
 from swim2real.trials import MarkerTrack, Trial, TrialSet
+from swim2real.trials.frames import composed
 
 FREQUENCY = 1.0
 REST = np.array([[0.0, 0.0], [0.2, 0.0], [0.5, 0.0]])
@@ -212,15 +215,58 @@ def test_the_published_parameters_have_their_known_figures(tracks, new_fluid_law
     assert figures["velocity_error"] == pytest.approx(19.4, abs=1.5)
 
 
-@pytest.mark.parametrize("protocol", ["aligned", "paper"])
+@pytest.fixture(scope="module")
+def whole_motion(pool) -> Comparison:
+    """The published fish against the pool, in the frame of the path."""
+    return Problem(FISH, pool, "motion").evaluate(FISH.space.published)
+
+
+def test_the_whole_motion_is_shape_recoil_and_progress(whole_motion):
+    for trial in whole_motion.trials:
+        real, simulated = trial.head_real, trial.head_simulated
+        turned = composed(trial.shape_residual, simulated.axes[:, None])
+        turned -= turned[:, :2].mean(axis=1, keepdims=True)  # of the head, on which the frame stands
+        behind = np.column_stack([real.progress - simulated.progress, np.zeros(len(trial.times))])
+        np.testing.assert_allclose(turned + trial.recoil_residual + behind[:, None], trial.motion_residual, atol=1e-12)
+
+
+def test_the_whole_motion_sees_what_the_body_frame_hides(whole_motion, pool):
+    figures = whole_motion.figures()
+    alone = Problem(FISH, pool, "aligned", start="rest").evaluate(FISH.space.published).figures()
+    assert figures["aligned_marker_error"] == alone["loss"]  # beside it, the same figure
+    assert figures["loss"] == figures["motion_error"] > figures["recoil_error"] > 0
+    for trial in figures["trials"].values():
+        assert trial["yaw_error"] == abs(trial["yaw_simulated"] - trial["yaw_real"])
+        assert trial["yaw_real_std"] < 0.1 * trial["yaw_real"]
+
+
+def test_a_swim_like_itself_has_no_motion_error(pool):
+    values = hidden_values()
+    perfect = Problem(FISH, synthetic_reference(FISH, values, (1.2,), 4.0, Camera(), 3), "motion").evaluate(values)
+    (trial,) = perfect.trials
+    assert trial.motion_error < 2e-3
+    assert abs(trial.head_simulated.yaw_beat.amplitude - trial.head_real.yaw_beat.amplitude) < 2e-3
+
+
+def test_tail_first_is_worse_than_anything_that_goes_forward_and_worse_the_faster(whole_motion):
+    def backward(speed: float) -> Comparison:
+        first, *others = whole_motion.trials
+        return replace(whole_motion, trials=(replace(first, velocity_simulated=-speed), *others))
+
+    assert not whole_motion.tail_first
+    assert backward(1e-4).tail_first
+    assert whole_motion.loss + 0.5 < backward(1e-4).loss < backward(0.01).loss < backward(0.1).loss
+
+
+@pytest.mark.parametrize("protocol", ["motion", "aligned", "paper"])
 def test_the_residual_vector_holds_what_the_loss_measures(pool, protocol):
     found = Problem(FISH, pool, protocol).evaluate(FISH.space.published)
     vector = found.residual_vector()
     assert np.isfinite(vector).all()
     squares = []
     for trial in found.trials:
-        residual = trial.residual if protocol == "aligned" else trial.swim_residual
-        counts = trial.weights > 0 if protocol == "aligned" else np.isfinite(residual).all(axis=2)
+        residual = {"motion": trial.motion_residual, "aligned": trial.residual, "paper": trial.swim_residual}[protocol]
+        counts = np.isfinite(residual).all(axis=2) if protocol == "paper" else trial.weights > 0
         squares.append(np.mean(np.square(residual[counts]).sum(axis=1)))
     assert np.sum(vector**2) == pytest.approx(np.mean(squares))
     assert np.sqrt(np.sum(vector**2)) >= found.loss  # a root mean square is no smaller than the mean

@@ -28,6 +28,10 @@ class Figures(_File):
 
     Attributes:
         loss: What is minimized [m].
+        motion_error: Mean distance in the frame of the path: shape, recoil and progress together [m].
+        recoil_error: Mean distance that differences in the head's yaw and sway make [m].
+        yaw_error: Difference of the amplitudes of the head's yaw [rad].
+        sway_error: Difference of the amplitudes of the head's sway [m].
         aligned_marker_error: Mean distance after phase and registration, difference in progress included [m].
         shape_error: The same without the difference in progress [m].
         progress_error: Mean difference of the way along the swim [m].
@@ -41,6 +45,10 @@ class Figures(_File):
     """
 
     loss: float | None = None
+    motion_error: float | None = None
+    recoil_error: float | None = None
+    yaw_error: float | None = None
+    sway_error: float | None = None
     aligned_marker_error: float | None = None
     shape_error: float | None = None
     progress_error: float | None = None
@@ -59,12 +67,20 @@ class TrialFigures(Figures):
     Attributes:
         velocity_real: Real forward speed [m/s].
         velocity_simulated: Simulated forward speed [m/s], negative when it goes tail first.
+        yaw_real: Amplitude of the real head's yaw at the beat [rad].
+        yaw_simulated: Amplitude of the simulated head's yaw [rad].
+        sway_real: Amplitude of the real head's sway at the beat [m].
+        sway_simulated: Amplitude of the simulated head's sway [m].
         frequency: Frequency of the simulated motor [Hz].
         phase: Motor angle at the first frame [rad].
         divergence: Why the simulation failed, or None.
     """
 
     velocity_real: float | None = None
+    yaw_real: float | None = None
+    yaw_simulated: float | None = None
+    sway_real: float | None = None
+    sway_simulated: float | None = None
     velocity_simulated: float | None = None
     frequency: float | None = None
     phase: float | None = None

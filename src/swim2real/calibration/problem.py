@@ -31,7 +31,7 @@ class Problem:
 
     def __init__(
         self, robot: Robot, reference: TrialSet, protocol: ProtocolName | Protocol[Any] = "aligned",
-        horizon: float | None = HORIZON, *, start: Start = "speed", threads: int | None = None,
+        horizon: float | None = HORIZON, *, start: Start | None = None, threads: int | None = None,
         simulator: ForwardModel[Any] | None = None,
     ) -> None:  # fmt: skip
         """Poses the problem of calibrating a robot against a reference.
@@ -41,7 +41,7 @@ class Problem:
             reference: The real trials.
             protocol: How trials are compared, by name or itself.
             horizon: Seconds of each trial that are compared, None for all.
-            start: Start of steady swims under protocol `aligned`.
+            start: Start of steady swims under the protocols `motion` and `aligned`; None for the protocol's own.
             threads: Trials simulated at a time, None for all cores.
             simulator: What simulates the robot's trials; None makes the protocol's own.
 

@@ -2,7 +2,7 @@
 
 A protocol says how a real trial is prepared (what is asked of the simulator, from which start, for how long; which
 marker-frames count; the real side of the comparison, worked out once) and how a simulated trial is matched with it.
-Steady swims are compared by `aligned` or `paper`, recordings by `playback`.
+Steady swims are compared by `motion`, `aligned` or `paper`, recordings by `playback`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from swim2real.objective import ComparedTrial, Target, compare_playback, compare
 from swim2real.objective.comparison import rounded
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
-from swim2real.settings import ProtocolName, Start
+from swim2real.settings import ProtocolName, Start, chooses_start, start_of
 from swim2real.simulation import ForwardModel, PlaybackSimulator, Simulator
 from swim2real.tracking import Beat, LostMarkers, TrackQuality, check_confidence, check_track, identify_beat
 from swim2real.trials import Actuation, Trial, TrialSet
@@ -50,9 +50,14 @@ class PreparedTrial:
 
 
 class Protocol(ABC, Generic[Model]):
-    """A way to compare trials."""
+    """A way to compare trials.
+
+    Attributes:
+        start: Where steady swims begin; `speed` where there is nothing to choose.
+    """
 
     name: ClassVar[ProtocolName]
+    start: Start = "speed"
 
     @abstractmethod
     def simulator(self, robot: Robot, threads: int | None = None) -> Model:
@@ -139,6 +144,7 @@ class _Steady(Protocol[Simulator]):
     """What the two protocols of steady swims share."""
 
     fit_phase: ClassVar[bool]
+    whole_motion: ClassVar[bool] = False
 
     def simulator(self, robot: Robot, threads: int | None = None) -> Simulator:
         return Simulator(robot, threads)
@@ -164,7 +170,9 @@ class _Steady(Protocol[Simulator]):
     def _prepared(self, swim: RealSwim, robot: Robot, simulator: Simulator, horizon: float | None) -> PreparedTrial:
         trial, actuation = swim.trial, self.actuation(swim)
         lead = actuation.period if self.fit_phase else 0.0  # a phase is looked for within one period
-        target = steady_target(trial, swim.quality.weights, actuation.frequency, swim.beat.frequency, horizon)
+        target = steady_target(
+            trial, swim.quality.weights, actuation.frequency, swim.beat.frequency, horizon, self.whole_motion
+        )
         request = simulator.request(trial, actuation, lead)
         return PreparedTrial(trial, target, request, actuation.period, swim.summary(robot.marker_names))
 
@@ -185,6 +193,16 @@ class Aligned(_Steady):
     def actuation(self, swim: RealSwim) -> Actuation:
         actuation = swim.beat.actuation
         return replace(actuation, start_speed=0.0) if self.start == "rest" else actuation
+
+
+@dataclass(frozen=True)
+class Motion(Aligned):
+    """As `Aligned`, but in the frame of the path, so that the recoil of the head counts; from rest by default."""
+
+    name: ClassVar[ProtocolName] = "motion"
+    whole_motion: ClassVar[bool] = True
+
+    start: Start = "rest"
 
 
 class Paper(_Steady):
@@ -240,29 +258,32 @@ class Playback(Protocol[PlaybackSimulator]):
         return PreparedTrial(trial, target, simulator.request(cut, weights), cut.track.duration, summary)
 
 
-def protocol_for(robot: Robot, name: ProtocolName, start: Start = "speed") -> Protocol[Any]:
-    """The protocol of a name, for the trials of a robot; `aligned` means `playback` where trials are recordings.
+def protocol_for(robot: Robot, name: ProtocolName, start: Start | None = None) -> Protocol[Any]:
+    """The protocol of a name, for the trials of a robot; all but `paper` mean `playback` where trials are recordings.
 
     Args:
         robot: The robot that is calibrated.
         name: Name of the protocol.
-        start: Start of steady swims under protocol `aligned`.
+        start: Start of steady swims under the protocols `motion` and `aligned`; None for the protocol's own.
 
     Raises:
         ArgumentError: The robot's trials can't be compared like that.
     """
     allowed = robot.trials.protocols
     if name not in allowed:
-        if name != "aligned":
+        if name == "paper":
             raise ArgumentError(
                 f"protocol is '{name}'; the trials of robot '{robot.name}' are {robot.trials.description}, which are "
                 f"compared by protocol {' or '.join(allowed)}"
             )
         name = allowed[0]
-    if start != "speed" and name != "aligned":
-        raise ArgumentError(f"start is '{start}', which is for steady swims under protocol aligned, not {name}")
-    protocols: dict[ProtocolName, Protocol[Any]] = {"aligned": Aligned(start), "paper": Paper(), "playback": Playback()}
-    return protocols[name]
+    if chooses_start(name):
+        return (Motion if name == "motion" else Aligned)(start_of(name, start))
+    if start == "rest":
+        raise ArgumentError(
+            f"start is '{start}', which is for steady swims under protocol motion or aligned, not {name}"
+        )
+    return Paper() if name == "paper" else Playback()
 
 
 def _summary(

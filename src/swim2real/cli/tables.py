@@ -42,6 +42,9 @@ def number(value: float | None) -> str:
 
 # of all trials and of each: what is shown where there is such a figure
 _OVERALL = (
+    ("motion error", "motion_error"),
+    ("  recoil of the head", "recoil_error"),
+    ("  sway", "sway_error"),
     ("marker error (paper's Eq. 1)", "marker_error"),
     ("aligned marker error", "aligned_marker_error"),
     ("  shape", "shape_error"),
@@ -52,6 +55,12 @@ _PER_TRIAL = (
     ("beat Hz", "frequency", "{:.3f}".format),
     ("v real", "velocity_real", millimeters),
     ("v sim", "velocity_simulated", millimeters),
+    ("motion", "motion_error", millimeters),
+    ("recoil", "recoil_error", millimeters),
+    ("yaw real", "yaw_real", degrees),
+    ("sim deg", "yaw_simulated", degrees),
+    ("sway real", "sway_real", millimeters),
+    ("sim", "sway_simulated", millimeters),
     ("Eq. 1", "marker_error", millimeters),
     ("aligned", "aligned_marker_error", millimeters),
     ("shape", "shape_error", millimeters),
@@ -88,6 +97,8 @@ def figures(content: Mapping[str, Any], title: str) -> None:
         rows.append(("lost tracks would add", millimeters(added) + " mm"))
     if "velocity_error" in content:
         rows.append(("velocity error", millimeters(content["velocity_error"]) + " mm/s"))
+    if "yaw_error" in content:
+        rows.append(("yaw error", degrees(content["yaw_error"]) + " deg"))
     if "heading_error" in content:
         rows.append(("heading error", degrees(content["heading_error"]) + " deg"))
     rows += [(f"{name} (own unit)", number(content["sensor_errors"][name])) for name in sensors]

@@ -18,7 +18,15 @@ from swim2real.comparison.contestants import Contestant, folder_name
 from swim2real.errors import ArgumentError, RunError
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
-from swim2real.settings import HORIZON, BriefingSettings, CalibrationSettings, ProtocolName, Start
+from swim2real.settings import (
+    HORIZON,
+    BriefingSettings,
+    CalibrationSettings,
+    ProtocolName,
+    Start,
+    chooses_start,
+    start_of,
+)
 from swim2real.simulation import Engine
 from swim2real.store import write_json
 from swim2real.trials import TrialSet
@@ -72,7 +80,7 @@ class Plan:
         versions: Versions of the libraries that the numbers depend on.
         robot_fingerprint: Fingerprint of the robot file; None for a robot known by its name.
         sensors: Units of the sensors that are compared, by name.
-        start: Where steady swims begin under protocol aligned.
+        start: Where steady swims begin; None for each protocol's own.
         format: Version of the file's format.
     """
 
@@ -92,7 +100,7 @@ class Plan:
     versions: Mapping[str, str] = field(default_factory=versions)
     robot_fingerprint: str | None = None
     sensors: Mapping[str, str] = field(default_factory=dict[str, str])
-    start: Start = "speed"
+    start: Start | None = None
     format: Literal[1] = FORMAT
 
     def __post_init__(self) -> None:
@@ -100,9 +108,9 @@ class Plan:
             raise ArgumentError("a comparison needs at least one method, one seed and one protocol")
         if self.leave_one_out and len(self.trials) < 2:
             raise ArgumentError(f"leave-one-out needs at least 2 trials; the reference has {', '.join(self.trials)}")
-        if self.start != "speed" and "aligned" not in self.protocols:
+        if self.start == "rest" and not any(chooses_start(protocol) for protocol in self.protocols):
             raise ArgumentError(
-                f"start is '{self.start}', which is for steady swims under protocol aligned; "
+                f"start is '{self.start}', which is for steady swims under protocol motion or aligned; "
                 f"this comparison has {', '.join(self.protocols)}"
             )
         self.jobs(".")  # settings that can't be are refused here
@@ -123,7 +131,7 @@ class Plan:
                             method=contestant.method, advisor=contestant.advisor, protocol=protocol,
                             budget=self.budget, seed=seed, scale=contestant.scale or "auto",
                             max_steps=contestant.max_steps, horizon=self.horizon,
-                            start=self.start if protocol == "aligned" else "speed",
+                            start=self.start if chooses_start(protocol) else None,
                             hold_out=() if trial is None else (trial,), briefing=self.briefing, threads=1,
                         )  # fmt: skip
                         jobs[key] = Job(key, runs / key, label, settings)
@@ -154,7 +162,10 @@ class Plan:
             ("robot file", before.robot_fingerprint, self.robot_fingerprint),
             ("engine", _describe_engine(before.engine), _describe_engine(self.engine)),
             ("horizon", before.horizon, self.horizon),
-            ("start", before.start, self.start),
+            *(
+                (f"start under protocol {protocol}", start_of(protocol, before.start), start_of(protocol, self.start))
+                for protocol in before.protocols
+            ),
         ]
         if any(asks_a_vlm(contestant.advisor) for contestant in (*before.contestants, *self.contestants)):
             fixed.append(("briefing", asdict(before.briefing), asdict(self.briefing)))
@@ -194,7 +205,7 @@ class Plan:
 def make_plan(
     contestants: Sequence[Contestant], seeds: Sequence[int], protocols: Sequence[ProtocolName], budget: int,
     reference: TrialSet, robot: Robot, *, leave_one_out: bool = False, horizon: float | None = HORIZON,
-    briefing: BriefingSettings | None = None, source: str = "", start: Start = "speed",
+    briefing: BriefingSettings | None = None, source: str = "", start: Start | None = None,
 ) -> Plan:  # fmt: skip
     """The plan of a comparison of contestants on a reference, as `Plan` describes it.
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-MarkerKind = Literal["marker", "aligned", "shape"]
+MarkerKind = Literal["motion", "marker", "aligned", "shape"]
 
 SENSORS = "sensor_errors"
 
@@ -66,6 +66,13 @@ _SWIM_FIGURES = (
     FitFigure("velocity_error", "Velocity error (mm/s)"),
     FitFigure("static_offset", "Static offset (mm)"),
 )
+_MOTION_FIGURES = (
+    FitFigure("motion_error", "Motion error (mm)"),
+    FitFigure("recoil_error", "Recoil error (mm)"),
+    FitFigure("yaw_error", "Yaw error (°)", 180 / math.pi),
+    FitFigure("sway_error", "Sway error (mm)"),
+    *_SWIM_FIGURES[1:],
+)
 _PLAYBACK_FIGURES = (
     FitFigure("aligned_marker_error", "Marker error (mm)"),
     FitFigure("shape_error", "Shape error (mm)"),
@@ -75,6 +82,11 @@ _PLAYBACK_FIGURES = (
 _HEAD_TO_TAIL = ("Error from head to tail", "marker, head to tail")
 
 PROTOCOLS: Mapping[str, ProtocolDescription] = {
+    "motion": ProtocolDescription(
+        "motion error", "motion_error", _MOTION_FIGURES,
+        (("motion", "in the frame of the path"), ("aligned", "in the body frame"), ("shape", "shape alone")),
+        *_HEAD_TO_TAIL, "Registration takes a static offset of each marker and trial out.", True,
+    ),
     "aligned": ProtocolDescription(
         "aligned marker error", "aligned_marker_error", _SWIM_FIGURES,
         (("marker", "not registered (Eq. 1)"), ("aligned", "registered"), ("shape", "registered, shape alone")),

@@ -30,7 +30,12 @@ Figure = Literal["final", "auc"]
 ERRORS = (0.1, 0.05, 0.03, 0.02, 0.016)  # m, that a method should reach
 _RESAMPLES = 10_000
 _LEVEL = 0.95
-_MARKER_KEYS = {"marker": "marker_errors", "aligned": "aligned_marker_errors", "shape": "shape_marker_errors"}
+_MARKER_KEYS = {
+    "motion": "motion_marker_errors",
+    "marker": "marker_errors",
+    "aligned": "aligned_marker_errors",
+    "shape": "shape_marker_errors",
+}
 
 
 @dataclass(frozen=True)

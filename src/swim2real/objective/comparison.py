@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.objective.trial import AVERAGED, FAILED_LOSS, ComparedTrial
+from swim2real.objective.trial import AVERAGED, FAILED_LOSS, TAIL_FIRST_LOSS, ComparedTrial
 
 Array = NDArray[np.float64]
 
@@ -38,11 +38,21 @@ class Comparison:
         return next((f"trial '{t.name}': {t.divergence}" for t in self.trials if t.divergence), None)
 
     @property
+    def tail_first(self) -> bool:
+        """Whether any trial whose whole motion is compared is simulated tail first."""
+        return any(trial.tail_first for trial in self.trials)
+
+    @property
     def loss(self) -> float:
-        """What is minimized [m]; `FAILED_LOSS` when any simulation diverged."""
+        """What is minimized [m]; `FAILED_LOSS` when any simulation diverged.
+
+        Where any trial goes tail first `TAIL_FIRST_LOSS` is added, so that no such candidate is better than one that
+        goes forward. Among them the loss falls the nearer they are to forward, as each trial's own does.
+        """
         if self.divergence is not None:
             return FAILED_LOSS
-        return float(np.mean([trial.loss for trial in self.trials] + [0.0] * self.skipped))
+        loss = float(np.mean([trial.loss for trial in self.trials] + [0.0] * self.skipped))
+        return loss + TAIL_FIRST_LOSS if self.tail_first else loss
 
     @property
     def lower_bound(self) -> bool:

@@ -8,35 +8,38 @@ from scipy.interpolate import CubicSpline
 
 from swim2real.errors import TrialError
 from swim2real.objective.alignment import align, register
+from swim2real.objective.head import head_motion
 from swim2real.objective.target import SensorTarget, Target, framed_progress
-from swim2real.objective.trial import ComparedSensor, ComparedTrial
+from swim2real.objective.trial import ComparedSensor, ComparedTrial, LossFigure
 from swim2real.trials import MarkerTrack, Trial, frames
 
 Array = NDArray[np.float64]
 
 
 def compare_steady(target: Target, simulated: Trial, *, fit_phase: bool = True) -> ComparedTrial:
-    """Compares a steady swim in the body frame.
+    """Compares a steady swim in the body frame, and in the frame of its path where the target has one.
 
     Args:
         target: The real swim, as `steady_target` makes it.
         simulated: The simulated swim from motor angle 0 on; it covers the trial, and one period more to fit a phase.
-        fit_phase: Whether phase and registration are fitted and the loss is the aligned error; otherwise both are
-            zero, as the paper's text has it, and the loss is its Eq. 1.
+        fit_phase: Whether phase and registration are fitted and the loss is the motion error, or the aligned error
+            without a path; otherwise both are zero, as the paper's text has it, and the loss is its Eq. 1.
 
     Raises:
         TrialError: It was simulated for too short a time.
     """
     if target.frequency is None or target.swim is None:
         raise TrialError(f"trial '{target.name}' has no beat; it can't be compared as a steady swim")
-    loss_figure = "aligned_marker_error" if fit_phase else "marker_error"
+    loss_figure: LossFigure = "marker_error"
+    if fit_phase:
+        loss_figure = "aligned_marker_error" if target.head is None else "motion_error"
     kept, motionless = len(target.times), np.zeros(target.real.shape[1:])
     if simulated.divergence is not None:
         nothing = np.full_like(target.real, np.nan)
         return ComparedTrial(
             target.name, loss_figure, target.times, target.weights, target.real, nothing, motionless, target.path,
             nothing, target.frame, target.progress, np.full(kept, np.nan), target.velocity, float("nan"), (),
-            target.frequency, target.beat_frequency, 0.0, 0.0, nothing, simulated.divergence,
+            target.frequency, target.beat_frequency, 0.0, 0.0, nothing, target.head, None, simulated.divergence,
         )  # fmt: skip
     period = 1 / target.frequency
     lead = period if fit_phase else 0.0
@@ -57,6 +60,9 @@ def compare_steady(target: Target, simulated: Trial, *, fit_phase: bool = True) 
         target.sample_times, CubicSpline(sim_times, simulated.track.positions)(target.sample_times + shift)
     )
     body_simulated = sampled.body[:kept]
+    head = None
+    if target.head is not None:
+        head = head_motion(sampled.times, sampled.positions, target.frequency).until(kept)
     offsets = registration if fit_phase else register(target.real - body_simulated, target.weights)
     return ComparedTrial(
         name=target.name,
@@ -78,6 +84,8 @@ def compare_steady(target: Target, simulated: Trial, *, fit_phase: bool = True) 
         phase=2 * np.pi * target.frequency * shift,
         static_offset=float(np.linalg.norm(offsets, axis=1).mean()),
         swim_residual=(sampled.swim - target.swim)[:kept],
+        head_real=target.head,
+        head_simulated=head,
     )
 
 

@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
+from swim2real.objective.head import HeadMotion, head_motion
 from swim2real.trials import Signals, Trial, frames
 
 Array = NDArray[np.float64]
+
+SHARPEST = np.deg2rad(10.0)  # RMS of a heading that neither the beat nor a slow turn explain
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,7 @@ class Target:
         frequency: Frequency at which the simulated motor turns in a trial with a beat [Hz].
         beat_frequency: Frequency of the real beat [Hz]; None for the same.
         swim: Positions in the swim frame at all sample times [m]; None where there is none. Shape (S, M, 2).
+        head: Motion of the head about its path, where it is compared; at the times that are compared.
     """
 
     trial: Trial
@@ -64,6 +68,7 @@ class Target:
     frequency: float | None = None
     beat_frequency: float | None = None
     swim: Array | None = None
+    head: HeadMotion | None = None
 
     @property
     def name(self) -> str:
@@ -72,9 +77,10 @@ class Target:
 
 
 def steady_target(
-    trial: Trial, weights: Array, frequency: float, beat_frequency: float | None = None, horizon: float | None = None
-) -> Target:
-    """A steady swim, compared in the body frame. Its speed and its axis are those of the whole trial.
+    trial: Trial, weights: Array, frequency: float, beat_frequency: float | None = None,
+    horizon: float | None = None, whole_motion: bool = False,
+) -> Target:  # fmt: skip
+    """A steady swim, compared in the body frame. Its speed, its axis and its path are those of the whole trial.
 
     Args:
         trial: The real swim.
@@ -82,15 +88,39 @@ def steady_target(
         frequency: Frequency at which the simulated motor turns [Hz].
         beat_frequency: Frequency of the real beat [Hz]; None for the same.
         horizon: Seconds that are compared, None for all.
+        whole_motion: Whether the motion of the head about its path is compared as well.
+
+    Raises:
+        TrialError: The head's path can't be told from its motion about it.
     """
     track = trial.track
     times, body = track.times - track.times[0], track.body
     kept = trial.cut(horizon).track.frame_count
     counted = np.where(np.isfinite(body).all(axis=2), weights, 0.0)[:kept]
+    head = None
+    if whole_motion:
+        seen = np.where(framed(weights, frames.HEAD)[:, None, None], track.positions, np.nan)
+        head = _path(trial.name, times, seen, beat_frequency or frequency).until(kept)
     return Target(
         trial, times, times[:kept], counted, body[:kept], track.course[:kept], frames.HEAD, track.progress[:kept],
-        track.speed, (), frequency, beat_frequency, track.swim,
+        track.speed, (), frequency, beat_frequency, track.swim, head,
     )  # fmt: skip
+
+
+def _path(name: str, times: Array, positions: Array, frequency: float) -> HeadMotion:
+    """The motion of a real head about its path, if there is such a thing."""
+    try:
+        head = head_motion(times, positions, frequency)
+    except TrialError as error:
+        raise TrialError(f"trial '{name}': {error}") from error
+    if head.wander > SHARPEST:
+        raise TrialError(
+            f"trial '{name}': its course turns sharply: beside the beat and a steady turn of "
+            f"{np.rad2deg(head.turn_rate):.1f} deg/s its heading varies by {np.rad2deg(head.wander):.0f} deg, and "
+            f"protocol motion allows {np.rad2deg(SHARPEST):.0f}; cut it to where it swims straight, or use protocol "
+            f"aligned"
+        )
+    return head
 
 
 def playback_target(

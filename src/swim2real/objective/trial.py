@@ -6,7 +6,7 @@ sensors. Figures in SI.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -14,16 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.objective.alignment import weighted_distance
+from swim2real.objective.head import HeadMotion, Oscillation
 from swim2real.objective.motion import beat, finite_mean, main_amplitudes, windowed_means, windows
 from swim2real.objective.target import framed
 from swim2real.trials import frames
 
 Array = NDArray[np.float64]
-LossFigure = Literal["aligned_marker_error", "marker_error"]
+LossFigure = Literal["motion_error", "aligned_marker_error", "marker_error"]
 
 FAILED_LOSS = 1.0  # m, the loss of a simulation that diverged: finite and of physical size
+TAIL_FIRST_LOSS = 0.5  # m, more than the loss of anything that goes forward, whatever it is
 
 AVERAGED = (
+    "motion_error",
+    "recoil_error",
+    "yaw_error",
+    "sway_error",
     "marker_error",
     "aligned_marker_error",
     "shape_error",
@@ -97,6 +103,8 @@ class ComparedTrial:
         static_offset: Mean length of the registration vectors, whether they are used or not [m]; None in a trial that
             isn't registered.
         swim_residual: Simulated minus real in the swim frame [m]; None where there is no such frame. Shape (T, M, 2).
+        head_real: Real motion of the head about its path; None where it isn't compared.
+        head_simulated: Simulated motion of the head; None as well when the simulation diverged.
         divergence: Why the simulation failed, or None.
     """
 
@@ -120,6 +128,8 @@ class ComparedTrial:
     phase: float | None = None
     static_offset: float | None = None
     swim_residual: Array | None = None
+    head_real: HeadMotion | None = None
+    head_simulated: HeadMotion | None = None
     divergence: str | None = None
 
     @cached_property
@@ -135,12 +145,41 @@ class ComparedTrial:
         behind = self.progress_real - self.progress_simulated  # a robot moves toward -x of its frame
         return self.shape_residual + np.stack([behind, np.zeros_like(behind)], axis=1)[:, None]
 
+    @cached_property
+    def motion_residual(self) -> Array:
+        """Simulated minus real in the frame of the path, registered [m]; NaN without one. Shape (T, M, 2).
+
+        It is the sum of the shape residual, turned by the simulated yaw, of the recoil residual, and of the difference
+        in progress. The registration turns with the body.
+        """
+        if self.head_real is None or self.head_simulated is None:
+            return np.full_like(self.real, np.nan)
+        return self.head_simulated.to_path(self.simulated + self.registration) - self.head_real.to_path(self.real)
+
+    @cached_property
+    def recoil_residual(self) -> Array:
+        """What the difference in yaw and sway alone moves the real markers by [m]; NaN without a path. (T, M, 2)."""
+        if self.head_real is None or self.head_simulated is None:
+            return np.full_like(self.real, np.nan)
+        swayed = replace(self.head_simulated, progress=self.head_real.progress)
+        return swayed.to_path(self.real) - self.head_real.to_path(self.real)
+
+    @property
+    def tail_first(self) -> bool:
+        """Whether a trial whose whole motion is compared is simulated tail first."""
+        return self.head_simulated is not None and (self.velocity_simulated or 0.0) < 0
+
     @property
     def loss(self) -> float:
-        """What the trial adds to the loss before the mean over trials [m]; never negative."""
+        """What the trial adds to the loss before the mean over trials [m]; never negative.
+
+        Where the whole motion is compared, the mean way that the simulation goes tail first is added once more.
+        """
         if self.divergence is not None:
             return FAILED_LOSS
         markers: float = getattr(self, self.loss_figure)
+        if self.tail_first:
+            markers += -(self.velocity_simulated or 0.0) * float(self.times[-1] - self.times[0]) / 2
         return markers + sum(sensor.meters_per_unit * sensor.error for sensor in self.sensors)
 
     def residual_vector(self) -> Array:
@@ -150,7 +189,9 @@ class ComparedTrial:
         sensors' part zero. Shape (2 T M + sensors' rows,), the same for every candidate.
         """
         residual, weights = self.residual, self.weights
-        if self.loss_figure == "marker_error" and self.swim_residual is not None:
+        if self.loss_figure == "motion_error":
+            residual = self.motion_residual
+        elif self.loss_figure == "marker_error" and self.swim_residual is not None:
             residual, weights = self.swim_residual, np.ones_like(self.weights)
         if self.divergence is None:
             weights = np.where(np.isfinite(residual).all(axis=2), weights, 0.0)
@@ -174,6 +215,16 @@ class ComparedTrial:
         if self.divergence is not None:
             return FAILED_LOSS
         return float("nan") if self.swim_residual is None else _mean_length(self.swim_residual)
+
+    @cached_property
+    def motion_error(self) -> float:
+        """Weighted mean distance in the frame of the path, registered: shape, recoil and progress together [m]."""
+        return self._distance(self.motion_residual, self.weights)
+
+    @cached_property
+    def recoil_error(self) -> float:
+        """Weighted mean distance that differences in yaw and sway make [m]."""
+        return self._distance(self.recoil_residual, self.weights)
 
     @cached_property
     def aligned_marker_error(self) -> float:
@@ -221,15 +272,19 @@ class ComparedTrial:
         """Share of marker positions that don't count."""
         return float(1 - np.mean(self.weights > 0))
 
-    def marker_errors(self, kind: Literal["marker", "aligned", "shape"]) -> Array:
+    def marker_errors(self, kind: Literal["motion", "marker", "aligned", "shape"]) -> Array:
         """Mean error of each marker [m], NaN for a marker that never counts. Shape (M,).
 
         Args:
-            kind: `aligned` and `shape` are the markers' parts of the figures of these names, `marker` of Eq. 1.
+            kind: `motion`, `aligned` and `shape` are the markers' parts of the figures of these names, `marker` of
+                Eq. 1.
         """
         if self.divergence is not None:
             return np.full(self.weights.shape[1], FAILED_LOSS)
-        residuals = {"marker": self.swim_residual, "aligned": self.residual, "shape": self.shape_residual}
+        residuals = {
+            "motion": self.motion_residual, "marker": self.swim_residual, "aligned": self.residual,
+            "shape": self.shape_residual,
+        }  # fmt: skip
         residual = residuals[kind]
         if residual is None:
             return np.full(self.weights.shape[1], np.nan)
@@ -241,7 +296,7 @@ class ComparedTrial:
 
     def figures(self) -> dict[str, Any]:
         """Every figure that the trial has; those of a simulation that diverged are `FAILED_LOSS` or NaN."""
-        figures: dict[str, Any] = {}
+        figures: dict[str, Any] = self._recoil()
         if self.swim_residual is not None:
             figures["marker_error"] = self.marker_error
         figures["aligned_marker_error"] = self.aligned_marker_error
@@ -273,6 +328,8 @@ class ComparedTrial:
         and of all `sensors` [unit].
         """
         evidence: dict[str, Any] = {}
+        if self.head_real is not None:
+            evidence["motion_marker_errors"] = self.marker_errors("motion")
         if self.swim_residual is not None:
             evidence["marker_errors"] = self.marker_errors("marker")
         evidence["aligned_marker_errors"] = self.marker_errors("aligned")
@@ -294,6 +351,22 @@ class ComparedTrial:
             "sensors": {sensor.name: windowed_means(sensor.times, sensor.residual, edges) for sensor in self.sensors},
         }
         return evidence
+
+    def _recoil(self) -> dict[str, Any]:
+        """Figures of the whole motion; those of the simulated head are NaN when the simulation diverged."""
+        if self.head_real is None:
+            return {}
+        figures: dict[str, Any] = {"motion_error": self.motion_error, "recoil_error": self.recoil_error}
+        nothing = Oscillation(float("nan"), float("nan"), float("nan"))
+        turn = float("nan") if self.head_simulated is None else self.head_simulated.turn_rate
+        for name in ("yaw", "sway"):
+            real: Oscillation = getattr(self.head_real, f"{name}_beat")
+            simulated: Oscillation = getattr(self.head_simulated, f"{name}_beat", nothing)
+            figures[f"{name}_error"] = abs(simulated.amplitude - real.amplitude)
+            figures[f"{name}_real"], figures[f"{name}_simulated"] = real.amplitude, simulated.amplitude
+            figures[f"{name}_real_std"], figures[f"{name}_simulated_std"] = real.std, simulated.std
+            figures[f"{name}_lag"] = float(np.angle(np.exp(1j * (simulated.phase - real.phase))))
+        return {**figures, "turn_rate_real": self.head_real.turn_rate, "turn_rate_simulated": turn}
 
     def _distance(self, residual: Array, weights: Array) -> float:
         return FAILED_LOSS if self.divergence is not None else weighted_distance(residual, weights)

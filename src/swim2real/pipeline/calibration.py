@@ -68,6 +68,7 @@ def calibrate(
         **({} if robot.source is None else {"robot_fingerprint": fingerprint(robot.source)}),
         **asdict(settings),
         "protocol": problem.protocol.name,
+        "start": problem.protocol.start,
         "scale": settings.resolved_scale,
         "briefing": asdict(settings.briefing) if asks_a_vlm(settings.advisor) else None,
         "hold_out": sorted(out.name for out in unseen or ()),

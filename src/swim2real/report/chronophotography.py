@@ -67,7 +67,7 @@ def chronophotography(
     for (words, one), swim in zip(chosen, swims, strict=True):
         run = one.typical_run()
         figures = run.fit["trials"][swim.name]
-        error = 1e3 * figures["aligned_marker_error" if one.protocol == "aligned" else "marker_error"]
+        error = 1e3 * figures[one.description.trial_loss]
         label = f"{words}: {one.method} (seed {run.seed}), {error:.0f} mm"
         bodies = moments(swim, swim.simulated, swim.progress_simulated, frames, seen=False)
         lanes.append(Lane(label, styles[one.method].light, bodies))

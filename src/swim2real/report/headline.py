@@ -11,7 +11,7 @@ from swim2real.report.units import NOTHING, mm, percent, significant, text
 from swim2real.robots.robot import Sensor
 
 _SENSOR = "sensor_errors"
-_LARGE = ("loss", "aligned_marker_error", "shape_error", "velocity_error")
+_LARGE = ("loss", "motion_error", "recoil_error", "aligned_marker_error", "shape_error", "velocity_error")
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,15 @@ def split(run: ReportedRun) -> tuple[SplitRow, ...]:
     if trials.sensors:
         meaning = "The marker error, and what the errors of the sensors count as; this is minimized."
         add_length("Playback error", "loss", meaning, main=True)
+    add_length(
+        "Motion", "motion_error",
+        "Mean distance between simulated and real markers in the frame of the path, once phase and placement of the "
+        "markers are accounted for: shape, recoil and progress together.", main=True,
+    )  # fmt: skip
+    add_length("Recoil", "recoil_error", "What differences in the yaw and the sway of the head move markers by.")
+    if run.has("yaw_error"):
+        add("Yaw", "yaw_error", _angle("yaw_error"), "Mean difference in the amplitude of the head's yaw.")
+    add_length("Sway", "sway_error", "Mean difference in the amplitude of the head's sway.")
     label = "Aligned marker error" if run.registered else "Marker error"
     add_length(label, "aligned_marker_error", _meaning(run), main=True)
     if run.has_progress:
@@ -96,7 +105,7 @@ def split(run: ReportedRun) -> tuple[SplitRow, ...]:
     add_length("Speed", "velocity_error", "Mean difference in speed along the line of travel.", "mm/s")
     if run.has("heading_error"):
         meaning = "Mean difference in the turn since the first frame. Reported, not counted above."
-        add("Heading", "heading_error", _heading, meaning)
+        add("Heading", "heading_error", _angle("heading_error"), meaning)
     add_length(
         "Registration", "static_offset",
         "Markers are placed by hand: mean constant shift of a marker against its place in the simulation. Reported, "
@@ -163,8 +172,13 @@ def _reading(sensor: Sensor) -> Callable[[Json], str]:
     return shown
 
 
-def _heading(figures: Json) -> str:
-    if diverged(figures):
-        return "diverged"
-    value = text(figures.get("heading_error"), 1, 180 / math.pi)
-    return value if value == NOTHING else f"{value}°"
+def _angle(name: str) -> Callable[[Json], str]:
+    """Shows a figure in degrees."""
+
+    def shown(figures: Json) -> str:
+        if diverged(figures):
+            return "diverged"
+        value = text(figures.get(name), 1, 180 / math.pi)
+        return value if value == NOTHING else f"{value}°"
+
+    return shown

@@ -136,7 +136,7 @@ class SteadySwims:
 
     kind: ClassVar[Literal["swims", "recordings"]] = "swims"
     description: ClassVar[str] = "steady swims"
-    protocols: ClassVar[tuple[ProtocolName, ...]] = ("aligned", "paper")
+    protocols: ClassVar[tuple[ProtocolName, ...]] = ("motion", "aligned", "paper")
     frame: ClassVar[tuple[int, int] | None] = (0, 1)
     score_progress: ClassVar[bool] = True
     nearly_straight: ClassVar[bool] = True

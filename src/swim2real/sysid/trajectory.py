@@ -104,7 +104,7 @@ def _beginnings(problem: Problem, model: mujoco.MjModel, values: Values) -> Sequ
     match problem.protocol.name:
         case "playback":
             return [_of_recording(problem, model, prepared.request, prepared.target) for prepared in problem.prepared]
-        case "aligned":
+        case "motion" | "aligned":
             comparison = problem.evaluate(values)
             if comparison.divergence:
                 raise EngineError(f"{comparison.divergence}; export other values")
@@ -114,7 +114,7 @@ def _beginnings(problem: Problem, model: mujoco.MjModel, values: Values) -> Sequ
                 for prepared, compared in pairs
             ]
         case other:
-            raise ArgumentError(f"protocol is '{other}'; swims for the toolbox need 'aligned'")
+            raise ArgumentError(f"protocol is '{other}'; swims for the toolbox need 'motion' or 'aligned'")
 
 
 def _of_recording(problem: Problem, model: mujoco.MjModel, rollout: Rollout, target: Target) -> _Beginning:

@@ -27,16 +27,21 @@ def body_axes(positions: Array, pair: Pair = HEAD) -> Array:
         return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
 
-def _rotate(vectors: Array, axes: Array) -> Array:
+def components(vectors: Array, axes: Array) -> Array:
     """Components of vectors along the axes and to their left. Shapes (..., 2)."""
     along = vectors[..., 0] * axes[..., 0] + vectors[..., 1] * axes[..., 1]
     left = vectors[..., 1] * axes[..., 0] - vectors[..., 0] * axes[..., 1]
     return np.stack([along, left], axis=-1)
 
 
+def composed(along_and_left: Array, axes: Array) -> Array:
+    """The vectors that have these components along the axes and to their left. Shapes (..., 2)."""
+    return components(along_and_left, axes * np.array([1.0, -1.0]))
+
+
 def to_body(positions: Array, pair: Pair = HEAD) -> Array:
     """Body frame: origin at the first marker of the pair, x axis toward the second [m]. Shape (T, M, 2)."""
-    return _rotate(positions - positions[:, pair[0], None], body_axes(positions, pair)[:, None])
+    return components(positions - positions[:, pair[0], None], body_axes(positions, pair)[:, None])
 
 
 def to_swim(positions: Array) -> Array:
@@ -49,7 +54,7 @@ def to_swim(positions: Array) -> Array:
     seen = np.flatnonzero(np.isfinite(head).all(axis=1))
     path = np.full_like(head, np.nan)
     if seen.size:
-        steps = _rotate(np.diff(head[seen], axis=0), body_axes(positions)[seen[1:]])
+        steps = components(np.diff(head[seen], axis=0), body_axes(positions)[seen[1:]])
         path[seen] = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     body = to_body(positions)
     return body - heads(body)[:, None] + path[:, None]
@@ -63,7 +68,7 @@ def to_course(times: Array, positions: Array) -> Array:
     head = heads(positions)
     seen = np.flatnonzero(np.isfinite(head).all(axis=1))
     start = head[seen[0]] if seen.size else np.zeros(2)
-    return _rotate(positions - start, -swimming_axis(times, positions))
+    return components(positions - start, -swimming_axis(times, positions))
 
 
 def slope(times: Array, values: Array) -> float:

@@ -62,7 +62,7 @@ def _loss(robot: Robot, protocol: str) -> list[str]:
         )
         sentences.append(f"The mean error of each sensor is added: {weights}.")
     sentences.append("Lost tracks don't count.")
-    if protocol == "aligned":
+    if protocol in ("motion", "aligned"):
         sentences.append(
             "The motor's angle at the start is fitted, and static offsets of the markers don't count. The simulated "
             "robot is in its steady motion from the start."

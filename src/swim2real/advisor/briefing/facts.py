@@ -124,7 +124,7 @@ def _markers(content: Facts, protocol: str, names: Sequence[str]) -> list[dict[s
         amplitude = {"real": real["amplitude"][i], "simulated": simulated["amplitude"][i]}
         phase = {"real": real["phase"][i], "simulated": simulated["phase"][i]}
         ratio = _ratio(amplitude["real"], amplitude["simulated"], beats, widest)
-        in_step = ratio is not None and protocol == "aligned" and None not in phase.values()
+        in_step = ratio is not None and protocol in ("motion", "aligned") and None not in phase.values()
         markers.append(
             {
                 "name": name,
