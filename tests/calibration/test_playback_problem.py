@@ -65,7 +65,9 @@ def test_the_robot_decides_what_problem_it_is(problem):
     assert str(caught.value) == (
         "protocol is 'paper'; the trials of robot 'pendulum' are recordings, which are compared by protocol playback"
     )
-    with pytest.raises(ArgumentError, match="are steady swims, which are compared by protocol aligned or paper"):
+    with pytest.raises(
+        ArgumentError, match="are steady swims, which are compared by protocol motion or aligned or paper"
+    ):
         protocol_for(FISH, "playback")
 
 

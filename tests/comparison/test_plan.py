@@ -41,19 +41,23 @@ def test_recordings_have_one_protocol_and_the_units_of_their_sensors(pool):
     plan = make_plan(contestants(["random"]), [0], [], 3, pendulum_reference(), PENDULUM)
     assert (plan.protocols, plan.sensors) == (("playback",), {"gyro[1]": "rad/s"})
     assert [job.key for job in plan.jobs("out")] == ["playback/random/seed-0"]
-    assert make_plan(contestants(["random"]), [0], [], 3, pool, FISH).protocols == ("aligned", "paper")
+    assert make_plan(contestants(["random"]), [0], [], 3, pool, FISH).protocols == ("motion", "aligned", "paper")
     with pytest.raises(ArgumentError, match="the trials of robot 'pendulum' are recordings"):
         make_plan(contestants(["random"]), [0], ["paper"], 3, pendulum_reference(), PENDULUM)
 
 
-def test_swims_begin_at_rest_under_protocol_aligned_only(pool, plan):
+def test_swims_begin_where_each_protocol_says_or_allows(pool, plan):
     one = make_plan(contestants(["random"]), [0], [], 3, pool, FISH, start="rest")
     assert [(job.settings.protocol, job.settings.start) for job in one.jobs("out")] == [
-        ("aligned", "rest"), ("paper", "speed"),
+        ("motion", "rest"), ("aligned", "rest"), ("paper", "speed"),
     ]  # fmt: skip
-    with pytest.raises(ArgumentError, match="start is 'rest', which is for steady swims under protocol aligned; this"):
+    own = make_plan(contestants(["random"]), [0], [], 3, pool, FISH).jobs("out")
+    assert [job.settings.start for job in own] == ["rest", "speed", "speed"]
+    with pytest.raises(
+        ArgumentError, match="start is 'rest', which is for steady swims under protocol motion or aligned"
+    ):
         make_plan(contestants(["random"]), [0], ["paper"], 3, pool, FISH, start="rest")
-    with pytest.raises(RunError, match="can't go on with another start: it was speed and is now rest"):
+    with pytest.raises(RunError, match="can't go on with another start under protocol aligned: it was speed"):
         replace(plan, start="rest").extending(plan)
 
 

@@ -60,7 +60,7 @@ def without_seconds(path) -> list[dict]:
             {"advisor": "oracle"},
             "advisor is 'oracle'; there are physics, files, replay:RUN, google:MODEL, openai:MODEL, anthropic:MODEL",
         ),
-        ({"protocol": "strict"}, "protocol is 'strict'; there are aligned, paper, playback"),
+        ({"protocol": "strict"}, "protocol is 'strict'; there are motion, aligned, paper, playback"),
         ({"scale": "cubic"}, "scale is 'cubic'; there are auto, log, linear"),
         ({"max_steps": 0}, "max_steps is 0; it must be at least 1"),
         (

@@ -155,4 +155,4 @@ def test_swims_as_the_paper_compares_them_are_refused():
     problem = Problem(FISH, pools.film(seconds=1.5, frequencies=(1.6,)), "paper", threads=2)
     with pytest.raises(ArgumentError) as caught:
         to_sysid(problem, FISH.space.published)
-    assert str(caught.value) == "protocol is 'paper'; swims for the toolbox need 'aligned'"
+    assert str(caught.value) == "protocol is 'paper'; swims for the toolbox need 'motion' or 'aligned'"

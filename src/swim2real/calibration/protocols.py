@@ -271,7 +271,7 @@ def protocol_for(robot: Robot, name: ProtocolName, start: Start | None = None) -
     """
     allowed = robot.trials.protocols
     if name not in allowed:
-        if name == "paper":
+        if not chooses_start(name):
             raise ArgumentError(
                 f"protocol is '{name}'; the trials of robot '{robot.name}' are {robot.trials.description}, which are "
                 f"compared by protocol {' or '.join(allowed)}"

@@ -131,7 +131,7 @@ class Plan:
                             method=contestant.method, advisor=contestant.advisor, protocol=protocol,
                             budget=self.budget, seed=seed, scale=contestant.scale or "auto",
                             max_steps=contestant.max_steps, horizon=self.horizon,
-                            start=self.start if chooses_start(protocol) else None,
+                            start=start_of(protocol, self.start if chooses_start(protocol) else None),
                             hold_out=() if trial is None else (trial,), briefing=self.briefing, threads=1,
                         )  # fmt: skip
                         jobs[key] = Job(key, runs / key, label, settings)

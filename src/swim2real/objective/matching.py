@@ -39,7 +39,7 @@ def compare_steady(target: Target, simulated: Trial, *, fit_phase: bool = True) 
         return ComparedTrial(
             target.name, loss_figure, target.times, target.weights, target.real, nothing, motionless, target.path,
             nothing, target.frame, target.progress, np.full(kept, np.nan), target.velocity, float("nan"), (),
-            target.frequency, target.beat_frequency, 0.0, 0.0, nothing, target.head, None, simulated.divergence,
+            target.frequency, target.beat_frequency, 0.0, 0.0, nothing, simulated.divergence, target.head,
         )  # fmt: skip
     period = 1 / target.frequency
     lead = period if fit_phase else 0.0

@@ -103,9 +103,9 @@ class ComparedTrial:
         static_offset: Mean length of the registration vectors, whether they are used or not [m]; None in a trial that
             isn't registered.
         swim_residual: Simulated minus real in the swim frame [m]; None where there is no such frame. Shape (T, M, 2).
+        divergence: Why the simulation failed, or None.
         head_real: Real motion of the head about its path; None where it isn't compared.
         head_simulated: Simulated motion of the head; None as well when the simulation diverged.
-        divergence: Why the simulation failed, or None.
     """
 
     name: str
@@ -128,9 +128,9 @@ class ComparedTrial:
     phase: float | None = None
     static_offset: float | None = None
     swim_residual: Array | None = None
+    divergence: str | None = None
     head_real: HeadMotion | None = None
     head_simulated: HeadMotion | None = None
-    divergence: str | None = None
 
     @cached_property
     def shape_residual(self) -> Array:
