@@ -1,72 +1,188 @@
-"""Fits the law of `swim2real.robots.fish.response` to the swims that `measure.py` simulated.
+"""Fits the response of `swim2real.robots.fish.response` to the swims that `measure.py` simulated, and tests it.
 
-python experiments/fish_response/fit.py swims.npz src/swim2real/robots/fish/response.json
+    python experiments/fish_response/fit.py runs/response src/swim2real/robots/fish/response.npz
+    python experiments/fish_response/fit.py runs/response --test 500
+
+With `--test` that many sets are held out, and what is predicted of them is compared with what they do, for training
+sets of growing number. Kernels are chosen by their marginal likelihood on at most a thousand sets.
 """
 
-import json
-import sys
+import argparse
+from pathlib import Path
 
 import numpy as np
-from scipy.optimize import least_squares
+import torch
+from measure import FREQUENCIES, LEAST_STRIDE, SAMPLES, way_in_a_beat
 
 from swim2real.robots.fish import FISH
-from swim2real.robots.fish.response import FishResponse
+from swim2real.robots.fish.response import covariances, read_response
+from swim2real.trials import frames
 
-SLOW = 0.01  # m/s, below which speeds are compared on a linear scale
-RIDGE_LAW, RIDGE_BEAT = 0.1, 1.0
-# of the logarithm of speed: what frequencies of one fish err alike, and apart
-COMMON_ERROR, OWN_ERROR = 0.5, 0.3
-START = np.concatenate(
-    [[-0.4, 0.4, 0.2, 1.4, 0.1, -2.0], np.log([150, 1, 0.1, 0.1, 0.1, 0.1]), [np.log(0.05)], np.zeros(11)]
-)
+SUBSET, ROUNDS, RATE = 1000, 150, 0.08  # sets, rounds and rate of the search for a kernel
+SHARP = 0.02  # m in a beat, within which backward turns into forward
+LEAST_NOISE, MOST_COORDINATES, KEPT_VARIANCE = 0.02, 16, 0.998
+LOGS = np.log(FREQUENCIES) - np.log(FREQUENCIES).mean()
 
 
-def fit_law(points, values, speeds, frequencies):
-    """One law for all frequencies: how steeply speed rises with frequency hardly follows from the parameters alone."""
-    seen = np.arcsinh(speeds / SLOW)
-    count = len(frequencies)
-
-    def residual(p):
-        error = np.arcsinh(FishResponse(*split(p), None, None).speeds(points, values, frequencies) / SLOW) - seen
-        common = error.mean(axis=1, keepdims=True)
-        level = common * np.sqrt(count) / np.hypot(OWN_ERROR, np.sqrt(count) * COMMON_ERROR)
-        return np.concatenate([level.ravel(), ((error - common) / OWN_ERROR).ravel(), RIDGE_LAW * (p - START)])
-
-    return least_squares(residual, START, loss="soft_l1", max_nfev=400).x
+def swims_of(folder):
+    blocks = [np.load(path) for path in sorted(Path(folder).glob("block_????.npz"))]
+    points, cycles = (np.concatenate([block[key] for block in blocks]) for key in ("points", "cycles"))
+    good = np.isfinite(cycles).all(axis=(1, 2, 3, 4))  # a diverged swim tells nothing
+    return points[good], cycles[good].astype(float)
 
 
-def split(p):
-    return p[:6], p[6:12], p[12:24]
+def fundamental(values):
+    """Complex amplitude at the beat, over the samples of one cycle. Shape (..., SAMPLES + 1) to (...)."""
+    return 2 * (values[..., :-1] * np.exp(-2j * np.pi * np.arange(SAMPLES) / SAMPLES)).mean(axis=-1)
 
 
-def main(source, target):
-    with np.load(source) as stored:
-        points, speeds, beats, frequencies = (stored[k] for k in ("points", "speeds", "beats", "frequencies"))
-    kept = np.isfinite(speeds).all(axis=1)  # a diverged swim tells nothing
-    points, speeds, beats = points[kept], speeds[kept], beats[kept]
-    values = FISH.space.to_array(points)
-    turned = beats * np.exp(-1j * np.angle(beats[:, :, -1:]))
-    parts = np.concatenate([turned.real, turned.imag], axis=2)
-    basis = np.column_stack([np.ones(len(points)), 2 * points - 1])
-    ridge = np.diag([1e-6, *[RIDGE_BEAT] * points.shape[1]])
-    beat = [np.linalg.solve(basis.T @ basis + ridge, basis.T @ parts[:, j]) for j in range(len(frequencies))]
-    response = FishResponse(*split(fit_law(points, values, speeds, frequencies)), frequencies, np.array(beat))
-    scaled = np.arcsinh(speeds / SLOW)
-    error = np.arcsinh(response.speeds(points, values, frequencies) / SLOW) - scaled
-    print(f"{len(points)} parameter sets")
-    for j, frequency in enumerate(frequencies):
-        r2 = 1 - error[:, j].var() / scaled[:, j].var()
-        right = np.mean(np.sign(error[:, j] + scaled[:, j]) == np.sign(scaled[:, j]))
-        middle = np.median(np.abs(error[:, j]))
-        print(f"{frequency:.3f} Hz: R² {r2:.2f}, direction right in {100 * right:.0f} %, median error {middle:.2f}")
-    content = {
-        name: np.round(getattr(response, name), 5).tolist()
-        for name in ("thrust", "drag", "amplitude", "frequencies", "beat")
+def motions(cycles):
+    """Fundamentals of the markers in the body frame, of sway and of yaw, turned to the last marker's phase.
+
+    Shape (N, F, S, M, 2) to (N, F, M + 2), complex.
+    """
+    shape = cycles.shape
+    body = np.array([frames.to_body(cycle) for cycle in cycles.reshape(-1, *shape[2:])]).reshape(shape)
+    markers = fundamental(np.moveaxis(body[..., 1], 2, 3))
+    axes = cycles[..., 1, :] - cycles[..., 0, :]
+    heading = np.unwrap(np.arctan2(axes[..., 1], axes[..., 0]), axis=2)
+    share = np.arange(SAMPLES + 1) / SAMPLES
+    course = (heading[:, :, -1:] - heading[:, :, :1]) * share
+    steps = np.diff(frames.heads(cycles.reshape(-1, *shape[3:])).reshape(*shape[:3], 2), axis=2) @ np.array([1, 1j])
+    way = np.cumsum(steps * np.exp(-0.5j * (course[:, :, 1:] + course[:, :, :-1])), axis=2)
+    way = np.concatenate([np.zeros_like(way[:, :, :1]), way], axis=2)
+    mean = (heading - course)[:, :, :-1].mean(axis=2)
+    along = way[:, :, -1] * np.exp(-1j * mean)  # from head to tail is the frame's x
+    axis = np.where(along.real >= 0, 1, -1) * way[:, :, -1] / np.maximum(np.abs(way[:, :, -1]), 1e-9)
+    left = (way * np.conj(axis)[:, :, None]).imag
+    head = np.stack([fundamental(left), fundamental(heading - course)], axis=2)
+    every = np.concatenate([markers, head], axis=2)
+    return every * np.exp(-1j * np.angle(markers[:, :, -1:]))
+
+
+def parts_of(motion):
+    return np.concatenate([motion.real, motion.imag], axis=2)
+
+
+def outputs(points, cycles):
+    """What each process learns: rows of the sets, and outputs there."""
+    stride, motion = way_in_a_beat(cycles), parts_of(motions(cycles))
+    forward = (stride > LEAST_STRIDE).all(axis=1)
+    logs = np.log(stride[forward])
+    slope = (logs * LOGS).sum(axis=1) / (LOGS**2).sum()
+    table = motion[forward].reshape(forward.sum(), -1)
+    average = table.mean(axis=0)
+    # a radian of yaw moves the tail by a fraction of a meter
+    weight = np.tile([1.0] * (motion.shape[2] // 2 - 1) + [0.3], 2 * len(FREQUENCIES))
+    _, sizes, directions = np.linalg.svd((table - average) * weight, full_matrices=False)
+    kept = int(np.searchsorted(np.cumsum(sizes**2) / (sizes**2).sum(), KEPT_VARIANCE)) + 1
+    basis = directions[: min(kept, MOST_COORDINATES)]
+    rows = np.flatnonzero(forward)
+    learned = {
+        "direction": (np.arange(len(points)), np.tanh(stride / SHARP).mean(axis=1)[:, None]),
+        "stride": (rows, logs.mean(axis=1)[:, None]),
+        "growth": (rows, slope[:, None]),
+        "motion": (rows, (table - average) * weight @ basis.T),
     }
-    with open(target, "w", encoding="utf-8") as file:
-        json.dump({"sets": len(points), **content}, file)
-        file.write("\n")
+    shape = (len(basis), len(FREQUENCIES), motion.shape[2])
+    return learned, (basis / weight).reshape(shape), average.reshape(shape[1:])
+
+
+def kernel_of(points, values):
+    """Length scales, variances of the two parts and of the noise that explain the outputs best, all outputs alike."""
+    x, y = torch.tensor(2 * points - 1), torch.tensor(values)
+    p = torch.cat([torch.ones(x.shape[1]), torch.tensor([0.0, -2.0, -4.0])]).double().requires_grad_()
+    search = torch.optim.Adam([p], lr=RATE)
+    for _ in range(ROUNDS):
+        search.zero_grad()
+        near = x / p[:-3].exp()
+        squared = (near.square().sum(1)[:, None] + near.square().sum(1) - 2 * near @ near.T).clamp_min(0)
+        covariance = p[-3].exp() * torch.exp(-0.5 * squared) + p[-2].exp() / x.shape[1] * (x @ x.T)
+        factor = torch.linalg.cholesky(covariance + (p[-1].exp() + LEAST_NOISE**2) * torch.eye(len(x)))
+        solved = torch.cholesky_solve(y, factor)
+        loss = 0.5 * (y * solved).sum() + y.shape[1] * factor.diagonal().log().sum()
+        (loss + 0.02 * (p[:-3] - 1).square().sum()).backward()
+        search.step()
+    found = p.detach().exp().numpy()
+    return found[:-3], float(found[-3]), float(found[-2]), float(found[-1]) + LEAST_NOISE**2
+
+
+def fitted(points, cycles):
+    """The content of the response's file."""
+    learned, basis, average = outputs(points, cycles)
+    rest = FISH.rest_markers
+    content = {
+        "points": points.astype(np.float32), "basis": basis.astype(np.float32), "average": average.astype(np.float32),
+        "frequencies": FREQUENCIES, "behind": rest[:, 0] - rest[:2, 0].mean(),
+    }  # fmt: skip
+    for name, (rows, values) in learned.items():
+        mean, scale = values.mean(axis=0), values.std(axis=0)
+        scaled, here = (values - mean) / scale, 2 * points[rows] - 1
+        chosen = np.random.default_rng(0).permutation(len(rows))[:SUBSET]
+        lengths, bend, slope, noise = kernel_of(points[rows][chosen], scaled[chosen])
+        covariance = covariances(here, here, lengths, bend, slope) + noise * np.eye(len(rows))
+        content[f"{name}_rows"] = rows.astype(np.int32)
+        content[f"{name}_weights"] = np.linalg.solve(covariance, scaled).astype(np.float32)
+        content[f"{name}_kernel"] = np.array([*lengths, bend, slope])
+        content[f"{name}_scales"] = np.array([mean, scale])
+    return content
+
+
+def tested(points, cycles, held_out):
+    order = np.random.default_rng(1).permutation(len(points))
+    points, cycles = points[order], cycles[order]
+    unseen, cycles_unseen = points[:held_out], cycles[:held_out]
+    stride, motion = way_in_a_beat(cycles_unseen), motions(cycles_unseen)
+    forward = (stride > LEAST_STRIDE).all(axis=1)
+    logs = np.log(stride[forward])
+    truth = {
+        "log stride": logs.mean(axis=1), "slope of log stride": (logs * LOGS).sum(axis=1) / (LOGS**2).sum(),
+        "log yaw": np.log(np.abs(motion[forward, :, -1])).mean(axis=1),
+        "log sway": np.log(np.abs(motion[forward, :, -2])).mean(axis=1),
+    }  # fmt: skip
+    available = len(points) - held_out
+    for count in (*(n for n in (300, 1000) if n < available), available):
+        response = read_response(fitted(points[held_out:][:count], cycles[held_out:][:count]))
+        score = response.forward(unseen)
+        right = np.sign(score) == np.sign(stride.mean(axis=1))
+        sure = np.abs(score) > 0.5
+        print(
+            f"{count} sets: direction right {right.mean():.3f}, {right[sure].mean():.3f} where sure ({sure.mean():.2f})"
+        )
+        parts = response.average + np.einsum("nc,cfk->nfk", response.motion(unseen[forward]), response.basis)
+        half = parts.shape[2] // 2
+        predicted = parts[..., :half] + 1j * parts[..., half:]
+        found = {
+            "log stride": response.stride(unseen[forward])[:, 0],
+            "slope of log stride": response.growth(unseen[forward])[:, 0],
+            "log yaw": np.log(np.abs(predicted[..., -1])).mean(axis=1),
+            "log sway": np.log(np.abs(predicted[..., -2])).mean(axis=1),
+        }
+        for name, real in truth.items():
+            error = found[name] - real
+            print(
+                f"    {name:20s} correlation {np.corrcoef(found[name], real)[0, 1]:.3f}, R² "
+                f"{1 - np.mean(error**2) / real.var():.3f}, median error {np.median(np.abs(error)):.3f}"
+            )
+        tail = np.abs(predicted[..., :9] - motion[forward, :, :9])[..., -1]
+        print(f"    last marker's beat off by {1e3 * np.median(tail):.1f} mm (median)", flush=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("target", type=Path, nargs="?")
+    parser.add_argument("--test", type=int, default=0, help="sets that are held out")
+    a = parser.parse_args()
+    torch.set_num_threads(2)
+    torch.set_default_dtype(torch.float64)
+    points, cycles = swims_of(a.folder)
+    if a.test:
+        tested(points, cycles, a.test)
+    if a.target:
+        np.savez_compressed(a.target, **fitted(points, cycles))
+        print(f"{len(points)} sets, {a.target.stat().st_size / 1e6:.2f} MB")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

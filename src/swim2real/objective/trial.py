@@ -322,7 +322,8 @@ class ComparedTrial:
     def evidence(self) -> dict[str, Any]:
         """What tells more than the figures: errors of each marker, and how real and simulated markers move.
 
-        A trial with a beat has `beat_real` and `beat_simulated`, as `beat` gives them. Another one has `offset`, the
+        A trial with a beat has `beat_real` and `beat_simulated`, as `beat` gives them, and `path_beat_real` and
+        `path_beat_simulated` in the frame of its path where the whole motion is compared. Another one has `offset`, the
         mean residual of each marker [m], `amplitude_real` and `amplitude_simulated` along its main axis [m], and
         `windows`: the `edges` of windows of time [s], the mean residual in them of all `markers` along both axes [m]
         and of all `sensors` [unit].
@@ -339,6 +340,13 @@ class ComparedTrial:
             real_frequency = self.beat_frequency or self.frequency
             evidence["beat_real"] = beat(self.times, self.real, self.weights, real_frequency)
             evidence["beat_simulated"] = beat(self.times, self.simulated, self.weights, self.frequency)
+            if self.head_real is not None:
+                real = self.head_real.to_path(self.real)
+                evidence["path_beat_real"] = beat(self.times, real, self.weights, real_frequency)
+                simulated = self.simulated  # of a diverged trial nothing is known
+                if self.head_simulated is not None:
+                    simulated = self.head_simulated.to_path(simulated)
+                evidence["path_beat_simulated"] = beat(self.times, simulated, self.weights, self.frequency)
             return evidence
         residual = np.where(self.weights[:, :, None] > 0, self.residual, np.nan)
         edges = windows(self.times)

@@ -26,19 +26,17 @@ class Response(Protocol):
         """Forward speeds [m/s], from the logarithmic cube and from values. Shapes (N, d), (N, d), (F,) to (N, F)."""
         ...
 
-    def reserve(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Share of the thrust that is left after what works against it. Shape (N, d) to (N,)."""
+    def forward(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Whether swims go forward, from -1 for surely not to 1 for surely. Shape (N, d) to (N,)."""
         ...
 
-    def adapted(
-        self, points: NDArray[np.float64], values: NDArray[np.float64], speeds: NDArray[np.float64],
-        frequencies: NDArray[np.float64],
-    ) -> Response:  # fmt: skip
-        """The response bent to simulated speeds (N, F) [m/s] that a run has seen."""
-        ...
+    def beats(
+        self, points: NDArray[np.float64], frequencies: NDArray[np.float64], whole_motion: bool = False
+    ) -> NDArray[np.float64]:
+        """Sideways fundamentals of the markers, real then imaginary parts [m]. Shapes (N, d), (F,) to (N, F, 2 M).
 
-    def beats(self, points: NDArray[np.float64], frequencies: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Sideways fundamentals of the markers, real then imaginary parts [m]. Shapes (N, d), (F,) to (N, F, 2 M)."""
+        In the body frame, or in the frame of the path where the `whole_motion` is compared.
+        """
         ...
 
 

@@ -23,13 +23,14 @@ from swim2real.advisor.physics.model import (
     shape_floor,
     to_speed_scale,
     trial_frequencies,
+    whole_motion,
     without_outliers,
 )
 from swim2real.advisor.physics.words import diagnose_swims, reason
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import Evaluation, Proposal, Round, Situation
 from swim2real.parameters import ParameterSpace
-from swim2real.robots.robot import Response, Robot
+from swim2real.robots.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ CAUTION, BOLDER = 0.3, 0.3  # weight of the variance, and what a round without r
 PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
 TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.05, 0.7  # half width of the trusted box, in the unit cube
 GROW, SHRINK = 1.3, 0.7
-RESERVE_GAIN = 0.35  # share of what is missing of the thrust reserve that should turn a backward trial
+SURER = 0.35  # by how much surer to go forward a point should be to turn a backward trial
 _SAMPLES, _STARTS = 3000, 4
 _DIFFERENCE = 1e-4
 
@@ -100,35 +101,35 @@ class PhysicsAdvisor:
     def _expectation(
         self, evaluations: Sequence[Evaluation], incumbent: Evaluation, rounds: Sequence[Round]
     ) -> Expectation:
-        real = read_swims(incumbent.detail, "real")
+        whole = whole_motion(incumbent.detail)
+        frame = "path" if whole else "body"
+        real = read_swims(incumbent.detail, "real", frame)
         points = np.array([self._point(e) for e in evaluations])
         driven = trial_frequencies(incumbent.detail)
-        simulated = [_filled(read_swims(e.detail, "simulated"), real, driven) for e in evaluations]
+        simulated = [_filled(read_swims(e.detail, "simulated", frame), real, driven) for e in evaluations]
         features = np.array([swims.features.ravel() for swims in simulated])
         per_trial = real.features.shape[1]
         spread = np.tile([SPEED_SPREAD, *[BEAT_SPREAD] * (per_trial - 1)], len(driven))
-        response = self._response.adapted(
-            points, self._own.to_array(points), np.array([swims.speed for swims in simulated]), driven
-        )
-        surrogate = Surrogate(KERNEL, lambda p: self._prior(response, p, driven), spread, points, features)
+        surrogate = Surrogate(KERNEL, lambda p: self._prior(p, driven, whole), spread, points, features)
         trials = list(incumbent.detail["trials"].values())
-        here = read_swims(incumbent.detail, "simulated")
+        body_real, here = (read_swims(incumbent.detail, side) for side in ("real", "simulated"))
         # a trial that goes backward or staggers while the others don't: its speed was replaced above
-        replaced = np.abs(here.speed - _filled(here, real, driven).speed) > 1e-4
+        replaced = np.abs(here.speed - _filled(here, body_real, driven).speed) > 1e-4
         apart = replaced & (np.median(here.speed) > 0)
         stuck = np.where(apart, [trial["aligned_marker_error"] for trial in trials], 0.0)
-        start = float(response.reserve(self._own.to_array(self._point(incumbent)[None]))[0])
-        wanted = RESERVE_GAIN * (1 - start)
+        sure = float(self._response.forward(self._point(incumbent)[None])[0])
         horizon = incumbent.detail["horizon"] or 4.0
-        floor = shape_floor(np.array([trial["shape_error"] for trial in trials]), here.beat, real.beat)
+        floor = shape_floor(np.array([trial["shape_error"] for trial in trials]), here.beat, body_real.beat)
         return Expectation(
             surrogate, real.speed, real.beat, floor, np.full(len(driven), float(horizon)), caution(rounds), stuck,
-            lambda p: (response.reserve(self._own.to_array(p)) - start) / wanted,
+            lambda p: (self._response.forward(p) - sure) / SURER,
         )  # fmt: skip
 
-    def _prior(self, response: Response, points: Array, driven: Array) -> Array:
-        """Features that a response expects. Shape (N, d) to (N, F (1 + 2 M))."""
-        speeds, beats = response.speeds(points, self._own.to_array(points), driven), response.beats(points, driven)
+    def _prior(self, points: Array, driven: Array, whole: bool) -> Array:
+        """Features that the response expects. Shape (N, d) to (N, F (1 + 2 M))."""
+        response = self._response
+        speeds = response.speeds(points, self._own.to_array(points), driven)
+        beats = response.beats(points, driven, whole)
         return np.concatenate([to_speed_scale(speeds)[:, :, None], beats], axis=2).reshape(len(points), -1)
 
     def _best_point(self, expectation: Expectation, here: Array, trust: float, rng: np.random.Generator) -> Array:
@@ -150,7 +151,7 @@ class PhysicsAdvisor:
 
         result = minimize(
             value_and_slope, start, jac=True, method="L-BFGS-B", bounds=Bounds(low, high),
-            options={"maxiter": 60},
+            options={"maxiter": 25},
         )  # fmt: skip
         return float(result.fun), np.clip(result.x, low, high)
 

@@ -1,19 +1,21 @@
 """What the advisor believes: features of a swim, what the simulator would do elsewhere, and the loss that follows.
 
-A swim is described by its forward speed and the shape of its beat. Speeds are compared on a scale that is logarithmic
+A swim is described by its forward speed and its beat, in the body frame or, where the whole motion is compared, in the
+frame of its path. Speeds are compared on a scale that is logarithmic
 for swimmers and linear around standstill, so that a fish that hardly moves, or moves backward, is nothing special. The
 beat is taken relative to the last marker's phase, because the phase of a trial is free.
 
 A Gaussian process predicts these features at other points. Its prior mean is the robot's measured response; what the
 run has shown so far corrects it. The posterior knows where it is unsure, so a step into the unknown is judged as what
-it is. The expected loss follows from predicted speeds and beats, in the terms of the aligned error.
+it is. The expected loss follows from predicted speeds and beats, in the terms of the motion error or of the aligned
+error.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,13 +60,19 @@ class Swims:
         return np.concatenate([to_speed_scale(self.speed)[:, None], self.beat], axis=1)
 
 
-def read_swims(evidence: Mapping[str, Any], side: str) -> Swims:
-    """Reads the `real` or the `simulated` side from the evidence of an evaluation."""
+def whole_motion(evidence: Mapping[str, Any]) -> bool:
+    """Whether the evidence is of trials whose whole motion is compared."""
+    return all("path_beat_real" in trial for trial in evidence["trials"].values())
+
+
+def read_swims(evidence: Mapping[str, Any], side: str, frame: Literal["body", "path"] = "body") -> Swims:
+    """Reads the `real` or the `simulated` side from the evidence of an evaluation, with beats in a frame."""
     trials = evidence["trials"].values()
+    key = f"path_beat_{side}" if frame == "path" else f"beat_{side}"
     speed = np.array([trial[f"velocity_{side}"] for trial in trials], dtype=float)
     beats: list[Array] = []
     for trial in trials:
-        content = trial[f"beat_{side}"]
+        content = trial[key]
         amplitude, phase = (np.array(content[key], dtype=float) for key in ("amplitude", "phase"))
         turned: NDArray[np.complex128] = amplitude * np.exp(
             1j * (phase - (phase[-1] if np.isfinite(phase[-1]) else 0.0))
@@ -164,8 +172,8 @@ class Expectation:
         horizon: Seconds compared in each trial. Shape (F,).
         caution: Weight of the surrogate's variance.
         stuck: What each trial loses beyond what its speed explains, because it swims backward or staggers at the
-            incumbent while others don't [m]; expected to vanish as the thrust reserve grows. Shape (F,).
-        reserve: Points (N, d) to the thrust reserve that is gained over the incumbent's, 1 when it is enough.
+            incumbent while others don't [m]; expected to vanish the surer a point is forward. Shape (F,).
+        surer: Points (N, d) to how much surer they are to go forward than the incumbent, 1 when it is enough.
     """
 
     surrogate: Surrogate
@@ -175,7 +183,7 @@ class Expectation:
     horizon: Array
     caution: float
     stuck: Array
-    reserve: Callable[[Array], Array]
+    surer: Callable[[Array], Array]
 
     def losses(self, points: Array) -> Array:
         """Expected loss of each point [m]. Shape (N, d) to (N,)."""
@@ -192,7 +200,7 @@ class Expectation:
         losses = np.sqrt(squared).mean(axis=2).mean(axis=1)
         if not self.stuck.any():
             return losses
-        return losses + self.stuck.mean() * (1 - np.clip(self.reserve(points), -1.0, 1.0))
+        return losses + self.stuck.mean() * (1 - np.clip(self.surer(points), -1.0, 1.0))
 
     def shapes(self, beat: Array, variance: Array | float = 0.0) -> Array:
         """Expected shape errors [m]. Shape (N, F, 2 M) to (N, F)."""

@@ -1,114 +1,142 @@
-"""How the fish's swimming responds to its parameters, as measured over the whole box: a law and its coefficients.
+"""How the fish's swimming from rest responds to its parameters, learned from simulated swims over the whole box.
 
-A steady swimmer balances thrust and drag. With the beat given by the tendons, every fluid force is proportional to its
-coefficient, so
-
-    v |v| = f² A T / D,   T = t · (c, 1),   D = exp(d) · (c, 1),   A = exp(a · (1, z)),
-
-with the five fluid coefficients c and the other eleven parameters z on a scale from -1 to 1. The coefficients t, d and
-a were fitted to simulated swims of random parameters (`experiments/fish_response`); they tell signs and rough sizes,
-and know nothing of any real swim. The beat of each marker is a linear function of all sixteen.
+Four Gaussian processes, conditioned on a few thousand parameter sets that each swam at several frequencies from rest
+(`experiments/fish_response`): whether the fish goes forward; how far it comes in a beat; how that grows with the
+frequency; and the beat of its markers with the sway and the yaw of its head. Only their means are
+here, so the file is small and NumPy is enough. They know nothing of any real swim.
 """
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, fields, replace
-from functools import cache
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
 from importlib import resources
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from swim2real.robots.robot import Response
 
 Array = NDArray[np.float64]
 
-FLUID = 5  # coefficients of the fluid, which come first
 PLAIN = 16  # parameters that the plain fish has; others come behind
 DRAG = 20.0  # N s²/m², of random fish within a factor of about two (experiments/model_structure.py drag)
-_SLOW = 0.01  # m/s, below which speeds are compared on a linear scale
-_LAW_ERROR = 0.5  # of the law, on that scale
-_THRUST_SPREAD, _DRAG_SPREAD, _AMPLITUDE_SPREAD = 0.5, 0.7, 0.4  # by how much a robot's trials may bend the law
+STEEPNESS = 3.0  # of the change from backward to forward, over the direction
+
+
+@dataclass(frozen=True)
+class PosteriorMean:
+    """Mean of a Gaussian process with a squared-exponential and a linear kernel, given what it was conditioned on.
+
+    Attributes:
+        points: Points that it was conditioned on, on a scale from -1 to 1. Shape (N, d).
+        weights: Weights of their covariances. Shape (N, K).
+        lengths: Length scale of each parameter. Shape (d,).
+        bend: Variance of the nonlinear part.
+        slope: Variance of the linear part.
+        mean: Mean of each output. Shape (K,).
+        scale: Standard deviation of each output. Shape (K,).
+    """
+
+    points: Array
+    weights: Array
+    lengths: Array
+    bend: float
+    slope: float
+    mean: Array
+    scale: Array
+
+    def __call__(self, points: Array) -> Array:
+        """Outputs at points of the logarithmic unit cube. Shape (N, d) to (N, K)."""
+        here, (far, far_squared, weights, linear) = 2 * points - 1, self._prepared
+        near = (here / self.lengths).astype(np.float32)  # exponentials take most of the time
+        halved = near @ far.T - 0.5 * ((near**2).sum(axis=1)[:, None] + far_squared)
+        return self.mean + self.scale * (np.exp(halved, out=halved) @ weights + here @ linear)
+
+    @cached_property
+    def _prepared(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], Array]:
+        """Of `covariances` with the weights: points in units of the lengths, their squares, weights, linear part."""
+        far = (self.points / self.lengths).astype(np.float32)
+        linear = self.slope / len(self.lengths) * (self.points.T @ self.weights)
+        return far, (far**2).sum(axis=1), (self.bend * self.weights).astype(np.float32), linear
+
+
+def covariances(a: Array, b: Array, lengths: Array, bend: float, slope: float) -> Array:
+    """Prior covariance between points on a scale from -1 to 1. Shapes (N, d), (K, d) to (N, K)."""
+    near, far = a / lengths, b / lengths
+    squared = np.maximum((near**2).sum(axis=1)[:, None] + (far**2).sum(axis=1) - 2 * near @ far.T, 0.0)
+    return bend * np.exp(-0.5 * squared) + slope / a.shape[1] * (a @ b.T)
 
 
 @dataclass(frozen=True)
 class FishResponse:
-    """The law's coefficients, and the beat's at G frequencies.
+    """What the Gaussian processes expect of swims from rest.
 
     Attributes:
-        thrust: t. Shape (6,).
-        drag: d. Shape (6,).
-        amplitude: a. Shape (12,).
-        frequencies: Frequencies of the beat's coefficients [Hz]. Shape (G,).
-        beat: Real, then imaginary part of each marker's sideways fundamental, turned to the last marker's phase:
-            constant, then slope per parameter on a scale from -1 to 1 [m]. Shape (G, 17, 2 M).
+        direction: One output from -1, backward, to 1, forward.
+        stride: Logarithm of the way in a beat [m] at the middle of the logarithms of the frequencies.
+        growth: Slope of that logarithm over the logarithm of the frequency.
+        motion: Coordinates of the motion.
+        basis: Fundamentals that a coordinate stands for: of each marker's sideways motion in the body frame, of the
+            sway of the head [m] and of its yaw [rad], turned to the last marker's phase; real, then imaginary parts.
+            Shape (C, G, 2 (M + 2)).
+        average: The same of all of them on average. Shape (G, 2 (M + 2)).
+        frequencies: Frequencies of these fundamentals [Hz]. Shape (G,).
+        behind: How far each marker is behind the head [m]. Shape (M,).
     """
 
-    thrust: Array
-    drag: Array
-    amplitude: Array
+    direction: PosteriorMean
+    stride: PosteriorMean
+    growth: PosteriorMean
+    motion: PosteriorMean
+    basis: Array
+    average: Array
     frequencies: Array
-    beat: Array
+    behind: Array
 
     def speeds(self, points: Array, values: Array, frequencies: Array) -> Array:
         """Forward speeds [m/s].
 
         Args:
-            points: In the logarithmic unit cube. Shape (N, 16).
-            values: The same as physical values. Shape (N, 16).
-            frequencies: [Hz]. Shape (F,).
+            points: Points in the logarithmic unit cube. Shape (N, 16).
+            values: The same as physical values, of which these need none. Shape (N, 16).
+            frequencies: Frequencies of the beat [Hz]. Shape (F,).
 
         Returns:
             Shape (N, F).
         """
-        fluid = np.column_stack([values[:, :FLUID], np.ones(len(values))])
-        rest = np.column_stack([np.ones(len(points)), 2 * points[:, FLUID:] - 1])
-        squared = np.exp(rest @ self.amplitude) * (fluid @ self.thrust) / (fluid @ np.exp(self.drag))
-        return (np.sign(squared) * np.sqrt(np.abs(squared)))[:, None] * frequencies
+        del values
+        logs = np.log(frequencies) - np.log(self.frequencies).mean()
+        strides = np.exp(self.stride(points) + self.growth(points) * logs)
+        return np.tanh(STEEPNESS * self.forward(points))[:, None] * strides * frequencies
 
-    def reserve(self, values: Array) -> Array:
-        """Share of the thrust that is left after what works against it. Shape (N, 16) to (N,), from -1 to 1.
+    def forward(self, points: Array) -> Array:
+        """Whether swims go forward from rest, from -1 for surely not to 1 for surely. Shape (N, 16) to (N,)."""
+        return self.direction(points)[:, 0]
 
-        With little left, the swim hangs on small differences: at one frequency the fish may go backward.
-        """
-        terms = np.column_stack([values[:, :FLUID], np.ones(len(values))]) * self.thrust
-        return terms.sum(axis=1) / np.abs(terms).sum(axis=1)
-
-    def adapted(self, points: Array, values: Array, speeds: Array, frequencies: Array) -> FishResponse:
-        """The law bent to what was seen: corrections of t, d and a that stay near zero.
+    def beats(self, points: Array, frequencies: Array, whole_motion: bool = False) -> Array:
+        """Sideways fundamentals of the markers, turned to the last one's phase, real then imaginary parts [m].
 
         Args:
-            points: In the logarithmic unit cube. Shape (N, 16).
-            values: The same as physical values. Shape (N, 16).
-            speeds: Simulated there [m/s]. Shape (N, F).
-            frequencies: [Hz]. Shape (F,).
+            points: Points in the logarithmic unit cube. Shape (N, 16).
+            frequencies: Frequencies of the beat [Hz]. Shape (F,).
+            whole_motion: Whether the markers are seen in the frame of the path, where they sway and yaw with the head,
+                or in the body frame.
+
+        Returns:
+            Shape (N, F, 2 M).
         """
-        seen = np.arcsinh(speeds / _SLOW)
-
-        def residual(correction: Array) -> Array:
-            predicted = self._corrected(correction).speeds(points, values, frequencies)
-            # neighboring frequencies err alike: all of a candidate count as a few
-            misfit = (np.arcsinh(predicted / _SLOW) - seen) / (_LAW_ERROR * np.sqrt(max(len(frequencies) / 2, 1)))
-            return np.concatenate([misfit.ravel(), correction])
-
-        fit = least_squares(residual, np.zeros(24), loss="soft_l1", max_nfev=30)
-        return self._corrected(fit.x)
-
-    def _corrected(self, correction: Array) -> FishResponse:
-        thrust, drag, amplitude = correction[:6], correction[6:12], correction[12:]
-        return replace(
-            self,
-            thrust=self.thrust + _THRUST_SPREAD * thrust * (0.3 + np.abs(self.thrust)),
-            drag=self.drag + _DRAG_SPREAD * drag,
-            amplitude=self.amplitude + _AMPLITUDE_SPREAD * amplitude,
-        )
-
-    def beats(self, points: Array, frequencies: Array) -> Array:
-        """Sideways fundamentals, real then imaginary parts [m]. Shape (N, F, 2 M)."""
-        basis = np.column_stack([np.ones(len(points)), 2 * points - 1])
-        return np.einsum("np,fpk->nfk", basis, self._at(self.beat, frequencies))
+        average, basis = self._at(self.average, frequencies), self._at(self.basis.swapaxes(0, 1), frequencies)
+        parts = average + np.einsum("nc,fck->nfk", self.motion(points), basis)
+        half = parts.shape[-1] // 2
+        motion = parts[..., :half] + 1j * parts[..., half:]
+        markers = motion[..., :-2]
+        if whole_motion:
+            markers = markers + motion[..., -2:-1] + motion[..., -1:] * self.behind
+        turned = markers * np.exp(-1j * np.angle(markers[..., -1:]))
+        return np.concatenate([turned.real, turned.imag], axis=-1)
 
     def _at(self, table: Array, frequencies: Array) -> Array:
         """A table's rows at other frequencies, constant beyond its ends. Shape (G, ...) to (F, ...)."""
@@ -118,11 +146,29 @@ class FishResponse:
         return (1 - share) * table[low] + share * table[low + 1]
 
 
+def read_response(content: Mapping[str, NDArray[Any]]) -> FishResponse:
+    """The response of an array file, as `experiments/fish_response/fit.py` writes it."""
+    points = 2 * content["points"].astype(float) - 1
+
+    def table(name: str) -> Array:
+        return content[name].astype(float)
+
+    def mean_of(name: str) -> PosteriorMean:
+        rows, kernel = content[f"{name}_rows"].astype(int), table(f"{name}_kernel")
+        mean, scale = table(f"{name}_scales")
+        return PosteriorMean(
+            points[rows], table(f"{name}_weights"), kernel[:-2], float(kernel[-2]), float(kernel[-1]), mean, scale
+        )
+
+    tables = (table(name) for name in ("basis", "average", "frequencies", "behind"))
+    return FishResponse(mean_of("direction"), mean_of("stride"), mean_of("growth"), mean_of("motion"), *tables)
+
+
 @cache
 def fish_response() -> FishResponse:
-    """The measured response that is shipped with the package."""
-    content = json.loads((resources.files("swim2real.robots.fish") / "response.json").read_text(encoding="utf-8"))
-    return FishResponse(**{field.name: np.array(content[field.name], dtype=float) for field in fields(FishResponse)})
+    """The learned response that is shipped with the package."""
+    with (resources.files("swim2real.robots.fish") / "response.npz").open("rb") as file, np.load(file) as content:
+        return read_response(cast("Mapping[str, NDArray[Any]]", content))
 
 
 @dataclass(frozen=True)
@@ -144,15 +190,11 @@ class ExtendedResponse:
         left = np.maximum(plain**2 - self._loss(values), 0.0)
         return np.sign(plain) * np.sqrt(left)
 
-    def reserve(self, values: Array) -> Array:
-        return self.plain.reserve(_sixteen(values))
+    def forward(self, points: Array) -> Array:
+        return self.plain.forward(_sixteen(points))
 
-    def adapted(self, points: Array, values: Array, speeds: Array, frequencies: Array) -> ExtendedResponse:
-        without = np.sign(speeds) * np.sqrt(speeds**2 + self._loss(values))
-        return replace(self, plain=self.plain.adapted(_sixteen(points), _sixteen(values), without, frequencies))
-
-    def beats(self, points: Array, frequencies: Array) -> Array:
-        return self.plain.beats(_sixteen(points), frequencies)
+    def beats(self, points: Array, frequencies: Array, whole_motion: bool = False) -> Array:
+        return self.plain.beats(_sixteen(points), frequencies, whole_motion)
 
     def _loss(self, values: Array) -> Array:
         """By how much friction lowers the squared speed [m²/s²]. Shape (N, 1)."""
@@ -161,7 +203,7 @@ class ExtendedResponse:
 
 
 def extended_response() -> ExtendedResponse:
-    """The law with the friction behind the 16."""
+    """The response of the plain fish with the friction behind the 16."""
     return ExtendedResponse(fish_response(), PLAIN)
 
 
