@@ -165,14 +165,13 @@ def test_global_random_state_is_left_alone():
 @pytest.mark.parametrize(
     "lost",
     [
-        [(0, 6)],
-        [(trial, 6) for trial in range(4)],
-        [(2, 8)],
-        [(trial, 8) for trial in range(4)],
-        [(1, marker) for marker in range(9)],
-        [(trial, marker) for trial in range(4) for marker in range(9)],
+        pytest.param([(0, 6)], id="one", marks=pytest.mark.slow),
+        pytest.param([(trial, 6) for trial in range(4)], id="one in all", marks=pytest.mark.slow),
+        pytest.param([(2, 8)], id="tail tip"),
+        pytest.param([(trial, 8) for trial in range(4)], id="tail tip in all", marks=pytest.mark.slow),
+        pytest.param([(1, marker) for marker in range(9)], id="whole trial", marks=pytest.mark.slow),
+        pytest.param([(trial, marker) for trial in range(4) for marker in range(9)], id="everything"),
     ],
-    ids=["one", "one in all", "tail tip", "tail tip in all", "whole trial", "everything"],
 )
 def test_lost_markers_are_no_obstacle(lost):
     world = World(lost=lost)
@@ -181,7 +180,9 @@ def test_lost_markers_are_no_obstacle(lost):
     assert_sound(advisor().propose(shown), shown.incumbent.candidate.point)
 
 
-@pytest.mark.parametrize("frequencies", [(1.2,), (1.6, 0.8), (0.1, 6.0)], ids=str)
+@pytest.mark.parametrize(
+    "frequencies", [(1.2,), *(pytest.param(f, marks=pytest.mark.slow) for f in ((1.6, 0.8), (0.1, 6.0)))], ids=str
+)
 def test_few_trials_are_enough(frequencies):
     world = World(frequencies)
     assert_sound(advisor().propose(start(world)), MIDDLE)
