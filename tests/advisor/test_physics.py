@@ -311,10 +311,17 @@ def test_a_shortened_step_costs_less_trust_than_a_rejection():
 
 
 def test_trust_stays_within_limits():
-    lowest, highest = trust_radius((REJECTED,) * 50), trust_radius((finished_round(),) * 50)
-    assert 0 < lowest < trust_radius(()) < highest <= 1
-    assert trust_radius((REJECTED,) * 51) == lowest
+    highest = trust_radius((finished_round(),) * 50)
+    assert trust_radius(()) < highest <= 1
     assert trust_radius((finished_round(),) * 51) == highest
+
+
+def test_trust_that_is_smallest_and_in_vain_begins_anew():
+    radii = [trust_radius((REJECTED,) * count) for count in range(20)]
+    smallest = int(np.argmin(radii))
+    assert radii[smallest] == 0.08
+    assert radii[smallest + 1] == radii[0]
+    assert np.all(np.diff(radii[: smallest + 1]) < 0)
 
 
 def test_caution_falls_while_nothing_is_gained_and_returns_with_progress():

@@ -38,7 +38,7 @@ KERNEL = Kernel(offset=0.1, slope=0.5, bend=0.6, length=0.35, noise=0.002)
 SPEED_SPREAD, BEAT_SPREAD = 0.25, 0.012  # deviation from the response, on the speed scale and in m
 CAUTION, BOLDER = 0.3, 0.3  # weight of the variance, and what a round without real progress makes of it
 PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
-TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.05, 0.7  # half width of the trusted box, in the unit cube
+TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.08, 0.7  # half width of the trusted box, in the unit cube
 GROW, SHRINK = 1.3, 0.7
 SURER = 0.35  # by how much surer to go forward a point should be to turn a backward trial
 _SAMPLES, _STARTS = 3000, 4
@@ -164,11 +164,14 @@ class PhysicsAdvisor:
 
 
 def trust_radius(rounds: Sequence[Round]) -> float:
-    """Half width of the box around the incumbent that a proposal stays in: grows and shrinks with its successes."""
+    """Half width of the box around the incumbent that a proposal stays in: grows and shrinks with its successes.
+
+    A run that is stuck where the box is smallest looks far away again.
+    """
     trust = TRUST_START
     for finished in rounds:
         if not finished.accepted:
-            trust *= SHRINK
+            trust = trust * SHRINK if trust > TRUST_LEAST else TRUST_START
         elif len(finished.steps) == 1:
             trust *= GROW
         else:
