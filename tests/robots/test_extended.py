@@ -153,7 +153,7 @@ def test_a_calibration_of_the_extended_fish_is_one_like_any_other(rough_swims, t
         read_parameters(tmp_path / "run", "fish", FISH.space)
     # going on with more budget takes the record up again
     more = calibrate(rough_swims, FISH_EXTENDED, replace(settings, budget=6), tmp_path / "run", resume=True)
-    assert more.fit.aligned_marker_error <= min(losses) + 1e-12
+    assert more.fit.aligned_marker_error <= min(losses) * (1 + 1e-8)  # an outcome has nine digits
 
 
 @pytest.mark.slow
