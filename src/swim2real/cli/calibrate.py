@@ -62,7 +62,7 @@ def calibrate(
 
 
 def demo(
-    *, out: Path = Path("demo-out"), budget: int = 40, seed: int = 0, full: bool = False, resume: bool = False,
+    *, out: Path = Path("demo-out"), budget: int = 30, seed: int = 0, full: bool = False, resume: bool = False,
     quiet: bool = False,
 ) -> int:  # fmt: skip
     """Run the whole pipeline on an embedded example: no data, no network, no key.

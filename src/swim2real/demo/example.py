@@ -45,7 +45,7 @@ def hidden_values() -> dict[str, float]:
     return replace(FISH.space, scale="log").to_values(point)
 
 
-def demo_settings(budget: int = 40, seed: int = 0, workers: int | None = None) -> CalibrationSettings:
+def demo_settings(budget: int = 30, seed: int = 0, workers: int | None = None) -> CalibrationSettings:
     """Settings of the demo's calibration.
 
     Raises:
