@@ -1,4 +1,6 @@
 import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does: matrices are small
 import socket
 from pathlib import Path
 

@@ -15,7 +15,7 @@ import torch
 from measure import FREQUENCIES, LEAST_STRIDE, SAMPLES, way_in_a_beat
 
 from swim2real.robots.fish import FISH
-from swim2real.robots.fish.response import covariances, read_response
+from swim2real.robots.fish.response import read_response
 from swim2real.trials import frames
 
 SUBSET, ROUNDS, RATE = 1000, 150, 0.08  # sets, rounds and rate of the search for a kernel
@@ -79,13 +79,20 @@ def outputs(points, cycles):
     basis = directions[: min(kept, MOST_COORDINATES)]
     rows = np.flatnonzero(forward)
     learned = {
-        "direction": (np.arange(len(points)), np.tanh(stride / SHARP).mean(axis=1)[:, None]),
+        "direction": (np.arange(len(points)), np.tanh(stride / SHARP)),
         "stride": (rows, logs.mean(axis=1)[:, None]),
         "growth": (rows, slope[:, None]),
         "motion": (rows, (table - average) * weight @ basis.T),
     }
     shape = (len(basis), len(FREQUENCIES), motion.shape[2])
     return learned, (basis / weight).reshape(shape), average.reshape(shape[1:])
+
+
+def covariances(a, b, lengths, bend, slope):
+    """Prior covariance between points on a scale from -1 to 1. Shapes (N, d), (K, d) to (N, K)."""
+    near, far = a / lengths, b / lengths
+    squared = np.maximum((near**2).sum(axis=1)[:, None] + (far**2).sum(axis=1) - 2 * near @ far.T, 0.0)
+    return bend * np.exp(-0.5 * squared) + slope / a.shape[1] * (a @ b.T)
 
 
 def kernel_of(points, values):
@@ -143,8 +150,8 @@ def tested(points, cycles, held_out):
     available = len(points) - held_out
     for count in (*(n for n in (300, 1000) if n < available), available):
         response = read_response(fitted(points[held_out:][:count], cycles[held_out:][:count]))
-        score = response.forward(unseen)
-        right = np.sign(score) == np.sign(stride.mean(axis=1))
+        _, score = response.speeds(unseen, unseen, FREQUENCIES)
+        right = np.sign(score) == np.sign(stride)
         sure = np.abs(score) > 0.5
         print(
             f"{count} sets: direction right {right.mean():.3f}, {right[sure].mean():.3f} where sure ({sure.mean():.2f})"

@@ -20,14 +20,18 @@ from swim2real.settings import ProtocolName
 class Response(Protocol):
     """How a robot's swimming responds to its parameters, roughly, as measured over its whole box."""
 
-    def speeds(
-        self, points: NDArray[np.float64], values: NDArray[np.float64], frequencies: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Forward speeds [m/s], from the logarithmic cube and from values. Shapes (N, d), (N, d), (F,) to (N, F)."""
+    @property
+    def lengths(self) -> NDArray[np.float64]:
+        """Over which change of each parameter the beat changes, relative to the others. Shape (d,)."""
         ...
 
-    def forward(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Whether swims go forward, from -1 for surely not to 1 for surely. Shape (N, d) to (N,)."""
+    def speeds(
+        self, points: NDArray[np.float64], values: NDArray[np.float64], frequencies: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Forward speeds [m/s], and whether swims go forward, from -1 for surely not to 1 for surely.
+
+        From points in the logarithmic cube and from values. Shapes (N, d), (N, d), (F,) to (N, F) and (N, F).
+        """
         ...
 
     def beats(

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, minimize
 
 from swim2real.advisor.physics.model import (
+    Aim,
     Expectation,
-    Kernel,
+    Features,
     Surrogate,
     Swims,
-    from_speed_scale,
+    direction,
     read_swims,
     shape_floor,
     to_speed_scale,
@@ -34,13 +35,10 @@ from swim2real.robots.robot import Robot
 
 Array = NDArray[np.float64]
 
-KERNEL = Kernel(offset=0.1, slope=0.5, bend=0.6, length=0.35, noise=0.002)
-SPEED_SPREAD, BEAT_SPREAD = 0.25, 0.012  # deviation from the response, on the speed scale and in m
 CAUTION, BOLDER = 0.3, 0.3  # weight of the variance, and what a round without real progress makes of it
 PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
 TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.08, 0.7  # half width of the trusted box, in the unit cube
 GROW, SHRINK = 1.3, 0.7
-SURER = 0.35  # by how much surer to go forward a point should be to turn a backward trial
 _SAMPLES, _STARTS = 3000, 4
 _DIFFERENCE = 1e-4
 
@@ -106,31 +104,22 @@ class PhysicsAdvisor:
         real = read_swims(incumbent.detail, "real", frame)
         points = np.array([self._point(e) for e in evaluations])
         driven = trial_frequencies(incumbent.detail)
-        simulated = [_filled(read_swims(e.detail, "simulated", frame), real, driven) for e in evaluations]
-        features = np.array([swims.features.ravel() for swims in simulated])
-        per_trial = real.features.shape[1]
-        spread = np.tile([SPEED_SPREAD, *[BEAT_SPREAD] * (per_trial - 1)], len(driven))
-        surrogate = Surrogate(KERNEL, lambda p: self._prior(p, driven, whole), spread, points, features)
-        trials = list(incumbent.detail["trials"].values())
         body_real, here = (read_swims(incumbent.detail, side) for side in ("real", "simulated"))
-        # a trial that goes backward or staggers while the others don't: its speed was replaced above
-        replaced = np.abs(here.speed - _filled(here, body_real, driven).speed) > 1e-4
-        apart = replaced & (np.median(here.speed) > 0)
-        stuck = np.where(apart, [trial["aligned_marker_error"] for trial in trials], 0.0)
-        sure = float(self._response.forward(self._point(incumbent)[None])[0])
-        horizon = incumbent.detail["horizon"] or 4.0
-        floor = shape_floor(np.array([trial["shape_error"] for trial in trials]), here.beat, body_real.beat)
-        return Expectation(
-            surrogate, real.speed, real.beat, floor, np.full(len(driven), float(horizon)), caution(rounds), stuck,
-            lambda p: (self._response.forward(p) - sure) / SURER,
-        )  # fmt: skip
+        shape = np.array([trial["shape_error"] for trial in incumbent.detail["trials"].values()])
+        floor = shape_floor(shape, here.beat, body_real.beat)
+        aim = Aim(real.speed, real.beat, floor, float(incumbent.detail["horizon"] or 4.0))
+        simulated = [read_swims(e.detail, "simulated", frame) for e in evaluations]
+        seen = _learned(np.array([s.speed for s in simulated]), np.array([s.beat for s in simulated]), real, driven)
+        seen = seen._replace(excess=aim.excess(np.array([e.loss for e in evaluations]), seen))
+        surrogate = Surrogate(lambda p: self._prior(p, driven, whole), self._response.lengths, points, seen)
+        return Expectation(surrogate, aim, caution(rounds))
 
-    def _prior(self, points: Array, driven: Array, whole: bool) -> Array:
-        """Features that the response expects. Shape (N, d) to (N, F (1 + 2 M))."""
+    def _prior(self, points: Array, driven: Array, whole: bool) -> Features:
+        """Features that the response expects of points, shape (N, d), and no excess."""
         response = self._response
-        speeds = response.speeds(points, self._own.to_array(points), driven)
+        speeds, forward = response.speeds(points, self._own.to_array(points), driven)
         beats = response.beats(points, driven, whole)
-        return np.concatenate([to_speed_scale(speeds)[:, :, None], beats], axis=2).reshape(len(points), -1)
+        return Features(to_speed_scale(speeds), forward, beats, np.zeros(len(points)))
 
     def _best_point(self, expectation: Expectation, here: Array, trust: float, rng: np.random.Generator) -> Array:
         low, high = np.maximum(here - trust, 0.0), np.minimum(here + trust, 1.0)
@@ -191,7 +180,8 @@ def caution(rounds: Sequence[Round]) -> float:
     return weight
 
 
-def _filled(simulated: Swims, real: Swims, driven: Array) -> Swims:
-    """What can be learned from: no outlying speeds, and zeros for markers that never count."""
-    speed = from_speed_scale(without_outliers(to_speed_scale(simulated.speed), driven))
-    return Swims(speed, np.where(np.isfinite(real.beat), np.nan_to_num(simulated.beat), 0.0))
+def _learned(speeds: Array, beats: Array, real: Swims, driven: Array) -> Features:
+    """Features to learn from: no outlying speeds, and zeros for markers that never count."""
+    scaled = np.array([without_outliers(one, driven) for one in to_speed_scale(speeds)])
+    beats = np.where(np.isfinite(real.beat), np.nan_to_num(beats), 0.0)
+    return Features(scaled, direction(speeds, driven), beats, np.zeros(len(speeds)))

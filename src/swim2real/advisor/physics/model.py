@@ -1,11 +1,10 @@
 """What the advisor believes: features of a swim, what the simulator would do elsewhere, and the loss that follows.
 
-A swim is described by its forward speed and its beat, in the body frame or, where the whole motion is compared, in the
-frame of its path. Speeds are compared on a scale that is logarithmic
-for swimmers and linear around standstill, so that a fish that hardly moves, or moves backward, is nothing special. The
-beat is taken relative to the last marker's phase, because the phase of a trial is free.
+A swim is described by its forward speed, its direction and its beat, in the body frame or, where the whole motion is
+compared, in the frame of its path. Speeds are compared on a scale that is logarithmic for swimmers and linear around
+standstill. The beat is taken relative to the last marker's phase, because the phase of a trial is free.
 
-A Gaussian process predicts these features at other points. Its prior mean is the robot's measured response; what the
+Gaussian processes predict these features at other points. Their prior mean is the robot's measured response; what the
 run has shown so far corrects it. The posterior knows where it is unsure, so a step into the unknown is judged as what
 it is. The expected loss follows from predicted speeds and beats, in the terms of the motion error or of the aligned
 error.
@@ -15,15 +14,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import least_squares
+from scipy.special import ndtr
 
 Array = NDArray[np.float64]
 
+SHARP = 0.02  # m in a beat, within which backward turns into forward
+BACKWARD_LOSS, DOUBT = 0.1, 0.3  # m for a trial that goes backward; deviation of a direction that seems sure
+MOST_EXCESS = 1.5
+LENGTH = 0.35  # in the cube, over which deviations from the response change
+NOISES = (0.003, 0.02, 0.1, 0.4)  # of a deviation, in units of the nonlinear part: a run where swims jump is noisy
 SLOW = 0.01  # m/s, where the speed scale turns from linear to logarithmic
 _LEAST_TRIALS = 4
 _OUTLIER = 0.12  # on the speed scale, from a line over the logarithm of frequency
@@ -47,17 +52,33 @@ class Swims:
 
     Attributes:
         speed: Forward speed [m/s]. Shape (F,).
-        beat: Real and imaginary parts of each marker's sideways fundamental, turned so that the last marker's phase is
-            zero [m]; NaN for a marker that never counts. Shape (F, 2 M).
+        beat: Real and imaginary parts of each marker's sideways fundamental, turned so that the last marker's phase in
+            the body frame is zero [m]; NaN for a marker that never counts. Shape (F, 2 M).
     """
 
     speed: Array
     beat: Array
 
-    @property
-    def features(self) -> Array:
-        """Scaled speed, then the beat. Shape (F, 1 + 2 M)."""
-        return np.concatenate([to_speed_scale(self.speed)[:, None], self.beat], axis=1)
+
+class Features(NamedTuple):
+    """What is predicted of the swims at some points: of each trial its speed, direction and beat.
+
+    Attributes:
+        speed: Speed on the advisor's scale. Shape (N, F).
+        direction: From -1, backward, to 1, forward, by the way in a beat. Shape (N, F).
+        beat: Beat as in `Swims` [m]. Shape (N, F, 2 M).
+        excess: Logarithm of the loss over what the others explain of it. Shape (N,).
+    """
+
+    speed: Array
+    direction: Array
+    beat: Array
+    excess: Array
+
+
+def direction(speed: Array, frequencies: Array) -> Array:
+    """From -1, backward, to 1, forward, by the way in a beat. Shapes (..., F), (F,) to (..., F)."""
+    return np.tanh(speed / frequencies / SHARP)
 
 
 def whole_motion(evidence: Mapping[str, Any]) -> bool:
@@ -68,15 +89,13 @@ def whole_motion(evidence: Mapping[str, Any]) -> bool:
 def read_swims(evidence: Mapping[str, Any], side: str, frame: Literal["body", "path"] = "body") -> Swims:
     """Reads the `real` or the `simulated` side from the evidence of an evaluation, with beats in a frame."""
     trials = evidence["trials"].values()
-    key = f"path_beat_{side}" if frame == "path" else f"beat_{side}"
     speed = np.array([trial[f"velocity_{side}"] for trial in trials], dtype=float)
     beats: list[Array] = []
     for trial in trials:
-        content = trial[key]
-        amplitude, phase = (np.array(content[key], dtype=float) for key in ("amplitude", "phase"))
-        turned: NDArray[np.complex128] = amplitude * np.exp(
-            1j * (phase - (phase[-1] if np.isfinite(phase[-1]) else 0.0))
-        )
+        seen, body = (trial[f"{key}_{side}"] for key in ("path_beat" if frame == "path" else "beat", "beat"))
+        amplitude, phase = (np.array(seen[key], dtype=float) for key in ("amplitude", "phase"))
+        last = np.array(body["phase"], dtype=float)[-1]
+        turned: NDArray[np.complex128] = amplitude * np.exp(1j * (phase - (last if np.isfinite(last) else 0.0)))
         beats.append(np.concatenate([turned.real, turned.imag]))
     return Swims(speed, np.array(beats))
 
@@ -104,107 +123,167 @@ def trial_frequencies(evidence: Mapping[str, Any]) -> Array:
 
 @dataclass(frozen=True)
 class Kernel:
-    """Covariance of the deviation from the prior mean, for features of unit scale.
+    """Covariance of the deviation from the prior mean.
 
     Attributes:
         offset: Standard deviation of a constant deviation.
         slope: Scale of its linear part, per unit of the cube.
         bend: Scale of its nonlinear part.
-        length: Length scale of the nonlinear part, in the cube.
-        noise: Noise of an observation.
+        lengths: Length scale of the nonlinear part for each parameter, in the cube; the linear part weighs parameters
+            by their inverse. Shape (d,).
     """
 
     offset: float
     slope: float
     bend: float
-    length: float
-    noise: float
+    lengths: Array
 
     def __call__(self, a: Array, b: Array) -> Array:
         """Covariance between points. Shapes (N, d), (K, d) to (N, K)."""
-        squared = np.maximum((a**2).sum(1)[:, None] + (b**2).sum(1) - 2 * a @ b.T, 0.0)
-        linear = self.offset**2 + self.slope**2 * ((a - 0.5) @ (b - 0.5).T)
-        return linear + self.bend**2 * np.exp(-squared / (2 * self.length**2))
+        near, far = (a - 0.5) / self.lengths, (b - 0.5) / self.lengths
+        product = near @ far.T
+        squared = (near**2).sum(1)[:, None] + (far**2).sum(1) - 2 * product
+        linear = self.offset**2 + self._slope**2 * product
+        return linear + self.bend**2 * np.exp(-0.5 * np.maximum(squared, 0.0))
 
     def variance(self, points: Array) -> Array:
         """Prior variance. Shape (N, d) to (N,)."""
-        return self.offset**2 + self.slope**2 * ((points - 0.5) ** 2).sum(1) + self.bend**2
+        squared = (((points - 0.5) / self.lengths) ** 2).sum(1)
+        return self.offset**2 + self._slope**2 * squared + self.bend**2
+
+    @property
+    def _slope(self) -> float:
+        return self.slope * float(self.lengths.min())
+
+
+class Correction:
+    """Gaussian process of how some outputs deviate from what was expected, all with the same covariance."""
+
+    def __init__(self, kernel: Kernel, points: Array, deviations: Array) -> None:
+        """Conditions the process on deviations that were seen, with the noise that explains them best.
+
+        Args:
+            kernel: Covariance.
+            points: Evaluated points. Shape (N, d).
+            deviations: Outputs there. Shape (N, K).
+        """
+        self._kernel, self._points = kernel, points
+        noises = kernel.bend * np.array(NOISES)
+        factors = [cho_factor(kernel(points, points) + n**2 * np.eye(len(points)), lower=True) for n in noises]
+        self._factor = max(factors, key=lambda factor: _evidence(factor, deviations))
+        self._weights = np.asarray(cho_solve(self._factor, deviations))
+
+    def __call__(self, points: Array) -> tuple[Array, Array]:
+        """Mean of every output, and their variance. Shape (N, d) to (N, K) and (N,)."""
+        cross = self._kernel(points, self._points)
+        explained = (cross.T * np.asarray(cho_solve(self._factor, cross.T))).sum(axis=0)
+        return cross @ self._weights, np.maximum(self._kernel.variance(points) - explained, 0.0)
+
+
+def _evidence(factor: tuple[Array, bool], outputs: Array) -> float:
+    """Logarithm of the evidence for a covariance, but for a constant. Shape (N, K) of the outputs."""
+    fit = float((outputs * np.asarray(cho_solve(factor, outputs))).sum())
+    return -0.5 * fit - outputs.shape[1] * float(np.log(np.diag(factor[0])).sum())
 
 
 class Surrogate:
-    """Posterior mean and standard deviation of the features at any point."""
+    """Mean and variance of the features at any point: what the response expects, corrected by what was seen."""
 
-    def __init__(
-        self, kernel: Kernel, prior: Callable[[Array], Array], spread: Array, points: Array, features: Array
-    ) -> None:
-        """Conditions the prior on what was seen.
+    def __init__(self, prior: Callable[[Array], Features], lengths: Array, points: Array, seen: Features) -> None:
+        """Corrects the prior by what was seen.
 
         Args:
-            kernel: Kernel for features of unit scale.
-            prior: Points (N, d) to features (N, K).
-            spread: Standard deviation of each feature's deviation from the prior, in units of the kernel's. Shape (K,).
+            prior: Points (N, d) to features.
+            lengths: Over which parameters change the beat, relative to each other. Shape (d,).
             points: Evaluated points. Shape (N, d).
-            features: As seen there. Shape (N, K).
+            seen: Features there.
         """
-        self._kernel, self._prior, self._spread, self._points = kernel, prior, spread, points
-        covariance = kernel(points, points) + kernel.noise**2 * np.eye(len(points))
-        self._factor = cho_factor(covariance, lower=True)
-        self._weights = np.asarray(cho_solve(self._factor, features - prior(points)))
+        self._prior, expected, alike = prior, prior(points), np.full_like(lengths, LENGTH)
+        beats = (seen.beat - expected.beat).reshape(len(points), -1)
+        self._speed = Correction(Kernel(0.1, 0.15, 0.25, alike), points, seen.speed - expected.speed)
+        self._direction = Correction(Kernel(0.15, 0.1, 0.3, alike), points, seen.direction - expected.direction)
+        self._beat = Correction(Kernel(0.004, 0.008, 0.006, 2 * LENGTH * lengths), points, beats)
+        self._excess = Correction(Kernel(0.15, 0.25, 0.5, alike), points, (seen.excess - expected.excess)[:, None])
 
-    def predict(self, points: Array) -> tuple[Array, Array]:
-        """Mean and standard deviation of every feature. Shape (N, d) to (N, K) and (N, K)."""
-        cross = self._kernel(points, self._points)
-        mean = self._prior(points) + cross @ self._weights
-        explained = (cross.T * np.asarray(cho_solve(self._factor, cross.T))).sum(axis=0)
-        spread = np.sqrt(np.maximum(self._kernel.variance(points) - explained, 0.0))
-        return mean, spread[:, None] * self._spread
+    def predict(self, points: Array) -> tuple[Features, Features]:
+        """Mean and variance of the features. Shape (N, d)."""
+        mean = self._prior(points)
+        parts = [correction(points) for correction in (self._speed, self._direction, self._beat, self._excess)]
+        more, variances = zip(*parts, strict=True)
+        changed = [old + new.reshape(old.shape) for old, new in zip(mean, more, strict=True)]
+        spread = [
+            np.broadcast_to(v.reshape(-1, *[1] * (o.ndim - 1)), o.shape) for v, o in zip(variances, mean, strict=True)
+        ]
+        return Features(*changed), Features(*spread)
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What the real swims do, from which the loss of any other ones follows.
+
+    Attributes:
+        speed: Real speeds [m/s]. Shape (F,).
+        beat: Real beats [m], NaN where unknown. Shape (F, 2 M).
+        shape_floor: What of each trial's shape error the beats don't explain [m]. Shape (F,).
+        horizon: Seconds compared in each trial.
+    """
+
+    speed: Array
+    beat: Array
+    shape_floor: Array
+    horizon: float
+
+    def losses(self, speed: Array, beat: Array, speed_variance: Array, beat_variance: Array) -> Array:
+        """Expected losses [m].
+
+        Args:
+            speed: On the advisor's scale. Shape (N, F).
+            beat: [m]. Shape (N, F, 2 M).
+            speed_variance: Of the speed. Shape (N, F).
+            beat_variance: Of each part of the beat. Shape (N, F, 2 M).
+
+        Returns:
+            Shape (N,).
+        """
+        simulated = from_speed_scale(speed)
+        # along the swimming axis: the difference grows with time
+        instants = (np.arange(_INSTANTS) + 0.5) / _INSTANTS * self.horizon
+        unsure = (simulated**2 + SLOW**2) * speed_variance
+        progress = ((simulated - self.speed) ** 2 + unsure)[:, :, None] * instants**2
+        shape = self.shape_floor**2 + mean_square(beat, self.beat, beat_variance)
+        return np.sqrt(progress + shape[:, :, None]).mean(axis=(1, 2))
+
+    def excess(self, losses: Array, features: Features) -> Array:
+        """Logarithms of seen losses over what the features explain of them. Shape (N,) to (N,).
+
+        It is large where a swimmer staggers, which smooth features don't tell; of one that goes backward it says
+        nothing.
+        """
+        explained = self.losses(features.speed, features.beat, 0 * features.speed, 0 * features.beat)
+        excess = np.clip(np.log(np.maximum(losses, 1e-9) / explained), -MOST_EXCESS, MOST_EXCESS)
+        return np.where(features.direction.min(axis=1) < 0, 0.0, excess)
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """Predicts the loss from a surrogate of the features.
+    """Predicts the loss from a surrogate of what a swim does.
 
     Attributes:
-        surrogate: Surrogate of the features of all trials, flattened from (F, 1 + 2 M).
-        speed: Real speeds [m/s]. Shape (F,).
-        beat: Real beats [m], NaN where unknown. Shape (F, 2 M).
-        shape_floor: What of each trial's shape error the beats don't explain [m]. Shape (F,).
-        horizon: Seconds compared in each trial. Shape (F,).
+        surrogate: Surrogate of the features of all trials.
+        aim: What the real swims do.
         caution: Weight of the surrogate's variance.
-        stuck: What each trial loses beyond what its speed explains, because it swims backward or staggers at the
-            incumbent while others don't [m]; expected to vanish the surer a point is forward. Shape (F,).
-        surer: Points (N, d) to how much surer they are to go forward than the incumbent, 1 when it is enough.
     """
 
     surrogate: Surrogate
-    speed: Array
-    beat: Array
-    shape_floor: Array
-    horizon: Array
+    aim: Aim
     caution: float
-    stuck: Array
-    surer: Callable[[Array], Array]
 
     def losses(self, points: Array) -> Array:
         """Expected loss of each point [m]. Shape (N, d) to (N,)."""
-        mean, spread = self.surrogate.predict(points)
-        count = len(self.speed)
-        mean, spread = (part.reshape(len(points), count, -1) for part in (mean, spread))
-        # along the swimming axis: the difference grows with time
-        simulated = from_speed_scale(mean[:, :, 0])
-        unsure = np.hypot(simulated, SLOW) * spread[:, :, 0]
-        difference = (simulated - self.speed) ** 2 + self.caution * unsure**2
-        shape = self.shapes(mean[:, :, 1:], self.caution * spread[:, :, 1:] ** 2)
-        instants = (np.arange(_INSTANTS) + 0.5) / _INSTANTS * self.horizon[:, None]
-        squared = difference[:, :, None] * instants**2 + shape[:, :, None] ** 2
-        losses = np.sqrt(squared).mean(axis=2).mean(axis=1)
-        if not self.stuck.any():
-            return losses
-        return losses + self.stuck.mean() * (1 - np.clip(self.surer(points), -1.0, 1.0))
-
-    def shapes(self, beat: Array, variance: Array | float = 0.0) -> Array:
-        """Expected shape errors [m]. Shape (N, F, 2 M) to (N, F)."""
-        return np.sqrt(self.shape_floor**2 + mean_square(beat, self.beat, variance))
+        mean, variance = self.surrogate.predict(points)
+        losses = self.aim.losses(mean.speed, mean.beat, self.caution * variance.speed, self.caution * variance.beat)
+        backward = ndtr(-mean.direction / np.sqrt(variance.direction + DOUBT**2))
+        return losses * np.exp(np.maximum(mean.excess, 0.0)) + BACKWARD_LOSS * backward.sum(axis=1)
 
 
 def mean_square(simulated: Array, real: Array, variance: Array | float = 0.0) -> Array:

@@ -57,17 +57,10 @@ class PosteriorMean:
 
     @cached_property
     def _prepared(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], Array]:
-        """Of `covariances` with the weights: points in units of the lengths, their squares, weights, linear part."""
+        """Points in units of the lengths, their squares, weights, and the linear part with its weights."""
         far = (self.points / self.lengths).astype(np.float32)
         linear = self.slope / len(self.lengths) * (self.points.T @ self.weights)
         return far, (far**2).sum(axis=1), (self.bend * self.weights).astype(np.float32), linear
-
-
-def covariances(a: Array, b: Array, lengths: Array, bend: float, slope: float) -> Array:
-    """Prior covariance between points on a scale from -1 to 1. Shapes (N, d), (K, d) to (N, K)."""
-    near, far = a / lengths, b / lengths
-    squared = np.maximum((near**2).sum(axis=1)[:, None] + (far**2).sum(axis=1) - 2 * near @ far.T, 0.0)
-    return bend * np.exp(-0.5 * squared) + slope / a.shape[1] * (a @ b.T)
 
 
 @dataclass(frozen=True)
@@ -75,7 +68,7 @@ class FishResponse:
     """What the Gaussian processes expect of swims from rest.
 
     Attributes:
-        direction: One output from -1, backward, to 1, forward.
+        direction: From -1, backward, to 1, forward, at each of the frequencies.
         stride: Logarithm of the way in a beat [m] at the middle of the logarithms of the frequencies.
         growth: Slope of that logarithm over the logarithm of the frequency.
         motion: Coordinates of the motion.
@@ -96,8 +89,13 @@ class FishResponse:
     frequencies: Array
     behind: Array
 
-    def speeds(self, points: Array, values: Array, frequencies: Array) -> Array:
-        """Forward speeds [m/s].
+    @property
+    def lengths(self) -> Array:
+        """Over which change of each parameter the beat changes, with a median of 1. Shape (16,)."""
+        return self.motion.lengths / np.median(self.motion.lengths)
+
+    def speeds(self, points: Array, values: Array, frequencies: Array) -> tuple[Array, Array]:
+        """Forward speeds [m/s], and whether swims go forward from rest, from -1 for surely not to 1 for surely.
 
         Args:
             points: Points in the logarithmic unit cube. Shape (N, 16).
@@ -105,19 +103,18 @@ class FishResponse:
             frequencies: Frequencies of the beat [Hz]. Shape (F,).
 
         Returns:
-            Shape (N, F).
+            Shapes (N, F).
         """
         del values
         logs = np.log(frequencies) - np.log(self.frequencies).mean()
         strides = np.exp(self.stride(points) + self.growth(points) * logs)
-        return np.tanh(STEEPNESS * self.forward(points))[:, None] * strides * frequencies
-
-    def forward(self, points: Array) -> Array:
-        """Whether swims go forward from rest, from -1 for surely not to 1 for surely. Shape (N, 16) to (N,)."""
-        return self.direction(points)[:, 0]
+        forward = self._at(self.direction(points).T, frequencies).T
+        return np.tanh(STEEPNESS * forward) * strides * frequencies, forward
 
     def beats(self, points: Array, frequencies: Array, whole_motion: bool = False) -> Array:
-        """Sideways fundamentals of the markers, turned to the last one's phase, real then imaginary parts [m].
+        """Sideways fundamentals of the markers, real then imaginary parts [m].
+
+        They are turned to the phase of the last marker in the body frame.
 
         Args:
             points: Points in the logarithmic unit cube. Shape (N, 16).
@@ -135,8 +132,7 @@ class FishResponse:
         markers = motion[..., :-2]
         if whole_motion:
             markers = markers + motion[..., -2:-1] + motion[..., -1:] * self.behind
-        turned = markers * np.exp(-1j * np.angle(markers[..., -1:]))
-        return np.concatenate([turned.real, turned.imag], axis=-1)
+        return np.concatenate([markers.real, markers.imag], axis=-1)
 
     def _at(self, table: Array, frequencies: Array) -> Array:
         """A table's rows at other frequencies, constant beyond its ends. Shape (G, ...) to (F, ...)."""
@@ -185,13 +181,14 @@ class ExtendedResponse:
     plain: Response
     friction: int | None
 
-    def speeds(self, points: Array, values: Array, frequencies: Array) -> Array:
-        plain = self.plain.speeds(_sixteen(points), _sixteen(values), frequencies)
-        left = np.maximum(plain**2 - self._loss(values), 0.0)
-        return np.sign(plain) * np.sqrt(left)
+    @property
+    def lengths(self) -> Array:
+        return np.append(self.plain.lengths, 1.0)
 
-    def forward(self, points: Array) -> Array:
-        return self.plain.forward(_sixteen(points))
+    def speeds(self, points: Array, values: Array, frequencies: Array) -> tuple[Array, Array]:
+        plain, forward = self.plain.speeds(_sixteen(points), _sixteen(values), frequencies)
+        left = np.maximum(plain**2 - self._loss(values), 0.0)
+        return np.sign(plain) * np.sqrt(left), forward
 
     def beats(self, points: Array, frequencies: Array, whole_motion: bool = False) -> Array:
         return self.plain.beats(_sixteen(points), frequencies, whole_motion)
