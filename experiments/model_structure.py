@@ -1,15 +1,13 @@
 """Model structure: which physics beyond the paper's 16 parameters explains the real swims better, on trials left out.
 
-    python experiments/model_structure.py fit none friction viscosity --reference tracks --start runs/floor/best.json
-    python experiments/model_structure.py leave-out none friction --reference tracks --start runs/floor/best.json
+    python experiments/model_structure.py fit none hull-mass+slide-damping --reference tracks --start runs/words
+    python experiments/model_structure.py leave-out none hull-mass --reference tracks --start runs/words
     python experiments/model_structure.py table
-    python experiments/model_structure.py drag
 
-Every fit begins where a long calibration of the 16 (experiments/floor.py) has ended, with the extra parameters at two
-values off their neutral ones in turn, and has the same budget: `none`, which the others are compared with, goes on
-with the 16 alone; `a+b` has two. `leave-out` fits to all trials but one, for each, and judges on that one. The 16
-begin at a fit to all trials there too, in every structure alike: compare left-out errors between structures, they are
-no absolute measure. `drag` measures what the response of `fish-extended` takes for drag. Every fit is a file of its
+Every fit is CMA-ES on the whole motion from the same 16 values, with the extra parameters off their neutral ones, and
+has the same budget: `none`, which the others are compared with, has the 16 alone; `a+b` has two more. `leave-out` fits
+to all trials but one, for each, and judges on that one. The 16 begin at a fit to all trials there too, in every
+structure alike: compare left-out errors between structures, they are no absolute measure. Every fit is a file of its
 own; a fit that is there isn't done again. The same command gives the same numbers.
 """
 
@@ -22,26 +20,15 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from scipy.optimize import lsq_linear
+from floor import FIGURES, beginning, descend, table_row
 
 from swim2real.calibration import Problem
 from swim2real.parameters import Parameter, ParameterSpace, read_parameters
-from swim2real.robots.fish import FISH, FISH_EXTENDED
-from swim2real.robots.fish.response import ExtendedResponse, fish_response
-from swim2real.simulation import Simulator, Swim
-from swim2real.trials import Actuation, load_reference
+from swim2real.robots.fish import FISH
+from swim2real.trials import load_reference
 
-SEED = 0
-BUDGET = {"fit": 200, "leave-out": 150}  # evaluations
-STEP, TRUST = 0.02, 0.3  # of the differences, and the most that a parameter moves in a step, in the cube
-SOFT = 2e-3  # m, below which an error counts as a square
-DAMPINGS = (0.1, 1.0, 10.0)  # that a round tries, times the last best one
-LEAST_GAIN = 0.01  # of the loss, by a round; after less the slopes are measured again
-AWAY = (0.15, 0.5), (-0.2, 0.2), (-0.15, -0.5)  # from a neutral value that is low, between or high, in the cube
-FINALISTS, REPEATS, HAIR = 4, 4, 1e-6  # judged again, so often, so far apart in the cube
-FRICTION_NAME = "surface_friction"
-FRICTION = 0.02  # N, by which drag is measured
-FIGURES = ("aligned_marker_error", "shape_error", "velocity_error")
+SIGMA, SEED = 0.03, 0
+BUDGET = {"fit": 600, "leave-out": 200}  # evaluations
 
 
 def fluid_scale(bodies, coefficients):
@@ -102,6 +89,33 @@ class AddedMass:
         return model
 
 
+WATERS = {"water_front": 0.0, "water_rear": 0.2005}  # m, along the hull
+
+
+def waves_mass(spec, mass):
+    """Masses of water beside the hull's two halves, which it drags along sideways: `waves_damping` couples them."""
+    hull = spec.body("fish")
+    for name, x in WATERS.items():
+        body = hull.add_body(name=name, pos=[x, 0, 0])
+        joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0])
+        joint.damping[0] = 10.0
+        geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.002, 0, 0], mass=mass, contype=0, conaffinity=0)
+        geom.fluid_ellipsoid, geom.fluid_coefs = 1, [0.0] * 5
+
+
+def hull_mass(spec, factor):
+    """Water that the hull accelerates sideways, as mass of its two plates."""
+    for x, mass in ((0.0, 1.21), (0.2005, 1.34)):
+        spec.body("fish").add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[0.002, 0, 0],
+            pos=[x, 0, 0],
+            mass=factor * mass,
+            contype=0,
+            conaffinity=0,
+        )
+
+
 @dataclass(frozen=True)
 class Extra:
     """A parameter beyond the 16: at its published value it writes nothing and the fish is the plain one."""
@@ -112,7 +126,7 @@ class Extra:
 
 def extended(name, extras):
     """The fish with extra parameters behind its 16, in order."""
-    space = ParameterSpace((*FISH.space, *(extra.parameter for extra in extras)))
+    space = ParameterSpace((*FISH.space, *(extra.parameter for extra in extras)), "log")
 
     def build(values):
         checked = space.check(values)
@@ -123,9 +137,7 @@ def extended(name, extras):
                 extra.write(spec, value)
         return spec
 
-    friction = space.names.index(FRICTION_NAME) if FRICTION_NAME in space.names else None
-    swims = replace(FISH.swims, response=ExtendedResponse(fish_response(), friction))
-    return replace(FISH, name=name, space=space, build=build, trials=swims)
+    return replace(FISH, name=name, space=space, build=build, trials=replace(FISH.swims, response=None))
 
 
 def extra(name, unit, lower, upper, neutral, write, log_offset=None):
@@ -135,9 +147,9 @@ def extra(name, unit, lower, upper, neutral, write, log_offset=None):
 SLIDES, TAIL = ("slide_x", "slide_y"), tuple(f"tail{i}" for i in range(5))
 # pull_only is a structure whatever its slack: it has no neutral value
 EXTRAS = {
-    "friction": extra(FRICTION_NAME, "N", 0.0, 0.05, 0.0, set_joints("frictionloss", *SLIDES), 0.002),
+    "friction": extra("surface_friction", "N", 0.0, 0.05, 0.0, set_joints("frictionloss", *SLIDES), 0.002),
     "viscosity": extra("viscosity", "Pa·s", 0.00013, 0.13, 0.0013, viscosity, 0.0),
-    "slide-damping": extra("slide_damping", "N·s/m", 0.0, 1.0, 0.0, set_joints("damping", *SLIDES), 0.02),
+    "slide-damping": extra("slide_damping", "N·s/m", 0.0, 8.0, 0.0, set_joints("damping", *SLIDES), 0.1),
     "tail-friction": extra("tail_friction", "N·m", 0.0, 0.1, 0.0, set_joints("frictionloss", *TAIL), 0.002),
     "pull-only": extra("tendon_slack", "m", 0.0, 0.006, -1.0, pull_only),
     "tendon-damping": extra("tendon_damping", "N·s/m", 2.0, 100.0, 10.0, set_tendons("damping"), 0.0),
@@ -145,7 +157,18 @@ EXTRAS = {
     "added-mass": extra("added_mass_scale", "-", 0.0, 3.0, 1.0, None),
     "sway-inertia": extra("sway_inertia", "kg", 0.0, 5.0, 0.0, set_joints("armature", "slide_y"), 0.1),
     "yaw-inertia": extra("yaw_inertia", "kg·m²", 0.0, 0.1, 0.0, set_joints("armature", "hinge_z"), 0.002),
+    "hull-mass": extra("hull_mass", "-", 0.05, 8.0, 0.05, hull_mass, 0.0),
+    "roll-stiffness": extra("roll_stiffness", "N·m/rad", 0.05, 10.0, 10.0, set_joints("stiffness", "hinge_x"), 0.0),
+    "roll-damping": extra("roll_damping", "N·m·s/rad", 0.001, 1.0, 1.0, set_joints("damping", "hinge_x"), 0.0),
+    "body-kutta": extra("body_kutta_scale", "-", 0.05, 50.0, 1.0, fluid_scale(("fish", "motor"), (3,)), 0.0),
+    "body-magnus": extra("body_magnus_scale", "-", 0.02, 10.0, 1.0, fluid_scale(("fish", "motor"), (4,)), 0.0),
+    "body-blunt": extra("body_blunt_scale", "-", 0.02, 20.0, 1.0, fluid_scale(("fish", "motor"), (0,)), 0.0),
+    "body-slender": extra("body_slender_scale", "-", 0.05, 10.0, 1.0, fluid_scale(("fish", "motor"), (1,)), 0.0),
+    "wave-mass": extra("wave_mass", "kg", 0.05, 10.0, 0.05, waves_mass, 0.0),
+    "wave-damping": extra("wave_damping", "N·s/m", 0.2, 60.0, 0.2, set_joints("damping", *WATERS), 0.0),
     "body-drag": extra("body_drag_scale", "-", 0.2, 5.0, 1.0, fluid_scale(("fish", "motor"), (0, 1)), 0.0),
+    "body-angular": extra("body_angular_scale", "-", 0.1, 20.0, 1.0, fluid_scale(("fish", "motor"), (2,)), 0.0),
+    "body-lift": extra("body_lift_scale", "-", 0.1, 5.0, 1.0, fluid_scale(("fish", "motor"), (3, 4)), 0.0),
     "fin-lift": extra("fin_lift_scale", "-", 0.2, 5.0, 1.0, fluid_scale(("tail4",), (3,)), 0.0),
 }
 
@@ -153,7 +176,7 @@ EXTRAS = {
 def robot_of(structure):
     """The fish with the extra parameters of a structure such as `friction+viscosity`."""
     if structure == "none":
-        return FISH
+        return replace(FISH, space=replace(FISH.space, scale="log"))
     names = structure.split("+")
     robot = extended(f"fish, {structure}", [EXTRAS[name] for name in names if name != "added-mass"])
     if "added-mass" not in names:
@@ -164,103 +187,6 @@ def robot_of(structure):
         plain, space=space,
         build=lambda v: AddedMass(plain.build({n: v[n] for n in plain.space.names}), v[parameter.name]),
     )  # fmt: skip
-
-
-def repeated(problem, point):
-    """Figures of a point, as means over a few that lie a hair beside it, and the loss's spread among them.
-
-    A stiff model jitters: rounding errors grow, and one evaluation tells little about the next.
-    """
-    space, rng = problem.robot.space, np.random.default_rng(SEED)
-    points = [np.clip(point + HAIR * rng.standard_normal(len(point)), 0, 1) for _ in range(REPEATS)]
-    found = problem.evaluate_many([space.to_values(p) for p in points])
-    means = {name: float(np.mean([c.figure(name) for c in found])) for name in FIGURES}
-    per_trial = {
-        t.name: [float(np.mean([c.trials[i].figures()[name] for c in found])) for name in FIGURES]
-        for i, t in enumerate(found[0].trials)
-    }
-    return {**means, "spread": float(np.std([c.loss for c in found])), "trials": per_trial}
-
-
-def residual_and_scale(comparison):
-    """The comparison's residual vector (squares add up to the mean square), and lengths of its errors [m]."""
-    scale = []
-    for trial in comparison.trials:
-        lengths = np.linalg.norm(np.nan_to_num(trial.residual), axis=2)
-        scale.append(np.repeat(np.where(trial.weights > 0, lengths, 0.0).ravel() + SOFT, 2))
-    return comparison.residual_vector(), np.concatenate(scale)
-
-
-class Seen:
-    """Evaluations of a fit: residuals and their scales; all losses."""
-
-    def __init__(self, problem):
-        self.problem, self.losses = problem, []
-
-    def __call__(self, points):
-        found = self.problem.evaluate_many([self.problem.robot.space.to_values(p) for p in points])
-        for point, comparison in zip(points, found, strict=True):
-            self.losses.append((comparison.loss, len(self.losses), point))
-        return [residual_and_scale(comparison) for comparison in found]
-
-    def slopes(self, point, here):
-        signs = np.where(point + STEP <= 1, STEP, -STEP)
-        there = [residual for residual, _ in self(point + np.diag(signs))]
-        return np.stack([(r - here) / s for r, s in zip(there, signs, strict=True)], axis=1)
-
-
-def step(slopes, here, scale, point, damping):
-    """Levenberg-Marquardt's step within the cube, errors weighted by one over their length. Shape (d,)."""
-    size, weights = len(point), 1 / np.sqrt(scale)
-    weighted = slopes * weights[:, None]
-    square = weighted.T @ weighted
-    root = np.linalg.cholesky(square + damping * np.trace(square) / size * np.eye(size)).T
-    target = np.linalg.solve(root.T, -weighted.T @ (weights * here))
-    low, high = np.maximum(-point, -TRUST), np.minimum(1 - point, TRUST)
-    return lsq_linear(root, target, (low - 1e-12, high + 1e-12)).x
-
-
-def soft(residual, scale):
-    """The loss, but for errors below `SOFT`, which count as squares."""
-    return float((residual**2 / scale).sum())
-
-
-def descend(problem, start, budget):
-    """Reweighted least squares by Levenberg-Marquardt, so that lengths and not squares are minimized.
-
-    Each step corrects the slopes (Broyden); now and then they are measured. Returns all evaluations' losses and points.
-    """
-    seen, point, damping = Seen(problem), np.array(start), 1e-2
-    ((here, scale),) = seen([point])
-    slopes, fresh = seen.slopes(point, here), True
-    while len(seen.losses) < budget:
-        tried = [np.clip(point + step(slopes, here, scale, point, damping * d), 0, 1) for d in DAMPINGS]
-        theres = seen(tried)
-        losses, before = [soft(*there) for there in theres], soft(here, scale)
-        for (there, _), move in zip(theres, np.array(tried) - point, strict=True):
-            slopes = slopes + np.outer(there - here - slopes @ move, move) / max(move @ move, 1e-12)
-        best = int(np.argmin(losses))
-        damping = np.clip(damping * DAMPINGS[best], 1e-6, 10)
-        if losses[best] < before:
-            point, (here, scale), fresh = tried[best], theres[best], False
-        elif fresh:
-            damping *= DAMPINGS[-1]
-        if before - losses[best] < LEAST_GAIN * before and not fresh and len(seen.losses) + len(point) < budget:
-            slopes, fresh = seen.slopes(point, here), True
-    return seen.losses
-
-
-def fit(problem, starts, budget):
-    """Best point from all starts, of those judged again, and how many evaluations there were."""
-    seen = [one for start in starts for one in descend(problem, start, budget // len(starts))]
-    finalists = [point for _, point in sorted(((loss, tuple(p)) for loss, _, p in seen))[:FINALISTS]]
-    means = [repeated(problem, np.array(point))["aligned_marker_error"] for point in finalists]
-    return np.array(finalists[int(np.argmin(means))]), len(seen)
-
-
-def problem_of(structure, trials):
-    robot = robot_of(structure)
-    return Problem(robot, trials, threads=1)
 
 
 def kept(path, make):
@@ -276,83 +202,53 @@ def kept(path, make):
 def one_fit(structure, left_out, a):
     """Fits a structure to all trials, or to all but one, from the start's 16 values."""
     fitted, unseen = load_reference(a.reference).split((left_out,) if left_out else ())
-    problem = problem_of(structure, fitted)
-    space = problem.robot.space
-    more = space.parameters[len(FISH.space) :]
-    values = read_parameters(a.start, FISH.name, FISH.space).values
-    begin = space.to_cube({**values, **{p.name: np.clip(p.published, p.lower, p.upper) for p in more}})
-    count, starts = len(FISH.space), [begin] if structure == "none" else []
-    while more and len(starts) < 2:
-        away = [AWAY[int(x > 0.15) + int(x > 0.85)][len(starts)] for x in begin[count:]]
-        starts.append(np.concatenate([begin[:count], begin[count:] + away]))
-    point, evaluations = fit(problem, starts, BUDGET[a.what])
-    judged = {"fit": repeated(problem, point)}
+    robot = robot_of(structure)
+    start = beginning(robot.space, read_parameters(a.start, FISH.name, FISH.space).values)
+    problem = Problem(robot, fitted, threads=1)
+    _, point = descend(problem, start, BUDGET[a.what], SIGMA, SEED)
+    values = robot.space.to_values(point)
+    judged = {"fit": problem.evaluate(values).figures()}
     if unseen is not None:
-        judged["left_out"] = repeated(problem_of(structure, unseen), point)
-    return {
-        "structure": structure, "left_out_trial": left_out, "evaluations": evaluations, "point": point.tolist(),
-        "values": space.to_values(point), **judged,
-    }  # fmt: skip
+        judged["left_out"] = problem.of(unseen).evaluate(values).figures()
+    return {"structure": structure, "left_out_trial": left_out, "values": values, **judged}
 
 
 def done(job):
     structure, left_out, a = job
-    path = a.out / f"{structure}-{left_out or 'all'}.json"
-    return structure, left_out, kept(path, lambda: one_fit(structure, left_out, a))
-
-
-def drag():
-    """Friction over what it takes of the squared speed, for random fish that swim [N s²/m²]."""
-    space, rng = FISH_EXTENDED.space, np.random.default_rng(SEED)
-    swims = [Swim(f"{f:g}", Actuation(f, 0.0, 0.1), 2.0) for f in (0.75, 1.5)]
-    simulator, found = Simulator(FISH_EXTENDED, threads=1), []
-    for _ in range(40):
-        values = space.to_values(rng.random(len(space)))
-        pair = simulator.simulate_many([{**values, "surface_friction": f} for f in (0.0, FRICTION)], swims)
-        speeds = np.array([[trial.track.speed for trial in trials] for trials in pair])
-        if speeds.min() > 0.03:
-            found.append(FRICTION / (speeds[0] ** 2 - speeds[1] ** 2))
-    logs = np.log(np.abs(found))
-    print(f"{np.exp(logs.mean()):.1f} N s²/m², within a factor of {np.exp(logs.std()):.1f}; {len(found)} fish")
-
-
-def said(content):
-    return " ".join(f"{1e3 * content[name]:6.2f}" for name in (*FIGURES, "spread"))
+    return kept(a.out / f"{structure}-{left_out or 'all'}.json", lambda: one_fit(structure, left_out, a))
 
 
 def table(a):
-    rows = {}
-    for path in sorted(a.out.glob("*.json")):
-        content = json.loads(path.read_text())
-        rows.setdefault(content["structure"], []).append(content)
-    print("| structure | fit | shape | velocity | left out | shape | velocity | extra values |\n|" + "---|" * 8)
-    for structure, fits in rows.items():
-        whole = [c for c in fits if c["left_out_trial"] is None]
-        out = [c["left_out"] for c in fits if c["left_out_trial"] is not None]
-        cells = [f"{1e3 * whole[0]['fit'][n]:.2f}" if whole else "" for n in FIGURES]
-        cells += [f"{1e3 * np.mean([o[n] for o in out]):.2f}" if len(out) > 5 else "" for n in FIGURES]
-        extras = {k: v for k, v in whole[0]["values"].items() if k not in FISH.space.names} if whole else {}
-        print(f"| {structure} | {' | '.join(cells)} | {', '.join(f'{k} {v:.3g}' for k, v in extras.items())} |")
+    print("| structure | " + " | ".join(FIGURES) + " |\n|" + "---|" * (1 + len(FIGURES)))
+    fits = [json.loads(path.read_text()) for path in sorted(a.out.glob("*.json"))]
+    for structure in dict.fromkeys(fit["structure"] for fit in fits):
+        own = [fit for fit in fits if fit["structure"] == structure]
+        for fit in own:
+            if "left_out" not in fit:
+                extras = {name: value for name, value in fit["values"].items() if name not in FISH.space.names}
+                said = ", ".join(f"{name} {value:.3g}" for name, value in extras.items())
+                print(table_row(f"{structure} {said}", fit["fit"]))
+        out = [fit["left_out"] for fit in own if "left_out" in fit]
+        if out:
+            medians = {name: float(np.median([figures[name] for figures in out])) for name in FIGURES}
+            print(table_row(f"{structure}, {len(out)} trials left out one by one, median", medians))
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("fit", "leave-out", "table", "drag"))
+    parser.add_argument("what", choices=("fit", "leave-out", "table"))
     parser.add_argument("structures", nargs="*", default=[])
     parser.add_argument("--reference", type=Path)
-    parser.add_argument("--start", type=Path, help="parameters file of the fish")
+    parser.add_argument("--start", type=Path, help="parameters file or run folder of the fish")
     parser.add_argument("--out", type=Path, default=Path("runs/structure"))
     parser.add_argument("--workers", type=int, default=2)
     a = parser.parse_args()
-    if a.what in ("table", "drag"):
-        table(a) if a.what == "table" else drag()
-        return
+    if a.what == "table":
+        return table(a)
     left_out = [None] if a.what == "fit" else [trial.name for trial in load_reference(a.reference)]
-    jobs = [(structure, name, a) for structure in a.structures for name in left_out]
     with ProcessPoolExecutor(a.workers) as team:
-        for structure, left_out, content in team.map(done, jobs):
-            line = f"{structure:24s} without {left_out or 'none':6s} fit {said(content['fit'])}"
-            print(line + (f"   left out {said(content['left_out'])}" if left_out else ""), flush=True)
+        list(team.map(done, [(structure, name, a) for structure in a.structures for name in left_out]))
+    return table(a)
 
 
 if __name__ == "__main__":

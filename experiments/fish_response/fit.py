@@ -2,9 +2,11 @@
 
     python experiments/fish_response/fit.py runs/response src/swim2real/robots/fish/response.npz
     python experiments/fish_response/fit.py runs/response --test 500
+    python experiments/fish_response/fit.py runs/extended src/swim2real/robots/fish/response-extended.npz --corrects
 
 With `--test` that many sets are held out, and what is predicted of them is compared with what they do, for training
-sets of growing number. Kernels are chosen by their marginal likelihood on at most a thousand sets.
+sets of growing number. With `--corrects` the sets are those of the extended fish, and only what the response of the
+plain one gets wrong there is learned. Kernels are chosen by their marginal likelihood on at most a thousand sets.
 """
 
 import argparse
@@ -15,7 +17,7 @@ import torch
 from measure import FREQUENCIES, LEAST_STRIDE, SAMPLES, way_in_a_beat
 
 from swim2real.robots.fish import FISH
-from swim2real.robots.fish.response import read_response
+from swim2real.robots.fish.response import fish_response, read_correction, read_response
 from swim2real.trials import frames
 
 SUBSET, ROUNDS, RATE = 1000, 150, 0.08  # sets, rounds and rate of the search for a kernel
@@ -64,19 +66,22 @@ def parts_of(motion):
     return np.concatenate([motion.real, motion.imag], axis=2)
 
 
-def outputs(points, cycles):
-    """What each process learns: rows of the sets, and outputs there."""
+def outputs(points, cycles, plain=None):
+    """What each process learns: rows of the sets, and outputs there; less what a plain response expects."""
     stride, motion = way_in_a_beat(cycles), parts_of(motions(cycles))
     forward = (stride > LEAST_STRIDE).all(axis=1)
     logs = np.log(stride[forward])
     slope = (logs * LOGS).sum(axis=1) / (LOGS**2).sum()
     table = motion[forward].reshape(forward.sum(), -1)
-    average = table.mean(axis=0)
+    average = table.mean(axis=0) if plain is None else plain.average.ravel()
     # a radian of yaw moves the tail by a fraction of a meter
     weight = np.tile([1.0] * (motion.shape[2] // 2 - 1) + [0.3], 2 * len(FREQUENCIES))
-    _, sizes, directions = np.linalg.svd((table - average) * weight, full_matrices=False)
-    kept = int(np.searchsorted(np.cumsum(sizes**2) / (sizes**2).sum(), KEPT_VARIANCE)) + 1
-    basis = directions[: min(kept, MOST_COORDINATES)]
+    if plain is None:
+        _, sizes, directions = np.linalg.svd((table - average) * weight, full_matrices=False)
+        kept = int(np.searchsorted(np.cumsum(sizes**2) / (sizes**2).sum(), KEPT_VARIANCE)) + 1
+        basis = directions[: min(kept, MOST_COORDINATES)]
+    else:
+        basis = plain.basis.reshape(len(plain.basis), -1) * weight
     rows = np.flatnonzero(forward)
     learned = {
         "direction": (np.arange(len(points)), np.tanh(stride / SHARP)),
@@ -84,6 +89,11 @@ def outputs(points, cycles):
         "growth": (rows, slope[:, None]),
         "motion": (rows, (table - average) * weight @ basis.T),
     }
+    if plain is not None:
+        learned = {
+            name: (kept, values - getattr(plain, name)(points[kept, : len(FISH.space)]))
+            for name, (kept, values) in learned.items()
+        }
     shape = (len(basis), len(FREQUENCIES), motion.shape[2])
     return learned, (basis / weight).reshape(shape), average.reshape(shape[1:])
 
@@ -114,14 +124,15 @@ def kernel_of(points, values):
     return found[:-3], float(found[-3]), float(found[-2]), float(found[-1]) + LEAST_NOISE**2
 
 
-def fitted(points, cycles):
-    """The content of the response's file."""
-    learned, basis, average = outputs(points, cycles)
-    rest = FISH.rest_markers
-    content = {
-        "points": points.astype(np.float32), "basis": basis.astype(np.float32), "average": average.astype(np.float32),
-        "frequencies": FREQUENCIES, "behind": rest[:, 0] - rest[:2, 0].mean(),
-    }  # fmt: skip
+def fitted(points, cycles, plain=None):
+    """The content of the response's file, or of its correction's."""
+    learned, basis, average = outputs(points, cycles, plain)
+    rest, content = FISH.rest_markers, {"points": points.astype(np.float32)}
+    if plain is None:
+        content |= {
+            "basis": basis.astype(np.float32), "average": average.astype(np.float32), "frequencies": FREQUENCIES,
+            "behind": rest[:, 0] - rest[:2, 0].mean(),
+        }  # fmt: skip
     for name, (rows, values) in learned.items():
         mean, scale = values.mean(axis=0), values.std(axis=0)
         scaled, here = (values - mean) / scale, 2 * points[rows] - 1
@@ -135,7 +146,7 @@ def fitted(points, cycles):
     return content
 
 
-def tested(points, cycles, held_out):
+def tested(points, cycles, held_out, plain):
     order = np.random.default_rng(1).permutation(len(points))
     points, cycles = points[order], cycles[order]
     unseen, cycles_unseen = points[:held_out], cycles[:held_out]
@@ -149,7 +160,8 @@ def tested(points, cycles, held_out):
     }  # fmt: skip
     available = len(points) - held_out
     for count in (*(n for n in (300, 1000) if n < available), available):
-        response = read_response(fitted(points[held_out:][:count], cycles[held_out:][:count]))
+        content = fitted(points[held_out:][:count], cycles[held_out:][:count], plain)
+        response = read_response(content) if plain is None else read_correction(content, plain)
         _, score = response.speeds(unseen, unseen, FREQUENCIES)
         right = np.sign(score) == np.sign(stride)
         sure = np.abs(score) > 0.5
@@ -180,14 +192,16 @@ def main():
     parser.add_argument("folder", type=Path)
     parser.add_argument("target", type=Path, nargs="?")
     parser.add_argument("--test", type=int, default=0, help="sets that are held out")
+    parser.add_argument("--corrects", action="store_true", help="correct the plain fish's response")
     a = parser.parse_args()
+    plain = fish_response() if a.corrects else None
     torch.set_num_threads(2)
     torch.set_default_dtype(torch.float64)
     points, cycles = swims_of(a.folder)
     if a.test:
-        tested(points, cycles, a.test)
+        tested(points, cycles, a.test, plain)
     if a.target:
-        np.savez_compressed(a.target, **fitted(points, cycles))
+        np.savez_compressed(a.target, **fitted(points, cycles, plain))
         print(f"{len(points)} sets, {a.target.stat().st_size / 1e6:.2f} MB")
 
 

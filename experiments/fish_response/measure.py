@@ -1,11 +1,13 @@
 """Simulates swims from rest of fish with random parameters, the data behind `swim2real.robots.fish.response`.
 
     python experiments/fish_response/measure.py runs/response --sets 3000
+    python experiments/fish_response/measure.py runs/extended --sets 900 --robot fish-extended --near runs/response
 
 The first thousand sets are spread over the whole box. The others lie where forward swims were found: a forward set is
 moved by a part of the difference of two others, as differential evolution does, so that the sets crowd where a real
-fish may be. Each set swims at four frequencies, and of each swim one steady cycle is kept. Writes a file every fifty
-sets and goes on where it stopped; the same command gives the same numbers. Knows no real swim.
+fish may be. With `--near` all sets lie where those of an earlier folder swam forward, and the parameters that it didn't
+have are spread over their ranges. Each set swims at four frequencies, and of each swim one steady cycle is kept. Writes
+a file every fifty sets and goes on where it stopped; the same command gives the same numbers. Knows no real swim.
 """
 
 import argparse
@@ -41,19 +43,20 @@ def forward_sets(points, cycles):
     return points[good], points[good & usual & (slope > 0)]
 
 
-def points_of_block(number, folder, dimensions):
+def points_of_block(number, folder, near, dimensions):
     rng = np.random.default_rng([2026, number])
-    if number * BLOCK < SPREAD:
+    if near is None and number * BLOCK < SPREAD:
         return rng.random((BLOCK, dimensions))
-    before = [np.load(block_path(folder, i)) for i in range(number)]
+    paths = sorted(near.glob("block_????.npz")) if near else [block_path(folder, i) for i in range(number)]
+    before = [np.load(path) for path in paths]
     good, best = forward_sets(*(np.concatenate([block[key] for block in before]) for key in ("points", "cycles")))
     chosen = []
     for i in range(BLOCK):
-        near = best if len(best) > 8 and i % 4 else good
-        start = near[rng.integers(len(near))]
+        crowd = best if len(best) > 8 and i % 4 else good
+        start = crowd[rng.integers(len(crowd))]
         one, other = good[rng.integers(len(good), size=2)]
-        moved = start + rng.uniform(0.2, 0.7) * (one - other) + rng.normal(0, 0.05, dimensions)
-        chosen.append(np.clip(moved, 0, 1))
+        moved = start + rng.uniform(0.2, 0.7) * (one - other) + rng.normal(0, 0.05, len(start))
+        chosen.append(np.append(np.clip(moved, 0, 1), rng.random(dimensions - len(start))))
     return np.array(chosen)
 
 
@@ -74,6 +77,7 @@ def main():
     parser.add_argument("folder", type=Path)
     parser.add_argument("--sets", type=int, default=3000)
     parser.add_argument("--robot", default="fish")
+    parser.add_argument("--near", type=Path, help="folder of a robot with fewer parameters, these being the first")
     a = parser.parse_args()
     a.folder.mkdir(parents=True, exist_ok=True)
     robot = load_robot(a.robot)
@@ -83,7 +87,7 @@ def main():
         path = block_path(a.folder, number)
         if path.exists():
             continue
-        points = points_of_block(number, a.folder, len(space))
+        points = points_of_block(number, a.folder, a.near, len(space))
         cycles = [[cycle(simulators, space.to_values(point), f) for f in FREQUENCIES] for point in points]
         part = path.with_suffix(".part.npz")
         np.savez(part, points=points, cycles=np.array(cycles), frequencies=FREQUENCIES)

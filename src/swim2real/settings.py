@@ -128,7 +128,7 @@ class EvaluationSettings:
         threads: Trials simulated at a time; 0 for all cores. Results don't depend on it.
     """
 
-    protocol: ProtocolName = "aligned"
+    protocol: ProtocolName = "motion"
     start: Start | None = None
     horizon: float | None = HORIZON
     threads: int | None = None

@@ -97,4 +97,4 @@ def test_cycles_instead_of_full_lengths_accept_the_same_steps(reference, in_full
     entries, best = searched(problem, tmp_path / "run")
     assert accepted(entries) == accepted(in_full[0])
     assert best["loss"] == pytest.approx(in_full[1]["loss"], abs=2e-4)
-    np.testing.assert_allclose([e["loss"] for e in entries], [e["loss"] for e in in_full[0]], atol=3e-3)
+    np.testing.assert_allclose([e["loss"] for e in entries], [e["loss"] for e in in_full[0]], atol=3e-3, rtol=0.01)

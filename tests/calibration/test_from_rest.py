@@ -26,7 +26,8 @@ def test_a_perfect_fit_that_swims_backward_from_rest_is_told(simulator, new_flui
         pytest.skip("with the newer lift force these parameters swim another way")
     swims = [Swim(name, Actuation(f, 0.0, 0.15), 2.0) for name, f in FREQUENCIES.items()]
     filmed = TrialSet(tuple(simulator.simulate(BOTH_WAYS, swims)), FISH.marker_names)
-    outcome = conclude(RunFolder(tmp_path), Problem(FISH, filmed, simulator=simulator), None, BOTH_WAYS).to_json()
+    problem = Problem(FISH, filmed, "aligned", simulator=simulator)
+    outcome = conclude(RunFolder(tmp_path), problem, None, BOTH_WAYS).to_json()
     assert outcome["fit"]["aligned_marker_error"] < 1e-3
     for name, trial in outcome["fit"]["trials"].items():
         begun = outcome["from_rest"][name]
@@ -35,10 +36,10 @@ def test_a_perfect_fit_that_swims_backward_from_rest_is_told(simulator, new_flui
         assert begun["speed"] < -0.1
         assert begun["divergence"] is None
     assert backward_from_rest(outcome["from_rest"]) == (
-        "from rest, where a policy and the robot begin, this fit swims tail first at 1.30, 1.70 Hz; "
-        "train no policy in it, calibrate with --start rest or another seed"
+        "unusable: from rest, where a policy and the robot begin, this fit swims tail first at 1.30, 1.70 Hz; "
+        "train no policy in it, calibrate with --protocol motion or another seed"
     )
-    started = Problem(FISH, filmed, start="rest", simulator=simulator).evaluate(BOTH_WAYS)
+    started = Problem(FISH, filmed, "aligned", start="rest", simulator=simulator).evaluate(BOTH_WAYS)
     assert started.loss > 0.1
     assert all(trial.velocity_simulated < -0.1 for trial in started.trials)
 

@@ -101,7 +101,7 @@ def test_an_outcome_is_written_with_fit_and_held_out_apart(reference, tmp_path):
     outcome = conclude(folder, fitted, unseen, small_run.HIDDEN)
     assert folder.outcome() == json.loads(json.dumps(outcome.to_json(), allow_nan=False)) == outcome.to_json()
     assert list(outcome.fit.trials) == ["f1_30"]
-    assert outcome.fit.loss == outcome.fit.aligned_marker_error == outcome.fit.trials["f1_30"].aligned_marker_error
+    assert outcome.fit.loss == outcome.fit.motion_error == outcome.fit.trials["f1_30"].motion_error
     assert outcome.held_out is not None
     assert list(outcome.held_out.trials) == ["f1_70"]
     assert set(outcome.trials) == {"f1_30", "f1_70"}
@@ -124,6 +124,7 @@ def test_an_outcome_is_written_with_fit_and_held_out_apart(reference, tmp_path):
         for name in ("times", "weights", "real", "simulated", "registration", "progress_real", "path_simulated"):
             np.testing.assert_allclose(getattr(kept, name), getattr(trial, name), atol=1e-6)
         assert kept.loss == pytest.approx(trial.loss, abs=1e-6)
+        assert kept.figures() == pytest.approx(trial.figures(), abs=1e-5, nan_ok=True)
 
 
 def test_an_outcome_without_held_out_trials(problem, tmp_path):

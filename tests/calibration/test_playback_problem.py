@@ -58,7 +58,7 @@ def floater():
 def test_the_robot_decides_what_problem_it_is(problem):
     assert problem.simulator.robot is PENDULUM
     assert (problem.protocol.name, problem.horizon) == ("playback", 4.0)
-    assert Problem(FISH, trial_set(Swimmer().track()), threads=1).protocol.name == "aligned"
+    assert Problem(FISH, trial_set(Swimmer().track()), threads=1).protocol.name == "motion"
     assert [protocol_for(FISH, "paper").name, protocol_for(PENDULUM, "playback").name] == ["paper", "playback"]
     with pytest.raises(ArgumentError) as caught:
         protocol_for(PENDULUM, "paper")

@@ -35,7 +35,7 @@ COMMANDS = (
 SPEC_FIGURES = {  # of the interface's `evaluate --json`
     "marker_error", "aligned_marker_error", "shape_error", "static_offset", "velocity_error", "left_out_share",
 }  # fmt: skip
-OUR_FIGURES = {"progress_error", "unweighted_error"}
+OUR_FIGURES = {"motion_error", "recoil_error", "yaw_error", "sway_error", "progress_error", "unweighted_error"}
 SPEC_TRIAL = {"frequency", "velocity_real", "velocity_simulated", "loss"}
 OUR_TRIAL = {
     "phase",
@@ -45,6 +45,12 @@ OUR_TRIAL = {
     "shape_marker_errors",
     "beat_real",
     "beat_simulated",
+    "path_beat_real",
+    "path_beat_simulated",
+    "motion_marker_errors",
+    "turn_rate_real",
+    "turn_rate_simulated",
+    *(f"{side}_{end}" for side in ("yaw", "sway") for end in ("real", "simulated", "real_std", "simulated_std", "lag")),
 }
 
 
@@ -405,7 +411,7 @@ def test_evaluate_as_json_is_in_si(published, pool):
         assert 1e-4 < trial["shape_error"] < trial["aligned_marker_error"] < 0.5  # m
     for figure in SPEC_FIGURES | OUR_FIGURES:
         assert published[figure] == pytest.approx(np.mean([t[figure] for t in published["trials"].values()]))
-    assert published["loss"] == published["aligned_marker_error"]
+    assert published["loss"] == published["motion_error"]
 
 
 def test_evaluate_prints_tables(program, pool_folder, published):

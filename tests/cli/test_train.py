@@ -94,7 +94,7 @@ def test_parameters_that_swim_backward_from_rest_are_told_before_training(run, p
     path.write_text(json.dumps({"format": 1, "robot": "fish", "parameters": values}))
     program("train", "forward", "--parameters", path, "--out", out, "--quiet")
     warning, refusal = program.err.splitlines()
-    assert warning.startswith(f"swim2real: warning: '{path}': from rest, where a policy and the robot begin, this fit ")
+    assert warning.startswith(f"swim2real: warning: '{path}': unusable: from rest, where a policy and the robot begin")
     assert "swims tail first at 1.16 Hz; train no policy in it" in warning
     assert "already holds a run" in refusal
 

@@ -131,7 +131,7 @@ def test_a_run_says_what_it_was_made_of(pool, tmp_path):
     settings = json.loads((tmp_path / "run" / "settings.json").read_text())
     assert settings["robot"] == "fish"
     assert (settings["method"], settings["budget"], settings["seed"]) == ("random", 2, 5)
-    assert (settings["protocol"], settings["scale"], settings["horizon"]) == ("aligned", "log", 4.0)
+    assert (settings["protocol"], settings["scale"], settings["horizon"]) == ("motion", "log", 4.0)
     assert settings["reference"] == "the pool"
     assert settings["hold_out"] == []
     assert settings["engine"]["name"].startswith("mujoco ")

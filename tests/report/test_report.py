@@ -269,7 +269,7 @@ def test_an_outcome_of_earlier_parameters_is_not_shown(run: Run) -> None:
 def test_a_fit_that_swims_backward_from_rest_is_said(run: Run) -> None:
     assert "Warning" not in visible(page_of(run))
     run.conclude(0.1, from_rest=-0.02)
-    says = "Warning: from rest, where a policy and the robot begin, this fit swims tail first at 0.50, 1.00 Hz; train "
+    says = "Warning: unusable: from rest, where a policy and the robot begin, this fit swims tail first at "
     assert says in visible(page_of(run))
 
 

@@ -283,8 +283,8 @@ def test_robots_are_found_by_name_or_file(tmp_path):
 
 def test_the_fish_has_a_robot_file_too():
     file = open_robot_file(robot_file("fish-extended"))
-    assert len(file.calibrated) == 17
-    assert [target.line for target in file.calibrated[-1].targets] == ['joint "slide_x", "slide_y" frictionloss']
+    assert len(file.calibrated) == 18
+    assert [target.line for target in file.calibrated[-1].targets] == ['joint "slide_x", "slide_y" damping']
     assert robot_file("other.toml").name == "other.toml"
 
 

@@ -64,8 +64,8 @@ def backward_from_rest(found: Mapping[str, Mapping[str, Any]]) -> str | None:
     if not said:
         return None
     return (
-        f"from rest, where a policy and the robot begin, this fit {' and '.join(said)}; "
-        f"train no policy in it, calibrate with --start rest or another seed"
+        f"unusable: from rest, where a policy and the robot begin, this fit {' and '.join(said)}; "
+        f"train no policy in it, calibrate with --protocol motion or another seed"
     )
 
 

@@ -30,7 +30,7 @@ class Problem:
     """
 
     def __init__(
-        self, robot: Robot, reference: TrialSet, protocol: ProtocolName | Protocol[Any] = "aligned",
+        self, robot: Robot, reference: TrialSet, protocol: ProtocolName | Protocol[Any] = "motion",
         horizon: float | None = HORIZON, *, start: Start | None = None, threads: int | None = None,
         simulator: ForwardModel[Any] | None = None,
     ) -> None:  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 from swim2real.calibration.run_folder import TRIALS, RunFolder
 from swim2real.errors import RunError
 from swim2real.objective import ComparedSensor, ComparedTrial, Comparison
+from swim2real.objective.head import HeadMotion, Oscillation
 
 _EARLIER = ("swims.npz", "recordings.npz")  # what version 0.1 wrote
 _TIMES = ("times",)  # arrays that are kept with all their digits; the others as 32-bit floats
@@ -41,7 +42,9 @@ def save_trials(folder: RunFolder, fit: Comparison, held_out: Comparison | None)
     for i, (_, trial) in enumerate(pairs):
         for field in fields(ComparedTrial):
             value = getattr(trial, field.name)
-            if field.name != "sensors" and value is not None:
+            if isinstance(value, HeadMotion):
+                arrays |= {f"{i}/{field.name}/{name}": part for name, part in _head_arrays(value).items()}
+            elif field.name != "sensors" and value is not None:
                 arrays[f"{i}/{field.name}"] = _stored(field.name, value)
         for j, sensor in enumerate(trial.sensors):
             for field in fields(ComparedSensor):
@@ -75,6 +78,18 @@ def _stored(name: str, value: Any) -> Any:
     return np.array(value)
 
 
+def _head_arrays(head: HeadMotion) -> dict[str, Any]:
+    return {field.name: _stored(field.name, getattr(head, field.name)) for field in fields(HeadMotion)}
+
+
+def _head(of_trial: Mapping[str, Any], name: str) -> HeadMotion | None:
+    if f"{name}/progress" not in of_trial:
+        return None
+    parts = {field.name: _read(of_trial[f"{name}/{field.name}"]) for field in fields(HeadMotion)}
+    beats = {beat: Oscillation(*map(float, parts[beat])) for beat in ("sway_beat", "yaw_beat")}
+    return HeadMotion(**{**parts, **beats})
+
+
 def _trial(content: Mapping[str, Any], index: int) -> ComparedTrial:
     prefix = f"{index}/"
     of_trial = {key.removeprefix(prefix): array for key, array in content.items() if key.startswith(prefix)}
@@ -86,7 +101,8 @@ def _trial(content: Mapping[str, Any], index: int) -> ComparedTrial:
     values = {field.name: _read(of_trial[field.name]) for field in fields(ComparedTrial) if field.name in of_trial}
     if values.get("frame") is not None:
         values["frame"] = (int(values["frame"][0]), int(values["frame"][1]))
-    return ComparedTrial(**values, sensors=sensors)
+    heads = {name: _head(of_trial, name) for name in ("head_real", "head_simulated")}
+    return ComparedTrial(**{**values, **heads}, sensors=sensors)
 
 
 def _read(array: Any) -> Any:

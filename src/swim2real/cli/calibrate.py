@@ -117,13 +117,15 @@ def _finished(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path
             raise
         print(f"swim2real: interrupted; '{folder}' is usable as it is, --resume goes on with it", file=sys.stderr)
         return 1
+    unusable, unfinished = backward_from_rest(outcome.get("from_rest", {})), still_falling(run.record(), run.settings())
+    if unusable:
+        print(f"swim2real: warning: {unusable}", file=sys.stderr)
     if as_json:
         print(dumps(outcome, indent=2))
     elif not quiet:
         _print(outcome)
-    for warning in (backward_from_rest(outcome.get("from_rest", {})), still_falling(run.record(), run.settings())):
-        if warning:
-            print(f"swim2real: warning: {warning}", file=sys.stderr)
+    if unfinished:
+        print(f"swim2real: warning: {unfinished}", file=sys.stderr)
     page = write_report(folder, recorded_robot(run))
     if not as_json and not quiet:
         say(f"Parameters: {folder / 'best.json'}   Report: {page}")

@@ -42,6 +42,23 @@ def fish_model() -> mujoco.MjSpec:
     return spec
 
 
+def extended_model() -> mujoco.MjSpec:
+    """The fish with water at the middles of its two stiff plates that the hull accelerates, of no mass so far.
+
+    MuJoCo's ellipsoid forces depend on velocities alone; a body in water also accelerates water with it.
+
+    Returns:
+        A spec as `fish_model` makes it, with geoms `water_head` and `water_body`.
+    """
+    spec = fish_model()
+    for name, x in (("water_head", 0.0), ("water_body", 0.2005)):
+        spec.body("fish").add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.002, 0, 0], pos=[x, 0, 0], mass=0.0, contype=0,
+            conaffinity=0,
+        )  # fmt: skip
+    return spec
+
+
 def _world() -> mujoco.MjSpec:
     spec = mujoco.MjSpec()
     spec.modelname = "fish"

@@ -9,20 +9,18 @@ here, so the file is small and NumPy is enough. They know nothing of any real sw
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib import resources
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.robots.robot import Response
-
 Array = NDArray[np.float64]
 
-PLAIN = 16  # parameters that the plain fish has; others come behind
-DRAG = 20.0  # N s²/m², of random fish within a factor of about two (experiments/model_structure.py drag)
+PROCESSES = ("direction", "stride", "growth", "motion")
+TABLES = ("basis", "average", "frequencies", "behind")
 STEEPNESS = 3.0  # of the change from backward to forward, over the direction
 
 
@@ -64,6 +62,27 @@ class PosteriorMean:
 
 
 @dataclass(frozen=True)
+class Corrected:
+    """A process for more parameters than it was conditioned with: its outputs and a correction, which knows all.
+
+    Attributes:
+        plain: For the first parameters, d of them.
+        correction: For all of them.
+    """
+
+    plain: PosteriorMean
+    correction: PosteriorMean
+
+    def __call__(self, points: Array) -> Array:
+        return self.plain(points[:, : len(self.plain.lengths)]) + self.correction(points)
+
+    @property
+    def lengths(self) -> Array:
+        """Length scales: for the first parameters the plain ones, for the others the correction's. Shape (d + e,)."""
+        return np.append(self.plain.lengths, self.correction.lengths[len(self.plain.lengths) :])
+
+
+@dataclass(frozen=True)
 class FishResponse:
     """What the Gaussian processes expect of swims from rest.
 
@@ -80,10 +99,10 @@ class FishResponse:
         behind: How far each marker is behind the head [m]. Shape (M,).
     """
 
-    direction: PosteriorMean
-    stride: PosteriorMean
-    growth: PosteriorMean
-    motion: PosteriorMean
+    direction: PosteriorMean | Corrected
+    stride: PosteriorMean | Corrected
+    growth: PosteriorMean | Corrected
+    motion: PosteriorMean | Corrected
     basis: Array
     average: Array
     frequencies: Array
@@ -91,15 +110,15 @@ class FishResponse:
 
     @property
     def lengths(self) -> Array:
-        """Over which change of each parameter the beat changes, with a median of 1. Shape (16,)."""
+        """Over which change of each parameter the beat changes, with a median of 1. Shape (d,)."""
         return self.motion.lengths / np.median(self.motion.lengths)
 
     def speeds(self, points: Array, values: Array, frequencies: Array) -> tuple[Array, Array]:
         """Forward speeds [m/s], and whether swims go forward from rest, from -1 for surely not to 1 for surely.
 
         Args:
-            points: Points in the logarithmic unit cube. Shape (N, 16).
-            values: The same as physical values, of which these need none. Shape (N, 16).
+            points: Points in the logarithmic unit cube. Shape (N, d).
+            values: The same as physical values, of which these need none. Shape (N, d).
             frequencies: Frequencies of the beat [Hz]. Shape (F,).
 
         Returns:
@@ -117,7 +136,7 @@ class FishResponse:
         They are turned to the phase of the last marker in the body frame.
 
         Args:
-            points: Points in the logarithmic unit cube. Shape (N, 16).
+            points: Points in the logarithmic unit cube. Shape (N, d).
             frequencies: Frequencies of the beat [Hz]. Shape (F,).
             whole_motion: Whether the markers are seen in the frame of the path, where they sway and yaw with the head,
                 or in the body frame.
@@ -142,8 +161,7 @@ class FishResponse:
         return (1 - share) * table[low] + share * table[low + 1]
 
 
-def read_response(content: Mapping[str, NDArray[Any]]) -> FishResponse:
-    """The response of an array file, as `experiments/fish_response/fit.py` writes it."""
+def _processes(content: Mapping[str, NDArray[Any]]) -> dict[str, PosteriorMean]:
     points = 2 * content["points"].astype(float) - 1
 
     def table(name: str) -> Array:
@@ -156,53 +174,32 @@ def read_response(content: Mapping[str, NDArray[Any]]) -> FishResponse:
             points[rows], table(f"{name}_weights"), kernel[:-2], float(kernel[-2]), float(kernel[-1]), mean, scale
         )
 
-    tables = (table(name) for name in ("basis", "average", "frequencies", "behind"))
-    return FishResponse(mean_of("direction"), mean_of("stride"), mean_of("growth"), mean_of("motion"), *tables)
+    return {name: mean_of(name) for name in PROCESSES}
+
+
+def read_response(content: Mapping[str, NDArray[Any]]) -> FishResponse:
+    """The response of an array file, as `experiments/fish_response/fit.py` writes it."""
+    return FishResponse(**_processes(content), **{name: content[name].astype(float) for name in TABLES})
+
+
+def read_correction(content: Mapping[str, NDArray[Any]], plain: FishResponse) -> FishResponse:
+    """The response for more parameters than the plain one has, from an array file with its correction."""
+    corrections = _processes(content)
+    return replace(plain, **{name: Corrected(getattr(plain, name), corrections[name]) for name in PROCESSES})
 
 
 @cache
 def fish_response() -> FishResponse:
     """The learned response that is shipped with the package."""
-    with (resources.files("swim2real.robots.fish") / "response.npz").open("rb") as file, np.load(file) as content:
-        return read_response(cast("Mapping[str, NDArray[Any]]", content))
+    return read_response(_read("response.npz"))
 
 
-@dataclass(frozen=True)
-class ExtendedResponse:
-    """The plain fish's response, slowed by a dry friction; of other extra parameters it expects nothing.
-
-    Thrust and drag balance at v |v| = T / D; a friction F leaves v |v| = (T - F) / D, and no motion where T is smaller.
-
-    Attributes:
-        plain: Response to the 16.
-        friction: Column of the friction among the values [N]; None where there is none.
-    """
-
-    plain: Response
-    friction: int | None
-
-    @property
-    def lengths(self) -> Array:
-        return np.append(self.plain.lengths, 1.0)
-
-    def speeds(self, points: Array, values: Array, frequencies: Array) -> tuple[Array, Array]:
-        plain, forward = self.plain.speeds(_sixteen(points), _sixteen(values), frequencies)
-        left = np.maximum(plain**2 - self._loss(values), 0.0)
-        return np.sign(plain) * np.sqrt(left), forward
-
-    def beats(self, points: Array, frequencies: Array, whole_motion: bool = False) -> Array:
-        return self.plain.beats(_sixteen(points), frequencies, whole_motion)
-
-    def _loss(self, values: Array) -> Array:
-        """By how much friction lowers the squared speed [m²/s²]. Shape (N, 1)."""
-        force = 0.0 if self.friction is None else values[:, self.friction]
-        return np.broadcast_to(force / DRAG, len(values))[:, None]
+@cache
+def extended_response() -> FishResponse:
+    """The learned response of the fish with parameters behind the 16: the plain fish's, corrected."""
+    return read_correction(_read("response-extended.npz"), fish_response())
 
 
-def extended_response() -> ExtendedResponse:
-    """The response of the plain fish with the friction behind the 16."""
-    return ExtendedResponse(fish_response(), PLAIN)
-
-
-def _sixteen(table: Array) -> Array:
-    return table[:, :PLAIN]
+def _read(name: str) -> dict[str, NDArray[Any]]:
+    with (resources.files("swim2real.robots.fish") / name).open("rb") as file, np.load(file) as content:
+        return dict(content)
