@@ -95,7 +95,7 @@ def evaluations(repeats: int) -> dict[str, Problem]:
     swims = synthetic_reference(FISH, PUBLISHED, FREQUENCIES, HORIZON + 1.0, Camera(noise=1e-3), seed=1)
     problems = {
         f"{step} step, {threads} thread{'s' * (threads > 1)}": Problem(
-            FISH, swims, horizon=HORIZON, simulator=Simulator(FISH, threads, step=step)
+            FISH, swims, "aligned", HORIZON, simulator=Simulator(FISH, threads, step=step)
         )
         for step, threads in (("engine", 1), ("engine", 2), ("fast", 1), ("fast", 2))
     }
@@ -134,7 +134,7 @@ def parts(problem: Problem, repeats: int) -> None:
 def scaling(reference: TrialSet, repeats: int) -> None:
     """Evaluations a second by number of threads, up to twice the cores."""
     counts = [n for n in (1, 2, 4, 8, 16, 32, 64) if n <= 2 * (os.cpu_count() or 1)]
-    problems = {f"{n} thread{'s' * (n > 1)}": Problem(FISH, reference, horizon=HORIZON, threads=n) for n in counts}
+    problems = {f"{n} thread{'s' * (n > 1)}": Problem(FISH, reference, "aligned", HORIZON, threads=n) for n in counts}
     batch = [PUBLISHED] * 4
     times = in_turns({name: lambda p=p: p.evaluate_many(batch) for name, p in problems.items()}, repeats)
     for name, spent in times.items():

@@ -38,7 +38,7 @@ def problem_of(number):
     """A hidden fish's values, and its swims to calibrate against."""
     point, reference = hidden(number)
     fitted, _ = reference.split(LEFT_OUT)
-    return FISH.space.to_values(point), Problem(FISH, fitted, threads=1)
+    return FISH.space.to_values(point), Problem(FISH, fitted, "aligned", threads=1)
 
 
 def one_run(problem, space, values, seed, errors, max_steps, budget):

@@ -41,7 +41,7 @@ def main():
     for number in range(a.hidden):
         point, reference = hidden(number)
         folder = a.out / f"hidden_{number}"
-        settings = CalibrationSettings(budget=a.budget, seed=number)
+        settings = CalibrationSettings(budget=a.budget, seed=number, protocol="aligned")
         outcome = calibrate(
             reference, FISH, settings, folder, source="synthetic", resume=folder.exists(), sensitivity=True
         )

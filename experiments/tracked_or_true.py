@@ -76,11 +76,12 @@ def main():
             f"{trial.name}: body frame off by {1e3 * np.nanmean(off):.2f} mm on average, "
             f"speed by {1e3 * speeds:+.2f} mm/s, {100 * np.isnan(off).mean():.1f} % of marker-frames lost"
         )
-    judges = {name: Problem(FISH, r) for name, r in (("true", true), ("tracked", tracked))}
+    judges = {name: Problem(FISH, r, "aligned") for name, r in (("true", true), ("tracked", tracked))}
     for seed in range(a.seeds):
         for name, reference in (("true", true), ("tracked", tracked)):
             folder = a.out / f"{name}_{seed}"
-            calibrate(reference, FISH, CalibrationSettings(budget=a.budget, seed=seed), folder, resume=folder.exists())
+            settings = CalibrationSettings(budget=a.budget, seed=seed, protocol="aligned")
+            calibrate(reference, FISH, settings, folder, resume=folder.exists())
             best = read_parameters(folder, FISH.name, FISH.space).values
             figures = {judge: problem.evaluate(best).figures() for judge, problem in judges.items()}
             line = ", ".join(f"{n} {1e3 * figures['true'][n]:.2f} / {1e3 * figures['tracked'][n]:.2f}" for n in NAMES)

@@ -85,9 +85,9 @@ def _head_arrays(head: HeadMotion) -> dict[str, Any]:
 def _head(of_trial: Mapping[str, Any], name: str) -> HeadMotion | None:
     if f"{name}/progress" not in of_trial:
         return None
-    parts = {field.name: _read(of_trial[f"{name}/{field.name}"]) for field in fields(HeadMotion)}
-    beats = {beat: Oscillation(*map(float, parts[beat])) for beat in ("sway_beat", "yaw_beat")}
-    return HeadMotion(**{**parts, **beats})
+    parts: dict[str, Any] = {field.name: _read(of_trial[f"{name}/{field.name}"]) for field in fields(HeadMotion)}
+    parts |= {beat: Oscillation(*map(float, parts[beat])) for beat in ("sway_beat", "yaw_beat")}
+    return HeadMotion(**parts)
 
 
 def _trial(content: Mapping[str, Any], index: int) -> ComparedTrial:
@@ -98,11 +98,13 @@ def _trial(content: Mapping[str, Any], index: int) -> ComparedTrial:
         ComparedSensor(**{field.name: _read(of_trial[f"sensors/{j}/{field.name}"]) for field in fields(ComparedSensor)})
         for j in range(count)
     )
-    values = {field.name: _read(of_trial[field.name]) for field in fields(ComparedTrial) if field.name in of_trial}
+    values: dict[str, Any] = {
+        field.name: _read(of_trial[field.name]) for field in fields(ComparedTrial) if field.name in of_trial
+    }
     if values.get("frame") is not None:
         values["frame"] = (int(values["frame"][0]), int(values["frame"][1]))
-    heads = {name: _head(of_trial, name) for name in ("head_real", "head_simulated")}
-    return ComparedTrial(**{**values, **heads}, sensors=sensors)
+    values |= {name: _head(of_trial, name) for name in ("head_real", "head_simulated")}
+    return ComparedTrial(**values, sensors=sensors)
 
 
 def _read(array: Any) -> Any:

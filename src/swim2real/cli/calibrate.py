@@ -34,8 +34,8 @@ def calibrate(
         settings: What decides the result.
         access: Access to VLMs, for --advisor PROVIDER:MODEL and files.
         out: Run folder to write.
-        robot: What is calibrated. fish: the paper's 16 parameters. fish-extended: dry friction at the water's surface,
-            too. FILE.toml: your robot; `swim2real init` writes such a file.
+        robot: What is calibrated. fish: the paper's 16 parameters. fish-extended: two more, for the water that the hull
+            accelerates and damping at the surface. FILE.toml: your robot; `swim2real init` writes such a file.
         sensitivity: Also measure each parameter's effect on the loss at the end: two evaluations a parameter, outside
             the budget.
         resume: Go on with the run in --out.

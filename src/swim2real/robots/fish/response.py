@@ -179,7 +179,8 @@ def _processes(content: Mapping[str, NDArray[Any]]) -> dict[str, PosteriorMean]:
 
 def read_response(content: Mapping[str, NDArray[Any]]) -> FishResponse:
     """The response of an array file, as `experiments/fish_response/fit.py` writes it."""
-    return FishResponse(**_processes(content), **{name: content[name].astype(float) for name in TABLES})
+    tables: dict[str, Any] = {name: content[name].astype(float) for name in TABLES}
+    return FishResponse(**_processes(content), **tables)
 
 
 def read_correction(content: Mapping[str, NDArray[Any]], plain: FishResponse) -> FishResponse:
