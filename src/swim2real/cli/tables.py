@@ -52,21 +52,23 @@ _OVERALL = (
     ("static offset (registration)", "static_offset"),
 )
 _PER_TRIAL = (
-    ("beat Hz", "frequency", "{:.3f}".format),
+    ("Hz", "frequency", "{:.3f}".format),
     ("v real", "velocity_real", millimeters),
     ("v sim", "velocity_simulated", millimeters),
     ("motion", "motion_error", millimeters),
-    ("recoil", "recoil_error", millimeters),
-    ("yaw real", "yaw_real", degrees),
-    ("sim deg", "yaw_simulated", degrees),
-    ("sway real", "sway_real", millimeters),
-    ("sim", "sway_simulated", millimeters),
     ("Eq. 1", "marker_error", millimeters),
     ("aligned", "aligned_marker_error", millimeters),
     ("shape", "shape_error", millimeters),
     ("heading deg", "heading_error", degrees),
     ("progress", "progress_error", millimeters),
     ("offset", "static_offset", millimeters),
+)
+_HEAD = (
+    ("recoil mm", "recoil_error", millimeters),
+    ("yaw real deg", "yaw_real", degrees),
+    ("simulated", "yaw_simulated", degrees),
+    ("sway real mm", "sway_real", millimeters),
+    ("simulated", "sway_simulated", millimeters),
 )
 
 
@@ -116,6 +118,9 @@ def figures(content: Mapping[str, Any], title: str) -> None:
             for name, t in trials.items()
         ],
     )  # fmt: skip
+    if "recoil_error" in known:
+        rows_of_head = [(name, *(shown(t[key]) for _, key, shown in _HEAD)) for name, t in trials.items()]
+        table("Motion of the head", ("trial", *(header for header, _, _ in _HEAD)), rows_of_head)
     for name, t in trials.items():
         if t["divergence"]:
             say(f"{name}: {t['divergence']}")
