@@ -101,7 +101,8 @@ class ReportedRun:
             return "playback error"
         if not self.registered:
             return "marker error"
-        return "marker error" if self.settings.get("protocol") == "paper" else "aligned marker error"
+        names = {"motion": "motion error", "paper": "marker error"}
+        return names.get(str(self.settings.get("protocol")), "aligned marker error")
 
     @cached_property
     def trials(self) -> tuple[ReportedTrial, ...]:

@@ -206,7 +206,8 @@ def _path_chart(width: float, across: Range, up: Range, titles: tuple[str, str])
     inner = width - 0.7  # inches between the margins of a chart
     height = float(np.clip(inner * (up[1] - up[0]) / max(across[1] - across[0], 1e-9), 1.2, 1.25 * width))
     figure, axes = new_chart(width, height + 0.51, *titles)
-    axes.set(xlim=across, ylim=up)
+    axes.set_xlim(across, auto=True)  # the aspect may widen them
+    axes.set_ylim(up, auto=True)
     axes.set_aspect("equal", adjustable="datalim")
     return figure, axes
 
