@@ -16,12 +16,12 @@ import numpy as np
 import torch
 from measure import FREQUENCIES, LEAST_STRIDE, SAMPLES, way_in_a_beat
 
+from swim2real.advisor.physics.model import direction
 from swim2real.robots.fish import FISH
 from swim2real.robots.fish.response import fish_response, read_correction, read_response
 from swim2real.trials import frames
 
 SUBSET, ROUNDS, RATE = 1000, 150, 0.08  # sets, rounds and rate of the search for a kernel
-SHARP = 0.02  # m in a beat, within which backward turns into forward
 LEAST_NOISE, MOST_COORDINATES, KEPT_VARIANCE = 0.02, 16, 0.998
 LOGS = np.log(FREQUENCIES) - np.log(FREQUENCIES).mean()
 
@@ -66,12 +66,17 @@ def parts_of(motion):
     return np.concatenate([motion.real, motion.imag], axis=2)
 
 
+def level_and_growth(stride):
+    """Mean of the logarithms of strides [m], and their slope over those of the frequencies. (N, F) to (N,), (N,)."""
+    logs = np.log(stride)
+    return logs.mean(axis=1), (logs * LOGS).sum(axis=1) / (LOGS**2).sum()
+
+
 def outputs(points, cycles, plain=None):
     """What each process learns: rows of the sets, and outputs there; less what a plain response expects."""
     stride, motion = way_in_a_beat(cycles), parts_of(motions(cycles))
     forward = (stride > LEAST_STRIDE).all(axis=1)
-    logs = np.log(stride[forward])
-    slope = (logs * LOGS).sum(axis=1) / (LOGS**2).sum()
+    level, growth = level_and_growth(stride[forward])
     table = motion[forward].reshape(forward.sum(), -1)
     average = table.mean(axis=0) if plain is None else plain.average.ravel()
     # a radian of yaw moves the tail by a fraction of a meter
@@ -84,9 +89,9 @@ def outputs(points, cycles, plain=None):
         basis = plain.basis.reshape(len(plain.basis), -1) * weight
     rows = np.flatnonzero(forward)
     learned = {
-        "direction": (np.arange(len(points)), np.tanh(stride / SHARP)),
-        "stride": (rows, logs.mean(axis=1)[:, None]),
-        "growth": (rows, slope[:, None]),
+        "direction": (np.arange(len(points)), direction(stride * FREQUENCIES, FREQUENCIES)),
+        "stride": (rows, level[:, None]),
+        "growth": (rows, growth[:, None]),
         "motion": (rows, (table - average) * weight @ basis.T),
     }
     if plain is not None:
@@ -152,9 +157,9 @@ def tested(points, cycles, held_out, plain):
     unseen, cycles_unseen = points[:held_out], cycles[:held_out]
     stride, motion = way_in_a_beat(cycles_unseen), motions(cycles_unseen)
     forward = (stride > LEAST_STRIDE).all(axis=1)
-    logs = np.log(stride[forward])
+    level, growth = level_and_growth(stride[forward])
     truth = {
-        "log stride": logs.mean(axis=1), "slope of log stride": (logs * LOGS).sum(axis=1) / (LOGS**2).sum(),
+        "log stride": level, "slope of log stride": growth,
         "log yaw": np.log(np.abs(motion[forward, :, -1])).mean(axis=1),
         "log sway": np.log(np.abs(motion[forward, :, -2])).mean(axis=1),
     }  # fmt: skip
@@ -162,7 +167,7 @@ def tested(points, cycles, held_out, plain):
     for count in (*(n for n in (300, 1000) if n < available), available):
         content = fitted(points[held_out:][:count], cycles[held_out:][:count], plain)
         response = read_response(content) if plain is None else read_correction(content, plain)
-        _, score = response.speeds(unseen, unseen, FREQUENCIES)
+        _, score = response.speeds(unseen, FREQUENCIES)
         right = np.sign(score) == np.sign(stride)
         sure = np.abs(score) > 0.5
         print(

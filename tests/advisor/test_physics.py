@@ -260,7 +260,7 @@ def test_a_fish_that_is_too_fast_is_slowed_and_one_that_is_too_slow_is_sped_up()
             trial["velocity_real"] = factor * trial["velocity_simulated"]
         proposal = advisor().propose(Situation(evaluation, (), evaluation))
         points = np.array([FORWARD, proposal.point])
-        before, after = FISH.swims.response.speeds(points, SPACE.to_array(points), np.array([1.0]))[0][:, 0]
+        before, after = FISH.swims.response.speeds(points, np.array([1.0]))[0][:, 0]
         assert (after < before) == sooner
 
 
@@ -459,17 +459,17 @@ def test_an_excess_is_what_features_do_not_explain_of_a_loss():
 # the learned response
 
 
-def box(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Points all over the cube, corners among them, and their values."""
+def box(count: int, seed: int = 0) -> np.ndarray:
+    """Points all over the cube, corners among them."""
     rng = np.random.default_rng(seed)
     points = rng.random((count, 16))
     points[: count // 4] = rng.integers(0, 2, (count // 4, 16))
     points[0], points[1] = 0.0, 1.0
-    return points, LOGARITHMIC.to_array(points)
+    return points
 
 
 def test_the_response_is_finite_over_the_whole_box():
-    points, values = box(400)
+    points = box(400)
     frequencies = np.array([0.05, 0.4, 1.0, 3.0, 8.0])
     response = fish_response()
     for whole_motion in (False, True):
@@ -478,7 +478,7 @@ def test_the_response_is_finite_over_the_whole_box():
         assert np.isfinite(beats).all()
         if not whole_motion:
             np.testing.assert_allclose(beats[..., -1], 0.0, atol=1e-6)  # turned to the last marker's phase
-    speeds, forward = response.speeds(points, values, frequencies)
+    speeds, forward = response.speeds(points, frequencies)
     assert speeds.shape == (400, 5)
     assert np.isfinite(speeds).all()
     np.testing.assert_array_equal(np.sign(speeds), np.sign(forward))
@@ -492,7 +492,7 @@ def test_it_expects_what_fish_that_it_never_saw_do_from_rest():
         swims = [Swim(f"{f}", Actuation(f, 0.0, 0.0), 4 / f) for f in driven]
         trials = simulator.simulate(values, swims)
         point = LOGARITHMIC.to_cube(values)[None]
-        expected = fish_response().speeds(point, LOGARITHMIC.to_array(point), driven)[0][0]
+        expected = fish_response().speeds(point, driven)[0][0]
         assert expected == pytest.approx([trial.track.speed for trial in trials], rel=0.35)
         beats = fish_response().beats(point, driven, whole_motion=True)[0]
         for trial, frequency, expected_beat in zip(trials, driven, beats, strict=True):

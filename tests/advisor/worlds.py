@@ -78,7 +78,7 @@ class World:
 def swim(values: np.ndarray, frequencies: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """Speeds (F,) [m/s] and complex beats (F, 9) [m] of the learned response."""
     point, driven = SPACE.to_cube(dict(zip(SPACE.names, map(float, values), strict=True))), np.array(frequencies)
-    speeds = FISH.swims.response.speeds(point[None], values[None], driven)[0][0]
+    speeds = FISH.swims.response.speeds(point[None], driven)[0][0]
     parts = FISH.swims.response.beats(point[None], driven)[0]
     return speeds, parts[:, :9] + 1j * parts[:, 9:]
 

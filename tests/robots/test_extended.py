@@ -102,7 +102,7 @@ def test_its_response_expects_what_the_extra_parameters_do():
         values = {**PUBLISHED, **extra}
         swims = [Swim(f"{f}", Actuation(f, 0.0, 0.0), 4 / f) for f in driven]
         point = space.to_cube(values)[None]
-        speeds, forward = response.speeds(point, space.to_array(point), driven)
+        speeds, forward = response.speeds(point, driven)
         found = [trial.track.speed for trial in simulator.simulate(values, swims)]
         assert speeds[0] == pytest.approx(found, rel=0.4)
         assert forward.min() > 0.3

@@ -26,11 +26,11 @@ class Response(Protocol):
         ...
 
     def speeds(
-        self, points: NDArray[np.float64], values: NDArray[np.float64], frequencies: NDArray[np.float64]
+        self, points: NDArray[np.float64], frequencies: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Forward speeds [m/s], and whether swims go forward, from -1 for surely not to 1 for surely.
 
-        From points in the logarithmic cube and from values. Shapes (N, d), (N, d), (F,) to (N, F) and (N, F).
+        From points in the logarithmic cube. Shapes (N, d), (F,) to (N, F) and (N, F).
         """
         ...
 

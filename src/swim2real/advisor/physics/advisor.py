@@ -117,7 +117,7 @@ class PhysicsAdvisor:
     def _prior(self, points: Array, driven: Array, whole: bool) -> Features:
         """Features that the response expects of points, shape (N, d), and no excess."""
         response = self._response
-        speeds, forward = response.speeds(points, self._own.to_array(points), driven)
+        speeds, forward = response.speeds(points, driven)
         beats = response.beats(points, driven, whole)
         return Features(to_speed_scale(speeds), forward, beats, np.zeros(len(points)))
 

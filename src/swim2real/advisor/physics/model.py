@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 SHARP = 0.02  # m in a beat, within which backward turns into forward
 BACKWARD_LOSS, DOUBT = 0.1, 0.3  # m for a trial that goes backward; deviation of a direction that seems sure
-MOST_EXCESS = 1.5
+MOST_EXCESS = 1.5  # of the logarithm of a seen loss over the explained one
 LENGTH = 0.35  # in the cube, over which deviations from the response change
 NOISES = (0.003, 0.02, 0.1, 0.4)  # of a deviation, in units of the nonlinear part: a run where swims jump is noisy
 SLOW = 0.01  # m/s, where the speed scale turns from linear to logarithmic

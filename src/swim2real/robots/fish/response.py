@@ -113,18 +113,16 @@ class FishResponse:
         """Over which change of each parameter the beat changes, with a median of 1. Shape (d,)."""
         return self.motion.lengths / np.median(self.motion.lengths)
 
-    def speeds(self, points: Array, values: Array, frequencies: Array) -> tuple[Array, Array]:
+    def speeds(self, points: Array, frequencies: Array) -> tuple[Array, Array]:
         """Forward speeds [m/s], and whether swims go forward from rest, from -1 for surely not to 1 for surely.
 
         Args:
             points: Points in the logarithmic unit cube. Shape (N, d).
-            values: The same as physical values, of which these need none. Shape (N, d).
             frequencies: Frequencies of the beat [Hz]. Shape (F,).
 
         Returns:
             Shapes (N, F).
         """
-        del values
         logs = np.log(frequencies) - np.log(self.frequencies).mean()
         strides = np.exp(self.stride(points) + self.growth(points) * logs)
         forward = self._at(self.direction(points).T, frequencies).T
