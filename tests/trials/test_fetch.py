@@ -131,9 +131,9 @@ def test_the_published_tracks_are_taken_from_a_folder(shared, tracks, tmp_path):
         for trial in found:
             raw = tracks[trial.name]
             assert trial.nominal_frequency == raw.nominal_frequency
-            assert trial.meters_per_pixel == pytest.approx(raw.meters_per_pixel)
-            np.testing.assert_allclose(trial.track.times, raw.track.times, atol=1e-6)
-            np.testing.assert_allclose(trial.track.positions, raw.track.positions, atol=1e-6)
+            assert trial.meters_per_pixel == raw.meters_per_pixel
+            np.testing.assert_array_equal(trial.track.times, raw.track.times)
+            np.testing.assert_array_equal(trial.track.positions, raw.track.positions)
 
 
 def test_all_eight_are_taken_from_a_folder_that_has_them(folder, tmp_path):

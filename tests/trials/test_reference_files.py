@@ -215,11 +215,11 @@ def test_what_was_saved_is_loaded_again(folder, trials):
     assert loaded.names == ("slow", "fast")
     assert loaded.marker_names == trials.marker_names
     for was, now in zip(trials, loaded, strict=True):
-        np.testing.assert_allclose(now.track.times, was.track.times, atol=1e-6)
+        np.testing.assert_array_equal(now.track.times, was.track.times)
         seen = np.isfinite(was.track.positions)
         np.testing.assert_array_equal(np.isfinite(now.track.positions), seen)
-        np.testing.assert_allclose(now.track.positions[seen], was.track.positions[seen], atol=1e-6)
-        np.testing.assert_allclose(now.track.confidence, was.track.confidence, atol=1e-6)
+        np.testing.assert_array_equal(now.track.positions[seen], was.track.positions[seen])
+        np.testing.assert_array_equal(now.track.confidence, was.track.confidence)
         assert (now.nominal_frequency, now.meters_per_pixel) == (was.nominal_frequency, was.meters_per_pixel)
         assert now.provenance == was.provenance
 

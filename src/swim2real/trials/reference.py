@@ -347,7 +347,7 @@ def _write_track(path: Path, track: MarkerTrack, markers: tuple[str, ...]) -> No
         writer = csv.writer(file)
         writer.writerow(_columns(markers))
         for time, row in zip(track.times, cells, strict=True):
-            writer.writerow([f"{time:.6f}", *("" if np.isnan(value) else f"{value:.6f}" for value in row)])
+            writer.writerow(["" if np.isnan(value) else repr(float(value)) for value in (time, *row)])
 
 
 def _check_table(table: Path, rows: NDArray[np.float64], width: int, wanted: str) -> None:
