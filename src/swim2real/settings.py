@@ -151,7 +151,7 @@ class CalibrationSettings(EvaluationSettings):
             the least squares of MuJoCo's own toolbox. staged: the prior work's stages by hand.
         advisor: Who proposes. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a VLM, key from
             GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window. replay:RUN: an earlier
-            run's replies, without a network.
+            run's replies, without a network; what isn't given is as that run had it.
         budget: Simulation evaluations, the first included.
         seed: Decides the first point and every random choice.
         scale: Scale of the parameters; auto: linear for protocol paper, log otherwise.

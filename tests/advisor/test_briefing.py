@@ -11,7 +11,7 @@ from waves import EEL_SPACE, Wave, after, compared_waves, eel, evaluate
 from worlds import SPACE
 
 from recorded import PENDULUM, PENDULUM_HIDDEN, pendulum_reference
-from swim2real.advisor.briefing.prompt import TrialPromptBuilder
+from swim2real.advisor.briefing.prompt import TrialPromptBuilder, close_miss
 from swim2real.advisor.vlm.advisor import repair_request
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.files import HOW_TO
@@ -102,6 +102,25 @@ def test_only_the_fishs_own_words_speak_of_one(burned_in):
     assert re.search(FISH_WORDS, text)
     rest = without(text, FISH).replace("Name: fish.", "")
     assert not re.search(FISH_WORDS, rest, re.IGNORECASE)
+
+
+def test_a_rejected_step_that_came_close_is_shown():
+    pairs = [(Wave(f), Wave(f, 0.15)) for f in (0.8, 1.6)]
+    evaluation = evaluate([0.5, 0.5], pairs)
+    far, near, bound = (replace(evaluation, loss=factor * evaluation.loss) for factor in (2.0, 1.1, 1.05))
+    proposal = Proposal(np.full(2, 0.6))
+    missed = after(evaluation, (proposal, [far, near]), (proposal, [replace(bound, lower_bound=True), far]))
+    number, step = close_miss(missed)
+    assert (number, step.step_size, step.evaluation) == (1, 0.5, near)
+    settings = BriefingSettings("both", "auto", "low")
+    comparison = compared_waves(pairs)
+    builder = TrialPromptBuilder(eel(), EEL_SPACE, lambda values: comparison, {}, settings, False, 2000)
+    last = builder.question(missed).media[-1].label
+    losses = f"{1.1e3 * evaluation.loss:.1f} mm, the current point has {1e3 * evaluation.loss:.1f}"
+    assert last.startswith(f"Not the current point but the rejected step 0.5 of round 1 ({losses}): trial swim")
+    better = replace(evaluation, loss=0.5 * evaluation.loss)
+    assert close_miss(after(evaluation, (proposal, [far, near]), (proposal, [better]))) is None
+    assert close_miss(after(evaluation, (proposal, [far, far]))) is None
 
 
 @pytest.mark.parametrize("takes_video", [False, pytest.param(True, marks=pytest.mark.slow)])

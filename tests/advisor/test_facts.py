@@ -12,7 +12,7 @@ from worlds import SPACE, World
 
 from swim2real.advisor.briefing.facts import facts, wrapped
 from swim2real.advisor.briefing.formatting import shortened
-from swim2real.advisor.briefing.history import LONGEST, NOTICEABLE
+from swim2real.advisor.briefing.history import LONGEST
 from swim2real.optimizers import Evaluation, Proposal
 from swim2real.robots.fish import FISH
 
@@ -211,7 +211,7 @@ def step(loss, point=(0.75, 0.5), **more):
 def test_a_round_says_what_changed_and_what_came_of_it():
     first = step(0.1, (0.5, 0.5))
     proposal = Proposal(
-        np.array([1.0, 0.5 + NOTICEABLE / 2]), "Too  slow,\nI think.", "", {"clipped": {"grip": 12.0}, "trust": 0.5}
+        np.array([1.0, 0.5 + 1e-4]), "Too  slow,\nI think.", "", {"clipped": {"grip": 12.0}, "trust": 0.5}
     )
     found = facts(after(first, (proposal, [step(0.2, (1.0, 0.5)), step(0.08)])), eel(), EEL_SPACE)["history"]
     assert found["evaluations"] == 3
@@ -237,6 +237,27 @@ def test_a_step_tells_what_it_did_to_speed_and_amplitude():
     tried = found["rounds"][0]["steps"][0]
     assert tried["speed_ratios"] == [pytest.approx(0.5, rel=0.02), pytest.approx(1.2, rel=0.02)]
     assert tried["amplitude_ratio"] == pytest.approx(1.2, rel=0.01)
+
+
+def test_a_change_that_is_small_but_shown_is_told():
+    before = FISH.space.to_cube({**FISH.space.published, "motor_arm_length": 0.0379})
+    after_it = FISH.space.to_cube({**FISH.space.published, "motor_arm_length": 0.0383})
+    steps = [replace(evaluate(after_it, [(REAL, WIDER)]), loss=0.2)]
+    first = replace(evaluate(before, [(REAL, WIDER)]), loss=0.1)
+    found = facts(after(first, (Proposal(after_it), steps)), eel(), FISH.space)["history"]
+    (change,) = found["rounds"][0]["changes"]
+    assert change["name"] == "motor_arm_length"
+    assert (change["from"], change["to"]) == (pytest.approx(0.0379), pytest.approx(0.0383))
+
+
+def test_a_step_tells_the_speed_of_each_trial_its_shape_and_its_recoil():
+    real = [Wave(f, yaw=0.1) for f in (0.5, 1.0, 1.5)]
+    pairs = [(one, replace(one, speed=s, yaw=0.2)) for one, s in zip(real, (0.05, 0.1, 0.12), strict=True)]
+    steps = [evaluate([0.9, 0.5], pairs, "motion", loss=0.05)]
+    found = facts(after(step(0.1), (Proposal(np.array([0.9, 0.5])), steps)), eel(), EEL_SPACE)["history"]
+    tried = found["rounds"][0]["steps"][0]
+    assert tried["speed_ratios"] == [pytest.approx(ratio, rel=0.03) for ratio in (0.5, 1.0, 1.2)]
+    assert tried["shape"] < 1e-3 < tried["recoil"]
 
 
 def test_lower_bounds_and_failures_stay_what_they_are():
@@ -306,3 +327,23 @@ def test_wrapped_angles_are_the_same_angles(degrees, turns):
     found = wrapped(degrees + 360 * turns)
     assert -180 <= found < 180
     assert np.cos(np.radians(found)) == pytest.approx(np.cos(np.radians(degrees)), abs=1e-6)
+
+
+def test_a_marker_that_was_hardly_seen_says_nothing():
+    evaluation = evaluate(MIDDLE, [(REAL, WIDER)] * 2)
+    for seen, trial in zip((0.05, 1.0), evaluation.detail["trials"].values(), strict=True):
+        trial["seen_shares"][4] = seen
+    found = facts(start(evaluation), eel(), EEL_SPACE)
+    lost, fine = (trial["markers"][4] for trial in found["incumbent"]["trials"])
+    assert lost["error"] is lost["shape_error"] is lost["amplitude"]["ratio"] is lost["phase_difference_deg"] is None
+    assert fine["amplitude"]["ratio"] == pytest.approx(1.2, rel=0.01)
+    assert found["differences"]["by_trial"][0]["lag_real_deg"] is None
+    assert found["differences"]["median"]["amplitude_ratio"] == fine["amplitude"]["ratio"]
+
+
+def test_the_swing_of_the_head_has_a_ratio_by_trial():
+    real = [Wave(f, yaw=0.1) for f in (0.5, 1.0)]
+    found = facts(start(evaluate(MIDDLE, [(one, replace(one, yaw=0.15)) for one in real], "motion")), eel(), EEL_SPACE)
+    assert [row["yaw_ratio"] for row in found["differences"]["by_trial"]] == [pytest.approx(1.5, rel=0.02)] * 2
+    bare = facts(start(evaluate(MIDDLE, [(REAL, WIDER)])), eel(), EEL_SPACE)
+    assert bare["differences"]["by_trial"][0]["yaw_ratio"] is None

@@ -230,8 +230,9 @@ def test_steps_tell_markers_sensors_and_amplitude():
     assert ", markers 0.0 mm, force 0 N, amplitude 1.00" in text
     cart = evaluated(compared({"a": (Swing(speed=0.1), Swing(speed=0.15))}, CART), CART)
     text = describe(facts(after(cart, (Proposal(np.full(3, 0.6)), [cart])), CART, CART.space))
-    assert "the ratio of speeds (simulated / real) and the ratio of amplitudes (simulated / real): learn" in text
-    assert ", speed 1.50, amplitude 1.00" in text
+    told = "the ratio of speeds (simulated / real), the error in shape, in mm and the ratio of amplitudes"
+    assert told in text
+    assert ", speed 1.50, shape 0.0, amplitude 1.00" in text
 
 
 def test_without_numbers_nothing_that_was_measured_is_left():

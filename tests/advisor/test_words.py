@@ -168,7 +168,8 @@ def test_a_round_is_told_with_its_steps_and_what_was_kept():
     assert "- Diagnosis: Too slow." in text
     before, kept = (EEL_SPACE.to_values([place, 0.5])["grip"] for place in (0.5, 0.75))
     assert f"- Proposed: grip {before:.3g} → 10 (kept {kept:.3g})." in text
-    assert "1: 200.0 mm (+100.0), speed 1.50, amplitude 1.20; 0.5: 80.0 mm (-20.0), speed 1.50, amplitude 1.20" in text
+    did = r"speed 1\.50, shape \d+\.\d, amplitude 1\.20"
+    assert re.search(rf"1: 200\.0 mm \(\+100\.0\), {did}; 0\.5: 80\.0 mm \(-20\.0\), {did}", text)
     assert "- grip (12 was given): out of bounds, so moved to the bound." in text
     assert "- speed: no parameters of this simulator, so ignored." in text
 
@@ -191,7 +192,7 @@ def test_lower_bounds_and_failures_are_told_as_such():
 
 
 def test_a_proposal_that_changes_hardly_anything_is_told_as_that():
-    text = told(after(step(0.1), (Proposal(np.array([0.751, 0.5])), [step(0.2)])))
+    text = told(after(step(0.1), (Proposal(np.array([0.7501, 0.5])), [step(0.2)])))
     assert "- Proposed: hardly any change." in text
 
 
@@ -308,3 +309,21 @@ def test_the_estimate_of_tokens_knows_prose_from_numbers():
     prose = "The simulated robot swims too fast at low frequencies and too slow at high ones. " * 50
     assert 0.15 < estimate_tokens(prose) / len(prose) < 0.35
     assert estimate_tokens("12.5") == 4
+
+
+def test_the_head_and_the_way_from_rest_are_told():
+    real = [Wave(f, yaw=0.1) for f in (0.5, 1.0)]
+    evaluation = evaluate(MIDDLE, [(one, replace(one, yaw=0.15)) for one in real], "motion")
+    known = facts(start(evaluation), eel(), EEL_SPACE, {"swim0": -0.02, "swim1": 0.1})
+    text = describe(known)
+    assert "The simulated head yaws 50 % wider than in reality" in text
+    assert "### Motion of the head" in text
+    assert re.search(r"\| swim0 \| 0\.50 \| 5\.7 \| 8\.6 \| \+?-?0 \|", text)
+    assert "goes forward in swim1 (1.00 Hz), and backward, last marker first, in swim0 (0.50 Hz)" in text
+    assert "in the recoil of the head, its yaw and sway," in text
+    assert "500 mm are added" in text
+    forward = describe(facts(start(evaluation), eel(), EEL_SPACE, {"swim0": 0.02, "swim1": 0.1}))
+    assert "Started at rest, the simulated robot goes forward in all trials." in forward
+    aligned = describe(facts(start(evaluate(MIDDLE, [(REAL, WIDER)])), eel(), EEL_SPACE))
+    assert "Motion of the head" not in aligned
+    assert "Started at rest" not in aligned

@@ -10,7 +10,7 @@ from swim2real.objective import Comparison, compare_steady, evidence, steady_tar
 from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, ScriptedAdvisor, Situation, Step
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots.fish import FISH
-from swim2real.trials import MarkerTrack, Trial
+from swim2real.trials import MarkerTrack, Trial, frames
 
 EEL_SPACE = ParameterSpace(
     (
@@ -41,6 +41,7 @@ class Wave:
         amplitudes: Of each marker, sideways [m].
         behind: By how much of a beat each marker comes later [deg].
         lost: Markers that are never seen.
+        yaw: How far the whole robot swings about its head [rad].
     """
 
     frequency: float = 1.0
@@ -48,12 +49,16 @@ class Wave:
     amplitudes: tuple[float, ...] = (0.0, 0.0, 0.03, 0.06, 0.1)
     behind: tuple[float, ...] = (0.0, 0.0, 0.0, 20.0, 50.0)
     lost: tuple[int, ...] = ()
+    yaw: float = 0.0
 
     def track(self, seconds: float, phase: float = 0.0) -> MarkerTrack:
         times = np.arange(round(seconds * 50) + 1) / 50
         angles = 2 * np.pi * self.frequency * times[:, None] + phase - np.radians(self.behind)
-        along = 0.1 * np.arange(len(self.amplitudes)) - self.speed * times[:, None]
-        positions = np.stack([along, self.amplitudes * np.cos(angles)], axis=-1)
+        behind = np.broadcast_to(0.1 * np.arange(len(self.amplitudes)), angles.shape)
+        heading = self.yaw * np.cos(angles[:, :1])
+        axes = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+        positions = frames.composed(np.stack([behind, self.amplitudes * np.cos(angles)], axis=-1), axes)
+        positions[:, :, 0] -= self.speed * times[:, None]
         positions[:, list(self.lost)] = np.nan
         return MarkerTrack(times, positions)
 
@@ -64,14 +69,15 @@ def compared_waves(pairs: Sequence[tuple[Wave, Wave | str]], protocol="aligned",
     for i, (real, simulated) in enumerate(pairs):
         track = real.track(3.0, 0.0 if protocol == "paper" else 0.7)
         driven = real.frequency if isinstance(simulated, str) else simulated.frequency
+        weights = np.isfinite(track.positions[:, :, 0]).astype(float)
         target = steady_target(
-            Trial(f"swim{i}", track), np.ones(track.positions.shape[:2]), driven, real.frequency, 2.0
-        )
+            Trial(f"swim{i}", track), weights, driven, real.frequency, 2.0, protocol == "motion"
+        )  # fmt: skip
         if isinstance(simulated, str):
             swim = Trial(f"swim{i}", track, divergence=simulated)
         else:
             swim = Trial(f"swim{i}", simulated.track(3.0 + 1 / driven + 0.1))
-        found.append(compare_steady(target, swim, fit_phase=protocol == "aligned"))
+        found.append(compare_steady(target, swim, fit_phase=protocol != "paper"))
     return Comparison(tuple(found), protocol, 2.0, skipped)
 
 

@@ -87,7 +87,7 @@ def test_a_replay_is_the_same_to_the_last_bit_without_a_network(program, words, 
     vlm.script(then=thoughtful)
     program(*words()).done()
     asked = len(vlm.requests)
-    replay = ["--advisor", f"replay:{tmp_path / 'run'}", "--budget", 5]
+    replay = ["--advisor", f"replay:{tmp_path / 'run'}"]
     again = [*pendulum(pendulum_folder), *replay, "--out", tmp_path / "again"]
     program(*again).done()
     assert record(tmp_path / "again") == record(tmp_path / "run")

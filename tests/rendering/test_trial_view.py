@@ -12,7 +12,8 @@ from views import ARM_RATE, BEAT, arm, swim
 from recorded import FLOATER, PENDULUM
 from swim2real.errors import ArgumentError
 from swim2real.objective import ComparedTrial
-from swim2real.rendering.panel import Box
+from swim2real.rendering.panel import COLORS, Box
+from swim2real.rendering.swing_chart import Swing, swing_chart
 from swim2real.rendering.trial_view import common_limits, grid_step, length_text, rounded_up, view_of
 from swim2real.robots.fish import FISH
 
@@ -180,3 +181,24 @@ def test_what_does_not_fit_is_refused() -> None:
     ):
         with pytest.raises(ArgumentError, match=re.escape(words)):
             call()
+
+
+def test_small_differences_are_enlarged_and_large_ones_are_not() -> None:
+    view = view_of(compared(3), PENDULUM)  # 10 mm off along y, the first marker is lost at the end
+    factor, enlarged = view.enlarged(0.6)
+    assert factor == 5  # 10 times would be more than a tenth of the width
+    np.testing.assert_allclose((enlarged.simulated - enlarged.real)[:, 1:, 1], 0.05)
+    assert np.isnan(enlarged.simulated[2:, 0]).all()
+    assert view.enlarged(0.15)[0] == 1
+    assert swim(diverged=True).enlarged(1.0)[0] == 1
+
+
+def test_the_swings_of_the_head_have_the_whole_trials_scale() -> None:
+    swings = [Swing("yaw", "deg", np.array([0.0, 3.0, np.nan]), np.array([0.0, -size, 1.0])) for size in (4.0, 14.0)]
+    assert [swing.size for swing in swings] == [4.0, 14.0]
+    views = [replace(swim(), swings=(swing,)) for swing in swings]
+    assert common_limits(views).swings == (20.0,)
+    chart = np.asarray(swing_chart(swings[1], np.array([0.0, 0.1, 0.2]), 20.0, 200, 11.0))
+    assert chart.shape[1] == 200
+    assert (chart == COLORS["simulated"]).all(axis=2).any()
+    assert not common_limits([swim()]).swings

@@ -29,6 +29,8 @@ class AdvisorContext:
     Attributes:
         run: Folder of the run, for the transcript.
         simulate: Simulates parameter values once more, so that they can be drawn.
+        from_rest: Simulates them from rest: forward speeds by trial [m/s], None where it diverged; empty for robots
+            without a beat.
         videos: Real films by the names of their trials, where there are any.
         briefing: Settings of what is shown.
         access: How a VLM is reached.
@@ -37,6 +39,7 @@ class AdvisorContext:
 
     run: Path
     simulate: Callable[[Values], Comparison]
+    from_rest: Callable[[Values], Mapping[str, float | None]] = lambda values: {}
     videos: Mapping[str, Path] = field(default_factory=dict[str, Path])
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
     access: VlmAccess = field(default_factory=VlmAccess)
@@ -95,7 +98,8 @@ def make_advisor(
             name, access.base_url, access.key_variable, access.timeout, context.briefing.media, retry
         )  # fmt: skip
     prompts = TrialPromptBuilder(
-        robot, space, context.simulate, context.videos, context.briefing, client.takes_video, access.reply_tokens
+        robot, space, context.simulate, context.videos, context.briefing, client.takes_video, access.reply_tokens,
+        context.from_rest,
     )  # fmt: skip
     limits = Limits(access.max_calls, access.max_cost, repairs)
     return VlmAdvisor(client, prompts, space, transcript, limits, context.on_event)

@@ -47,6 +47,7 @@ def calibrate(
     from swim2real.simulation.misfits import misplaced
     from swim2real.trials import load_reference
 
+    settings = pipeline.as_replayed(settings)
     body, trials = load_robot(robot), load_reference(reference)
     far = misplaced(body, trials)
     if far is not None:

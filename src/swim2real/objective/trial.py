@@ -322,6 +322,7 @@ class ComparedTrial:
     def evidence(self) -> dict[str, Any]:
         """What tells more than the figures: errors of each marker, and how real and simulated markers move.
 
+        `seen_shares` are each marker's shares of frames that count.
         A trial with a beat has `beat_real` and `beat_simulated`, as `beat` gives them, and `path_beat_real` and
         `path_beat_simulated` in the frame of its path where the whole motion is compared. Another one has `offset`, the
         mean residual of each marker [m], `amplitude_real` and `amplitude_simulated` along its main axis [m], and
@@ -334,6 +335,7 @@ class ComparedTrial:
         if self.swim_residual is not None:
             evidence["marker_errors"] = self.marker_errors("marker")
         evidence["aligned_marker_errors"] = self.marker_errors("aligned")
+        evidence["seen_shares"] = (self.weights > 0).mean(axis=0)
         if self.frame is not None:
             evidence["shape_marker_errors"] = self.marker_errors("shape")
         if self.frequency is not None:

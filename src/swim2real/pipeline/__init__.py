@@ -1,6 +1,6 @@
 """Composes the rooms, for the command line and for scripts: videos to trials, and a reference to a calibrated run."""
 
-from swim2real.pipeline.calibration import calibrate
+from swim2real.pipeline.calibration import as_replayed, calibrate
 from swim2real.pipeline.methods import make_optimizer
 from swim2real.pipeline.tracking import (
     AUTO,
@@ -19,6 +19,7 @@ __all__ = [
     "FrameProgress",
     "TrackedVideo",
     "TrackingReport",
+    "as_replayed",
     "calibrate",
     "check_lost",
     "make_optimizer",

@@ -24,6 +24,7 @@ from swim2real.calibration import (
 )
 from swim2real.errors import ArgumentError, RunError
 from swim2real.optimizers import Advice, recorded_advice
+from swim2real.parameters import Values
 from swim2real.pipeline.methods import ADVISED, make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
@@ -82,8 +83,13 @@ def calibrate(
     }  # fmt: skip
     _check_replay(settings.advisor, resolved)
     videos = {trial.name: trial.video for trial in fitted if trial.video is not None}
+
+    def from_rest(values: Values) -> dict[str, float | None]:
+        found = problem.check_fit(values).get("from_rest", {})
+        return {name: swim["speed"] for name, swim in found.items()}
+
     context = AdvisorContext(
-        folder.path, problem.evaluate, videos, settings.briefing, access or VlmAccess(), on_advisor
+        folder.path, problem.evaluate, from_rest, videos, settings.briefing, access or VlmAccess(), on_advisor
     )  # fmt: skip
     advisor = None
     if settings.method in ADVISED:
@@ -114,10 +120,29 @@ def _recorded_advice(folder: RunFolder) -> list[Advice]:
         raise RunError(f"the record of '{folder.path}' is damaged: {error!r}; begin a new run") from error
 
 
+_TAKEN = ("method", "protocol", "start", "seed", "budget", "scale", "max_steps", "early_stop", "horizon", "hold_out")
 _REPLAYED = (
-    "robot", "robot_fingerprint", "method", "protocol", "start", "seed", "scale", "max_steps", "early_stop", "horizon",
-    "hold_out", "reference_fingerprint", "engine",
+    *(name for name in _TAKEN if name != "budget"), "robot", "robot_fingerprint", "reference_fingerprint", "engine",
 )  # fmt: skip
+
+
+def as_replayed(settings: CalibrationSettings) -> CalibrationSettings:
+    """Settings that replay a run as it was: what has its default is as that run had it, what was chosen stays.
+
+    Raises:
+        RunError: There is no such run.
+        ArgumentError: Its settings can't be used.
+    """
+    source = replayed_run(settings.advisor)
+    if source is None:
+        return settings
+    there, default = RunFolder(source).settings(), CalibrationSettings()
+    taken = {
+        name: there[name] for name in _TAKEN if name in there and getattr(settings, name) == getattr(default, name)
+    }
+    if "hold_out" in taken:
+        taken["hold_out"] = tuple(taken["hold_out"])
+    return replace(settings, **taken)
 
 
 def _check_replay(advisor: str, resolved: Mapping[str, Any]) -> None:

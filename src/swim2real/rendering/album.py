@@ -13,6 +13,7 @@ from swim2real.errors import ArgumentError
 from swim2real.objective import Comparison
 from swim2real.rendering.drawing import INK, PAGE, Bytes, Canvas, contact_sheet, plain, text_size, to_pillow
 from swim2real.rendering.panel import MUTED, Panel, draw_heading, gap_of, shortened, text_height
+from swim2real.rendering.swing_chart import swing_chart
 from swim2real.rendering.trial_frame import ErrorChart, TrialFrames, path_strip, plane_panel
 from swim2real.rendering.trial_view import (
     Limits,
@@ -96,7 +97,16 @@ class Scene:
         """What is where in that picture."""
         shown = "from start to end" if self._view.frequency is None else "of one beat"
         path = " both paths and" if self._view.path_real is not None else ""
-        return f"{moments} moments {shown} with the markers' mean distance, then{path} that distance over time"
+        factor, _ = self._view.enlarged(self._limits.plane.right - self._limits.plane.left)
+        enlarged = f", and the same with differences {factor} times as large as they are" if factor > 1 else ""
+        count, swings = (
+            (moments + 1) // 2 if factor > 1 else moments,
+            ", and how the head swings" * bool(self._view.swings),
+        )
+        return (
+            f"{count} moments {shown} with the markers' mean distance{enlarged}, then{path} that distance over time"
+            f"{swings}"
+        )
 
     def film_times(self, moments: int) -> list[float]:
         """Times of as many moments of the real film [s]."""
@@ -111,6 +121,9 @@ def moments_sheet(
     view: TrialView, count: int, columns: int, width: int, limits: Limits | None = None
 ) -> Bytes:  # fmt: skip
     """A trial in several moments, of a beat or from start to end; below them both paths and the error over time.
+
+    Where simulated and real places hardly differ, half of the pictures are the others once more with their differences
+    enlarged. Where the head's swings are compared, they stand below the error.
 
     Args:
         view: The trial.
@@ -129,12 +142,18 @@ def moments_sheet(
     limits = limits or common_limits([view])
     times, shares = view.moments(count)
     panel, samples = Panel(limits.plane, width, grid_step(limits.plane)), view.nearest(times).tolist()
+    factor, enlarged = view.enlarged(limits.plane.right - limits.plane.left)
+    if factor > 1:  # every second moment, as it is and then enlarged
+        shares, samples = shares[::2], samples[::2]
     images = [np.asarray(plane_panel(view, k, panel, TEXT)) for k in samples]
     beats = [f"beat {_fraction(share, count)}   " if view.frequency is not None else "" for share in shares.tolist()]
     captions = [
         f"{beat}{view.times[k]:.3f} s   {millimeters(float(view.errors[k]))}"
         for beat, k in zip(beats, samples, strict=True)
     ]
+    if factor > 1:
+        images += [np.asarray(plane_panel(enlarged, k, panel, TEXT)) for k in samples]
+        captions += [f"{beat}{factor} times the difference" for beat in beats]
     sheet = to_pillow(contact_sheet(images, captions, columns, width))
     heading = draw_heading(
         "   ".join(part for part in (view.name, view.about) if part), _note(view, panel), sheet.width
@@ -184,16 +203,24 @@ def trials_sheet(views: Sequence[TrialView], count: int, width: int, limits: Lim
 
 
 def _foot(view: TrialView, samples: Sequence[int], limits: Limits, width: int) -> Image:
-    """The error over time, at the right of both paths if there are any."""
+    """The error and the head's swings over time, at the right of both paths if there are any."""
     path = path_strip(view, view.last_seen, limits, width // 2)
     left = 0 if path is None else path.width
     size, gap = text_height(width), gap_of(width)
-    chart = ErrorChart(view, limits.error, width - left - 2 * gap, 0.9 * size).at(*samples)
-    foot = plain(width, gap + max(chart.height, 0 if path is None else path.height), PAGE)
-    canvas = Canvas(foot)
+    room = width - left - 2 * gap
+    charts = [ErrorChart(view, limits.error, room, 0.9 * size).at(*samples)]
+    charts += [
+        swing_chart(swing, view.times, top, room, 0.9 * size)
+        for swing, top in zip(view.swings, limits.swings, strict=True)
+    ]
+    tall = sum(chart.height + gap for chart in charts)
+    foot = plain(width, gap + max(tall, 0 if path is None else path.height), PAGE)
+    canvas, y = Canvas(foot), 0
     if path is not None:
         canvas.paste(path, (0, 0))
-    canvas.paste(chart, (left + gap, 0))
+    for chart in charts:
+        canvas.paste(chart, (left + gap, y))
+        y += chart.height + gap
     return foot
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from swim2real.errors import ArgumentError
 from swim2real.objective import ComparedTrial
 from swim2real.objective.motion import finite_mean
 from swim2real.rendering.panel import Box
+from swim2real.rendering.swing_chart import Swing
 from swim2real.robots.robot import Robot
 from swim2real.trials import frames
 
@@ -28,6 +29,8 @@ BEYOND = 0.5  # of the real trial's size, by which a simulated one may widen a b
 MARGIN = 0.12  # of the size of what is drawn: names stand there
 LEAST_SHARE, MOST_SHARE = 0.3, 0.9  # a box's height, as a share of its width
 NOTHING = Box(-0.5, -0.3, 0.5, 0.3)  # where no position is known
+ENLARGED = (1, 2, 5, 10)  # by which differences may be enlarged
+CLEARLY_OFF = 0.1  # of the width of what is shown: differences that are enlarged stay below it
 GRID_LINES = 6  # to a box's width, about
 _AXES = "xyz"
 
@@ -52,6 +55,7 @@ class TrialView:
         frequency: Frequency of the beat [Hz]; None without one.
         path_real: Positions as seen from the start [m]; None where the robot goes nowhere. Shape (T, M, 2).
         path_simulated: The same of the simulation, from its own start [m]. Shape (T, M, 2).
+        swings: How the head swings about its path; empty where that isn't compared.
     """
 
     name: str
@@ -67,6 +71,7 @@ class TrialView:
     frequency: float | None = None
     path_real: Array | None = None
     path_simulated: Array | None = None
+    swings: tuple[Swing, ...] = ()
 
     def __post_init__(self) -> None:
         times = np.asarray(self.times)
@@ -122,6 +127,20 @@ class TrialView:
         after = np.clip(np.searchsorted(self.times, times), 1, self.times.size - 1)
         before = after - 1
         return np.where(times - self.times[before] <= self.times[after] - times, before, after)
+
+    def enlarged(self, width: float) -> tuple[int, TrialView]:
+        """By which factor small differences between simulated and real places are enlarged, 1 for large ones; the view.
+
+        What isn't seen of the real robot has no difference, and isn't drawn.
+
+        Args:
+            width: Width of what is shown [m].
+        """
+        gaps = np.linalg.norm(self.simulated - self.real, axis=2)
+        known = gaps[np.isfinite(gaps)]
+        typical = float(np.percentile(known, 90)) if known.size else math.inf
+        factor = max(factor for factor in ENLARGED if factor == 1 or factor * typical <= CLEARLY_OFF * width)
+        return factor, replace(self, simulated=self.real + factor * (self.simulated - self.real))
 
     def spacing(self) -> float:
         """The least usual distance of a marker to the one after next, whose names stand on the same side [m]."""
@@ -199,7 +218,8 @@ def view_of(trial: ComparedTrial, robot: Robot) -> TrialView:
     """A compared trial as it is drawn: registered, as the loss sees it."""
     seen, hidden = trial.weights > 0, np.nan if trial.divergence else 0.0
     unseen = np.where(seen, 0.0, np.nan)[:, :, None]
-    distances = np.where(seen, np.linalg.norm(trial.residual + hidden, axis=2), np.nan)
+    residual = trial.residual if trial.head_real is None else trial.motion_residual
+    distances = np.where(seen, np.linalg.norm(residual + hidden, axis=2), np.nan)
     chain = tuple(range(len(robot.marker_names)))
     real, simulated = _paths(trial)
     return TrialView(
@@ -209,13 +229,14 @@ def view_of(trial: ComparedTrial, robot: Robot) -> TrialView:
         seen=seen,
         real=trial.real + unseen,
         simulated=trial.simulated + _offsets(trial, seen) + hidden,
-        error=float("nan") if trial.divergence else trial.aligned_marker_error,
+        error=float("nan") if trial.divergence else _error(trial),
         errors=finite_mean(distances.T),
         lines=_joined(robot.links) if trial.frequency is None else (chain,),
         axes=_axes(trial, robot),
         frequency=trial.frequency,
         path_real=None if real is None else real + unseen,
         path_simulated=None if simulated is None else simulated + hidden,
+        swings=_swings(trial),
     )
 
 
@@ -232,11 +253,13 @@ class Limits:
         plane: Part of the frame of comparison.
         path: Part of the plane of the paths; None where no trial has one.
         error: Distance at the top of the chart of errors [m].
+        swings: Values at the edges of the charts of the head's swings, in their units.
     """
 
     plane: Box
     path: Box | None
     error: float
+    swings: tuple[float, ...] = ()
 
 
 def common_limits(views: Sequence[TrialView]) -> Limits:
@@ -253,6 +276,7 @@ def common_limits(views: Sequence[TrialView]) -> Limits:
         _box([view.real for view in views], [view.simulated for view in views]),
         _box([real for real, _ in known], [simulated for _, simulated in known]) if known else None,
         rounded_up(float(errors.max()) if errors.size else 0.0),
+        tuple(rounded_up(max(swing.size for swing in alike)) for alike in zip(*(v.swings for v in views), strict=True)),
     )
 
 
@@ -286,6 +310,22 @@ def _offsets(trial: ComparedTrial, seen: Mask) -> Array:
         return trial.registration
     known = index[followed]
     return np.stack([np.interp(index, known, trial.registration[known, axis]) for axis in (0, 1)], axis=1)
+
+
+def _error(trial: ComparedTrial) -> float:
+    return trial.aligned_marker_error if trial.head_real is None else trial.motion_error
+
+
+def _swings(trial: ComparedTrial) -> tuple[Swing, ...]:
+    real, simulated = trial.head_real, trial.head_simulated
+    if real is None:
+        return ()
+    unknown = np.full_like(real.yaw, np.nan)
+    yaw, sway = (unknown, unknown) if simulated is None else (simulated.yaw, simulated.sway)
+    return (
+        Swing("heading of the head about its path", "deg", np.degrees(real.yaw), np.degrees(yaw)),
+        Swing("place of the head beside its path", "mm", 1e3 * real.sway, 1e3 * sway),
+    )
 
 
 def _paths(trial: ComparedTrial) -> tuple[Array, Array] | tuple[None, None]:

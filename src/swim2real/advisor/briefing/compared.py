@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from swim2real.objective import TAIL_FIRST_LOSS
 from swim2real.robots.robot import Control, Robot, Sine
 
 PAPER = (
@@ -48,6 +49,13 @@ def _loss(robot: Robot, protocol: str) -> list[str]:
     sentences = ["The mean distance between the simulated and the real markers over time, markers and trials"]
     if trials.frame is None:
         sentences[0] += ", in the world."
+    elif protocol == "motion":
+        origin, ahead = (robot.marker_names[marker] for marker in trials.frame)
+        sentences[0] += (
+            ". It is taken in the frame of the trial's path, so that the yaw and the sway of the head count: x points "
+            f"along the path, the way that {ahead} lies from {origin}, and the robot goes the other way. A slow turn "
+            "of the course is removed."
+        )
     else:
         origin, ahead = (robot.marker_names[marker] for marker in trials.frame)
         sentences[0] += f". It is taken in a frame that is fixed to {origin}, with its x axis toward {ahead}."
@@ -67,6 +75,11 @@ def _loss(robot: Robot, protocol: str) -> list[str]:
             "The motor's angle at the start is fitted, and static offsets of the markers don't count. The simulated "
             "robot is in its steady motion from the start."
         )
+        if protocol == "motion":
+            sentences.append(
+                f"Where any trial goes backward, last marker first, {1e3 * TAIL_FIRST_LOSS:.0f} mm are added, so that "
+                "it is never better than one in which all go forward."
+            )
         return sentences
     return [*sentences, _drive(robot), _start(robot), "Neither time nor place is fitted."]
 

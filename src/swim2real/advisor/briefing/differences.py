@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-CLEAR = 0.1  # of the widest beat of a trial: above it a marker's phase isn't ruled by noise
+CLEAR = 0.2  # of the widest beat of a trial: above it a marker's phase isn't ruled by noise
+_LEAST_YAW, _LEAST_SWAY = 0.01, 1e-3  # rad and m, below which a swing of the head has no ratio
 _SLOW = 1e-3  # m/s, below which a speed has no ratio
 _LEAST_SPAN = 0.05  # of the logarithm of frequency, for an exponent
-_FIGURES = ("speed_ratio", "amplitude_ratio", "lag_real_deg", "lag_simulated_deg")
+_FIGURES = ("speed_ratio", "amplitude_ratio", "yaw_ratio", "sway_ratio", "lag_real_deg", "lag_simulated_deg")
 
 Trial = Mapping[str, Any]
 
@@ -108,10 +109,17 @@ def _by_trial(trial: Trial, front: int | None) -> dict[str, Any]:
         "worst_time": None if worst is None else [trial["edges"][worst[0]], trial["edges"][worst[0] + 1]],
         "speed_ratio": speed["simulated"] / speed["real"] if moving else None,
         "amplitude_ratio": median(ratios) if trial["frequency"] is None else ratios[-1] if ratios else None,
+        "yaw_ratio": _swing_ratio(trial["figures"], "yaw", _LEAST_YAW),
+        "sway_ratio": _swing_ratio(trial["figures"], "sway", _LEAST_SWAY),
         "lag_real_deg": lag(markers, front, "real") if front is not None else None,
         "lag_simulated_deg": lag(markers, front, "simulated") if front is not None else None,
         "halves": [mean(off[:half]), mean(off[half:])],
     }
+
+
+def _swing_ratio(figures: Mapping[str, Any], name: str, least: float) -> float | None:
+    real, simulated = (figures.get(f"{name}_{side}") for side in ("real", "simulated"))
+    return simulated / real if real is not None and simulated is not None and real >= least else None
 
 
 def _by_marker(name: str, markers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

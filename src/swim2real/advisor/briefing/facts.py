@@ -20,6 +20,7 @@ from swim2real.robots.robot import Robot
 
 MOVING = 0.05  # of the widest real amplitude of a trial: below it a marker's amplitude is noise and has no ratio
 STILL = 1e-3  # m, below which a beat's amplitude is noise and has neither ratio nor phase
+LEAST_SEEN = 0.3  # of the frames: a marker that is lost in more of them says nothing
 _ABOUT = ("trials", "protocol", "horizon", "loss", "skipped", "sensor_errors")
 _NEED_NO_SIMULATION = ("frequency", "left_out_share")
 _ELSEWHERE = ("loss", "frequency", "phase", "velocity_real", "velocity_simulated", "divergence")
@@ -28,7 +29,9 @@ _DEGREES = 180 / math.pi
 Facts = Mapping[str, Any]
 
 
-def facts(situation: Situation, robot: Robot, space: ParameterSpace) -> dict[str, Any]:
+def facts(
+    situation: Situation, robot: Robot, space: ParameterSpace, from_rest: Mapping[str, float | None] | None = None
+) -> dict[str, Any]:
     """What is known at a round, ready for JSON.
 
     Lengths are in m, speeds in m/s, phases in degrees, parameters in their units. None stands for what isn't known: a
@@ -38,6 +41,7 @@ def facts(situation: Situation, robot: Robot, space: ParameterSpace) -> dict[str
         situation: Situation as an advisor gets it.
         robot: The robot whose simulator is calibrated.
         space: Its parameters, as the optimizer uses them.
+        from_rest: Forward speed of the incumbent once it has settled from rest, by trial [m/s], where that is known.
     """
     detail: Facts = situation.incumbent.detail or {}
     trials = trial_facts(detail, robot)
@@ -52,7 +56,7 @@ def facts(situation: Situation, robot: Robot, space: ParameterSpace) -> dict[str
             "compared": how_compared(robot, protocol, detail.get("horizon")),
             "scale": space.scale,
             "parameters": _parameters(situation, space),
-            "incumbent": _incumbent(situation, detail, trials),
+            "incumbent": {**_incumbent(situation, detail, trials), "from_rest": dict(from_rest or {})},
             "differences": differences(trials),
             "history": history(situation, space, lambda evaluation: trial_facts(evaluation.detail or {}, robot)),
         }
@@ -112,15 +116,17 @@ def _markers(content: Facts, protocol: str, names: Sequence[str]) -> list[dict[s
     """
     diverged, unknown = bool(content.get("divergence")), [None] * len(names)
     # evidence of recordings had the aligned errors by the name of the paper's in version 0.1
-    kind = "marker_errors" if protocol == "paper" else "aligned_marker_errors"
+    kind = {"paper": "marker_errors", "motion": "motion_marker_errors"}.get(protocol, "aligned_marker_errors")
     errors = content.get(kind) or content.get("marker_errors") or unknown
-    real, simulated = (_motion(content, side, len(names)) for side in ("real", "simulated"))
+    seen = [share >= LEAST_SEEN for share in content.get("seen_shares") or [1.0] * len(names)]  # new in 0.2
+    real, simulated = (_motion(content, side, seen) for side in ("real", "simulated"))
     if diverged:
-        simulated = _motion({}, "simulated", len(names))
+        simulated = _motion({}, "simulated", seen)
     beats, windows, offsets = "beat_real" in content, content.get("windows"), content.get("offset")
     widest = max((size for size in real["amplitude"] if size is not None), default=0.0)
     markers: list[dict[str, Any]] = []
     for i, name in enumerate(names):
+        silent = diverged or not seen[i]
         amplitude = {"real": real["amplitude"][i], "simulated": simulated["amplitude"][i]}
         phase = {"real": real["phase"][i], "simulated": simulated["phase"][i]}
         ratio = _ratio(amplitude["real"], amplitude["simulated"], beats, widest)
@@ -128,27 +134,29 @@ def _markers(content: Facts, protocol: str, names: Sequence[str]) -> list[dict[s
         markers.append(
             {
                 "name": name,
-                "error": None if diverged else errors[i],
-                "shape_error": None if diverged else (content.get("shape_marker_errors") or unknown)[i],
+                "error": None if silent else errors[i],
+                "shape_error": None if silent else (content.get("shape_marker_errors") or unknown)[i],
                 "amplitude": {**amplitude, "ratio": ratio},
                 "phase_deg": phase,
                 "phase_difference_deg": wrapped(phase["simulated"] - phase["real"]) if in_step else None,
                 "mean": {"real": real["mean"][i], "simulated": simulated["mean"][i]},
-                "offset": _complete(offsets[i]) if offsets else None,
+                "offset": _complete(offsets[i]) if offsets and not silent else None,
                 "windows": [_complete(window[i]) for window in windows["markers"]] if windows else None,
             }
         )
     return markers
 
 
-def _motion(content: Facts, side: str, count: int) -> dict[str, list[Any]]:
-    """Amplitude [m], phase [deg] and mean [m] of each marker on one side, None where nothing is known."""
-    unknown = [None] * count
-    beat = content.get(f"beat_{side}")
-    if beat is None:
-        return {"amplitude": content.get(f"amplitude_{side}") or unknown, "phase": unknown, "mean": unknown}
-    phases = [None if phase is None else _DEGREES * phase for phase in beat["phase"]]
-    return {"amplitude": beat["amplitude"], "phase": phases, "mean": beat["mean"]}
+def _motion(content: Facts, side: str, seen: Sequence[bool]) -> dict[str, list[Any]]:
+    """Amplitude [m], phase [deg] and mean [m] of each marker that is seen on one side, None where nothing is known."""
+    unknown: list[Any] = [None] * len(seen)
+    beat = content.get(f"beat_{side}") or {"amplitude": content.get(f"amplitude_{side}") or unknown}
+    phases = [None if phase is None else _DEGREES * phase for phase in beat.get("phase", unknown)]
+    motion = {"amplitude": beat["amplitude"], "phase": phases, "mean": beat.get("mean", unknown)}
+    return {
+        name: [known if there else None for known, there in zip(values, seen, strict=True)]
+        for name, values in motion.items()
+    }
 
 
 def _ratio(real: float | None, simulated: float | None, beats: bool, widest: float) -> float | None:

@@ -11,15 +11,15 @@ from swim2real.errors import ArgumentError
 from swim2real.optimizers import Evaluation, Round, Situation
 from swim2real.parameters import ParameterSpace
 
-NOTICEABLE = 0.01  # of a parameter's range, on the space's scale: what counts as a change
 LONGEST = 280  # characters of a diagnosis
 _NAMED, _LISTED = 3, 8  # changes that are named of an older and of a recent round
+_DIGITS = 3  # of a value: what they show alike is no change
+_FEW = 3  # names that are listed
 _LONGEST_LIST = 300  # characters of a list of names
 # notes of a proposal that its author should hear of
 _CORRECTED = {
     "clipped": "out of bounds, so moved to the bound",
     "ignored": "no parameters of this simulator, so ignored",
-    "missing": "not given, so left as they were",
     "kept": "left as they were",
 }
 
@@ -99,8 +99,8 @@ def _changes(finished: Round, space: ParameterSpace) -> list[dict[str, Any]]:
     start, end = finished.incumbent.candidate.point, finished.proposal.point
     before, after = space.to_values(start), space.to_values(end)
     kept = space.to_values(finished.steps[-1].evaluation.candidate.point) if finished.accepted else {}
-    order = sorted(range(len(space)), key=lambda i: -abs(end[i] - start[i]))
-    moved = [space.names[i] for i in order if abs(end[i] - start[i]) > NOTICEABLE]
+    order = [space.names[i] for i in sorted(range(len(space)), key=lambda i: -abs(end[i] - start[i]))]
+    moved = [name for name in order if value(before[name], _DIGITS) != value(after[name], _DIGITS)]
     return [{"name": n, "from": before[n], "to": after[n], "kept": kept.get(n)} for n in moved]
 
 
@@ -109,7 +109,8 @@ def _outcome(evaluation: Evaluation, trials_of: TrialsOf) -> dict[str, Any]:
     failed, detail = evaluation.failed, evaluation.detail or {}
     trials = [] if failed or evaluation.lower_bound else trials_of(evaluation)
     whole = differences(trials)
-    trend, sensors = whole["trend"]["speed_ratio"], whole["sensors"]
+    sensors = whole["sensors"]
+    speeds = [row["speed_ratio"] for row in whole["by_trial"]] if any(t["frequency"] for t in trials) else []
     return {
         "loss": None if failed else evaluation.loss,
         "lower_bound": evaluation.lower_bound,
@@ -117,9 +118,10 @@ def _outcome(evaluation: Evaluation, trials_of: TrialsOf) -> dict[str, Any]:
         "why": _first_divergence(detail) if failed else None,
         "marker_error": mean(trial["figures"].get("aligned_marker_error") for trial in trials) if sensors else None,
         "sensors": sensors,
-        "speed_ratios": [trend["low"], trend["high"]] if trend else None,
+        "speed_ratios": speeds if any(ratio is not None for ratio in speeds) else None,
         "speed_ratio": whole["median"]["speed_ratio"],
         "amplitude_ratio": whole["median"]["amplitude_ratio"],
+        **{part: mean(trial["figures"].get(f"{part}_error") for trial in trials) for part in ("shape", "recoil")},
     }
 
 
@@ -133,7 +135,8 @@ def _how_told(facts: Facts, numbers: bool) -> str:
     steps = (
         "A step of 1 tries the proposal itself, a step of 0.5 a point halfway to it, and so on; the first step that "
         "improves on the best point so far is kept, the others are rejected. Changes are listed as value before → "
-        "proposed value, the largest first, with the value that was kept where a smaller step was accepted."
+        "proposed value, the largest first, with the value that was kept where a smaller step was accepted; what isn't "
+        "listed stayed as it was."
     )
     if not numbers:
         return steps
@@ -141,8 +144,10 @@ def _how_told(facts: Facts, numbers: bool) -> str:
     if facts["differences"]["sensors"]:
         parts.append("what the markers have of it, the mean error of each sensor")
     if facts["compared"]["score_progress"]:
-        ends = " at the lowest and at the highest frequency" if facts["robot"]["beats"] else ""
-        parts.append(f"the ratio of speeds (simulated / real){ends}")
+        each = " of each trial, by rising frequency" if facts["robot"]["beats"] else ""
+        parts.append(f"the ratio of speeds (simulated / real){each}")
+    figures = facts["incumbent"]["figures"]
+    parts += [f"the error in {part}, in mm" for part in ("shape", "recoil") if f"{part}_error" in figures]
     last = f" of {facts['robot']['markers'][-1]}" if facts["robot"]["beats"] else ""
     parts.append(f"the ratio of amplitudes{last} (simulated / real)")
     return f"{steps} A step tells {', '.join(parts[:-1])} and {parts[-1]}: learn from it what a change does."
@@ -177,7 +182,7 @@ def _changes_text(finished: Facts, most: int) -> str:
     if not finished["changes"]:
         return "hardly any change."
     shown = [
-        f"{change['name']} {value(change['from'], 3)} → {value(change['to'], 3)}" + _kept(change)
+        f"{change['name']} {value(change['from'], _DIGITS)} → {value(change['to'], _DIGITS)}" + _kept(change)
         for change in finished["changes"][:most]
     ]
     rest = len(finished["changes"]) - len(shown)
@@ -186,7 +191,9 @@ def _changes_text(finished: Facts, most: int) -> str:
 
 def _kept(change: Facts) -> str:
     kept = change["kept"]
-    return f" (kept {value(kept, 3)})" if kept is not None and value(kept, 3) != value(change["to"], 3) else ""
+    if kept is None or value(kept, _DIGITS) == value(change["to"], _DIGITS):
+        return ""
+    return f" (kept {value(kept, _DIGITS)})"
 
 
 def _step(step: Facts, finished: Facts, numbers: bool) -> str:
@@ -209,9 +216,10 @@ def _effects(outcome: Facts) -> str:
         if sensor["error"] is not None
     ]
     if outcome["speed_ratios"]:
-        parts.append("speed " + " to ".join(number(ratio, 2) for ratio in outcome["speed_ratios"]))
+        parts.append("speed " + " ".join(number(ratio, 2) for ratio in outcome["speed_ratios"]))
     elif outcome["speed_ratio"] is not None:
         parts.append(f"speed {number(outcome['speed_ratio'], 2)}")
+    parts += [f"{part} {mm(outcome[part], 1)}" for part in ("shape", "recoil") if outcome[part] is not None]
     if outcome["amplitude_ratio"] is not None:
         parts.append(f"amplitude {number(outcome['amplitude_ratio'], 2)}")
     return "".join(f", {part}" for part in parts)
@@ -227,7 +235,8 @@ def _note(name: str, content: Any) -> str:
     if isinstance(content, Mapping):
         listed = ", ".join(f"{key} ({_given(given)} was given)" for key, given in content.items())
     else:
-        listed = ", ".join(map(str, content)) if isinstance(content, list) else str(content)
+        names = list(map(str, content)) if isinstance(content, list) else [str(content)]
+        listed = ", ".join(names) if len(names) <= _FEW else f"{', '.join(names[:_FEW])} and {len(names) - _FEW} more"
     return f"{shortened(listed, _LONGEST_LIST)}: {_CORRECTED[name]}."
 
 

@@ -21,6 +21,7 @@ PIXELS_A_TOKEN = 750  # of a picture, likewise
 FRAMES_A_CYCLE = 5  # at least, so that a motion isn't mistaken for a slower one
 MOST_FPS = 24.0  # that services take
 _COLUMNS = 4  # of a sheet
+_TILE = 0.375  # of a film's width, that a picture of a sheet has
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Detail:
     Attributes:
         name: Name on the command line.
         fps: Frame rate of films [Hz], raised where the fastest motion would have fewer than five frames a cycle.
-        width: Width of films and pictures [px].
+        width: Width of films [px]; pictures of a sheet have a part of it.
         moments: Moments on a sheet.
         trials: Number of trials that are shown in pictures, those that fit worst first; None for all.
         rounds: Number of rounds of the history that are told in full; None for all.
@@ -48,8 +49,8 @@ class Detail:
 
 _LEAST = Detail("least", 10.0, 320, 4, 1, 1, 8_000)
 DETAILS: dict[DetailName, Detail] = {
-    "low": Detail("low", 10.0, 480, 4, 3, 3, 40_000),
-    "medium": Detail("medium", 12.0, 640, 8, None, 6, 120_000),
+    "low": Detail("low", 10.0, 480, 4, 3, 4, 40_000),
+    "medium": Detail("medium", 12.0, 640, 8, None, 8, 120_000),
     "high": Detail("high", 24.0, 960, 12, None, None, 300_000),
 }
 
@@ -74,18 +75,20 @@ class Shown:
 
 
 def gather_media(
-    scenes: Sequence[Scene], detail: Detail, takes_video: bool, videos: Mapping[str, Path]
-) -> tuple[tuple[Media, ...], tuple[str, ...]]:
+    scenes: Sequence[Scene], detail: Detail, takes_video: bool, videos: Mapping[str, Path],
+    rejected: tuple[str, Scene] | None = None,
+) -> tuple[tuple[Media, ...], tuple[str, ...]]:  # fmt: skip
     """Pictures or films of the incumbent's trials, within the budget of a detail, and remarks on what is missing.
 
-    The trials that fit worst are chosen first; what is chosen comes in its own order, and the real film of the worst
-    trial last.
+    The trials that fit worst are chosen first; what is chosen comes in its own order, then the trial of a rejected step
+    and the real film of the worst trial.
 
     Args:
         scenes: The trials of the incumbent.
         detail: How much is shown.
         takes_video: Whether films are shown, or sheets of pictures.
         videos: Real films by the names of their trials, where there are any.
+        rejected: A step that was rejected, in words, and a trial of it.
     """
     worst_first = sorted(range(len(scenes)), key=lambda i: -scenes[i].loss)
     fps = min(MOST_FPS, max(detail.fps, FRAMES_A_CYCLE * max(scene.pace for scene in scenes)))
@@ -95,8 +98,11 @@ def gather_media(
         film = _real(scenes[worst_first[0]], detail, takes_video, fps, videos)
     except (VideoError, ArgumentError) as error:
         remarks.append(f"The real robot's film can't be shown: {error}.")
-    if film is not None:
-        bytes_left, tokens_left = bytes_left - len(film.media.data), tokens_left - film.tokens
+    last = [film] if film is not None else []
+    if rejected is not None:
+        last.insert(0, _overlay(rejected[1], detail, takes_video, fps, f"{rejected[0]}: trial"))
+    for shown in last:
+        bytes_left, tokens_left = bytes_left - len(shown.media.data), tokens_left - shown.tokens
     chosen: dict[int, Media] = {}
     for i in worst_first[: detail.trials]:
         shown = _overlay(scenes[i], detail, takes_video, fps)
@@ -108,13 +114,13 @@ def gather_media(
     if left_out:
         remarks.append(f"{left_out} of {len(scenes)} trials, those that fit best, aren't shown.")
     media = [chosen[i] for i in sorted(chosen)]
-    return (*media, *([film.media] if film is not None else [])), tuple(remarks)
+    return (*media, *(shown.media for shown in last)), tuple(remarks)
 
 
-def _overlay(scene: Scene, detail: Detail, takes_video: bool, fps: float) -> Shown:
-    about = f"Trial {scene.title}: simulated (blue) over real (red)"
+def _overlay(scene: Scene, detail: Detail, takes_video: bool, fps: float, what: str = "Trial") -> Shown:
+    about = f"{what} {scene.title}: simulated (blue) over real (red)"
     if not takes_video:
-        each = detail.width // 2
+        each = round(_TILE * detail.width)
         sheet = scene.sheet(detail.moments, min(_COLUMNS, detail.moments), each - each % 2)
         return _picture(f"{about}, {scene.sheet_note(detail.moments)}.", sheet)
     with _place() as path:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from swim2real.advisor.briefing.facts import Facts, facts
 from swim2real.advisor.briefing.formatting import mm, number, table, value
 from swim2real.advisor.briefing.history import describe_history
+from swim2real.advisor.briefing.markers import describe_markers
 from swim2real.advisor.briefing.media import DETAILS, gather_media, shorter
 from swim2real.advisor.briefing.trials import describe_trials, trial_label
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.objective import Comparison
-from swim2real.optimizers import Situation
+from swim2real.optimizers import Evaluation, Situation, Step
 from swim2real.parameters import ParameterSpace, Values
-from swim2real.rendering.album import Album
+from swim2real.rendering.album import Album, Scene
 from swim2real.robots.robot import Robot
 from swim2real.settings import BriefingSettings
 
@@ -50,6 +51,7 @@ _NO_BEAT = (
     "motion can be too wide from too little damping, too little stiffness or too much drive; it can come too late from "
     "too much mass or too much damping. Use where, when and in which trials they differ",
 )
+CLOSE = 1.15  # times the incumbent's loss: a rejected step that is no worse is shown
 _SCALE = {"log": "the logarithmic scale", "linear": "the linear scale"}
 
 
@@ -59,6 +61,7 @@ class TrialPromptBuilder:
     def __init__(
         self, robot: Robot, space: ParameterSpace, simulate: Callable[[Values], Comparison], videos: Mapping[str, Path],
         settings: BriefingSettings, takes_video: bool, reply_tokens: int,
+        from_rest: Callable[[Values], Mapping[str, float | None]] = lambda values: {},
     ) -> None:  # fmt: skip
         """Prepares the builder.
 
@@ -70,10 +73,11 @@ class TrialPromptBuilder:
             settings: Settings of what is shown.
             takes_video: Whether films are shown, or sheets of pictures.
             reply_tokens: Most tokens of a reply.
+            from_rest: Simulates from rest: forward speeds by trial [m/s], None where it diverged.
         """
         self._robot, self._space, self._simulate, self._videos = robot, space, simulate, dict(videos)
         self._settings, self._takes_video, self._reply_tokens = settings, takes_video, reply_tokens
-        self._schema = reply_schema(space)
+        self._from_rest, self._schema = from_rest, reply_schema(space)
 
     def question(self, situation: Situation, level: int = 0) -> Request:
         """What is asked in a situation.
@@ -85,16 +89,43 @@ class TrialPromptBuilder:
         detail = DETAILS[self._settings.detail]
         detail = shorter(detail) if level else detail
         instructions = instructions_for(self._robot)
-        known = facts(situation, self._robot, self._space)
+        values = self._space.to_values(situation.incumbent.candidate.point)
+        known = facts(situation, self._robot, self._space, self._from_rest(values))
         text = describe(known, numbers=self._settings.show != "pictures", rounds=detail.rounds)
         if self._settings.show == "numbers":
             return Request(instructions, (text,), self._schema, self._reply_tokens)
-        comparison = self._simulate(self._space.to_values(situation.incumbent.candidate.point))
-        scenes = Album(comparison, self._robot).scenes
-        media, remarks = gather_media(scenes, detail, self._takes_video, self._videos)
+        scenes = self._scenes(situation.incumbent)
+        rejected = self._rejected(situation, scenes)
+        media, remarks = gather_media(scenes, detail, self._takes_video, self._videos, rejected)
         kind = "films" if self._takes_video else "pictures"
         intro = " ".join((f"## The {kind}\n\nSimulated is blue, real is red.", *remarks))
         return Request(instructions, (text, intro, *media), self._schema, self._reply_tokens)
+
+    def _scenes(self, evaluation: Evaluation) -> list[Scene]:
+        """The trials of an evaluation, simulated once more."""
+        return Album(self._simulate(self._space.to_values(evaluation.candidate.point)), self._robot).scenes
+
+    def _rejected(self, situation: Situation, here: Sequence[Scene]) -> tuple[str, Scene] | None:
+        """The best rejected step since the incumbent was found, where it came close, and the trial it changes most."""
+        found = close_miss(situation)
+        if found is None:
+            return None
+        number, step = found
+        there = self._scenes(step.evaluation)
+        changed = max(range(len(there)), key=lambda i: abs(there[i].loss - here[i].loss))
+        losses = f"{mm(step.evaluation.loss, 1)} mm, the current point has {mm(situation.incumbent.loss, 1)}"
+        what = f"Not the current point but the rejected step {step.step_size:.3g} of round {number} ({losses})"
+        return what, there[changed]
+
+
+def close_miss(situation: Situation) -> tuple[int, Step] | None:
+    """The best step that was rejected since the incumbent was found, with its round, where its loss came close."""
+    since: list[tuple[int, Step]] = []
+    for i, finished in enumerate(situation.rounds, start=1):
+        whole = [(i, s) for s in finished.steps if not (s.evaluation.failed or s.evaluation.lower_bound)]
+        since = [] if finished.accepted else since + whole
+    best = min(since, key=lambda one: one[1].evaluation.loss, default=None)
+    return best if best is not None and best[1].evaluation.loss <= CLOSE * situation.incumbent.loss else None
 
 
 def instructions_for(robot: Robot) -> str:
@@ -158,7 +189,9 @@ def _differences(facts: Facts) -> str:
         parts.append("\n".join(["These trials have no simulated motion:", *diverged]))
     if incumbent["skipped"]:
         parts.append(f"Trials that weren't simulated and that nothing here includes: {incumbent['skipped']}.")
-    return "\n\n".join([*parts, *(describe_trials(facts) if trials else ["There are no numbers of this point."])])
+    if not trials:
+        return "\n\n".join([*parts, "There are no numbers of this point."])
+    return "\n\n".join([*parts, *describe_trials(facts), *describe_markers(facts)])
 
 
 def _compared(facts: Facts) -> str:

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
 from typing import Any
 
-from swim2real.advisor.briefing.differences import off_by_window
 from swim2real.advisor.briefing.formatting import (
     UNKNOWN,
     degrees,
     mm,
     number,
-    pair,
     reading,
     span,
     table,
@@ -28,21 +25,14 @@ _SAME_ANGLE = 5.0  # deg, the same
 _CHANGED = 1.5  # between the halves of a trial: from here on it grows
 _MOST_OF = 0.5  # of an error: from here on its constant part is named
 _TINY = 1e-4  # m: below it nothing is off
-_LARGE = 20e-3  # m: from here on differences are told in whole millimeters
-_GRID = 8  # trials that tables by marker and trial have
-_IN_TIME = 3  # trials whose differences are told window by window
-_PAPER = (
-    "The simulated motor turns at the frequency that was asked of the real one, which may turn at another, and starts "
-    "at angle 0, so no phase is compared."
-)
 
 Facts = Mapping[str, Any]
 Column = tuple[str, Callable[[Facts, Facts], str]]
 
 
 def describe_trials(facts: Facts) -> list[str]:
-    """Paragraphs and tables: what differs in short, then by trial, by marker and over time."""
-    return [*_short(facts), _by_trial(facts), *_by_marker(facts), *_static_offset(facts), *_in_time(facts)]
+    """Paragraphs and tables: what differs in short, then by trial, and how the head moves."""
+    return [*_short(facts), _by_trial(facts), *_head_motion(facts)]
 
 
 def trial_label(trial: Facts) -> str:
@@ -54,8 +44,8 @@ def _short(facts: Facts) -> list[str]:
     """The main differences in sentences."""
     overall = facts["differences"]
     lines = [
-        *_where(facts), *_when(overall), *_other_way(facts), *_speed(overall), *_amplitude(facts), *_wave(overall),
-        *_heading(facts), *_sensors(overall),
+        *_where(facts), *_when(overall), *_other_way(facts), *_from_rest(facts), *_speed(overall), *_amplitude(facts),
+        *_recoil(overall), *_wave(overall), *_heading(facts), *_sensors(overall),
     ]  # fmt: skip
     return ["In short:\n" + "\n".join(f"- {line}" for line in lines)] if lines else []
 
@@ -79,9 +69,14 @@ def _where(facts: Facts) -> list[str]:
 
 def _shares(facts: Facts) -> str:
     figures = facts["incumbent"]["figures"]
-    shape, progress = figures.get("shape_error"), figures.get("progress_error")
+    shape, progress, recoil = (figures.get(f"{name}_error") for name in ("shape", "progress", "recoil"))
     if shape is None or progress is None:
         return ""
+    if recoil is not None:
+        return (
+            f"Over all trials the difference in progress, so in speed, is {mm(progress, 1)} mm, in the shape of the "
+            f"motion {mm(shape, 1)} mm, and in the recoil of the head, its yaw and sway, {mm(recoil, 1)} mm."
+        )
     sentence = (
         f"Over all trials the difference in progress, so in speed, is {mm(progress, 1)} mm and the difference in the "
         f"shape of the motion {mm(shape, 1)} mm: "
@@ -108,12 +103,30 @@ def _when(overall: Facts) -> list[str]:
 
 def _other_way(facts: Facts) -> list[str]:
     names, trials = facts["differences"]["other_way"], facts["incumbent"]["trials"]
-    if not names:
+    from_rest = facts["incumbent"]["from_rest"]
+    if all((from_rest.get(name) or 0.0) < 0 for name in names):  # told there
         return []
     if len(names) == len(trials):
         return ["The simulated robot goes the other way, last marker first, in all trials."]
     labels = [trial_label(trial) for trial in trials if trial["name"] in names]
     return [f"The simulated robot goes the other way, last marker first, in {', '.join(labels)}."]
+
+
+def _from_rest(facts: Facts) -> list[str]:
+    speeds, trials = facts["incumbent"]["from_rest"], facts["incumbent"]["trials"]
+    known = [trial for trial in trials if speeds.get(trial["name"]) is not None]
+    forward = [trial for trial in known if speeds[trial["name"]] > 0]
+    backward = [trial for trial in known if trial not in forward]
+    if not known:
+        return []
+    if not forward or not backward:
+        way = "forward" if forward else "backward, last marker first,"
+        return [f"Started at rest, the simulated robot goes {way} in all trials."]
+    return [
+        f"Started at rest, the simulated robot goes forward in {_names(forward)}, and backward, last marker first, in "
+        f"{_names(backward)}. It has two steady motions, and the parameters decide which one it falls into: near that "
+        "border a small change looks like a cliff."
+    ]
 
 
 def _speed(overall: Facts) -> list[str]:
@@ -169,6 +182,16 @@ def _width(ratio: float) -> str:
     if ratio >= 2:
         return f"{ratio:.1f} times as wide as in reality"
     return f"{100 * abs(ratio - 1):.0f} % {'wider' if ratio > 1 else 'narrower'} than in reality"
+
+
+def _recoil(overall: Facts) -> list[str]:
+    yaw, sway = overall["median"]["yaw_ratio"], overall["median"]["sway_ratio"]
+    if yaw is None or sway is None:
+        return []
+    return [
+        f"The simulated head yaws {_width(yaw)}: {_trend(overall, 'yaw_ratio')}. It sways {_width(sway)}: "
+        f"{_trend(overall, 'sway_ratio')}."
+    ]
 
 
 def _wave(overall: Facts) -> list[str]:
@@ -242,7 +265,8 @@ def _trial_columns(facts: Facts) -> list[Column]:
     for i, sensor in enumerate(overall["sensors"]):
         name = f"{sensor['name']} {sensor['unit']}"
         columns.append((name, lambda trial, row, i=i: reading(trial["sensors"][i]["error"])))
-    for name, heading in (("progress_error", "progress mm"), ("shape_error", "shape mm")):
+    parts = (("progress_error", "progress mm"), ("shape_error", "shape mm"), ("recoil_error", "recoil mm"))
+    for name, heading in parts:
         if name in has:
             columns.append((heading, lambda trial, row, name=name: mm(trial["figures"].get(name), 1)))
     if "heading_error" in has:
@@ -274,7 +298,8 @@ def _trial_columns_explained(facts: Facts, names: Sequence[str]) -> str:
         "error mm": "`error`: the trial's part of the loss.",
         "markers mm": "`markers`: what the markers have of it; then the mean error of each sensor.",
         "progress mm": "`progress`: how far the simulated robot is ahead or behind on average.",
-        "shape mm": "`shape`: what differs in the frame of comparison, without the way that it has come.",
+        "shape mm": "`shape`: what differs in the frame of the head, without the way that it has come.",
+        "recoil mm": "`recoil`: what the yaw and the sway of the head add.",
         "heading deg": "`heading`: how far it turns away.",
         "real mm/s": "Speeds are forward, negative is backward.",
         "speed ratio": "Ratios are simulated / real: a speed ratio of 0.80 means 20 % too slow.",
@@ -287,116 +312,32 @@ def _trial_columns_explained(facts: Facts, names: Sequence[str]) -> str:
     return " ".join(["A row a trial.", *(text for name, text in parts.items() if name in names)])
 
 
-def _by_marker(facts: Facts) -> list[str]:
-    trials, rows, protocol = facts["incumbent"]["trials"], facts["differences"]["by_marker"], facts["compared"]
-    has = {key for row in rows for key, figure in row.items() if figure is not None}
-    beats = facts["robot"]["beats"]
-    columns: list[tuple[str, Callable[[Facts], str]]] = [
-        ("marker", lambda row: row["name"]),
-        ("error mm", lambda row: mm(row["error"], 1)),
-        ("real mm", lambda row: mm(row["amplitude_real"], 1)),
-        ("sim mm", lambda row: mm(row["amplitude_simulated"], 1)),
-        ("ratio", lambda row: number(row["amplitude_ratio"], 2)),
-    ]
-    how = [
-        "A row a marker, over all trials. `error`: its mean part of the loss. Amplitudes, real and simulated, are "
-        "medians of the",
-        "sideways beat in the frame of comparison."
-        if beats
-        else "standard deviation of its place along the line that it moves along most.",
-    ]
-    if "phase_difference_deg" in has:
-        columns.append(("phase deg", lambda row: number(row["phase_difference_deg"], 0, signed=True)))
-        how.append(
-            "`phase`: simulated minus real; +10 means that the simulated marker is 10 deg of a beat ahead of the real "
-            "one, -10 that it comes later."
-        )
-    if any("offset" in marker and marker["offset"] for trial in trials for marker in trial["markers"]):
-        columns.append(("offset mm", lambda row: pair(row["offset"], 1)))
-        how.append(f"`offset`: by how much its mean place differs, simulated minus real: {protocol['axes']}.")
-    how.append("n/a: the marker hardly moves, or was lost.")
-    cells = [[cell(row) for _, cell in columns] for row in rows]
-    parts = [f"### Markers\n\n{' '.join(how)}\n\n{table([name for name, _ in columns], cells)}"]
-    if protocol["protocol"] == "paper":
-        parts.append(_PAPER)
-    return [*parts, *_grids(facts)]
-
-
-def _grids(facts: Facts) -> list[str]:
-    """Tables by marker and trial; of many trials the worst."""
+def _head_motion(facts: Facts) -> list[str]:
+    """How far the head yaws and sways in each trial, where the whole motion is compared."""
     trials = facts["incumbent"]["trials"]
-    shown = _worst_trials(facts, _GRID)
-    if len(shown) < 2 and not facts["robot"]["beats"]:
-        return []
-    which = "" if len(shown) == len(trials) else f", the {len(shown)} worst trials"
-    names = ("marker", *(trial["name"] for trial in shown))
-    moving = [i for i, row in enumerate(facts["differences"]["by_marker"]) if row["amplitude_ratio"] is not None]
-
-    def grid(title: str, cell: Callable[[Facts], str], markers: Sequence[int]) -> list[str]:
-        rows = [[shown[0]["markers"][i]["name"], *(cell(trial["markers"][i]) for trial in shown)] for i in markers]
-        return [f"{title}{which}:\n\n{table(names, rows)}"] if rows else []
-
-    every = range(len(facts["robot"]["markers"]))
-    # under the paper's protocol, without phase and registration, the shape's part says little
-    has_shape = any(marker["shape_error"] is not None for trial in shown for marker in trial["markers"])
-    kind, title = "error", "Error by marker and trial, in mm"
-    if has_shape and facts["compared"]["protocol"] != "paper":
-        kind, title = "shape_error", "Error in shape alone, without the difference in progress, in mm"
-    grids = grid(title, lambda marker: mm(marker[kind], 1), every)
-    grids += grid("Ratio of amplitudes by marker and trial (1.20: simulated 20 % wider)", _amplitude_ratio, moving)
-    if any(marker["phase_difference_deg"] is not None for trial in shown for marker in trial["markers"]):
-        grids += grid("Phase by marker and trial, in deg (+: the simulated marker is ahead)", _phase, moving)
-    return grids
-
-
-def _amplitude_ratio(marker: Facts) -> str:
-    return number(marker["amplitude"]["ratio"], 2)
-
-
-def _phase(marker: Facts) -> str:
-    return number(marker["phase_difference_deg"], 0, signed=True)
-
-
-def _static_offset(facts: Facts) -> list[str]:
-    """On the mean positions in trials that can be registered, which no parameter explains."""
-    offset = facts["incumbent"]["figures"].get("static_offset")
-    if offset is None:
-        return []
-    counted = "counts it" if facts["compared"]["protocol"] == "paper" else "doesn't count it"
-    return [
-        f"The markers' mean positions differ by {mm(offset)} mm on average: where they were put on the robot, or a "
-        f"body that isn't straight at rest. No parameter explains that, and the loss {counted}."
-    ]
-
-
-def _in_time(facts: Facts) -> list[str]:
-    shown = [t for t in _worst_trials(facts, _IN_TIME) if t["error"] is not None and t["edges"]]
-    if not shown:
+    if not any("yaw_real" in trial["figures"] for trial in trials):
         return []
     how = (
-        f"Mean differences in windows of time, simulated minus real: {facts['compared']['axes']}, in mm; of sensors in "
-        "their own unit. What swings to and fro within a window cancels out, so a marker may have a large error and "
-        "small differences here."
+        "How far the head swings about its path, at the frequency of the beat: its heading (yaw) and its place to the "
+        "side (sway). `phase`: simulated minus real, + means that the simulated one is ahead. `turn`: the slow turn of "
+        "the real course, which isn't compared."
     )
-    if len(shown) < len(facts["incumbent"]["trials"]):
-        how += f" The {len(shown)} worst trials."
-    return [f"### Over time\n\n{how}", *(f"Trial {trial['name']}:\n\n{_windows(trial)}" for trial in shown)]
+    columns = (
+        "trial", "Hz", "yaw real deg", "sim deg", "phase deg", "sway real mm", "sim mm", "phase deg", "turn deg/s",
+    )  # fmt: skip
+    rows = [
+        [
+            trial["name"], number(trial["frequency"], 2), *_swing(trial["figures"], "yaw", degrees),
+            *_swing(trial["figures"], "sway", lambda size: mm(size, 1)),
+            degrees(trial["figures"].get("turn_rate_real")),
+        ]
+        for trial in trials
+    ]  # fmt: skip
+    return [f"### Motion of the head\n\n{how}\n\n{table(columns, rows)}"]
 
 
-def _windows(trial: Facts) -> str:
-    digits = 0 if max((size for size in off_by_window(trial) if size is not None), default=0.0) >= _LARGE else 1
-    columns = ["marker", *(span(list(edges)) + " s" for edges in pairwise(trial["edges"]))]
-    rows = [[marker["name"], *(pair(vector, digits) for vector in marker["windows"])] for marker in trial["markers"]]
-    rows += [
-        [f"{sensor['name']} {sensor['unit']}", *(reading(mean, signed=True) for mean in sensor["windows"])]
-        for sensor in trial["sensors"]
-        if sensor["windows"]
-    ]
-    return table(columns, rows)
-
-
-def _worst_trials(facts: Facts, most: int) -> list[Facts]:
-    """The worst ones, in their own order."""
-    trials = facts["incumbent"]["trials"]
-    worst = sorted(trials, key=lambda trial: -(math.inf if trial["error"] is None else trial["error"]))[:most]
-    return [trial for trial in trials if trial in worst]
+def _swing(figures: Facts, name: str, shown: Callable[[float | None], str]) -> list[str]:
+    """Its amplitude, real and simulated, and the difference of their phases."""
+    lag = figures.get(f"{name}_lag")
+    phase = number(lag, 0, 180 / math.pi, signed=True)
+    return [shown(figures.get(f"{name}_real")), shown(figures.get(f"{name}_simulated")), phase]
