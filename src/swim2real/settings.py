@@ -20,6 +20,7 @@ Method = Literal[
     "line-search", "random", "warm-start", "cma-es", "bayesopt", "least-squares", "mujoco-sysid", "staged"
 ]  # fmt: skip
 METHODS: tuple[Method, ...] = get_args(Method)
+ADVISED: tuple[Method, ...] = ("line-search", "warm-start")  # by an advisor
 ProtocolName = Literal["motion", "aligned", "paper", "playback"]
 Start = Literal["speed", "rest"]
 Scale = Literal["log", "linear"]
@@ -158,6 +159,10 @@ class CalibrationSettings(EvaluationSettings):
         max_steps: Steps of the line search; 1 is the ablation without it.
         early_stop: Stop a step's evaluation once it is certain to be rejected. The advisor then sees less of rejected
             steps.
+        give_up: Leave a direction after its full step where every trial's loss is more than so many times the best
+            point's; by default all steps are tried.
+        probes: Parameters that are measured before the advisor's first proposal, at one evaluation each, in the robot's
+            order; an advisor that is briefed finds what they do in a table.
         hold_out: Trials to leave out of the fit and to evaluate on afterwards.
     """
 
@@ -168,6 +173,8 @@ class CalibrationSettings(EvaluationSettings):
     scale: ScaleChoice = "auto"
     max_steps: int = 3
     early_stop: bool = False
+    give_up: float | None = None
+    probes: int = 0
     hold_out: tuple[str, ...] = ()
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
 
@@ -181,6 +188,12 @@ class CalibrationSettings(EvaluationSettings):
         _least("max_steps", self.max_steps, 1)
         if self.early_stop and self.method != "line-search":
             raise ArgumentError(f"early_stop is for method line-search; method {self.method} needs every loss in full")
+        _least("probes", self.probes, 0)
+        if self.give_up is not None:
+            _finite("give_up", self.give_up, above=1.0, unit="")
+        for name, chosen in (("give_up", self.give_up), ("probes", self.probes)):
+            if chosen and self.method not in ADVISED:
+                raise ArgumentError(f"{name} is for methods with an advisor ({', '.join(ADVISED)}), not {self.method}")
 
     @property
     def resolved_scale(self) -> Scale:

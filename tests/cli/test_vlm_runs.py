@@ -251,6 +251,36 @@ def test_files_step_by_step_on_different_days(program, pendulum_folder, tmp_path
     assert record(tmp_path / "again") == record(run)
 
 
+def test_a_probe_is_a_turn_on_record_and_replayed(program, words, vlm, pendulum_folder, tmp_path):
+    moved = MOVED[0]
+    low, middle = (moved.lower + share * (moved.upper - moved.lower) for share in (0.3, 0.5))
+    answers = [{"parameters": {moved.name: low}, "probe": True}, {"parameters": {moved.name: middle}, "probe": False}]
+
+    def answer(asked) -> object:
+        answer.count += 1
+        content = {"diagnosis": f"seen {answer.count}", "reasoning": "", **answers[answer.count % 2]}
+        return replies(json.dumps(content), tokens=(1000, 50))(asked)
+
+    answer.count = -1
+    vlm.script(then=answer)
+    program(*words("run", "--show", "numbers", "--budget", 3, "--probes", 1)).done()
+    entries = record(tmp_path / "run")
+    measured = [entry["note"] for entry in entries if entry["note"]["source"] == "measurement"]
+    assert measured[0] == {"source": "measurement", "parameter": PENDULUM_SPACE.names[0]}
+    assert measured[1]["probe"]
+    assert measured[1]["diagnosis"] == "seen 0"
+    assert entries[2]["values"][moved.name] == pytest.approx(low)
+    program(*words("run", "--show", "numbers", "--budget", 5, "--probes", 1), "--resume").done()
+    calls = [json.loads(path.read_text()) for path in sorted((tmp_path / "run" / "advisor").glob("call_*.json"))]
+    assert [(call["round"], call["turn"]) for call in calls] == [(1, 1), (1, 2)]
+    told = calls[1]["request"]["parts"][0]
+    assert "## What was measured" in told
+    assert len([line for line in told.splitlines() if "→" in line and line.startswith("|")]) == 2
+    again = [*pendulum(pendulum_folder), "--advisor", f"replay:{tmp_path / 'run'}", "--out", tmp_path / "again"]
+    program(*again).done()
+    assert record(tmp_path / "again") == record(tmp_path / "run")
+
+
 @pytest.mark.slow
 def test_files_waits_explains_and_goes_on(pendulum_folder, tmp_path):
     run = tmp_path / "run"

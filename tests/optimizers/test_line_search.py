@@ -202,6 +202,24 @@ def test_a_decrease_factor_out_of_range_is_refused(factor):
         BacktrackingLineSearch(ScriptedAdvisor([]), FIRST, decrease_factor=factor)
 
 
+def test_a_direction_that_is_far_worse_in_every_trial_is_left_where_that_was_chosen():
+    def tried(losses, give_up):
+        advisor = Watching([TO, FIRST])
+        search = BacktrackingLineSearch(advisor, FIRST, give_up=give_up)
+        for loss, by_trial in losses:
+            detail = {"trials": {name: {"loss": one} for name, one in zip("ab", by_trial, strict=True)}}
+            search.tell(Evaluation(search.ask(), loss, detail=detail))
+        return len(search.rounds)
+
+    hopeless, mixed = (5.0, (4.0, 6.0)), (5.0, (1.5, 8.5))  # the first point has 1 and 1
+    assert tried([(1.0, (1.0, 1.0)), hopeless], 2.0) == 1
+    assert tried([(1.0, (1.0, 1.0)), hopeless], None) == 0
+    assert tried([(1.0, (1.0, 1.0)), mixed, hopeless], 2.0) == 1  # after the second step
+    assert tried([(1.0, (1.0, 1.0)), mixed], 2.0) == 0
+    with pytest.raises(OptimizerError, match=r"give_up is 1; it must be above 1"):
+        BacktrackingLineSearch(ScriptedAdvisor([TO]), FIRST, give_up=1)
+
+
 def test_no_steps_are_refused():
     with pytest.raises(OptimizerError, match="max_steps is 0; it must be at least 1"):
         BacktrackingLineSearch(ScriptedAdvisor([]), FIRST, max_steps=0)

@@ -49,6 +49,12 @@ def test_measurements_are_evaluated_as_they_are_and_no_steps():
     assert (len(done.measurements), len(done.steps), done.accepted) == (2, 1, True)
 
 
+def test_a_step_along_one_parameter_is_a_measurement_of_it():
+    step = Measurement.of_one(FIRST, 1, "b", -0.1)
+    np.testing.assert_allclose(step.point, [0.2, 0.7])
+    assert step.candidate.note == {"source": "measurement", "parameter": "b"}
+
+
 def test_evaluations_stay_in_order_over_rounds():
     advisor = Watching([BESIDE, TO, ABOVE, TO])
     search = BacktrackingLineSearch(advisor, FIRST, max_steps=2)

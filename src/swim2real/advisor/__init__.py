@@ -2,12 +2,14 @@
 
 from swim2real.advisor.choice import AdvisorContext, asks_a_vlm, make_advisor, replayed_run
 from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
+from swim2real.advisor.probing import ProbingAdvisor
 from swim2real.advisor.vlm.advisor import AdvisorEvent
 
 __all__ = [
     "AdvisorContext",
     "AdvisorEvent",
     "PhysicsAdvisor",
+    "ProbingAdvisor",
     "SensitivityAdvisor",
     "asks_a_vlm",
     "make_advisor",

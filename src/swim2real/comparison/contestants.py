@@ -10,9 +10,8 @@ from typing import cast
 
 from swim2real.checking import did_you_mean
 from swim2real.errors import ArgumentError
-from swim2real.pipeline.methods import ADVISED
 from swim2real.robots.robot import Robot
-from swim2real.settings import METHODS, Method, Scale, check_advisor
+from swim2real.settings import ADVISED, METHODS, Method, Scale, check_advisor
 
 ABLATION = "no-line-search"
 NAMES: tuple[str, ...] = (*METHODS, ABLATION)

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+import numpy as np
+
 from swim2real.errors import AdvisorError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, cube_point
 
@@ -53,6 +55,20 @@ class Measurement:
 
     point: Array
     notes: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    @classmethod
+    def of_one(cls, here: Array, index: int, name: str, change: float) -> Measurement:
+        """A step along a single parameter.
+
+        Args:
+            here: Where it begins, in the unit cube. Shape (d,).
+            index: Index of the parameter.
+            name: Its name.
+            change: By how much it changes, in the unit cube.
+        """
+        point = np.array(here, dtype=float)
+        point[index] += change
+        return cls(point, {"parameter": name})
 
     @property
     def candidate(self) -> Candidate:

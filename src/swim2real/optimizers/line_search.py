@@ -21,7 +21,7 @@ class BacktrackingLineSearch(Optimizer):
 
     def __init__(
         self, advisor: Advisor, first: Array, decrease_factor: float = 0.5, max_steps: int = 3,
-        early_stop: bool = False,
+        early_stop: bool = False, give_up: float | None = None,
     ) -> None:  # fmt: skip
         """Prepares the search.
 
@@ -32,6 +32,8 @@ class BacktrackingLineSearch(Optimizer):
             max_steps: K; 1 is the ablation without line search.
             early_stop: Whether evaluations of steps may stop once they are certain to be rejected. The same steps are
                 accepted, but the advisor then sees less of rejected ones.
+            give_up: A direction is left after its full step where every trial's loss is more than so many times the
+                incumbent's; None tries all steps, as the paper does.
 
         Raises:
             OptimizerError: A setting is out of range.
@@ -41,6 +43,9 @@ class BacktrackingLineSearch(Optimizer):
             raise OptimizerError(f"decrease_factor is {decrease_factor}; it must lie between 0 and 1")
         if max_steps < 1:
             raise OptimizerError(f"max_steps is {max_steps}; it must be at least 1")
+        if give_up is not None and not give_up > 1:
+            raise OptimizerError(f"give_up is {give_up}; it must be above 1")
+        self._give_up = give_up
         self._advisor = advisor
         self.needs_residual = reads_residuals(advisor)
         self._first_point = cube_point(first)
@@ -89,10 +94,22 @@ class BacktrackingLineSearch(Optimizer):
             self._measurements.append(evaluation)
         else:
             self._steps.append(Step(self._step_size, evaluation))
-            if better or len(self._steps) == self._max_steps:
+            if better or len(self._steps) == self._max_steps or self._is_hopeless(evaluation, self._incumbent):
                 self._finish(self._proposal, self._incumbent, accepted=better)
         if better:
             self._incumbent = evaluation
+
+    def _is_hopeless(self, step: Evaluation, incumbent: Evaluation) -> bool:
+        """Whether a direction is left early, because a step is far worse in every trial."""
+        if self._give_up is None or incumbent.failed or step.lower_bound:
+            return False
+        losses = [
+            {name: trial.get("loss") for name, trial in (one.detail or {}).get("trials", {}).items()}
+            for one in (step, incumbent)
+        ]
+        pairs = [(loss, losses[1].get(name)) for name, loss in losses[0].items()]
+        known = [(there, here) for there, here in pairs if there is not None and here is not None]
+        return bool(known) and all(there > self._give_up * here for there, here in known)
 
     def _finish(self, proposal: Proposal, incumbent: Evaluation, accepted: bool) -> None:
         self._rounds.append(Round(proposal, incumbent, tuple(self._steps), accepted, tuple(self._measurements)))

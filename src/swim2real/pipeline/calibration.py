@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from swim2real.advisor import AdvisorContext, AdvisorEvent, asks_a_vlm, make_advisor, replayed_run
+from swim2real.advisor import AdvisorContext, AdvisorEvent, ProbingAdvisor, asks_a_vlm, make_advisor, replayed_run
 from swim2real.calibration import (
     Outcome,
     Problem,
@@ -25,10 +25,10 @@ from swim2real.calibration import (
 from swim2real.errors import ArgumentError, RunError
 from swim2real.optimizers import Advice, recorded_advice
 from swim2real.parameters import Values
-from swim2real.pipeline.methods import ADVISED, make_optimizer
+from swim2real.pipeline.methods import make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
-from swim2real.settings import CalibrationSettings, VlmAccess
+from swim2real.settings import ADVISED, CalibrationSettings, VlmAccess
 from swim2real.store import path_from
 from swim2real.trials import TrialSet
 
@@ -94,6 +94,7 @@ def calibrate(
     advisor = None
     if settings.method in ADVISED:
         advisor = make_advisor(settings.advisor, robot, space, settings.seed, context)
+        advisor = ProbingAdvisor(advisor, space, settings.probes) if settings.probes else advisor
     with folder.locked():
         if resume:
             if settings.method == "staged" and folder.settings().get("budget") != settings.budget:
@@ -106,7 +107,7 @@ def calibrate(
             folder.begin({**resolved, **about})
         optimizer = make_optimizer(
             settings.method, robot, space, settings.seed, settings.budget, advisor, _recorded_advice(folder),
-            max_steps=settings.max_steps, early_stop=settings.early_stop,
+            max_steps=settings.max_steps, early_stop=settings.early_stop, give_up=settings.give_up,
         )  # fmt: skip
         best = minimize(problem, space, optimizer, settings.budget, folder, on_progress)
         effects = sensitivities(problem, space, best["values"]) if sensitivity else None
@@ -120,7 +121,20 @@ def _recorded_advice(folder: RunFolder) -> list[Advice]:
         raise RunError(f"the record of '{folder.path}' is damaged: {error!r}; begin a new run") from error
 
 
-_TAKEN = ("method", "protocol", "start", "seed", "budget", "scale", "max_steps", "early_stop", "horizon", "hold_out")
+_TAKEN = (
+    "method",
+    "protocol",
+    "start",
+    "seed",
+    "budget",
+    "scale",
+    "max_steps",
+    "early_stop",
+    "give_up",
+    "probes",
+    "horizon",
+    "hold_out",
+)
 _REPLAYED = (
     *(name for name in _TAKEN if name != "budget"), "robot", "robot_fingerprint", "reference_fingerprint", "engine",
 )  # fmt: skip

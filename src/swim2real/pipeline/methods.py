@@ -31,12 +31,11 @@ from swim2real.settings import Method
 from swim2real.sysid import least_squares
 
 Array = NDArray[np.float64]
-ADVISED = ("line-search", "warm-start")  # by an advisor
 
 
 def make_optimizer(
     method: Method, robot: Robot, space: ParameterSpace, seed: int, budget: int, advisor: Advisor | None = None,
-    advice: Sequence[Advice] = (), *, max_steps: int = 3, early_stop: bool = False,
+    advice: Sequence[Advice] = (), *, max_steps: int = 3, early_stop: bool = False, give_up: float | None = None,
 ) -> Optimizer:  # fmt: skip
     """The optimizer of a name, fresh.
 
@@ -50,6 +49,7 @@ def make_optimizer(
         advice: On record, which isn't asked for again.
         max_steps: Largest number of steps tried in a round of the line search.
         early_stop: Whether the line search lets evaluations stop once a step is certain to be rejected.
+        give_up: When the line search leaves a direction after its full step; None never.
 
     Raises:
         ArgumentError: The method needs an advisor and there is none, or stages that the robot hasn't.
@@ -79,7 +79,7 @@ def make_optimizer(
         advisor = ScriptedAdvisor(advice, then=advisor)
     if method == "warm-start":
         return WarmStart(advisor, first, RandomSearch(dimension, rng))
-    return BacktrackingLineSearch(advisor, first, max_steps=max_steps, early_stop=early_stop)
+    return BacktrackingLineSearch(advisor, first, max_steps=max_steps, early_stop=early_stop, give_up=give_up)
 
 
 def _staged(robot: Robot, space: ParameterSpace, first: Array, rng: np.random.Generator, budget: int) -> Staged:

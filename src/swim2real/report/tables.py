@@ -23,6 +23,8 @@ _LABELS = {
     "seed": "Seed",
     "scale": "Scale of the search",
     "early_stop": "Early stop of rejected steps",
+    "give_up": "Give up of a direction (times the best loss)",
+    "probes": "Parameters measured first",
     "horizon": "Horizon (s compared of each trial)",
     "hold_out": "Held-out trials",
     "reference": "Reference",

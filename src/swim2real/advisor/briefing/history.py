@@ -7,6 +7,7 @@ from typing import Any
 
 from swim2real.advisor.briefing.differences import differences, mean
 from swim2real.advisor.briefing.formatting import UNKNOWN, mm, number, reading, shortened, value
+from swim2real.advisor.briefing.measured import measured
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import Evaluation, Round, Situation
 from swim2real.parameters import ParameterSpace
@@ -40,6 +41,7 @@ def history(situation: Situation, space: ParameterSpace, trials_of: TrialsOf) ->
     return {
         "evaluations": len(situation.evaluations),
         "first": _outcome(situation.first, trials_of),
+        "measured": measured(situation, space, trials_of),
         "rounds": rounds,
         "rounds_since_accepted": len(rounds) - (accepted[-1] if accepted else 0),
     }

@@ -9,6 +9,7 @@ from swim2real.advisor.briefing.facts import Facts, facts
 from swim2real.advisor.briefing.formatting import mm, number, table, value
 from swim2real.advisor.briefing.history import describe_history
 from swim2real.advisor.briefing.markers import describe_markers
+from swim2real.advisor.briefing.measured import describe_measured
 from swim2real.advisor.briefing.media import DETAILS, gather_media, shorter
 from swim2real.advisor.briefing.trials import describe_trials, trial_label
 from swim2real.advisor.vlm.exchange import Request
@@ -34,8 +35,11 @@ keep. Change the few that explain most rather than all at once: changes that can
 Your proposal is tried at the full change first, then at half of it, then at a quarter; the first that lowers the loss \
 is kept. So the direction matters most, and a bold step costs little.
 
+With "probe": true your values are only measured, once, and you are told what they did before you propose: for a \
+parameter, or a direction, whose effect you don't know. A probe costs one evaluation, as each step does.
+
 Answer with one JSON object and nothing else: \
-{{"diagnosis": text, "reasoning": text, "parameters": {{name: number}}}}. \
+{{"diagnosis": text, "reasoning": text, "parameters": {{name: number}}, "probe": false}}. \
 Numbers are plain numbers in the units given, without units, text, null or NaN."""
 # discrepancies to look for, and effects that look alike: of robots with a steady beat, and of others
 _BEAT = (
@@ -147,7 +151,7 @@ def describe(facts: Facts, *, numbers: bool = True, rounds: int | None = None) -
     """
     sections = [f"# Round {facts['round']}", _robot(facts), _parameters(facts)]
     if numbers:
-        sections.append(_differences(facts))
+        sections += [_differences(facts), *filter(None, [describe_measured(facts)])]
     sections.append(describe_history(facts, numbers, rounds))
     return "\n\n".join(sections) + "\n"
 

@@ -78,7 +78,7 @@ class SensitivityAdvisor:
     def _measurement(self, i: int, situation: Situation, sensitivities: Sensitivities, trust: float) -> Measurement:
         """A step of one parameter: downhill where that is known, and the other way where that has diverged."""
         here = situation.incumbent
-        point, name = np.array(here.candidate.point), self._space.names[i]
+        point, name = here.candidate.point, self._space.names[i]
         width = min(DIFFERENCE, max(trust / 2, LEAST_DIFFERENCE))
         slope = sensitivities.slopes(residual_of(here))[i]
         side = -np.sign(slope) if slope else 1.0 if point[i] <= 0.5 else -1.0
@@ -86,8 +86,7 @@ class SensitivityAdvisor:
             side = -side
         if not 0 <= point[i] + side * width <= 1:
             side = -side
-        point[i] += side * width
-        return Measurement(point, {"parameter": name})
+        return Measurement.of_one(point, i, name, float(side * width))
 
     def _proposal(self, incumbent: Evaluation, sensitivities: Sensitivities, trust: float) -> Proposal:
         here, residual = incumbent.candidate.point, residual_of(incumbent)

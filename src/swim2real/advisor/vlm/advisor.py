@@ -16,10 +16,11 @@ from swim2real.advisor.vlm.providers import same_model
 from swim2real.advisor.vlm.reply import ParsedReply, ReplyError, parse_reply
 from swim2real.advisor.vlm.transcript import Call, Incumbent, Outcome, Totals, Transcript, totals
 from swim2real.errors import AdvisorError, ArgumentError
-from swim2real.optimizers import Proposal, Situation
+from swim2real.optimizers import Advice, Measurement, Proposal, Situation
 from swim2real.parameters import ParameterSpace
 
 REPAIRS = 2  # of one reply
+PROBE = "probe"  # note of a measurement that was asked for in a reply
 FAILURES = 3  # rounds without a proposal, in a row, before a run stops
 _LONGEST_QUOTE = 6000  # characters of an earlier reply that are shown again
 
@@ -111,22 +112,21 @@ class VlmAdvisor:
             )
         self._warned: set[str] = set()
 
-    def propose(self, situation: Situation) -> Proposal:
-        """Asks for a proposal.
+    def propose(self, situation: Situation) -> Advice:
+        """Asks for a proposal, or for what is to be measured before it.
 
         Raises:
             AdvisorError: Three rounds in a row failed, a limit is reached, or a setting is wrong.
         """
         number = len(situation.rounds) + 1
-        recorded = self._transcript.answer(number, situation.incumbent)
+        recorded = recorded_advice_of(self._transcript, situation, self._space)
         if recorded is not None:
-            parsed = parse_recorded(recorded, situation, self._space)
-            return proposal_of(recorded, parsed, self._transcript, situation, self._space)
+            return recorded
         problem = ""
         for _ in range(FAILURES):
             answer = self._ask(situation, number, problem)
             if not isinstance(answer, str):
-                return proposal_of(*answer, self._transcript, situation, self._space)
+                return advice_of(*answer, self._transcript, situation, self._space)
             problem = answer
         raise AdvisorError(
             f"round {number}: {FAILURES} times in a row there was no usable reply from {self._client.name}; the "
@@ -166,7 +166,7 @@ class VlmAdvisor:
             request = repair_request(question, reply.text, problem, longer * request.max_tokens)
 
     def _question(self, situation: Situation, number: int, earlier: str, level: int = 0) -> Request:
-        question = replace(self._prompts.question(situation, level), round=number)
+        question = replace(self._prompts.question(situation, level), round=number, turn=turn_of(situation))
         if not earlier:
             return question
         note = f"An earlier answer to this could not be used: {earlier}."
@@ -224,7 +224,7 @@ class VlmAdvisor:
         made = attempts if reply is None else reply.attempts
         call = Call(
             0, request.round, request.is_repair, self._client.name, outcome, problem,
-            Incumbent.of(situation.incumbent), reply, made,
+            Incumbent.of(situation.incumbent), reply, made, turn=request.turn,
         )  # fmt: skip
         return self._transcript.write(call, request)
 
@@ -253,17 +253,16 @@ class ReplayAdvisor:
                 f"or with --advisor files"
             )
 
-    def propose(self, situation: Situation) -> Proposal:
-        """The recorded proposal.
+    def propose(self, situation: Situation) -> Advice:
+        """The recorded advice.
 
         Raises:
             AdvisorError: The record ends before, or this run has come elsewhere.
         """
-        number = len(situation.rounds) + 1
-        recorded = self._transcript.answer(number, situation.incumbent)
+        recorded = recorded_advice_of(self._transcript, situation, self._space)
         if recorded is not None:
-            parsed = parse_recorded(recorded, situation, self._space)
-            return proposal_of(recorded, parsed, self._transcript, situation, self._space)
+            return recorded
+        number = len(situation.rounds) + 1
         used = [call for call in self._transcript.of_round(number) if call.outcome == "used"]
         if used:
             raise AdvisorError(
@@ -275,30 +274,39 @@ class ReplayAdvisor:
         )
 
 
-def parse_recorded(call: Call, situation: Situation, space: ParameterSpace) -> ParsedReply:
-    """What a recorded reply says in a situation.
+def turn_of(situation: Situation) -> int:
+    """Which turn of its round an advisor has: 1, and one more after each of its probes."""
+    return 1 + sum(bool(measured.candidate.note.get(PROBE)) for measured in situation.measurements)
+
+
+def recorded_advice_of(transcript: Transcript, situation: Situation, space: ParameterSpace) -> Advice | None:
+    """The advice that is on record for a situation, None without.
 
     Raises:
         AdvisorError: There is no reply, or it can't be used.
     """
+    call = transcript.answer(len(situation.rounds) + 1, turn_of(situation), situation.incumbent)
+    if call is None:
+        return None
     if call.reply is None:
         raise AdvisorError(f"call {call.number} has no reply")
-    return parse_reply(call.reply.text, space, space.to_values(situation.incumbent.candidate.point))
+    parsed = parse_reply(call.reply.text, space, space.to_values(situation.incumbent.candidate.point))
+    return advice_of(call, parsed, transcript, situation, space)
 
 
-def proposal_of(
+def advice_of(
     call: Call, parsed: ParsedReply, transcript: Transcript, situation: Situation, space: ParameterSpace
-) -> Proposal:
-    """The proposal that a call's reply makes: the same when it is answered and in a replay.
+) -> Advice:
+    """The proposal or the probe that a call's reply makes: the same when it is answered and in a replay.
 
     Args:
         call: Call whose reply is used.
         parsed: What its reply says.
-        transcript: Transcript of the run, with all calls of the round.
+        transcript: Transcript of the run, with all calls of the turn.
         situation: Situation that it answers.
         space: Parameters of the simulator.
     """
-    calls = transcript.of_round(call.round)
+    calls = [made for made in transcript.of_round(call.round) if made.turn == call.turn]
     sums = totals(calls)
     notes = {
         "advisor": call.advisor, "model": call.reply and call.reply.model, "calls": [made.number for made in calls],
@@ -308,6 +316,9 @@ def proposal_of(
     if call.reply and call.reply.notes:
         notes["remarks"] = list(call.reply.notes)
     point = parsed.point(space, situation.incumbent.candidate.point)
+    if parsed.probe:
+        texts = {"diagnosis": parsed.diagnosis, "reasoning": parsed.reasoning}
+        return Measurement(point, {PROBE: True, **texts, "notes": notes})
     return Proposal(point, parsed.diagnosis, parsed.reasoning, notes)
 
 

@@ -47,6 +47,7 @@ class Request:
         schema: JSON schema of the reply, without bounds on numbers.
         max_tokens: Most tokens of the reply, those of its thinking included.
         round: Round of the run, from 1 on.
+        turn: Turn within the round: 1, and one more after each probe.
         problem: Why an earlier reply can't be used, which this request asks to repair; empty for a question.
     """
 
@@ -55,6 +56,7 @@ class Request:
     schema: Mapping[str, Any]
     max_tokens: int
     round: int = 1
+    turn: int = 1
     problem: str = ""
 
     @property

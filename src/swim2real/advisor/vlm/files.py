@@ -18,8 +18,8 @@ _POLL = 0.5  # s
 
 HOW_TO = f"""\
 *Leave the answer as `{REPLY}` in this folder. In a chat window: give it this page and the pictures, save its answer. \
-By hand: only the parameters that change are needed, as in `{{"parameters": {{"NAME": 1.5}}}}`. `{SCHEMA}` describes \
-the whole.*
+By hand: only the parameters that change are needed, as in `{{"parameters": {{"NAME": 1.5}}}}`; with `"probe": true` \
+they are only measured. `{SCHEMA}` describes the whole.*
 """
 
 
@@ -59,7 +59,8 @@ class FilesClient:
             WaitingForReply: There is no reply, and the client was made not to wait.
             AdvisorError: The disk failed.
         """
-        folder = self._folder / f"round_{request.round:03d}"
+        turn = f"_turn_{request.turn}" if request.turn > 1 else ""
+        folder = self._folder / f"round_{request.round:03d}{turn}"
         began = time.monotonic()
         try:
             if request.is_repair:

@@ -39,6 +39,7 @@ class ParsedReply:
         ignored: Names that aren't parameters.
         missing: Parameters without a value, which keep theirs.
         clipped: Values out of bounds, as they were given.
+        probe: Whether these values are only to be measured, without a line search.
     """
 
     values: dict[str, float]
@@ -47,6 +48,7 @@ class ParsedReply:
     ignored: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     clipped: Mapping[str, float] = field(default_factory=dict[str, float])
+    probe: bool = False
 
     def notes(self) -> dict[str, Any]:
         """What was corrected without asking again, ready for JSON."""
@@ -76,6 +78,7 @@ class _Answer(BaseModel):
     diagnosis: Text = ""
     reasoning: Text = ""
     parameters: dict[str, Any]
+    probe: bool | None = False
 
 
 def reply_schema(space: ParameterSpace, bounds: bool = False) -> dict[str, Any]:
@@ -100,8 +103,9 @@ def reply_schema(space: ParameterSpace, bounds: bool = False) -> dict[str, Any]:
                 "required": list(numbers),
                 "additionalProperties": False,
             },
+            "probe": {"type": "boolean", "description": "true: only measure these values, don't go there"},
         },
-        "required": ["diagnosis", "reasoning", "parameters"],
+        "required": ["diagnosis", "reasoning", "parameters", "probe"],
         "additionalProperties": False,
     }
 
@@ -153,7 +157,8 @@ def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) 
         raise ReplyError(f"no parameter of the simulator has a value: {hint}")
     if all(is_same(values[name], current[name]) for name in space.names):
         raise ReplyError("no parameter changes; propose values that differ from the current ones")
-    return ParsedReply(values, _cleaned(answer.diagnosis), _cleaned(answer.reasoning), ignored, missing, clipped)
+    texts = _cleaned(answer.diagnosis), _cleaned(answer.reasoning)
+    return ParsedReply(values, *texts, ignored, missing, clipped, bool(answer.probe))
 
 
 def _json_object(text: str) -> dict[str, Any]:

@@ -100,6 +100,7 @@ class Call:
         reply: Reply, None when there was none. Its attempts are those of the call.
         attempts: Attempts that were made.
         request: What was shown; given when the call is written.
+        turn: Turn within the round: 1, and one more after each probe.
     """
 
     number: Annotated[int, Field(gt=0, lt=_MOST_CALLS)]
@@ -112,6 +113,7 @@ class Call:
     reply: Reply | None
     attempts: tuple[Attempt, ...]
     request: ShownRequest = ShownRequest(())
+    turn: Annotated[int, Field(gt=0, lt=_MOST_CALLS)] = 1
 
     @property
     def seconds(self) -> float:
@@ -182,11 +184,11 @@ class Transcript:
     def of_round(self, number: int) -> tuple[Call, ...]:
         return tuple(call for call in self._calls if call.round == number)
 
-    def answer(self, round_number: int, incumbent: Evaluation) -> Call | None:
-        """The call whose reply a round's proposal was made of, if the round began at this incumbent; None without."""
+    def answer(self, round_number: int, turn: int, incumbent: Evaluation) -> Call | None:
+        """The call whose reply a turn's advice was made of, if the turn began at this incumbent; None without."""
         began = Incumbent.of(incumbent)
         for call in reversed(self.of_round(round_number)):
-            if call.outcome == "used" and call.incumbent.matches(began):
+            if call.outcome == "used" and call.turn == turn and call.incumbent.matches(began):
                 return call
         return None
 
