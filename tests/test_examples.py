@@ -7,11 +7,17 @@ from pathlib import Path
 
 import pytest
 
+from swim2real import pipeline
+from swim2real.calibration import RunFolder
+from swim2real.robots.fish import FISH
+from swim2real.settings import CalibrationSettings
 from swim2real.trials import load_reference
+from swim2real.trials.fetch import fetch
 
 PROJECT = Path(__file__).resolve().parents[1]
 EXAMPLE = PROJECT / "examples" / "calibrate.py"
 TRACKING = PROJECT / "examples" / "track.py"
+VLM_RUNS = PROJECT / "examples" / "vlm-runs"
 
 
 @pytest.mark.slow
@@ -36,3 +42,33 @@ def test_the_example_tracks_films(tmp_path):
     assert {"M4", "M5"} <= lost  # below the glare
     assert load_reference(tmp_path / "reference").names == ("f1_00", "f1_50")
     assert (tmp_path / "reference" / "tracks" / "f1_50.mp4").is_file()
+
+
+def replayed(run: Path, shared: Path, tmp_path: Path, **more) -> tuple[list[dict], list[dict]]:
+    """The records of a shipped run and of its replay on fetched tracks, as far as the replay goes."""
+    tracks = fetch(tmp_path / "tracks", shared / "data" / "fishsim-markers")
+    settings = pipeline.as_replayed(CalibrationSettings(advisor=f"replay:{run}", **more))
+    assert (settings.protocol, settings.start) == ("aligned", "speed")
+    pipeline.calibrate(tracks, FISH, settings, tmp_path / "run")
+    again = RunFolder(tmp_path / "run").record()
+    return RunFolder(run).record()[: len(again)], again
+
+
+def check_same(shipped: list[dict], again: list[dict]) -> None:
+    """The same steps, and the same losses but for the last digits, in which processors differ."""
+    assert [entry["point"] for entry in again] == [entry["point"] for entry in shipped]
+    assert [entry["loss"] for entry in again] == pytest.approx([entry["loss"] for entry in shipped], rel=1e-3)
+    told = [[entry["note"].get(key) for key in ("round", "step_size", "proposal")] for entry in again]
+    assert told == [[entry["note"].get(key) for key in ("round", "step_size", "proposal")] for entry in shipped]
+
+
+def test_a_shipped_vlm_run_begins_as_it_did(shared, tmp_path):
+    check_same(*replayed(VLM_RUNS / "seed-4", shared, tmp_path, budget=4))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("run", sorted(path.name for path in VLM_RUNS.glob("seed-*")))
+def test_the_shipped_vlm_runs_replay_to_the_end(shared, tmp_path, run):
+    shipped, again = replayed(VLM_RUNS / run, shared, tmp_path)
+    assert len(again) == 40
+    check_same(shipped, again)

@@ -1,0 +1,73 @@
+"""What the line search did in the calibrations with a VLM of `examples/vlm-runs`, and what giving up early would have.
+
+    python experiments/vlm_runs.py examples/vlm-runs
+
+Prints a row a run and their sums: the lowest loss, its mean over the evaluations (AUC), rounds, and how many were
+accepted at the full, the half and the quarter step. Below that, for several factors of `--give-up`: rounds that would
+have been left after their full step, the evaluations that this saves, and accepted rounds that it would have lost.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from swim2real.calibration import RunFolder
+
+FACTORS = (1.5, 2.0, 3.0, 5.0)
+STEPS = (1.0, 0.5, 0.25)
+
+
+def rounds_of(entries):
+    """Each round: the entry it began with, and those of its steps."""
+    best, rounds = entries[0], {}
+    for entry in entries[1:]:
+        if "round" in entry["note"]:  # a measurement belongs to no step
+            rounds.setdefault(entry["note"]["round"], (best, []))[1].append(entry)
+        if not entry["failed"] and entry["loss"] < best["loss"]:
+            best = entry
+    return list(rounds.values())
+
+
+def accepted(start, steps):
+    return not steps[-1]["failed"] and steps[-1]["loss"] < start["loss"]
+
+
+def by_trial(entry):
+    return np.array([trial["loss"] for trial in entry["evidence"]["trials"].values()])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    a = parser.parse_args()
+    every = []
+    for path in sorted(path.parent for path in a.folder.glob("*/record.jsonl")):
+        entries = RunFolder(path).record()
+        lowest = 1e3 * np.minimum.accumulate([entry["loss"] for entry in entries])
+        best = min(entries, key=lambda entry: entry["loss"])
+        rounds = rounds_of(entries)
+        kept = [sum(accepted(*one) and len(one[1]) == k + 1 for one in rounds) for k in range(len(STEPS))]
+        print(
+            f"{path.name}: {lowest[-1]:.1f} mm, AUC {lowest.mean():.1f} mm, velocity error "
+            f"{1e3 * best['evidence']['velocity_error']:.1f} mm/s; {len(rounds)} rounds, {sum(kept)} accepted: "
+            f"{', '.join(map(str, kept))} at the full, half and quarter step"
+        )
+        if not path.name.endswith("again"):  # a second run of a seed doesn't count twice
+            every += rounds
+    kept = np.array([sum(accepted(*one) and len(one[1]) == k + 1 for one in every) for k in range(len(STEPS))])
+    wasted = sum(len(steps) for start, steps in every if not accepted(start, steps))
+    print(
+        f"in all: {len(every)} rounds, {kept.sum()} accepted ({100 * kept.sum() / len(every):.0f} %), of them "
+        f"{', '.join(f'{100 * share:.0f}' for share in kept / kept.sum())} % at the full, half and quarter step; "
+        f"{wasted} evaluations of {sum(len(steps) for _, steps in every)} in rejected rounds"
+    )
+    for factor in FACTORS:
+        left = [(start, steps) for start, steps in every if (by_trial(steps[0]) > factor * by_trial(start)).all()]
+        lost = sum(accepted(*one) for one in left)
+        saved = sum(len(steps) - 1 for start, steps in left if not accepted(start, steps))
+        print(f"give up at {factor:g} times: {len(left)} rounds left, {saved} evaluations saved, {lost} accepted lost")
+
+
+if __name__ == "__main__":
+    main()
