@@ -117,8 +117,9 @@ class TrialPromptBuilder:
         number, step = found
         there = self._scenes(step.evaluation)
         changed = max(range(len(there)), key=lambda i: abs(there[i].loss - here[i].loss))
-        losses = f"{mm(step.evaluation.loss, 1)} mm, the current point has {mm(situation.incumbent.loss, 1)}"
-        what = f"Not the current point but the rejected step {step.step_size:.3g} of round {number} ({losses})"
+        what = f"Not the current point but the rejected step {step.step_size:.3g} of round {number}"
+        if self._settings.show == "both":
+            what += f" ({mm(step.evaluation.loss, 1)} mm, the current point has {mm(situation.incumbent.loss, 1)})"
         return what, there[changed]
 
 
