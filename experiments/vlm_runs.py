@@ -42,7 +42,7 @@ def main():
     parser.add_argument("folder", type=Path)
     a = parser.parse_args()
     every = []
-    for path in sorted(path.parent for path in a.folder.glob("*/record.jsonl")):
+    for path in sorted(path.parent for path in a.folder.glob("seed-*/record.jsonl")):
         entries = RunFolder(path).record()
         lowest = 1e3 * np.minimum.accumulate([entry["loss"] for entry in entries])
         best = min(entries, key=lambda entry: entry["loss"])

@@ -48,7 +48,6 @@ def replayed(run: Path, shared: Path, tmp_path: Path, **more) -> tuple[list[dict
     """The records of a shipped run and of its replay on fetched tracks, as far as the replay goes."""
     tracks = fetch(tmp_path / "tracks", shared / "data" / "fishsim-markers")
     settings = pipeline.as_replayed(CalibrationSettings(advisor=f"replay:{run}", **more))
-    assert (settings.protocol, settings.start) == ("aligned", "speed")
     pipeline.calibrate(tracks, FISH, settings, tmp_path / "run")
     again = RunFolder(tmp_path / "run").record()
     return RunFolder(run).record()[: len(again)], again
@@ -64,6 +63,17 @@ def check_same(shipped: list[dict], again: list[dict]) -> None:
 
 def test_a_shipped_vlm_run_begins_as_it_did(shared, tmp_path):
     check_same(*replayed(VLM_RUNS / "seed-4", shared, tmp_path, budget=4))
+    settings = RunFolder(tmp_path / "run").settings()
+    assert [settings[name] for name in ("protocol", "start", "seed")] == ["aligned", "speed", 4]
+
+
+@pytest.mark.slow
+def test_the_shipped_run_with_probes_replays(shared, tmp_path):
+    run = VLM_RUNS / "new-briefing"
+    count = len(RunFolder(run).record())
+    shipped, again = replayed(run, shared, tmp_path, budget=count)
+    assert sum(entry["note"]["source"] == "measurement" for entry in again) == 7
+    check_same(shipped, again)
 
 
 @pytest.mark.slow

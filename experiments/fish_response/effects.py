@@ -34,17 +34,20 @@ def swims(space, simulators, points):
 
 def effects(space, simulators, point):
     """Percent by which each figure grows over a tenth of each parameter's range. Shape (d, 5), NaN where unknown."""
-    sides = []
-    for way in (-1, 1):
-        moved = np.clip(point + way * STEP / 2 * np.eye(len(point)), 0, 1)
-        sides.append((moved, *swims(space, simulators, moved)))
-    widths = (sides[1][0] - sides[0][0]).sum(axis=1)
-    forward = (sides[0][1] > LEAST_STRIDE).all(axis=1) & (sides[1][1] > LEAST_STRIDE).all(axis=1)
-    grown = [_log_ratio(*pair) for pair in zip(*(side[1:] for side in sides), strict=True)]
-    stride, tail, yaw = grown
+    steps = [np.clip(point + way * STEP / 2 * np.eye(len(point)), 0, 1) for way in (-1, 1)]
+    here = [np.repeat(figure, len(point), axis=0) for figure in swims(space, simulators, point[None])]
+    (before, *low), (after, *high) = ((points, *swims(space, simulators, points)) for points in steps)
+    # where one side turns around, the point itself stands for it
+    for side, points in ((low, before), (high, after)):
+        turned = ~(side[0] > LEAST_STRIDE).all(axis=1)
+        points[turned] = point
+        for figure, own in zip(side, here, strict=True):
+            figure[turned] = own[turned]
+    widths = (after - before).sum(axis=1)
+    stride, tail, yaw = (_log_ratio(*pair) for pair in zip(low, high, strict=True))
     found = np.stack([stride[:, 0], stride[:, 1:-1].mean(axis=1), stride[:, -1], tail.mean(1), yaw.mean(1)], axis=1)
-    found = 100 * np.expm1(found * (STEP / widths)[:, None])
-    return np.where(forward[:, None], found, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(widths[:, None] > 0, 100 * np.expm1(found * (STEP / widths)[:, None]), np.nan)
 
 
 def _log_ratio(before, after):

@@ -190,10 +190,11 @@ class CalibrationSettings(EvaluationSettings):
             raise ArgumentError(f"early_stop is for method line-search; method {self.method} needs every loss in full")
         _least("probes", self.probes, 0)
         if self.give_up is not None:
-            _finite("give_up", self.give_up, above=1.0, unit="")
-        for name, chosen in (("give_up", self.give_up), ("probes", self.probes)):
-            if chosen and self.method not in ADVISED:
-                raise ArgumentError(f"{name} is for methods with an advisor ({', '.join(ADVISED)}), not {self.method}")
+            _finite("give_up", self.give_up, above=1.0)
+            if self.method != "line-search":
+                raise ArgumentError(f"give_up is for method line-search; method {self.method} tries no steps")
+        if self.probes and self.method not in ADVISED:
+            raise ArgumentError(f"probes is for methods with an advisor ({', '.join(ADVISED)}), not {self.method}")
 
     @property
     def resolved_scale(self) -> Scale:

@@ -203,6 +203,17 @@ def test_words_that_make_no_command_leave_with_2(program, tmp_path, monkeypatch,
             ["--early-stop", "--method", "random"],
             "early_stop is for method line-search; method random needs every loss in full",
         ),
+        (["--probes", "17"], "probes is 17; the robot has 2 parameters to measure"),
+        (["--probes", "-1"], "probes is -1; it must be at least 0"),
+        (
+            ["--probes", "2", "--method", "random"],
+            "probes is for methods with an advisor (line-search, warm-start), not random",
+        ),
+        (["--give-up", "1"], "give_up is 1; it must be finite and above 1"),
+        (
+            ["--give-up", "2", "--method", "cma-es"],
+            "give_up is for method line-search; method cma-es tries no steps",
+        ),
     ],
     ids=" ".join,
 )
