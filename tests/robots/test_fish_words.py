@@ -1,4 +1,4 @@
-"""What the texts of the fish's parameters say of their effects, against the simulated swims and the learned response."""
+"""What the texts of the fish's parameters say of their effects, against simulated swims and the learned response."""
 
 import re
 from dataclasses import replace
