@@ -61,7 +61,6 @@ _PER_TRIAL = (
     ("shape", "shape_error", millimeters),
     ("heading deg", "heading_error", degrees),
     ("progress", "progress_error", millimeters),
-    ("offset", "static_offset", millimeters),
 )
 _HEAD = (
     ("recoil mm", "recoil_error", millimeters),
