@@ -42,6 +42,7 @@ OUR_TRIAL = {
     "divergence",
     "marker_errors",
     "aligned_marker_errors",
+    "seen_shares",
     "shape_marker_errors",
     "beat_real",
     "beat_simulated",

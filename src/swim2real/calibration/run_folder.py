@@ -18,7 +18,7 @@ SETTINGS, RECORD, OUTCOME, TRIALS = "settings.json", "record.jsonl", "outcome.js
 
 # settings that may differ when a run goes on
 _FREE = ("budget", "threads")
-_ADDED = {"start": "speed", "probes": 0, "give_up": None}  # settings that earlier versions didn't write
+ADDED = {"start": "speed", "probes": 0, "give_up": None}  # settings that earlier versions didn't write
 _FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
 
 
@@ -81,7 +81,7 @@ class RunFolder:
         recorded = self.settings()
         wanted = json.loads(json.dumps(dict(settings)))
         for key, value in wanted.items():
-            if key not in _FREE and recorded.get(key) != value:
+            if key not in _FREE and recorded.get(key, ADDED.get(key)) != value:
                 raise RunError(
                     f"run '{self.path}' can't go on: {key} was {shown(recorded.get(key))} and is now {shown(value)}; "
                     f"use the same settings and reference, or begin a new run"
@@ -100,7 +100,7 @@ class RunFolder:
             raise RunError(
                 f"run '{self.path}' has format {content.get('format')!r}; this version of swim2real reads {FORMAT}"
             )
-        return {**_ADDED, **content}
+        return content
 
     def outcome(self) -> dict[str, Any] | None:
         """What was found at the end of the run, None before it."""

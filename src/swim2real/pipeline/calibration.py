@@ -22,6 +22,7 @@ from swim2real.calibration import (
     sensitivities,
     versions,
 )
+from swim2real.calibration.run_folder import ADDED
 from swim2real.errors import ArgumentError, RunError
 from swim2real.optimizers import Advice, recorded_advice
 from swim2real.parameters import Values
@@ -164,7 +165,7 @@ def _check_replay(advisor: str, resolved: Mapping[str, Any]) -> None:
     source = replayed_run(advisor)
     if source is None:
         return
-    there = RunFolder(source).settings()
+    there = {**ADDED, **RunFolder(source).settings()}
     here = json.loads(json.dumps(dict(resolved)))
     for key in _REPLAYED:
         if there.get(key) != here.get(key):
