@@ -20,7 +20,7 @@ from swim2real.robots.robot import Robot
 
 MOVING = 0.05  # of the widest real amplitude of a trial: below it a marker's amplitude is noise and has no ratio
 STILL = 1e-3  # m, below which a beat's amplitude is noise and has neither ratio nor phase
-LEAST_SEEN = 0.3  # of the frames: a marker that is lost in more of them says nothing
+LEAST_SEEN = 0.3  # of the frames: a marker that is seen in fewer of them says nothing
 _ABOUT = ("trials", "protocol", "horizon", "loss", "skipped", "sensor_errors")
 _NEED_NO_SIMULATION = ("frequency", "left_out_share")
 _ELSEWHERE = ("loss", "frequency", "phase", "velocity_real", "velocity_simulated", "divergence")
@@ -56,7 +56,7 @@ def facts(
             "compared": how_compared(robot, protocol, detail.get("horizon")),
             "scale": space.scale,
             "parameters": _parameters(situation, space),
-            "incumbent": {**_incumbent(situation, detail, trials), "from_rest": dict(from_rest or {})},
+            "incumbent": _incumbent(situation, detail, trials, from_rest or {}),
             "differences": differences(trials),
             "history": history(situation, space, lambda evaluation: trial_facts(evaluation.detail or {}, robot)),
         }
@@ -180,7 +180,9 @@ def _parameters(situation: Situation, space: ParameterSpace) -> list[dict[str, A
     ]  # fmt: skip
 
 
-def _incumbent(situation: Situation, detail: Facts, trials: Sequence[Facts]) -> dict[str, Any]:
+def _incumbent(
+    situation: Situation, detail: Facts, trials: Sequence[Facts], from_rest: Mapping[str, float | None]
+) -> dict[str, Any]:
     evaluation = situation.incumbent
     accepted = [number for number, finished in enumerate(situation.rounds, start=1) if finished.accepted]
     figures = {name: value for name, value in detail.items() if name not in _ABOUT}
@@ -191,6 +193,7 @@ def _incumbent(situation: Situation, detail: Facts, trials: Sequence[Facts]) -> 
         "figures": _without_errors(figures) if evaluation.failed else figures,
         "skipped": detail.get("skipped", 0),
         "trials": list(trials),
+        "from_rest": dict(from_rest),
     }
 
 

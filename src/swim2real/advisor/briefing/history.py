@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from swim2real.advisor.briefing.differences import differences, mean
 from swim2real.advisor.briefing.formatting import UNKNOWN, mm, number, reading, shortened, value
-from swim2real.advisor.briefing.measured import measured
+from swim2real.advisor.briefing.measured import TrialsOf, measured
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import Evaluation, Round, Situation
 from swim2real.parameters import ParameterSpace
@@ -15,7 +15,6 @@ from swim2real.parameters import ParameterSpace
 LONGEST = 280  # characters of a diagnosis
 _NAMED, _LISTED = 3, 8  # changes that are named of an older and of a recent round
 _DIGITS = 3  # of a value: what they show alike is no change
-_FEW = 3  # names that are listed
 _LONGEST_LIST = 300  # characters of a list of names
 # notes of a proposal that its author should hear of
 _CORRECTED = {
@@ -25,7 +24,6 @@ _CORRECTED = {
 }
 
 Facts = Mapping[str, Any]
-TrialsOf = Callable[[Evaluation], Sequence[Facts]]
 
 
 def history(situation: Situation, space: ParameterSpace, trials_of: TrialsOf) -> dict[str, Any]:
@@ -237,8 +235,7 @@ def _note(name: str, content: Any) -> str:
     if isinstance(content, Mapping):
         listed = ", ".join(f"{key} ({_given(given)} was given)" for key, given in content.items())
     else:
-        names = list(map(str, content)) if isinstance(content, list) else [str(content)]
-        listed = ", ".join(names) if len(names) <= _FEW else f"{', '.join(names[:_FEW])} and {len(names) - _FEW} more"
+        listed = ", ".join(map(str, content)) if isinstance(content, list) else str(content)
     return f"{shortened(listed, _LONGEST_LIST)}: {_CORRECTED[name]}."
 
 
