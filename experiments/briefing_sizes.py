@@ -55,16 +55,14 @@ def main():
     space = replace(robot.space, scale=settings.resolved_scale)
     problem = Problem.with_settings(robot, load_reference(a.reference), settings)
     situations = situations_of(RunFolder(a.run).record())
-
-    def from_rest(values):
-        return {name: swim["speed"] for name, swim in problem.check_fit(values).get("from_rest", {}).items()}
-
     print("| round | detail | show | tokens of text | of pictures | MB | seconds |\n|---|---|---|---|---|---|---|")
     for number in a.rounds:
         for detail in DETAILS:
             for show in ("numbers", "pictures", "both"):
                 briefing = BriefingSettings(show, "images", detail)
-                builder = TrialPromptBuilder(robot, space, problem.evaluate, {}, briefing, False, 1000, from_rest)
+                builder = TrialPromptBuilder(
+                    robot, space, problem.evaluate, {}, briefing, False, 1000, problem.speeds_from_rest
+                )
                 began = time.monotonic()
                 question = builder.question(situations[number])
                 seconds = time.monotonic() - began

@@ -127,6 +127,13 @@ class Problem:
         """What else a fit is tried on when a run ends: entries of its outcome, ready for JSON."""
         return self.protocol.check_fit(self.simulator, values, self.prepared)
 
+    def speeds_from_rest(self, values: Values) -> dict[str, float | None]:
+        """Forward speeds once swims from rest have settled, by trial [m/s]; None where one diverged.
+
+        Empty for a robot whose trials have no beat.
+        """
+        return {name: swim["speed"] for name, swim in self.check_fit(values).get("from_rest", {}).items()}
+
     def _compared(self, simulated: TrialSet) -> Comparison:
         pairs = zip(self.prepared, simulated, strict=True)
         trials = tuple(self.protocol.compare(prepared.target, trial) for prepared, trial in pairs)

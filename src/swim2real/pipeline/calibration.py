@@ -25,7 +25,6 @@ from swim2real.calibration import (
 from swim2real.calibration.run_folder import ADDED
 from swim2real.errors import ArgumentError, RunError
 from swim2real.optimizers import Advice, recorded_advice
-from swim2real.parameters import Values
 from swim2real.pipeline.methods import make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
@@ -84,13 +83,9 @@ def calibrate(
     }  # fmt: skip
     _check_replay(settings.advisor, resolved)
     videos = {trial.name: trial.video for trial in fitted if trial.video is not None}
-
-    def from_rest(values: Values) -> dict[str, float | None]:
-        found = problem.check_fit(values).get("from_rest", {})
-        return {name: swim["speed"] for name, swim in found.items()}
-
     context = AdvisorContext(
-        folder.path, problem.evaluate, from_rest, videos, settings.briefing, access or VlmAccess(), on_advisor
+        folder.path, problem.evaluate, problem.speeds_from_rest, videos, settings.briefing, access or VlmAccess(),
+        on_advisor,
     )  # fmt: skip
     advisor = None
     if settings.method in ADVISED:
