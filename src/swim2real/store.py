@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -122,9 +122,16 @@ def read_arrays(path: str | Path) -> dict[str, Any]:
 
 def append_line(path: str | Path, entry: Mapping[str, Any]) -> None:
     """Adds an entry to a record of JSON lines; it is on the disk when this returns."""
-    line = json.dumps(entry, allow_nan=False) + "\n"
+    append_lines(path, [entry])
+
+
+def append_lines(path: str | Path, entries: Sequence[Mapping[str, Any]]) -> None:
+    """Adds entries to a record of JSON lines, none where there are none; they are on the disk when this returns."""
+    if not entries:
+        return
+    lines = "".join(json.dumps(entry, allow_nan=False) + "\n" for entry in entries)
     with Path(path).open("ab") as file:
-        file.write(line.encode())
+        file.write(lines.encode())
         file.flush()
         os.fsync(file.fileno())
 

@@ -16,51 +16,46 @@ if TYPE_CHECKING:
     from swim2real.rl.assessment import Assessment, assess
     from swim2real.rl.conditions import (
         CONTROL_INTERVAL,
-        PUBLISHED_MOTOR,
-        REAL_MOTOR,
         UNDISTURBED,
         Disturbances,
-        Motor,
         StateEstimate,
     )
-    from swim2real.rl.environment import DIVERGED, SwimEnv, make_env
-    from swim2real.rl.tasks import STAGES, Forward, Stage, Target
+    from swim2real.rl.environment import DIVERGED, Environments, RobotEnv, make_env, make_environments
+    from swim2real.rl.tasks import STAGES, Forward, Stage, Target, Task
     from swim2real.rl.training import train
     from swim2real.rl.training_run import TrainingOutcome, TrainingRun
-    from swim2real.rl.vector import SwimVecEnv, make_vector_env
+    from swim2real.rl.vector import RobotVecEnv, make_vector_env
 
 _MODULES = {
     "assessment": ("Assessment", "assess"),
-    "conditions": (
-        "CONTROL_INTERVAL", "PUBLISHED_MOTOR", "REAL_MOTOR", "UNDISTURBED", "Disturbances", "Motor", "StateEstimate",
-    ),
-    "environment": ("DIVERGED", "SwimEnv", "make_env"),
-    "tasks": ("STAGES", "Forward", "Stage", "Target"),
+    "conditions": ("CONTROL_INTERVAL", "UNDISTURBED", "Disturbances", "StateEstimate"),
+    "environment": ("DIVERGED", "Environments", "RobotEnv", "make_env", "make_environments"),
+    "tasks": ("STAGES", "Forward", "Stage", "Target", "Task"),
     "training": ("train",),
     "training_run": ("TrainingOutcome", "TrainingRun"),
-    "vector": ("SwimVecEnv", "make_vector_env"),
+    "vector": ("RobotVecEnv", "make_vector_env"),
 }  # fmt: skip
 
 __all__ = [
     "CONTROL_INTERVAL",
     "DIVERGED",
-    "PUBLISHED_MOTOR",
-    "REAL_MOTOR",
     "STAGES",
     "UNDISTURBED",
     "Assessment",
     "Disturbances",
+    "Environments",
     "Forward",
-    "Motor",
+    "RobotEnv",
+    "RobotVecEnv",
     "Stage",
     "StateEstimate",
-    "SwimEnv",
-    "SwimVecEnv",
     "Target",
+    "Task",
     "TrainingOutcome",
     "TrainingRun",
     "assess",
     "make_env",
+    "make_environments",
     "make_vector_env",
     "train",
 ]

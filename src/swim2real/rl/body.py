@@ -1,305 +1,298 @@
-"""The robot that environments step: its layout, its models, compiled once and shared, and its state in the water.
-
-All that the environments know of the fish's build is in `FISH_LAYOUT`.
-"""
+"""The robot that policies command: its parts, found in its model, and its parameter sets, compiled for a batch."""
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from threading import Lock
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError, EngineError
+from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
-from swim2real.robots.robot import Robot
-from swim2real.simulation.fast_step import FastStep
+from swim2real.robots.robot import CommandLimits, PolicySetup, Recordings, Robot, SteadySwims
+from swim2real.simulation.batch import Batch
+from swim2real.simulation.playback import sensor_address
+from swim2real.simulation.start import MARKERS, REST, start_at_keyframe
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
+ORIGIN = "policy:origin"  # site of the point that stands for where the robot is
+_SENSOR = "policy:{}"
 _SLOW_TURN = math.pi / 2  # rad/s, of the motor when start postures are computed
-_log = logging.getLogger(__name__)
+_ANGLES = 361  # of the motor, for which start postures are kept
+
+
+def policy_setup(robot: Robot) -> PolicySetup:
+    """What a policy of a robot commands and sees.
+
+    Raises:
+        ArgumentError: The robot's file doesn't say.
+    """
+    if robot.policy is not None:
+        return robot.policy
+    model = robot.build(robot.space.published).compile()
+    names = ", ".join(model.actuator(i).name for i in range(model.nu))
+    raise ArgumentError(
+        f"robot '{robot.name}' has no [policy] in its robot file; policies need [policy.actuators] with the limits of "
+        f"each actuator that they command, of {names}: NAME = {{lower = ..., upper = ..., rate = ..., unit = ...}}"
+    )
+
+
+@dataclass(frozen=True)
+class Actuators:
+    """The actuators that a policy commands, in the order of the robot file.
+
+    Attributes:
+        names: Their names.
+        units: Units of their commands.
+        lower: Least commands [unit]. Shape (A,).
+        upper: Greatest commands [unit]. Shape (A,).
+        rate: Greatest changes [unit/s]. Shape (A,).
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    lower: Array
+    upper: Array
+    rate: Array
+
+    @staticmethod
+    def of(limits: Mapping[str, CommandLimits]) -> Actuators:
+        """The actuators with these limits."""
+        each = limits.values()
+        return Actuators(
+            tuple(limits), tuple(one.unit for one in each), np.array([one.lower for one in each]),
+            np.array([one.upper for one in each]), np.array([one.rate for one in each]),
+        )  # fmt: skip
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def next_commands(self, commands: Array, actions: Array) -> Array:
+        """The commands that follow others, for actions from -1 to 1: from the commands, not from what was measured.
+
+        So a recorded table of commands repeats what a policy did.
+        """
+        return np.clip(commands + actions * (self.rate * CONTROL_INTERVAL), self.lower, self.upper)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the parts of a swimming robot are in its model, and which markers show them.
+    """Where the parts of a robot are in its model.
 
-    The joints of the model are those of the root, the motor's, and those of the tail, in this order. The markers that a
-    policy sees are those of the robot, along its midline, and two fin tips after them.
+    The floating body is the one that carries the first marker of the robot's frame, with all joints that lead to it. A
+    motor is a hinge without a range that an actuator turns; the other joints are the robot's own.
 
     Attributes:
-        root_joints: Joints of the head: slides along x, y, z and hinges about them.
-        tail_joints: Hinges of the tail, from front to back.
-        midline_markers: Number of the robot's own markers.
-        fin_tips: Sites at the tips of the left and the right fin.
-        head_markers: Indices of the markers on the stiff front.
-        tail_markers: Indices of the markers of the tail: one behind each hinge, and a last one behind the last.
-        rubbing_tendon: Tendon that loses tension by friction.
+        plane: Axes of the world that the camera sees.
+        normal: Toward the camera. Shape (3,).
+        frame: Indices of the two markers that make the frame, x from the first to the second; None without one.
+        seen: Kind and name of each object that a policy sees: the markers, then further sites.
+        motors: Places of the motors in qpos and qvel, two rows. Shape (2, P).
+        joints: Places of the robot's own joints. Shape (2, J).
+        joint_names: Their names.
+        held: Degrees of freedom of the floating body that don't move it in the plane. Shape (H,).
+        controls: Places of the commanded actuators in the control. Shape (A,).
     """
 
-    root_joints: tuple[str, ...]
-    tail_joints: tuple[str, ...]
-    midline_markers: int
-    fin_tips: tuple[str, str]
-    head_markers: tuple[int, ...]
-    tail_markers: slice
-    rubbing_tendon: str
+    plane: tuple[int, int]
+    normal: Array
+    frame: tuple[int, int] | None
+    seen: tuple[tuple[mujoco.mjtObj, str], ...]
+    motors: Indices
+    joints: Indices
+    joint_names: tuple[str, ...]
+    held: Indices
+    controls: Indices
 
     @property
     def markers(self) -> int:
-        """Number of markers that a policy sees."""
-        return self.midline_markers + len(self.fin_tips)
-
-    @property
-    def tail_count(self) -> int:
-        """Number of hinges of the tail."""
-        return len(self.tail_joints)
-
-
-FISH_LAYOUT = Layout(
-    root_joints=("slide_x", "slide_y", "slide_z", "hinge_x", "hinge_y", "hinge_z"),
-    tail_joints=("tail0", "tail1", "tail2", "tail3", "tail4"),
-    midline_markers=9,
-    fin_tips=("left_fin_tip", "right_fin_tip"),
-    head_markers=(0, 1, 2, 9, 10),
-    tail_markers=slice(3, 9),
-    rubbing_tendon="left",
-)
-
-# places in the engine's qpos and qvel, as the order of joints has it
-HEADING = FISH_LAYOUT.root_joints.index("hinge_z")
-ROTATION = slice(3, 6)  # roll, pitch, heading
-MOTOR = len(FISH_LAYOUT.root_joints)
-TAIL = slice(MOTOR + 1, None)
-
-
-class Body:
-    """One parameter set, compiled: a model to step, without sensors, and one to compute markers with.
-
-    Any number of threads may use it, each with data of its own.
-
-    Attributes:
-        model: Model that is stepped.
-        sensor_model: The same robot with the markers' positions, then their velocities, as sensors.
-        steps: Physics steps in a control interval.
-        anchor: Point that the head turns about, in the robot at rest [m]. Shape (2,).
-        rest_markers: Markers of the robot at rest, from the anchor [m]. Shape (markers, 2).
-        rest_hinges: Distance of the tail's hinges behind the anchor in the robot at rest [m]. Shape (hinges,).
-    """
-
-    def __init__(self, robot: Robot, values: Values, disturbances: Disturbances = UNDISTURBED) -> None:
-        """Compiles both models.
-
-        Args:
-            robot: Robot whose values they are.
-            values: Parameter set.
-            disturbances: Current and friction that are added.
-
-        Raises:
-            ParameterError: A value isn't allowed.
-            ArgumentError: The robot isn't built as the environments need it.
-        """
-        layout = FISH_LAYOUT
-        sites = (*robot.marker_names, *layout.fin_tips)
-        self.model = _disturbed_spec(robot, values, disturbances).compile()
-        with_sensors = _disturbed_spec(robot, values, disturbances)
-        for kind in (mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMELINVEL):
-            for name in sites:
-                with_sensors.add_sensor(
-                    name=f"{name}_{int(kind)}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=name
-                )
-        self.sensor_model = with_sensors.compile()
-        self.anchor = self.model.jnt_pos[0][:2].copy()
-        rest = mujoco.MjData(self.sensor_model)
-        mujoco.mj_kinematics(self.sensor_model, rest)
-        self.rest_markers = np.array([rest.site(name).xpos[:2] for name in sites]) - self.anchor
-        self.rest_hinges = rest.xanchor[TAIL, 0] - self.anchor[0]
-        self.steps = round(CONTROL_INTERVAL / self.model.opt.timestep)
-        joints = [self.model.joint(i).name for i in range(self.model.njnt)]
-        known = [*layout.root_joints, robot.swims.motor_joint, *layout.tail_joints]
-        if joints != known:
-            raise ArgumentError(
-                f"robot '{robot.name}' has the joints {', '.join(joints)}; the environments know "
-                f"{', '.join(known)}, in this order"
-            )
-        self._fast = _fast_step(self.model, robot.name)
-        self._postures: tuple[Array, Array] | None = None
-        self._lock = Lock()
-
-    def run(self, data: mujoco.MjData, speed: float) -> bool:
-        """Steps one control interval at a motor speed [rad/s]; returns False when the simulation has diverged."""
-        if self._fast is not None:
-            return not self._fast.run(data, np.array([speed]), self.steps).failed
-        before = data.time
-        data.ctrl[0] = speed
-        mujoco.mj_step(self.model, data, self.steps)
-        return bool(data.time > before)  # the engine goes back to 0 after a warning
-
-    def posture(self, angle: float) -> Array:
-        """Angles of the tail's hinges at a motor angle [rad] when nothing moves [rad]. Shape (hinges,)."""
-        if math.remainder(angle, math.tau) == 0:
-            return np.zeros(FISH_LAYOUT.tail_count)
-        with self._lock:
-            if self._postures is None:
-                self._postures = (self._slow_turn(_SLOW_TURN), self._slow_turn(-_SLOW_TURN))
-        # what the water does to a slow tail is opposite in the two turns
-        both = [[np.interp(angle, turn[:, 0], turn[:, i], period=math.tau) for i in range(1, turn.shape[1])]
-                for turn in self._postures]  # fmt: skip
-        return np.mean(both, axis=0)
-
-    def _slow_turn(self, speed: float) -> Array:
-        """Motor angle and tail angles through a slow turn, after a quarter of a turn. Shape (rows, 1 + hinges)."""
-        data = mujoco.MjData(self.model)
-        data.qvel[MOTOR] = speed
-        rows: list[Array] = []
-        for _ in range(round(1.25 * math.tau / abs(speed) / CONTROL_INTERVAL)):
-            if not self.run(data, speed):
-                return np.zeros((1, 1 + FISH_LAYOUT.tail_count))
-            rows.append(data.qpos[MOTOR:].copy())
-        return np.array(rows[len(rows) // 5 :])
+        """Number of objects that a policy sees."""
+        return len(self.seen)
 
 
 class Bodies:
-    """Parameter sets of one robot, each compiled when it is first needed.
+    """A robot with one or several parameter sets, compiled.
 
     Attributes:
-        robot: Robot whose sets they are.
-        disturbances: Disturbances of all sets.
+        robot: The robot.
+        disturbances: What is added to all sets.
+        actuators: Actuators that a policy commands.
+        layout: Where its parts are.
+        models: The sets to step, without sensors.
+        readers: The same with sensors: the robot's own, then positions of what is seen and of the floating body, their
+            velocities, and the floating body's turning rates.
+        first: Place of the first of these positions in the readings.
+        sensors: Places of the robot's own sensors in the readings. Shape (S,).
+        steps: Physics steps in a control interval.
+        origin: Where the floating body is at the start, in the plane [m]; 0 without a frame. Shape (2,).
+        turned: Direction of the frame's x axis at the start [rad].
+        starts: Positions at the start. Shape (B, nq).
     """
 
     def __init__(
         self, robot: Robot, parameters: Values | Sequence[Values], disturbances: Disturbances = UNDISTURBED
     ) -> None:
-        """Checks the values.
+        """Compiles the sets.
 
         Args:
             robot: Robot whose values they are.
             parameters: One set, or several to draw from.
-            disturbances: Disturbances that are added to all sets.
+            disturbances: Disturbances that are added to all.
 
         Raises:
             ParameterError: A value isn't allowed.
-            ArgumentError: There is no set.
+            ArgumentError: There is no set, or the robot isn't one that policies can command.
         """
         sets = [parameters] if isinstance(parameters, Mapping) else list(parameters)
         if not sets:
             raise ArgumentError("an ensemble of 0 parameter sets is given; environments need at least 1")
+        setup = policy_setup(robot)
         self.robot, self.disturbances = robot, disturbances
-        self._values = [robot.space.check(values, where=f"set {i}") for i, values in enumerate(sets)]
-        self._compiled: dict[int, Body] = {}
-        self._lock = Lock()
+        self.actuators = Actuators.of(setup.actuators)
+        checked = [robot.space.check(values, where=f"set {i}") for i, values in enumerate(sets)]
+        self.layout = _layout(robot, setup)
+        self.models = [_stepped(robot, values, disturbances).compile() for values in checked]
+        self.readers = [_reader(robot, values, disturbances, self.layout) for values in checked]
+        self.first = int(self.readers[0].sensor(_SENSOR.format(0)).adr[0])
+        self.sensors = np.array([sensor_address(self.readers[0], one.name) for one in robot.trials.sensors], int)
+        timestep = self.models[0].opt.timestep
+        self.steps = round(CONTROL_INTERVAL / timestep)
+        if abs(self.steps * timestep - CONTROL_INTERVAL) > 1e-9:
+            raise ArgumentError(
+                f"the timestep of robot '{robot.name}' is {timestep:g} s; a whole number of steps must make the control "
+                f"interval of {CONTROL_INTERVAL} s"
+            )
+        motor = robot.trials.motor_joint
+        if motor is None and disturbances.start_phase != (0.0, 0.0):
+            raise ArgumentError(
+                f"a start phase is given, but robot '{robot.name}' has no motor_joint that could be at one; leave it out"
+            )
+        self._motor = None if motor is None else int(self.models[0].joint(motor).qposadr[0])
+        self.starts = np.array([self._start(model) for model in self.models])
+        data = mujoco.MjData(self.readers[0])
+        data.qpos[:] = self.starts[0]
+        mujoco.mj_forward(self.readers[0], data)
+        self.origin, self.turned = np.zeros(2), 0.0
+        if self.layout.frame is not None:
+            seen = data.sensordata[self.first :][: 3 * self.layout.markers].reshape(-1, 3)[:, list(self.layout.plane)]
+            x, y = seen[self.layout.frame[1]] - seen[self.layout.frame[0]]
+            self.turned = math.atan2(y, x)
+            self.origin = data.site(ORIGIN).xpos[list(self.layout.plane)].copy()
+        self._postures: dict[int, Array] = {}
 
     def __len__(self) -> int:
-        return len(self._values)
+        return len(self.models)
 
-    def __getitem__(self, index: int) -> Body:
-        with self._lock:
-            if index not in self._compiled:
-                self._compiled[index] = Body(self.robot, self._values[index], self.disturbances)
-            return self._compiled[index]
+    def start(self, member: int, phase: float = 0.0) -> Array:
+        """Positions at the start, at rest: with the motor at an angle [rad], and the joints where that holds them."""
+        qpos = self.starts[member].copy()
+        if self._motor is not None and math.remainder(phase, math.tau) != 0:
+            qpos[self.layout.joints[0]] = self._posture(member, phase)
+            qpos[self._motor] = phase
+        return qpos
 
+    def _start(self, model: mujoco.MjModel) -> Array:
+        data, trials = mujoco.MjData(model), self.robot.trials
+        if isinstance(trials, Recordings) and trials.start not in (REST, MARKERS):
+            start_at_keyframe(model, data, trials.start)
+        return data.qpos.copy()
 
-@dataclass
-class BodyState:
-    """The state of the robot, in the world frame: x points backward at the start, y to the side.
+    def _posture(self, member: int, angle: float) -> Array:
+        """Positions of the joints at a motor angle [rad] when nothing moves. Shape (J,)."""
+        if member not in self._postures:
+            # what the water does to slow joints is opposite in the two turns
+            turns = [self._slow_turn(member, speed) for speed in (_SLOW_TURN, -_SLOW_TURN)]
+            self._postures[member] = np.mean(turns, axis=0)
+        table = self._postures[member]
+        place = (angle % math.tau) / math.tau * (_ANGLES - 1)
+        before = min(int(place), _ANGLES - 2)
+        return table[before] + (place - before) * (table[before + 1] - table[before])
 
-    The head is the stiff front of the robot. Its position is that of the point that it turns about, near the center of
-    mass. The origin is where that point was at the start.
-
-    Attributes:
-        markers: The nine markers, then the left and the right fin tip [m]. Shape (M, 2).
-        marker_velocities: Their velocities [m/s]. Shape (M, 2).
-        position: Position of the head [m]. Shape (2,).
-        velocity: Velocity of the head [m/s]. Shape (2,).
-        heading: Heading of the head, 0 at the start [rad].
-        turning: Rates of the head's roll, pitch and heading [rad/s]. Shape (3,).
-        motor_angle: Angle of the motor [rad].
-        motor_speed: Speed of the motor [rad/s].
-        tail_angles: Angles of the five hinges [rad]. Shape (5,).
-        tail_rates: Their rates [rad/s]. Shape (5,).
-    """
-
-    markers: Array = field(default_factory=lambda: np.zeros((FISH_LAYOUT.markers, 2)))
-    marker_velocities: Array = field(default_factory=lambda: np.zeros((FISH_LAYOUT.markers, 2)))
-    position: Array = field(default_factory=lambda: np.zeros(2))
-    velocity: Array = field(default_factory=lambda: np.zeros(2))
-    heading: float = 0.0
-    turning: Array = field(default_factory=lambda: np.zeros(3))
-    motor_angle: float = 0.0
-    motor_speed: float = 0.0
-    tail_angles: Array = field(default_factory=lambda: np.zeros(FISH_LAYOUT.tail_count))
-    tail_rates: Array = field(default_factory=lambda: np.zeros(FISH_LAYOUT.tail_count))
-
-
-class Swimmer:
-    """One robot in the water.
-
-    Attributes:
-        body: Its compiled parameter set.
-        data: State of the engine.
-        state: Its true state, as last read.
-    """
-
-    def __init__(self, body: Body) -> None:
-        self.body = body
-        self.data = mujoco.MjData(body.model)
-        self.state = BodyState()
-        self._sensor_data = mujoco.MjData(body.sensor_model)
-
-    def start(self, angle: float) -> None:
-        """Places the robot at rest in the world, with the motor at an angle [rad]."""
-        mujoco.mj_resetData(self.body.model, self.data)
-        self.data.qpos[MOTOR] = angle
-        self.data.qpos[TAIL] = self.body.posture(angle)
-
-    def advance(self, speed: float) -> bool:
-        """Swims one control interval at a motor speed [rad/s]; returns False when the simulation has diverged."""
-        return self.body.run(self.data, speed)
-
-    def read(self, markers: bool) -> BodyState:
-        """Reads the state from the engine, with the markers only where they are needed."""
-        state, qpos, qvel = self.state, self.data.qpos, self.data.qvel
-        state.position[:] = qpos[:2]
-        state.velocity[:] = qvel[:2]
-        state.heading = float(qpos[HEADING])
-        state.turning[:] = qvel[ROTATION]
-        state.motor_angle, state.motor_speed = float(qpos[MOTOR]), float(qvel[MOTOR])
-        state.tail_angles[:] = qpos[TAIL]
-        state.tail_rates[:] = qvel[TAIL]
-        if markers:
-            model, data = self.body.sensor_model, self._sensor_data
-            data.qpos[:] = qpos
-            data.qvel[:] = qvel
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            mujoco.mj_comVel(model, data)
-            mujoco.mj_sensorPos(model, data)
-            mujoco.mj_sensorVel(model, data)
-            sensed = data.sensordata.reshape(2, -1, 3)
-            state.markers[:] = sensed[0, :, :2] - self.body.anchor
-            state.marker_velocities[:] = sensed[1, :, :2]
-        return state
+    def _slow_turn(self, member: int, speed: float) -> Array:
+        """Positions of the joints at equal motor angles in a slow turn. Shape (_ANGLES, J)."""
+        assert self._motor is not None  # only a robot with one is asked for
+        batch = Batch([self.models[member]], [self.models[member]], 1)
+        data = batch.start(0, 0)
+        data.qpos[:] = self.starts[member]
+        data.qvel[self.layout.motors[1]] = speed
+        angles, rows = list[float](), list[Array]()
+        for step in range(round(1.25 * math.tau / abs(speed) / CONTROL_INTERVAL)):
+            batch.step(np.full((1, self.models[member].nu), speed), self.steps)
+            if batch.failed[0]:
+                return np.zeros((_ANGLES, self.layout.joints.shape[1]))
+            if step * CONTROL_INTERVAL * abs(speed) > math.tau / 4:  # once it swings along
+                angles.append(float(batch.qpos[0, self._motor]))
+                rows.append(batch.qpos[0, self.layout.joints[0]])
+        at, known = np.linspace(0.0, math.tau, _ANGLES), np.array(rows)
+        return np.column_stack([np.interp(at, angles, known[:, j], period=math.tau) for j in range(known.shape[1])])
 
 
-def wrap_angle(angle: float) -> float:
-    """An angle between -π and π."""
-    return math.remainder(angle, math.tau)
-
-
-def _disturbed_spec(robot: Robot, values: Values, disturbances: Disturbances) -> mujoco.MjSpec:
-    spec = robot.build(values)
+def _stepped(robot: Robot, values: Values, disturbances: Disturbances) -> mujoco.MjSpec:
+    """The disturbed robot without sensors."""
+    spec = _disturbed(robot, values, disturbances)
     for sensor in list(spec.sensors):
         spec.delete(sensor)
+    return spec
+
+
+def _reader(robot: Robot, values: Values, disturbances: Disturbances, layout: Layout) -> mujoco.MjModel:
+    """The disturbed robot with sensors of what is seen, of the floating body, and its own that trials record."""
+    spec = _disturbed(robot, values, disturbances)
+    wanted = {sensor.name.partition("[")[0] for sensor in robot.trials.sensors}
+    for sensor in list(spec.sensors):
+        if sensor.name not in wanted:
+            spec.delete(sensor)
+    objects = list(layout.seen)
+    if layout.frame is not None:
+        _add_origin(spec, layout.seen[layout.frame[0]])
+        objects.append((mujoco.mjtObj.mjOBJ_SITE, ORIGIN))
+    kinds = [mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMELINVEL]
+    readings = [(kind, *one) for kind in kinds for one in objects]
+    if layout.frame is not None:
+        readings.append((mujoco.mjtSensor.mjSENS_FRAMEANGVEL, *objects[-1]))
+    for i, (kind, objtype, name) in enumerate(readings):
+        spec.add_sensor(name=_SENSOR.format(i), type=kind, objtype=objtype, objname=name)
+    return spec.compile()
+
+
+def _add_origin(spec: mujoco.MjSpec, marker: tuple[mujoco.mjtObj, str]) -> None:
+    """Adds a site at the point that the floating body turns about: its last hinge, or else its center of mass."""
+    model = spec.compile()
+    body = _body_of(model, marker)
+    hinges = [j for j in range(model.njnt) if model.jnt_bodyid[j] == body and int(model.jnt_type[j]) == _HINGE]
+    place = model.jnt_pos[hinges[-1]] if hinges else model.body_ipos[body]
+    spec.body(model.body(body).name).add_site(name=ORIGIN, pos=place)
+
+
+_HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_BODY_OF = {
+    mujoco.mjtObj.mjOBJ_SITE: lambda model, name: int(model.site(name).bodyid[0]),
+    mujoco.mjtObj.mjOBJ_GEOM: lambda model, name: int(model.geom(name).bodyid[0]),
+}
+
+
+def _body_of(model: mujoco.MjModel, marker: tuple[mujoco.mjtObj, str]) -> int:
+    kind, name = marker
+    return _BODY_OF[kind](model, name) if kind in _BODY_OF else int(model.body(name).id)
+
+
+def _disturbed(robot: Robot, values: Values, disturbances: Disturbances) -> mujoco.MjSpec:
+    spec = robot.build(values)
     spec.option.wind[:2] = disturbances.current
     if disturbances.tendon_friction:
-        tendon, kept = spec.tendon(FISH_LAYOUT.rubbing_tendon), 1.0 - disturbances.tendon_friction
+        rubbing = policy_setup(robot).rubbing_tendon
+        if rubbing is None:
+            raise ArgumentError(
+                f"tendon friction is {disturbances.tendon_friction:g}, but robot '{robot.name}' names no "
+                f"'rubbing_tendon' in [policy] of its robot file; name one, or leave the friction out"
+            )
+        tendon, kept = spec.tendon(rubbing), 1.0 - disturbances.tendon_friction
         if np.ndim(tendon.stiffness):  # a polynomial's coefficients since MuJoCo 3.7
             tendon.stiffness[0] *= kept
         else:
@@ -307,9 +300,43 @@ def _disturbed_spec(robot: Robot, values: Values, disturbances: Disturbances) ->
     return spec
 
 
-def _fast_step(model: mujoco.MjModel, name: str) -> FastStep | None:
-    try:
-        return FastStep(model)
-    except EngineError as error:
-        _log.warning("robot '%s' swims with the engine's own step, which is slower: %s", name, error)
-        return None
+def _layout(robot: Robot, setup: PolicySetup) -> Layout:
+    spec = robot.build(robot.space.published)
+    markers = [(sensor.objtype, sensor.objname) for sensor in spec.sensors[-len(robot.marker_names) :]]
+    seen = (*markers, *((mujoco.mjtObj.mjOBJ_SITE, site) for site in setup.sites))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    frame, axes = robot.trials.frame, np.eye(3)[list(robot.plane)]
+    normal = np.cross(*axes)
+    root = set[int]()
+    if frame is not None:
+        body = _body_of(model, seen[frame[0]])
+        while body > 0:
+            root |= {j for j in range(model.njnt) if model.jnt_bodyid[j] == body}
+            body = int(model.body_parentid[body])
+    driven = {int(model.actuator_trnid[i, 0]) for i in range(model.nu)
+              if int(model.actuator_trntype[i]) == int(mujoco.mjtTrn.mjTRN_JOINT)}  # fmt: skip
+    own = [j for j in range(model.njnt) if j not in root and int(model.jnt_type[j]) in (_HINGE, _SLIDE)]
+    motors = [j for j in own if j in driven and int(model.jnt_type[j]) == _HINGE and not model.jnt_limited[j]]
+    joints = [j for j in own if j not in motors]
+    held = [
+        int(model.jnt_dofadr[j]) for j in root
+        if not (np.abs(data.xaxis[j] @ normal) > 0.5 if int(model.jnt_type[j]) == _HINGE
+                else np.abs(axes @ data.xaxis[j]).max() > 0.5)
+    ]  # fmt: skip
+    if isinstance(robot.trials, SteadySwims) and [model.joint(j).name for j in motors] != [robot.trials.motor_joint]:
+        raise ArgumentError(
+            f"the actuator of robot '{robot.name}' must turn its motor_joint '{robot.trials.motor_joint}', a hinge "
+            f"without a range"
+        )
+    names = [model.actuator(i).name for i in range(model.nu)]
+    return Layout(
+        plane=robot.plane, normal=normal, frame=frame, seen=seen, motors=_places(model, motors),
+        joints=_places(model, joints), joint_names=tuple(model.joint(j).name for j in joints),
+        held=np.array(sorted(held), int), controls=np.array([names.index(name) for name in setup.actuators]),
+    )  # fmt: skip
+
+
+def _places(model: mujoco.MjModel, joints: list[int]) -> Indices:
+    return np.array([[model.jnt_qposadr[j] for j in joints], [model.jnt_dofadr[j] for j in joints]], int)

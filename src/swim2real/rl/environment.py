@@ -1,53 +1,265 @@
-"""The swimming robot as a Gymnasium environment: one action a control interval of 20 ms."""
+"""Robots and their tasks as environments: N that step together, and one as Gymnasium has it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, Literal, SupportsFloat, TypedDict, Unpack, get_args
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, SupportsFloat, TypedDict, Unpack, cast
 
 import gymnasium
-import mujoco
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
-from swim2real.rl.body import Bodies, BodyState, Swimmer
-from swim2real.rl.conditions import CONTROL_INTERVAL, REAL_MOTOR, UNDISTURBED, Disturbances, Motor
+from swim2real.rl.body import Bodies, Indices, policy_setup
+from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
+from swim2real.rl.observation import find_parts, observation_layout
+from swim2real.rl.state import Robots, State
 from swim2real.rl.state_estimation import StateEstimator
-from swim2real.rl.tasks import Forward, Target, Task
+from swim2real.rl.tasks import Task, find_task
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Robot
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Observation = NDArray[np.float32]
-TaskName = Literal["forward", "target"]
 
 DIVERGED = -1000.0  # reward of a step that the simulation can't make
 
-_PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
-# compiled robots are made anew in a resumed run; of the one that swims, the physics are kept
-_NOT_SAVED = ("_bodies", "_swimmers", "_swimmer", "observation_space", "action_space", "spec")
 
-
-class SwimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """One robot in the water and its task.
-
-    The action is the motor's acceleration, from -1 to 1; the motor's speed is what the robot is sent. An episode ends
-    when the task is done, when its time is over (truncated), or when the simulation diverges: then the reward is
-    `DIVERGED`, the observation is the last good one, and `info["diverged"]` is a sentence.
-
-    Every step's info has the `time` since the start [s], the forward `distance` of the head since then [m], its
-    `position` [m] and `heading` [rad], the `command` that the step was made with [rad/s], and `success`. They are true,
-    whatever the observation is made from; a target's also have its `goal` [m], `goal_distance` [m] and `stage`. `reset`
-    takes options: `phase`, the motor's angle [rad]; `member`, of an ensemble; `goal` [m].
+@dataclass(frozen=True)
+class Stepped:
+    """What a step of N environments gave; rows of those that weren't stepped mean nothing.
 
     Attributes:
-        task: Task of the robot.
-        motor: Motor that carries out the actions.
-        command: Speed that the motor is sent [rad/s].
+        rewards: Rewards. Shape (N,).
+        terminated: Whether the task is done or the simulation diverged. Shape (N,).
+        truncated: Whether the time is over. Shape (N,).
+    """
+
+    rewards: Array
+    terminated: Flags
+    truncated: Flags
+
+    @property
+    def ended(self) -> Flags:
+        """Whether the episode is over."""
+        return self.terminated | self.truncated
+
+
+class Environments:
+    """N robots and their task.
+
+    An action is the rate of each command, from -1 to 1. An episode ends when the task is done, when its time is over
+    (truncated), or when the simulation diverges: then the reward is `DIVERGED` and the observation is the last good one.
+    What an environment does depends on its own seed and actions alone, not on the others or on the threads.
+
+    Attributes:
+        task: Task of the robots.
+        bodies: Parameter sets; one is drawn for every episode.
+        robots: The robots.
+        count: Number of environments.
+        names: Where in an observation each part of it is.
+        bounds: Greatest magnitude of each number that can be believed.
+        observations: Present observations. Shape (N, n).
+    """
+
+    def __init__(self, task: Task, bodies: Bodies, count: int, *, task_name: str, threads: int = 1) -> None:
+        """Makes environments that have to be reset.
+
+        Args:
+            task: Task of the robots, for as many of them.
+            bodies: Parameter sets.
+            count: Number of environments.
+            task_name: Name of the task, as the robot file has it.
+            threads: Threads that step them.
+
+        Raises:
+            ArgumentError: There is nothing to step, or the robot can't do the task.
+        """
+        if count < 1 or threads < 1:
+            raise ArgumentError(f"{count} environments on {threads} threads are asked for; each must be at least 1")
+        robot = bodies.robot
+        if task.needs_frame and bodies.layout.frame is None:
+            raise ArgumentError(
+                f"task '{task_name}' needs a robot that points somewhere; name the two markers of its 'frame' in "
+                f"[recordings] of the robot file of '{robot.name}', or train a task of your own"
+            )
+        self.task, self.bodies, self.count = task, bodies, count
+        self.robots = Robots(bodies, count, threads)
+        chosen = policy_setup(robot).observe.get(task_name)
+        where = f"task '{task_name}'" if chosen is None else f"robot '{robot.name}', task '{task_name}',"
+        names = task.observes if chosen is None else chosen
+        self._parts = find_parts(names, where)
+        widths = [part.read(self.robots.state).shape[1] for part in self._parts]
+        own = {name: (width, part.bound) for name, width, part in zip(names, widths, self._parts, strict=True)}
+        self.names, self.bounds = observation_layout({**own, **task.adds})
+        self.observations = np.zeros((count, len(self.bounds)), np.float32)
+        self._rngs = [np.random.default_rng() for _ in range(count)]
+        self._steps, self._last = np.zeros(count, int), np.zeros(count, int)
+        self._failures = [""] * count
+        estimate = bodies.disturbances.estimate
+        self._estimator = None if estimate is None else StateEstimator(bodies, estimate, count)
+
+    @property
+    def state(self) -> State:
+        """True state of the robots."""
+        return self.robots.state
+
+    @property
+    def times(self) -> Array:
+        """Times since the episodes began [s]. Shape (N,)."""
+        return self._steps * CONTROL_INTERVAL
+
+    def seed(self, seeds: Sequence[int]) -> None:
+        """Sets the seed of each environment."""
+        self._rngs = [np.random.default_rng(seed) for seed in seeds]
+
+    def begin(self, which: Indices, options: Sequence[Mapping[str, Any]] | None = None) -> None:
+        """Begins episodes at rest, and observes.
+
+        Args:
+            which: Environments that begin.
+            options: For each of them: `phase`, the angle of a motor [rad]; `member`, of an ensemble; and those of the
+                task, as `goal` [m].
+
+        Raises:
+            ArgumentError: An option isn't allowed.
+        """
+        bodies, disturbances = self.bodies, self.bodies.disturbances
+        members = np.zeros(self.count, int)
+        for place, i in enumerate(which):
+            chosen = {} if options is None else options[place]
+            member = int(self._rngs[i].integers(len(bodies)))
+            phase = float(self._rngs[i].uniform(*disturbances.start_phase))
+            member, phase = int(chosen.get("member", member)), float(chosen.get("phase", phase))
+            if not 0 <= member < len(bodies):
+                raise ArgumentError(f"the ensemble has no member {member}; there are {len(bodies)}, from 0 on")
+            members[i] = member
+            self.robots.start(i, member, phase)
+            seconds = self.task.begin(i, self._rngs[i], chosen)
+            self._steps[i], self._last[i] = 0, round(seconds / CONTROL_INTERVAL)
+            self._failures[i] = ""
+        self.robots.read(which)
+        if self._estimator is not None:
+            for i in which:
+                self._estimator.begin(i, int(members[i]), self.state, self._rngs[i])
+        self.observations[which] = self._observed()[which]
+
+    def step(self, actions: NDArray[Any], which: Indices | None = None) -> Stepped:
+        """Steps environments one control interval.
+
+        Args:
+            actions: Actions from -1 to 1. Shape (N, A).
+            which: Environments that are stepped; None for all.
+
+        Raises:
+            ArgumentError: An action isn't a number, or an episode isn't on.
+        """
+        rows = np.arange(self.count) if which is None else which
+        if (self._steps[rows] >= self._last[rows]).any():
+            raise ArgumentError("no episode is on: call reset before step")
+        if np.isnan(actions[rows]).any():
+            raise ArgumentError("an action is nan; it must be a number from -1 to 1")
+        clipped = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
+        self.robots.advance(clipped, which)
+        self._steps[rows] += 1
+        if self._estimator is not None:
+            self._estimator.update(self.state, rows, self._rngs)
+        observed = self._observed()
+        good = ~self.robots.failed & (np.abs(observed) <= self.bounds).all(axis=1)  # NaN isn't
+        rewards, done = self.task.score(self.state, clipped)
+        rewards, done = np.where(good, rewards, DIVERGED), done | ~good
+        changed = rows[good[rows]]
+        self.observations[changed] = observed[changed]
+        for i in rows[~good[rows]]:
+            commands = ", ".join(f"{command:.2f} {unit}" for command, unit
+                                 in zip(self.state.commands[i], self.bodies.actuators.units, strict=True))  # fmt: skip
+            self._failures[i] = f"the simulation diverged {self.times[i]:.2f} s after the start, commanded {commands}"
+        over = self._steps >= self._last
+        self._last[rows] = np.where(done[rows], self._steps[rows], self._last[rows])
+        return Stepped(rewards, done, over & ~done)
+
+    def info(self, index: int) -> dict[str, Any]:
+        """What is known of one environment, whatever it observes.
+
+        `time` since the start [s], forward `distance` since then [m], `position` [m], `heading` [rad], the `commands`
+        of the actuators [unit], what the task adds, and `diverged`, a sentence, where the simulation has.
+        """
+        state = self.state
+        x, y = (float(v) for v in state.position[index])
+        info = {
+            "time": float(self.times[index]), "distance": -x, "position": (x, y),
+            "heading": float(state.heading[index]), "commands": tuple(map(float, state.commands[index])),
+            **self.task.info(state, index),
+        }  # fmt: skip
+        return {**info, "diverged": self._failures[index]} if self._failures[index] else info
+
+    def set_stage(self, stage: int) -> None:
+        """Sets the stage of the curriculum, from the next episode on.
+
+        Raises:
+            ArgumentError: The task has no stages, or not this one.
+        """
+        if stage not in self.task.stages:
+            raise ArgumentError(
+                f"there is no stage {stage}; this task has {', '.join(map(str, self.task.stages)) or 'none'}"
+            )
+        self.task.stage = stage  # type: ignore[attr-defined] - a task with stages has a present one
+
+    def save(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Everything that decides how running episodes go on: arrays, and plain JSON."""
+        physics = [self.robots.physics(i) for i in range(self.count)]
+        arrays: dict[str, NDArray[Any]] = {
+            "members": np.array([member for member, _ in physics]), "physics": np.array([state for _, state in physics]),
+            "steps": self._steps, "last": self._last, "observations": self.observations,
+        }  # fmt: skip
+        for owner, name in self._kept():
+            arrays[name] = owner[name.partition(".")[2]]
+        return arrays, {"generators": [rng.bit_generator.state for rng in self._rngs]}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], rest: Mapping[str, Any]) -> None:
+        """Goes on with the episodes that `save` was called in."""
+        for i in range(self.count):
+            self.robots.restore(i, int(arrays["members"][i]), arrays["physics"][i])
+        headings = arrays["state.heading"]
+        self.state.heading[:] = headings
+        self.robots.read(np.arange(self.count))
+        for owner, name in self._kept():
+            owner[name.partition(".")[2]][...] = arrays[name]
+        self._steps[:], self._last[:] = arrays["steps"], arrays["last"]
+        self.observations[:] = arrays["observations"]
+        for rng, state in zip(self._rngs, rest["generators"], strict=True):
+            rng.bit_generator.state = state
+
+    def close(self) -> None:
+        """Ends the threads."""
+        self.robots.close()
+
+    def _kept(self) -> list[tuple[dict[str, Any], str]]:
+        """The arrays that decide how episodes go on, beside the physics: their owners and names."""
+        owners: list[tuple[str, object]] = [("state", self.state), ("task", self.task)]
+        if self._estimator is not None:
+            owners += [("estimator", self._estimator), ("seen", self._estimator.seen)]
+        return [(vars(owner), f"{name}.{key}") for name, owner in owners for key, value in vars(owner).items()
+                if isinstance(value, np.ndarray) and not key.startswith("_")]  # fmt: skip
+
+    def _observed(self) -> Array:
+        seen = self.state if self._estimator is None else self._estimator.seen
+        parts = [part.read(seen) for part in self._parts]
+        return np.concatenate([*parts, self.task.observe(seen)], axis=1)
+
+
+class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+    """One robot and its task, as `Environments` has it, for Gymnasium.
+
+    Every step's info is that of `Environments.info`, with `success`. `reset` takes the options of `Environments.begin`.
+
+    Attributes:
+        environments: The one environment.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium declares it
@@ -55,217 +267,101 @@ class SwimEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         "render_fps": round(1 / CONTROL_INTERVAL),
     }
 
-    def __init__(self, task: Task, bodies: Bodies, motor: Motor = REAL_MOTOR, seed: int | None = None) -> None:
-        """Makes the environment.
+    def __init__(self, environments: Environments, seed: int | None = None) -> None:
+        """Takes an environment.
 
         Args:
-            task: Task of the robot.
-            bodies: Parameter sets; one is drawn for every episode.
-            motor: Motor that carries out the actions.
+            environments: One.
             seed: Seed of the first `reset` that is called without one.
         """
-        self.task, self.motor = task, motor
-        self.render_mode = None
-        self._bodies, self._disturbances = bodies, bodies.disturbances
-        self._seed = seed
-        bounds = task.bounds.astype(np.float32)
-        self.observation_space = spaces.Box(-bounds, bounds, dtype=np.float32)
-        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
-        self._swimmers: dict[int, Swimmer] = {}
-        self._next_observation, self._observation = np.zeros(len(bounds)), np.zeros(len(bounds))
-        estimate = self._disturbances.estimate
-        self._estimator = None if estimate is None else StateEstimator(estimate)
-        self._needs_markers = task.needs_markers or self._estimator is not None
-        self._swimmer: Swimmer | None = None
-        self.command, self._action, self._steps, self._last = 0.0, 0.0, 0, 0
+        self.environments, self.render_mode, self._seed = environments, None, seed
+        self.observation_space, self.action_space = make_spaces(environments)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins an episode at rest."""
-        if seed is None and self._seed is not None:
-            seed = self._seed
-        self._seed = None
+        seed, self._seed = self._seed if seed is None else seed, None
         super().reset(seed=seed)
-        rng, chosen = self.np_random, options or {}
-        member = int(rng.integers(len(self._bodies)))
-        phase = float(rng.uniform(*self._disturbances.start_phase))
-        member, phase = int(chosen.get("member", member)), float(chosen.get("phase", phase))
-        if not 0 <= member < len(self._bodies):
-            raise ArgumentError(f"the ensemble has no member {member}; there are {len(self._bodies)}, from 0 on")
-        if member not in self._swimmers:
-            self._swimmers[member] = Swimmer(self._bodies[member])
-        self._swimmer = swimmer = self._swimmers[member]
-        self.task.begin(rng, chosen)
-        self._last = round(self.task.seconds / CONTROL_INTERVAL)
-        self.command, self._action, self._steps = 0.0, 0.0, 0
-        swimmer.start(phase)
-        state = swimmer.read(self._needs_markers)
-        if self._estimator is not None:
-            self._estimator.begin(swimmer.body, state, rng)
-        self._observe(state)
-        return self._observation.astype(np.float32), self._make_info(state, False)
+        if seed is not None:
+            self.environments.seed([seed])
+        self.environments.begin(np.zeros(1, int), [options or {}])
+        return self.environments.observations[0].copy(), {**self.environments.info(0), "success": False}
 
     def step(self, action: NDArray[Any]) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Swims one control interval."""
-        if self._swimmer is None or self._steps >= self._last:
-            raise ArgumentError("no episode is on: call reset before step")
-        self._action = act = min(max(float(action[0]), -1.0), 1.0)
-        if math.isnan(act):
-            raise ArgumentError("the action is nan; it must be a number from -1 to 1")
-        self.command = self.motor.next_command(self.command, act)
-        self._steps += 1
-        if self._swimmer.advance(self.command):
-            state = self._swimmer.read(self._needs_markers)
-            if self._observe(state):
-                reward, done = self.task.score(state, act)
-                info = self._make_info(state, done)
-                over = self._steps >= self._last
-                if done:
-                    self._last = self._steps
-                return self._observation.astype(np.float32), reward, done, over and not done, info
-        time = self._steps * CONTROL_INTERVAL
-        self._last = self._steps
-        info = {
-            **self._info,
-            "time": time,
-            "command": self.command,
-            "diverged": f"the simulation diverged {time:.2f} s after the start, commanded {self.command:.2f} rad/s",
-        }
-        return self._observation.astype(np.float32), DIVERGED, True, False, info
+        """Moves one control interval."""
+        stepped = self.environments.step(np.asarray(action)[None])
+        info = self.environments.info(0)
+        info["success"] = bool(stepped.terminated[0]) and "diverged" not in info
+        observation = self.environments.observations[0].copy()
+        return observation, float(stepped.rewards[0]), bool(stepped.terminated[0]), bool(stepped.truncated[0]), info
 
-    @property
-    def swimmer(self) -> Swimmer:
-        """The robot that swims in this episode.
-
-        Raises:
-            ArgumentError: No episode has begun.
-        """
-        if self._swimmer is None:
-            raise ArgumentError("no episode has begun: call reset first")
-        return self._swimmer
-
-    def set_stage(self, stage: int) -> None:
-        """Sets the stage of a target task's curriculum, from the next episode on.
-
-        Raises:
-            ArgumentError: The task has no stages, or not this one.
-        """
-        if not isinstance(self.task, Target):
-            raise ArgumentError("only the task 'target' has a curriculum")
-        self.task.stage = stage
-
-    def save_state(self) -> dict[str, Any]:
-        """Everything that decides how a running episode goes on, to be pickled."""
-        swimmer = self.swimmer
-        physics = np.empty(mujoco.mj_stateSize(swimmer.body.model, _PHYSICS))
-        mujoco.mj_getState(swimmer.body.model, swimmer.data, physics, _PHYSICS)
-        return {
-            "member": next(member for member, known in self._swimmers.items() if known is swimmer),
-            "physics": physics,
-            "rest": {name: value for name, value in vars(self).items() if name not in _NOT_SAVED},
-        }
-
-    def restore_state(self, state: dict[str, Any]) -> None:
-        """Goes on with the episode that `save_state` was called in."""
-        self.reset(options={"member": state["member"]})
-        swimmer = self.swimmer
-        mujoco.mj_setState(swimmer.body.model, swimmer.data, state["physics"], _PHYSICS)
-        for name, value in state["rest"].items():
-            setattr(self, name, value)
-        swimmer.read(markers=True)
-
-    def _observe(self, state: BodyState) -> bool:
-        """Writes the observation and returns whether it can be believed."""
-        seen = state if self._estimator is None else self._estimator.update(state)
-        self.task.observe(seen, self._action, self._next_observation)
-        if not (np.abs(self._next_observation) <= self.task.bounds).all():  # NaN too
-            return False
-        self._next_observation, self._observation = self._observation, self._next_observation
-        return True
-
-    def _make_info(self, state: BodyState, success: bool) -> dict[str, Any]:
-        x, y = float(state.position[0]), float(state.position[1])
-        self._info = {
-            "time": self._steps * CONTROL_INTERVAL,
-            "distance": -x,
-            "position": (x, y),
-            "heading": state.heading,
-            "command": self.command,
-            "success": success,
-            **self.task.info(state),
-        }
-        return dict(self._info)  # the receiver adds entries to it
+    def close(self) -> None:
+        """Ends the threads."""
+        self.environments.close()
 
 
-def make_task(task: TaskName, stage: int = 3, seconds: float | None = None) -> Task:
-    """The task of a name.
-
-    Args:
-        task: `forward` or `target`.
-        stage: Stage of the curriculum of `target`.
-        seconds: Length of an episode [s]; by default the task's own.
-
-    Raises:
-        ArgumentError: There is no such task, stage or length.
-    """
-    if task not in get_args(TaskName):
-        raise ArgumentError(f"there is no task '{task}'; there are {', '.join(get_args(TaskName))}")
-    if seconds is not None and not (math.isfinite(seconds) and seconds >= CONTROL_INTERVAL):
-        raise ArgumentError(f"an episode of {seconds:g} s is asked for; it must have at least {CONTROL_INTERVAL} s")
-    if task == "target":
-        return Target(stage, seconds)
-    return Forward() if seconds is None else Forward(seconds)
+def make_spaces(environments: Environments) -> tuple[spaces.Box, spaces.Box]:
+    """Observation and action space."""
+    bounds = environments.bounds.astype(np.float32)
+    actions = len(environments.bodies.actuators)
+    return spaces.Box(-bounds, bounds, dtype=np.float32), spaces.Box(-1.0, 1.0, (actions,), np.float32)
 
 
 class EnvironmentOptions(TypedDict, total=False):
     """Optional arguments of those that make environments.
 
     Attributes:
-        robot: Robot that swims; by default the fish.
-        disturbances: What the real water and robot add; by default nothing.
-        stage: Stage of the curriculum of `target`; by default the last.
+        robot: Robot; by default the fish.
+        disturbances: What the real world adds; by default nothing.
+        stage: Stage of the curriculum; by default the task's last.
         seconds: Length of an episode [s]; by default the task's own.
-        motor: Motor that carries out the actions; by default the real one.
-        seed: Seed of the first environment's first episode that is begun without one.
+        threads: Threads that step them; more than 1 where cores are free.
+        seed: Seed of the first environment; the i-th has the seed + i.
     """
 
     robot: Robot
     disturbances: Disturbances
     stage: int
     seconds: float | None
-    motor: Motor
+    threads: int
     seed: int | None
 
 
 def make_environments(
-    task: TaskName, parameters: Values | Sequence[Values] | None, count: int, **options: Unpack[EnvironmentOptions]
-) -> list[SwimEnv]:
-    """Environments that share compiled robots. The i-th does what `make_env` with the seed + i does.
+    task: str, parameters: Values | Sequence[Values] | None, count: int, **options: Unpack[EnvironmentOptions]
+) -> Environments:
+    """Environments that step together. The i-th does what `make_env` with the seed + i does.
 
     Args:
-        task: `forward` or `target`.
+        task: `forward`, `target`, or a task as `tasks.find_task` finds it.
         parameters: Parameters of the robot; of several sets one is drawn for every episode. None for the published
             ones.
         count: Number of environments.
         options: See `EnvironmentOptions`.
 
     Raises:
-        ArgumentError: There is no such task, stage or length, or no parameter set.
+        ArgumentError: There is no such task, stage or length, or the robot can't do it.
         ParameterError: A value isn't allowed.
     """
-    robot, seed = options.get("robot", FISH), options.get("seed")
+    robot, seed, seconds = options.get("robot", FISH), options.get("seed"), options.get("seconds")
+    if seconds is not None and not (math.isfinite(seconds) and seconds >= CONTROL_INTERVAL):
+        raise ArgumentError(f"an episode of {seconds:g} s is asked for; it must have at least {CONTROL_INTERVAL} s")
     sets = robot.space.published if parameters is None else parameters
     bodies = Bodies(robot, sets, options.get("disturbances", UNDISTURBED))
-    stage, seconds, motor = options.get("stage", 3), options.get("seconds"), options.get("motor", REAL_MOTOR)
-    return [
-        SwimEnv(make_task(task, stage, seconds), bodies, motor, None if seed is None else seed + i)
-        for i in range(count)
-    ]
+    made = find_task(task)(robot, count, **({} if seconds is None else {"seconds": seconds}))
+    environments = Environments(made, bodies, count, task_name=task, threads=options.get("threads", 1))
+    if "stage" in options and made.stages:
+        environments.set_stage(options["stage"])
+    if seed is not None:
+        environments.seed([seed + i for i in range(count)])
+    return environments
 
 
 def make_env(
-    task: TaskName, parameters: Values | Sequence[Values] | None = None, **options: Unpack[EnvironmentOptions]
-) -> SwimEnv:
+    task: str, parameters: Values | Sequence[Values] | None = None, **options: Unpack[EnvironmentOptions]
+) -> RobotEnv:
     """One environment; the arguments are those of `make_environments`."""
-    return make_environments(task, parameters, 1, **options)[0]
+    seed = options.get("seed")
+    rest = cast("EnvironmentOptions", {name: value for name, value in options.items() if name != "seed"})
+    return RobotEnv(make_environments(task, parameters, 1, **rest), seed)

@@ -1,16 +1,17 @@
-"""What can steer the fish: a learned policy, a constant speed of the motor, recorded actions."""
+"""What can command a robot: a learned policy, constant commands, recorded actions, a sweep."""
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Sequence
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from stable_baselines3 import SAC
 
 from swim2real.errors import RunError
+from swim2real.rl.actor import Actor
+from swim2real.rl.body import Actuators
+from swim2real.rl.conditions import CONTROL_INTERVAL
 from swim2real.rl.training_run import BEST, LAST, TrainingRun
 
 Array = NDArray[np.float64]
@@ -18,71 +19,74 @@ Which = Literal["best", "last"]
 
 
 class Policy(Protocol):
-    """Gives an action to each of N environments, step after step."""
+    """Gives actions to each of N environments, step after step."""
 
     def actions(self, observations: NDArray[np.float32], commands: Array, step: int) -> Array:
         """Actions within -1 and 1.
 
         Args:
             observations: Observations of the environments. Shape (N, n).
-            commands: Present commands of the motors' speeds [rad/s]. Shape (N,).
+            commands: Present commands [unit]. Shape (N, A).
             step: Number of steps since the episodes began.
 
         Returns:
-            Shape (N, 1).
+            Shape (N, A).
         """
         ...
 
 
 class LearnedPolicy:
-    """A policy of Stable-Baselines3. It is deterministic: it takes the mean of its actions."""
+    """A trained network. It is deterministic: it takes the mean of its actions."""
 
-    def __init__(self, model: SAC) -> None:
-        """Takes a model of Stable-Baselines3, which may still be learning."""
-        self._model = model
+    def __init__(self, actor: Actor) -> None:
+        """Takes the network."""
+        self.actor = actor
 
     def actions(self, observations: NDArray[np.float32], commands: Array, step: int) -> Array:
         """See `Policy`."""
-        return self._model.predict(observations, deterministic=True)[0]
+        del commands, step
+        return self.actor.best(observations)
 
 
-class ConstantSpeed:
-    """Accelerates the motor as fast as is allowed to a speed and keeps it."""
+class Followed:
+    """Commands that are followed as fast as the actuators' rates allow: constant ones, or rows after one another."""
 
-    def __init__(self, speeds: Sequence[float] | Array, change: float) -> None:
-        """Chooses speeds.
+    def __init__(self, commands: Array, actuators: Actuators) -> None:
+        """Takes the commands.
 
         Args:
-            speeds: Speed in each environment [rad/s]. Shape (N,).
-            change: Change of the speed by an action of 1 [rad/s].
+            commands: Commands of each environment [unit]. Shape (N, A), or (T, N, A) with a row a step, of which the
+                last holds.
+            actuators: The actuators.
         """
-        self._speeds, self._change = np.asarray(speeds, dtype=float), change
+        self._commands = commands if commands.ndim == 3 else commands[None]
+        self._change = actuators.rate * CONTROL_INTERVAL
 
     def actions(self, observations: NDArray[np.float32], commands: Array, step: int) -> Array:
         """See `Policy`."""
-        return np.clip((self._speeds - commands) / self._change, -1.0, 1.0)[:, None]
+        del observations
+        wanted = self._commands[min(step, len(self._commands) - 1)]
+        return np.clip((wanted - commands) / self._change, -1.0, 1.0)
 
 
 class RecordedActions:
-    """Actions that were recorded, whatever the fish does: the open loop that the paper transfers."""
+    """Actions that were recorded, whatever the robot does: the open loop that the paper transfers."""
 
     def __init__(self, actions: Sequence[Array]) -> None:
-        """Takes the actions of each environment; after its last one the motor keeps its speed. Shapes (T_i,)."""
-        self._actions = np.zeros((max(len(series) for series in actions), len(actions)))
+        """Takes the actions of each environment; after its last one the commands stay. Shapes (T_i, A)."""
+        longest = max(len(series) for series in actions)
+        self._actions = np.zeros((longest, len(actions), actions[0].shape[1]))
         for i, series in enumerate(actions):
             self._actions[: len(series), i] = series
 
     def actions(self, observations: NDArray[np.float32], commands: Array, step: int) -> Array:
         """See `Policy`."""
-        if step >= len(self._actions):
-            return np.zeros((len(observations), 1))
-        return self._actions[step][:, None]
+        del observations
+        return self._actions[step] if step < len(self._actions) else np.zeros_like(commands)
 
 
 def load_policy(run: TrainingRun, which: Which = "best") -> LearnedPolicy:
     """Loads a policy from a training run.
-
-    A policy is a file of Stable-Baselines3, in part a pickle: load only what you trust.
 
     Args:
         run: The training run.
@@ -93,8 +97,10 @@ def load_policy(run: TrainingRun, which: Which = "best") -> LearnedPolicy:
     """
     path = run.folder / (BEST if which == "best" else LAST)
     if not path.is_file():
-        raise RunError(f"'{run.folder}' has no {path.name} yet; wait for its first checkpoint")
-    try:
-        return LearnedPolicy(SAC.load(path, device="cpu"))
-    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise RunError(f"policy '{path}' is damaged: {error}") from error
+        if path.with_suffix(".zip").is_file():
+            raise RunError(
+                f"'{path.with_suffix('.zip')}' is a policy of version 0.1, which holds a pickle and isn't read any more; "
+                f"train it anew"
+            )
+        raise RunError(f"'{run.folder}' has no {path.name} yet; wait for its first evaluation")
+    return LearnedPolicy(Actor.load(path))

@@ -1,4 +1,4 @@
-"""Episodes of several environments side by side, steered by a policy: all that happened in them, and their figures."""
+"""Episodes of several environments side by side, commanded by a policy: all that happened in them, and their figures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.rl.conditions import CONTROL_INTERVAL
-from swim2real.rl.environment import SwimEnv
+from swim2real.rl.environment import Environments
 from swim2real.rl.policies import Policy
 from swim2real.store import write_arrays
 
@@ -25,13 +25,13 @@ class Episode:
     Attributes:
         seed: Seed of its start.
         rate: Steps a second [Hz].
-        actions: Actions. Shape (T,).
-        commands: Commanded speed of the motor in each step [rad/s]. Shape (T,).
+        actions: Actions. Shape (T, A).
+        commands: Commands of the actuators in each step [unit]. Shape (T, A).
         rewards: Rewards. Shape (T,).
-        heads: Positions of the head, the start first [m]. Shape (T + 1, 2).
+        heads: Positions of the floating body, the start first [m]. Shape (T + 1, 2).
         markers: Positions of the markers after each step [m]. Shape (T, K, 2).
         goal: Goal [m]; None in a task without one. Shape (2,).
-        distance: Distance swum forward [m].
+        distance: Distance covered forward [m].
         success: Whether the goal was reached.
         failure: Why the simulation diverged, in words; empty where it didn't.
     """
@@ -72,7 +72,7 @@ class EpisodeStatistics:
         episodes: Number of episodes.
         episode_return: Mean return.
         episode_return_std: Its standard deviation.
-        distance: Mean distance swum forward [m].
+        distance: Mean distance covered forward [m].
         distance_std: Its standard deviation [m].
         success: Share of episodes that reached their goal.
         time_to_target: Mean duration of those [s]; None where none did.
@@ -121,33 +121,49 @@ class EpisodeStatistics:
 
 
 def run_episodes(
-    environments: Sequence[SwimEnv], policy: Policy, seeds: Sequence[int],
+    environments: Environments, policy: Policy, seeds: Sequence[int],
     options: Sequence[dict[str, Any]] | None = None,
 ) -> list[Episode]:  # fmt: skip
-    """Swims one episode in each environment, side by side.
+    """Runs one episode in each environment, side by side.
 
     Args:
         environments: N environments.
-        policy: Policy that steers all.
+        policy: Policy that commands all.
         seeds: Seeds of their starts.
-        options: Options of their starts, as `SwimEnv.reset` takes them.
+        options: Options of their starts, as `Environments.begin` takes them.
 
     Returns:
         N episodes.
     """
-    recorders = [_Recorder(env, seed) for env, seed in zip(environments, seeds, strict=True)]
-    observations = np.stack([
-        recorder.begin(None if options is None else options[i]) for i, recorder in enumerate(recorders)
-    ])  # fmt: skip
-    step = 0
-    while not all(recorder.over for recorder in recorders):
-        commands = np.array([recorder.env.command for recorder in recorders])
-        actions = policy.actions(observations, commands, step)
-        for i, recorder in enumerate(recorders):
-            if not recorder.over:
-                observations[i] = recorder.step(actions[i])
-        step += 1
-    return [recorder.episode() for recorder in recorders]
+    environments.seed(seeds)
+    which, state = np.arange(environments.count), environments.state
+    environments.begin(which, options)
+    lengths, ended = np.zeros(environments.count, int), np.zeros(environments.count, np.bool_)
+    heads, rows = [state.position.copy()], list[tuple[Array, Array, Array, Array]]()
+    while len(which):
+        actions = np.clip(policy.actions(environments.observations, state.commands, len(rows)), -1.0, 1.0)
+        stepped = environments.step(actions, which)
+        rows.append((actions.astype(float), state.commands.copy(), stepped.rewards, state.markers.copy()))
+        heads.append(state.position.copy())
+        lengths[which] += 1
+        ended[which] = stepped.terminated[which]
+        which = which[~stepped.ended[which]]
+    every = [np.array(series) for series in zip(*rows, strict=True)]
+    return [
+        _episode(environments, i, seed, np.array(heads)[: n + 1, i], [series[:n, i] for series in every], bool(done))
+        for i, (seed, n, done) in enumerate(zip(seeds, lengths, ended, strict=True))
+    ]
+
+
+def _episode(
+    environments: Environments, index: int, seed: int, heads: Array, series: list[Array], done: bool
+) -> Episode:
+    info = environments.info(index)
+    goal, failure = info.get("goal"), str(info.get("diverged", ""))
+    return Episode(
+        seed, 1 / CONTROL_INTERVAL, *series[:3], heads, series[3], None if goal is None else np.array(goal),
+        float(info["distance"]), done and not failure, failure,
+    )  # fmt: skip
 
 
 def save_episodes(path: str | Path, episodes: Sequence[Episode]) -> None:
@@ -172,34 +188,3 @@ def save_episodes(path: str | Path, episodes: Sequence[Episode]) -> None:
         "distances": np.array([episode.distance for episode in episodes]),
         "successes": np.array([episode.success for episode in episodes]),
     })  # fmt: skip
-
-
-class _Recorder:
-    """Steps one environment and records what happens in it."""
-
-    def __init__(self, env: SwimEnv, seed: int) -> None:
-        self.env, self.seed, self.over = env, seed, False
-        self._rows: list[tuple[float, float, float]] = []
-        self._markers: list[Array] = []
-        self._info: dict[str, Any] = {}
-
-    def begin(self, options: dict[str, Any] | None) -> NDArray[np.float32]:
-        observation, self._info = self.env.reset(seed=self.seed, options=options)
-        self._heads = [np.array(self._info["position"])]
-        return observation
-
-    def step(self, action: Array) -> NDArray[np.float32]:
-        observation, reward, ended, cut, self._info = self.env.step(np.asarray(action))
-        self._rows.append((float(np.clip(action[0], -1, 1)), self._info["command"], float(reward)))
-        self._heads.append(np.array(self._info["position"]))
-        self._markers.append(self.env.swimmer.read(markers=True).markers.copy())
-        self.over = ended or cut
-        return observation
-
-    def episode(self) -> Episode:
-        rows, goal = np.array(self._rows), self._info.get("goal")
-        return Episode(
-            self.seed, 1 / CONTROL_INTERVAL, rows[:, 0], rows[:, 1], rows[:, 2], np.array(self._heads),
-            np.array(self._markers), None if goal is None else np.array(goal), float(self._info["distance"]),
-            bool(self._info["success"]), str(self._info.get("diverged", "")),
-        )  # fmt: skip

@@ -2,138 +2,150 @@
 
 from __future__ import annotations
 
-import math
-from collections import deque
-
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.rl.body import FISH_LAYOUT, Body, BodyState, wrap_angle
+from swim2real.errors import ArgumentError
+from swim2real.rl.body import ORIGIN, Bodies, Indices
 from swim2real.rl.conditions import CONTROL_INTERVAL, StateEstimate
+from swim2real.rl.state import State, unwrapped
+from swim2real.simulation.pose import SCALAR
 
 Array = NDArray[np.float64]
 
-_HEAD = list(FISH_LAYOUT.head_markers)
-_TAIL = FISH_LAYOUT.tail_markers
-_SPREAD = 0.1  # rad, standard deviation of a joint's angle before any marker is seen
-_LEAST_NOISE = 0.0002  # m: markers above the tail move that much when the robot rolls
+_SPREAD = 0.1  # rad or m, standard deviation of a joint's position before any marker is seen
+_LEAST_NOISE = 0.0002  # m: markers above the floating body move that much when it rolls
+_HELD = 1e-6  # rad or m: of what motors report, and of what a camera can't see
+_FREE = 1e3  # of the floating body in the plane
 _ITERATIONS = 2
 
 
 class StateEstimator:
-    """Estimates the state from tracked markers.
+    """Estimates the states of N robots from tracked markers.
 
-    The head's pose is the one that fits its five markers best, and the tail's angles are the most likely ones. Roll and
-    pitch aren't seen from above and count as 0. The motor reports its angle and speed, without noise or delay.
+    The pose is the most likely one: markers are as precise as the tracker's noise, the robot's joints are near their
+    places at rest, motors are where they report, and the floating body doesn't leave the plane. Markers alone determine
+    short joints badly: half a millimeter would make them zigzag.
     """
 
-    def __init__(self, estimate: StateEstimate) -> None:
-        """Takes the noise and the delay of the tracker."""
-        self._estimate = estimate
-        self._current, self._previous = BodyState(), BodyState()
-        self._frames: deque[Array] = deque(maxlen=estimate.delay + 1)
-
-    def begin(self, body: Body, state: BodyState, rng: np.random.Generator) -> None:
-        """Begins an episode: the robot has rested where it is for as long as the delay.
+    def __init__(self, bodies: Bodies, estimate: StateEstimate, count: int) -> None:
+        """Prepares the estimates.
 
         Args:
-            body: Body of the robot.
-            state: True state at the start.
-            rng: Generator of the markers' noise.
+            bodies: The robot.
+            estimate: Noise and delay of the tracker.
+            count: Number of robots.
+
+        Raises:
+            ArgumentError: The robot has a joint that doesn't slide or turn about one axis.
         """
-        self._rng = rng
-        self._head, self._hinge = body.rest_markers[_HEAD], float(body.rest_hinges[0])
-        self._tail = TailFit(body.rest_hinges, body.rest_markers[_TAIL, 0], self._estimate.noise)
-        self._frames.clear()
-        for _ in range(self._estimate.delay + 1):
-            self._frames.append(self._measure(state))
-        self._current.heading = 0.0
-        self._estimate_pose(self._current, self._frames[0], body.posture(state.motor_angle))
-        self._estimate_rates(self._current, self._current)
-        self._first = True
+        model = bodies.readers[0]
+        if not np.isin(model.jnt_type, SCALAR).all():
+            raise ArgumentError(
+                f"robot '{bodies.robot.name}' has free or ball joints; a tracked state is only known for robots whose "
+                f"joints slide or turn about one axis"
+            )
+        self._bodies, self._estimate, layout = bodies, estimate, bodies.layout
+        self.seen = State.zeros(bodies, count)
+        self._before = State.zeros(bodies, count)
+        self._looks = [_Look(reader, bodies) for reader in bodies.readers]
+        self.frames = np.zeros((estimate.delay + 1, count, layout.markers, 2))
+        self.qpos = np.zeros((count, model.nq))
+        self.members = np.zeros(count, int)
+        spreads = np.full(model.nv, _FREE)
+        spreads[layout.joints[1]] = _SPREAD
+        spreads[layout.motors[1]] = spreads[layout.held] = _HELD
+        self._certainty = 1 / spreads**2
+        self._noise = max(estimate.noise, _LEAST_NOISE)
 
-    def update(self, state: BodyState) -> BodyState:
-        """The estimate when the true state is this one. To be called once a control interval."""
-        if self._first:
-            self._first = False
-        else:
-            self._frames.append(self._measure(state))
-            self._current, self._previous = self._previous, self._current
-            self._current.heading = self._previous.heading
-            self._estimate_pose(self._current, self._frames[0], self._previous.tail_angles)
-            self._estimate_rates(self._current, self._previous)
-        self._current.motor_angle, self._current.motor_speed = state.motor_angle, state.motor_speed
-        return self._current
+    def begin(self, index: int, member: int, state: State, rng: np.random.Generator) -> None:
+        """Begins an episode of one robot, which has rested where it is for as long as the delay."""
+        self.members[index] = member
+        self.qpos[index] = self._bodies.starts[member]
+        self.qpos[index, self._bodies.layout.joints[0]] = state.joint_angles[index]
+        for frame in self.frames:
+            frame[index] = self._measured(state, index, rng)
+        which = np.array([index])
+        self.seen.heading[index] = 0.0
+        self._fit(which, state)
+        for name in ("marker_velocities", "velocity", "turning", "heading_rate", "joint_rates"):
+            getattr(self.seen, name)[index] = 0.0
 
-    def _measure(self, state: BodyState) -> Array:
-        return state.markers + self._estimate.noise * self._rng.standard_normal(state.markers.shape)
+    def update(self, state: State, which: Indices, rngs: list[np.random.Generator]) -> None:
+        """Estimates some robots' states after a control interval, whose true states these are, into `seen`."""
+        self.frames[:-1, which] = self.frames[1:, which]
+        for index in which:
+            self.frames[-1, index] = self._measured(state, index, rngs[index])
+        seen, before = self.seen, self._before
+        for name in ("markers", "position", "heading", "joint_angles"):
+            getattr(before, name)[:] = getattr(seen, name)
+        self._fit(which, state)
+        seen.marker_velocities[which] = (seen.markers - before.markers)[which] / CONTROL_INTERVAL
+        seen.velocity[which] = (seen.position - before.position)[which] / CONTROL_INTERVAL
+        seen.heading_rate[which] = (seen.heading - before.heading)[which] / CONTROL_INTERVAL
+        seen.turning[which] = seen.heading_rate[which, None] * self._bodies.layout.normal
+        seen.joint_rates[which] = (seen.joint_angles - before.joint_angles)[which] / CONTROL_INTERVAL
 
-    def _estimate_pose(self, state: BodyState, markers: Array, guess: Array) -> None:
-        """Sets positions and angles; the heading continues from the one there, the tail's angles begin at a guess."""
-        state.markers[:] = markers
-        rest, now = self._head - self._head.mean(axis=0), markers[_HEAD] - markers[_HEAD].mean(axis=0)
-        sine = float((rest[:, 0] * now[:, 1] - rest[:, 1] * now[:, 0]).sum())
-        state.heading += wrap_angle(math.atan2(sine, float((rest * now).sum())) - state.heading)
-        c, s = math.cos(state.heading), math.sin(state.heading)
-        x, y = self._head.mean(axis=0)
-        state.position[:] = markers[_HEAD].mean(axis=0) - (c * x - s * y, s * x + c * y)
-        hinge = state.position + self._hinge * np.array([c, s])
-        state.tail_angles[:] = self._tail.angles(markers[_TAIL], hinge, state.heading, guess)
+    def _measured(self, state: State, index: int, rng: np.random.Generator) -> Array:
+        noise = rng.standard_normal(state.markers.shape[1:])
+        return state.markers[index] + self._estimate.noise * noise
 
-    def _estimate_rates(self, state: BodyState, previous: BodyState) -> None:
-        """Sets velocities and rates, as differences to the frame before."""
-        state.marker_velocities[:] = (state.markers - previous.markers) / CONTROL_INTERVAL
-        state.velocity[:] = (state.position - previous.position) / CONTROL_INTERVAL
-        state.turning[2] = (state.heading - previous.heading) / CONTROL_INTERVAL
-        state.tail_rates[:] = (state.tail_angles - previous.tail_angles) / CONTROL_INTERVAL
-
-
-class TailFit:
-    """The most likely angles of the tail's hinges, from the markers behind them.
-
-    Markers alone determine the angles badly. Each stands so close behind its hinge, and hinges are so close to one
-    another, that half a millimeter makes the five angles zigzag by 0.1 rad. So small angles are taken to be more likely
-    from the start.
-    """
-
-    def __init__(self, hinges: Array, markers: Array, noise: float) -> None:
-        """Prepares the fit.
-
-        Args:
-            hinges: Hinges of the straight tail [m]. Shape (J,).
-            markers: Markers of the straight tail, one behind each hinge, and a last one behind the last [m]. Shape
-                (J + 1,).
-            noise: Standard deviation of a marker's position [m].
-        """
-        count, lengths = len(hinges), np.diff(hinges)
-        self._levers = np.zeros((count + 1, count))  # of each segment's direction in each marker's place
-        for i in range(count + 1):
-            segment = min(i, count - 1)
-            self._levers[i, :segment] = lengths[:segment]
-            self._levers[i, segment] = markers[i] - hinges[segment]
-        self._noise = max(noise, _LEAST_NOISE)
-        self._joints = np.eye(count) - np.eye(count, k=-1)  # from directions to angles
-        self._prior = self._joints.T @ self._joints / _SPREAD**2
-
-    def angles(self, markers: Array, hinge: Array, heading: float, guess: Array) -> Array:
-        """Fits the angles [rad].
-
-        Args:
-            markers: Markers of the tail [m]. Shape (J + 1, 2).
-            hinge: Position of the first hinge [m]. Shape (2,).
-            heading: Heading of the body in front of it [rad].
-            guess: Angles to begin at [rad]. Shape (J,).
-
-        Returns:
-            Shape (J,).
-        """
-        levers, ahead = self._levers, np.zeros(len(guess))
-        ahead[0] = heading
-        direction = heading + np.cumsum(guess)
+    def _fit(self, which: Indices, state: State) -> None:
+        """Fits poses to the oldest frame, and takes over what is reported without delay."""
+        seen, layout, certainty = self.seen, self._bodies.layout, self._certainty
+        wanted, starts = self.frames[0, which], self._bodies.starts[self.members[which]]
+        self.qpos[which[:, None], layout.motors[0]] = state.motor_angles[which]
+        expected = starts.copy()
+        expected[:, layout.motors[0]] = state.motor_angles[which]
         for _ in range(_ITERATIONS):
-            cosine, sine = np.cos(direction), np.sin(direction)
-            off = np.concatenate([markers[:, 0] - hinge[0] - levers @ cosine, markers[:, 1] - hinge[1] - levers @ sine])
-            slope = np.concatenate([-levers * sine, levers * cosine]) / self._noise
-            pull = self._joints.T @ (ahead - self._joints @ direction) / _SPREAD**2
-            direction = direction + np.linalg.solve(slope.T @ slope + self._prior, slope.T @ off / self._noise + pull)
-        return self._joints @ direction - ahead
+            views = [self._looks[self.members[i]].at(self.qpos[i]) for i in which]
+            places, slopes = np.array([view[0] for view in views]), np.array([view[1] for view in views])
+            count = layout.markers
+            missed = (wanted - places[:, :count]).reshape(len(which), -1)
+            slope = slopes[:, :count].reshape(len(which), 2 * count, -1)
+            matrix = slope.transpose(0, 2, 1) @ slope / self._noise**2 + np.diag(certainty)
+            pull = (slope.transpose(0, 2, 1) @ missed[..., None])[..., 0] / self._noise**2
+            pull += certainty * (expected - self.qpos[which])
+            self.qpos[which] += np.linalg.solve(matrix, pull[..., None])[..., 0]
+        seen.markers[which] = wanted
+        if layout.frame is not None:
+            places = np.array([self._looks[self.members[i]].places(self.qpos[i]) for i in which])
+            across = places[:, layout.frame[1]] - places[:, layout.frame[0]]
+            seen.position[which] = places[:, -1]
+            seen.heading[which] = unwrapped(np.arctan2(across[:, 1], across[:, 0]), seen.heading[which])
+        seen.joint_angles[which] = self.qpos[which[:, None], layout.joints[0]]
+        for name in ("motor_angles", "motor_speeds", "sensors", "commands", "previous_actions"):
+            getattr(seen, name)[which] = getattr(state, name)[which]
+
+
+class _Look:
+    """Where a camera sees the markers and the floating body of one parameter set in a pose, in the frame at the start.
+    """
+
+    def __init__(self, model: mujoco.MjModel, bodies: Bodies) -> None:
+        self._model, self._data, self._bodies = model, mujoco.MjData(model), bodies
+        objects = list(bodies.layout.seen)
+        if bodies.layout.frame is not None:
+            objects.append((mujoco.mjtObj.mjOBJ_SITE, ORIGIN))
+        self._sites = [int(model.site(name).id) for kind, name in objects]
+        c, s = np.cos(bodies.turned), np.sin(bodies.turned)
+        self._to_start = np.array([[c, -s], [s, c]])
+
+    def places(self, qpos: Array) -> Array:
+        """Places. Shape (K + 1, 2)."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        return self._in_plane(self._data.site_xpos[self._sites])
+
+    def at(self, qpos: Array) -> tuple[Array, Array]:
+        """Places and their derivatives by the joints' positions. Shapes (K + 1, 2) and (K + 1, 2, nv)."""
+        places = self.places(qpos)
+        mujoco.mj_comPos(self._model, self._data)
+        slopes, plane = np.zeros((len(self._sites), 3, self._model.nv)), list(self._bodies.layout.plane)
+        for slope, site in zip(slopes, self._sites, strict=True):
+            mujoco.mj_jacSite(self._model, self._data, slope, None, site)
+        return places, np.einsum("kav,ab->kbv", slopes[:, plane], self._to_start)
+
+    def _in_plane(self, points: Array) -> Array:
+        return (points[:, list(self._bodies.layout.plane)] - self._bodies.origin) @ self._to_start

@@ -1,22 +1,29 @@
-"""What a policy is to do: swim forward, or to a goal, with a curriculum of goals that get harder to reach."""
+"""What a policy is to do: go forward, go to a goal with a curriculum of farther goals, or a task of one's own."""
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
-from swim2real.rl.body import FISH_LAYOUT, BodyState, wrap_angle
+from swim2real.rl.observation import MOST_PLACE, MOST_RATE
+from swim2real.rl.state import State
+from swim2real.robots.file import load_module
+from swim2real.robots.robot import Robot
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
-MOST_PLACE, MOST_RATE = 100.0, 1000.0  # greatest distances [m] and speeds [m/s or rad/s] that can be believed
+ENTRY_POINTS = "swim2real.tasks"  # group of those by which a package offers tasks
 SUCCESS_BONUS = 300.0
 ACTION_COST = 0.5
 SUCCESS_SHARE = 0.7  # of the last episodes, that ends a stage of the curriculum
@@ -24,97 +31,73 @@ SUCCESS_WINDOW = 50  # episodes
 
 
 class Task(Protocol):
-    """Observations, rewards, starts and ends. Each environment has a task of its own, which keeps an episode's goal.
+    """Observations, rewards, starts and ends of N robots.
+
+    A class `MyTask(robot, count)` is a task. What an episode is about is kept in attributes that are NumPy arrays with a
+    row a robot: those are saved and restored with a training.
 
     Attributes:
-        OBSERVATION_NAMES: Where in an observation each part of it is.
-        bounds: Greatest magnitude of each number that can be believed; beyond it the simulation has diverged.
-        needs_markers: Whether the observation has markers in it.
+        observes: Parts of the robot that a policy sees by default, as `observation.PARTS` names them.
+        adds: Length and greatest magnitude of each part that the task adds to the observation.
+        needs_frame: Whether it is about where the robot is and points.
+        stages: Stages of the curriculum, in order; empty without one.
     """
 
-    OBSERVATION_NAMES: ClassVar[Mapping[str, slice]]
-    bounds: ClassVar[Array]
-    needs_markers: ClassVar[bool]
+    observes: ClassVar[tuple[str, ...]]
+    adds: ClassVar[Mapping[str, tuple[int, float]]]
+    needs_frame: ClassVar[bool]
+    stages: ClassVar[tuple[int, ...]]
 
-    @property
-    def seconds(self) -> float:
-        """Length of an episode [s]."""
+    def begin(self, index: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
+        """Begins an episode of one robot, draws what is random in it, and returns its length [s]."""
         ...
 
-    def begin(self, rng: np.random.Generator, options: Mapping[str, Any]) -> None:
-        """Begins an episode and draws what is random in it."""
+    def observe(self, state: State) -> Array:
+        """What the task adds to the observation of a state, which may be an estimate. Shape (N, sum of lengths)."""
         ...
 
-    def observe(self, state: BodyState, action: float, out: Array) -> None:
-        """Writes the observation of a state after an action."""
+    def score(self, state: State, actions: Array) -> tuple[Array, Flags]:
+        """Rewards of a step and whether the task is done, from true states after it and actions (N, A). Shapes (N,)."""
         ...
 
-    def score(self, state: BodyState, action: float) -> tuple[float, bool]:
-        """Reward of a step, and whether the task is done, from the true state after it."""
+    def info(self, state: State, index: int) -> dict[str, Any]:
+        """Entries of one robot's info that only this task has."""
         ...
-
-    def info(self, state: BodyState) -> dict[str, Any]:
-        """Entries of a step's info that only this task has."""
-        ...
-
-
-def observation_layout(parts: Mapping[str, tuple[int, float]]) -> tuple[dict[str, slice], Array]:
-    """Slices and bounds of an observation, from the length and the bound of each part of it."""
-    names: dict[str, slice] = {}
-    bounds: list[float] = []
-    for name, (length, bound) in parts.items():
-        names[name] = slice(len(bounds), len(bounds) + length)
-        bounds += [bound] * length
-    return names, np.array(bounds)
-
-
-_FORWARD_NAMES, _FORWARD_BOUNDS = observation_layout(
-    {
-        "marker_positions": (2 * FISH_LAYOUT.markers, MOST_PLACE),
-        "marker_velocities": (2 * FISH_LAYOUT.markers, MOST_RATE),
-        "head_position": (2, MOST_PLACE),
-        "heading": (1, MOST_PLACE),
-        "head_velocity": (2, MOST_RATE),
-        "heading_rate": (1, MOST_RATE),
-        "motor_angle": (1, math.pi),
-        "motor_speed": (1, MOST_RATE),
-    }
-)
 
 
 class Forward:
-    """Swimming forward, as far as possible in two seconds, from rest.
+    """Swimming or walking forward, as far as possible in two seconds, from rest.
 
-    52 observations; the reward of a step is how far forward the head is, -x [m], after it (the paper, Sec. IV). So an
-    episode's return is a sum of distances over 100 steps: it isn't the distance at the end. The markers are the nine
-    that are tracked, x and y of each in turn, then the left and the right fin tip. The motor's angle is between -π and
-    π; all other observations are in SI units.
+    The reward of a step is how far forward the robot is, -x [m], after it (the paper, Sec. IV). So an episode's return
+    is a sum of distances over 100 steps: it isn't the distance at the end.
     """
 
-    OBSERVATION_NAMES: ClassVar[Mapping[str, slice]] = _FORWARD_NAMES
-    bounds: ClassVar[Array] = _FORWARD_BOUNDS
-    needs_markers: ClassVar[bool] = True
+    observes: ClassVar[tuple[str, ...]] = (
+        "position", "heading", "velocity", "heading_rate", "motor_directions", "motor_speeds", "joint_angles",
+        "joint_rates", "sensors", "commands",
+    )  # fmt: skip
+    adds: ClassVar[Mapping[str, tuple[int, float]]] = {}
+    needs_frame: ClassVar[bool] = True
+    stages: ClassVar[tuple[int, ...]] = ()
 
-    def __init__(self, seconds: float = 2.0) -> None:
-        self.seconds = seconds
+    def __init__(self, robot: Robot, count: int, seconds: float = 2.0) -> None:
+        del robot
+        self._seconds, self._nothing = seconds, np.zeros((count, 0))
 
-    def begin(self, rng: np.random.Generator, options: Mapping[str, Any]) -> None:
-        pass
+    def begin(self, index: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
+        del index, rng, options
+        return self._seconds
 
-    def observe(self, state: BodyState, action: float, out: Array) -> None:
-        out[0:22] = state.markers.ravel()
-        out[22:44] = state.marker_velocities.ravel()
-        out[44:46] = state.position
-        out[46] = state.heading
-        out[47:49] = state.velocity
-        out[49] = state.turning[2]
-        out[50] = wrap_angle(state.motor_angle)
-        out[51] = state.motor_speed
+    def observe(self, state: State) -> Array:
+        del state
+        return self._nothing
 
-    def score(self, state: BodyState, action: float) -> tuple[float, bool]:
-        return -float(state.position[0]), False
+    def score(self, state: State, actions: Array) -> tuple[Array, Flags]:
+        del actions
+        return -state.position[:, 0], np.zeros(len(state.position), np.bool_)
 
-    def info(self, state: BodyState) -> dict[str, Any]:
+    def info(self, state: State, index: int) -> dict[str, Any]:
+        del state, index
         return {}
 
 
@@ -142,100 +125,106 @@ STAGES = {
 }
 """The paper's curriculum, 1x1 m to 3x4 m and 10 to 5 cm. The stage between and the lengths of episodes are ours."""
 
-_TARGET_NAMES, _TARGET_BOUNDS = observation_layout(
-    {
-        "motor_cosine": (1, 1.0),
-        "motor_sine": (1, 1.0),
-        "motor_speed": (1, MOST_RATE),
-        "head_turning": (3, MOST_RATE),
-        "tail_angles": (FISH_LAYOUT.tail_count, MOST_PLACE),
-        "tail_rates": (FISH_LAYOUT.tail_count, MOST_RATE),
-        "goal_distance": (1, MOST_PLACE),
-        "goal": (2, MOST_PLACE),
-        "goal_rate": (2, MOST_RATE),
-        "previous_action": (1, 1.0),
-    }
-)
-
 
 class Target:
-    """Swimming to a goal on the water.
+    """Going to a goal in the plane.
 
-    22 observations; the reward of a step is -d - 0.5 |a|, and 300 more when the goal is reached, which ends the
-    episode. d [m] is the distance of the head from the goal. The goal's direction is seen from the robot, x backward
-    and y to its side. So is the rate at which it changes: the robot's velocity in the world, reversed.
+    The reward of a step is -d - 0.5 |a|, and 300 more when the goal is reached, which ends the episode (the paper, Sec.
+    IV). d [m] is the distance of the robot from the goal, |a| the mean magnitude of the actions. The goal's direction is
+    seen from the robot, x backward and y to its side. So is the rate at which it changes: the robot's velocity,
+    reversed.
 
     Attributes:
-        goal: Goal of the episode [m]. Shape (2,).
+        goals: Goals of the episodes [m]. Shape (N, 2).
         stage: Stage of the curriculum. A new one counts from the next episode on.
     """
 
-    OBSERVATION_NAMES: ClassVar[Mapping[str, slice]] = _TARGET_NAMES
-    bounds: ClassVar[Array] = _TARGET_BOUNDS
-    needs_markers: ClassVar[bool] = False
+    observes: ClassVar[tuple[str, ...]] = (
+        "motor_directions", "motor_speeds", "turning", "joint_angles", "joint_rates", "sensors", "commands",
+        "previous_actions",
+    )  # fmt: skip
+    adds: ClassVar[Mapping[str, tuple[int, float]]] = {
+        "goal_distance": (1, MOST_PLACE), "goal": (2, MOST_PLACE), "goal_rate": (2, MOST_RATE),
+    }  # fmt: skip
+    needs_frame: ClassVar[bool] = True
+    stages: ClassVar[tuple[int, ...]] = tuple(STAGES)
 
-    def __init__(self, stage: int = 3, seconds: float | None = None) -> None:
-        """Begins with a stage of the curriculum; without `seconds` episodes are as long as it says."""
-        self._seconds = seconds
-        self.stage = stage
-        self._episode_stage, self._region = stage, STAGES[stage]
-        self.goal = np.array([-self._region.ahead, 0.0])
+    def __init__(self, robot: Robot, count: int, seconds: float | None = None, stage: int = 3) -> None:
+        """Begins with a stage of the curriculum; without `seconds` episodes are as long as it says.
 
-    @property
-    def stage(self) -> int:
-        return self._stage
+        Raises:
+            ArgumentError: There is no such stage.
+        """
+        del robot
+        if stage not in STAGES:
+            raise ArgumentError(f"the curriculum has no stage {stage}; there are {', '.join(map(str, STAGES))}")
+        self._seconds, self.stage = seconds, stage
+        self.goals, self.thresholds = np.zeros((count, 2)), np.zeros(count)
+        self.episode_stages = np.zeros(count, int)
 
-    @stage.setter
-    def stage(self, number: int) -> None:
-        if number not in STAGES:
-            raise ArgumentError(f"the curriculum has no stage {number}; there are {', '.join(map(str, STAGES))}")
-        self._stage = number
-
-    @property
-    def seconds(self) -> float:
-        return self._region.seconds if self._seconds is None else self._seconds
-
-    @property
-    def threshold(self) -> float:
-        """Distance below which the goal is reached [m]."""
-        return self._region.threshold
-
-    def begin(self, rng: np.random.Generator, options: Mapping[str, Any]) -> None:
-        self._episode_stage, self._region = self._stage, STAGES[self._stage]
-        region = self._region
+    def begin(self, index: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
+        region = STAGES[self.stage]
+        self.episode_stages[index], self.thresholds[index] = self.stage, region.threshold
         if "goal" in options:
-            self.goal[:] = options["goal"]
-            return
-        while True:
-            self.goal[:] = rng.uniform((-region.ahead, -region.across / 2), (0.0, region.across / 2))
-            if math.hypot(*self.goal) > 2 * region.threshold:  # not where the robot is already
-                return
+            self.goals[index] = options["goal"]
+        else:
+            goal = np.zeros(2)
+            while math.hypot(*goal) <= 2 * region.threshold:  # not where the robot is already
+                goal = rng.uniform((-region.ahead, -region.across / 2), (0.0, region.across / 2))
+            self.goals[index] = goal
+        return region.seconds if self._seconds is None else self._seconds
 
-    def observe(self, state: BodyState, action: float, out: Array) -> None:
-        c, s = math.cos(state.heading), math.sin(state.heading)
-        x, y = self.goal[0] - state.position[0], self.goal[1] - state.position[1]
-        vx, vy = -state.velocity[0], -state.velocity[1]
-        out[0], out[1] = math.cos(state.motor_angle), math.sin(state.motor_angle)
-        out[2] = state.motor_speed
-        out[3:6] = state.turning
-        out[6:11] = state.tail_angles
-        out[11:16] = state.tail_rates
-        out[16] = math.hypot(x, y)
-        out[17], out[18] = c * x + s * y, c * y - s * x
-        out[19], out[20] = c * vx + s * vy, c * vy - s * vx
-        out[21] = action
+    def observe(self, state: State) -> Array:
+        cosine, sine = np.cos(state.heading), np.sin(state.heading)
+        x, y = (self.goals - state.position).T
+        u, v = -state.velocity.T
+        return np.column_stack([
+            np.hypot(x, y), cosine * x + sine * y, cosine * y - sine * x, cosine * u + sine * v, cosine * v - sine * u,
+        ])  # fmt: skip
 
-    def score(self, state: BodyState, action: float) -> tuple[float, bool]:
-        distance = self._distance(state)
-        reached = distance < self._region.threshold
-        return -distance - ACTION_COST * abs(action) + SUCCESS_BONUS * reached, reached
+    def score(self, state: State, actions: Array) -> tuple[Array, Flags]:
+        distances = self._distances(state)
+        reached = distances < self.thresholds
+        return -distances - ACTION_COST * np.abs(actions).mean(axis=1) + SUCCESS_BONUS * reached, reached
 
-    def info(self, state: BodyState) -> dict[str, Any]:
-        goal = (float(self.goal[0]), float(self.goal[1]))
-        return {"goal": goal, "goal_distance": self._distance(state), "stage": self._episode_stage}
+    def info(self, state: State, index: int) -> dict[str, Any]:
+        goal = (float(self.goals[index, 0]), float(self.goals[index, 1]))
+        distance, stage = float(self._distances(state)[index]), int(self.episode_stages[index])
+        return {"goal": goal, "goal_distance": distance, "stage": stage}
 
-    def _distance(self, state: BodyState) -> float:
-        return math.hypot(self.goal[0] - state.position[0], self.goal[1] - state.position[1])
+    def _distances(self, state: State) -> Array:
+        return np.hypot(*(self.goals - state.position).T)
+
+
+TASKS: Mapping[str, Callable[..., Task]] = {"forward": Forward, "target": Target}
+
+
+def find_task(name: str) -> Callable[..., Task]:
+    """The class of a task: a built-in one, one of an installed package, or one of a Python file.
+
+    Args:
+        name: `forward`, `target`, the name of an entry point in the group `swim2real.tasks`, or
+            `python:FILE.py:CLASS` or `python:MODULE:CLASS`.
+
+    Raises:
+        ArgumentError: There is no such task, or it can't be imported.
+    """
+    if name in TASKS:
+        return TASKS[name]
+    offered = metadata.entry_points(group=ENTRY_POINTS)
+    parts = name.split(":")
+    try:
+        if name in offered.names:
+            return offered[name].load()
+        if len(parts) == 3 and parts[0] == "python":
+            module = load_module(Path(parts[1])) if parts[1].endswith(".py") else importlib.import_module(parts[1])
+            return getattr(module, parts[2])
+    except Exception as error:  # whatever the user's code does
+        raise ArgumentError(f"task '{name}' can't be imported: {type(error).__name__}: {error}") from error
+    raise ArgumentError(
+        f"there is no task '{name}'; there are {', '.join([*TASKS, *sorted(offered.names)])}, or give a class of your "
+        f"own as python:FILE.py:CLASS"
+    )
 
 
 class Curriculum:

@@ -1,10 +1,13 @@
-"""Trains a policy: environment steps, learning, evaluations, checkpoints, and going on after an interruption."""
+"""Trains a policy: environment steps, learning beside them, evaluations, checkpoints, and going on after an interruption.
+
+A round is 200 transitions, made with the policy of the round before: meanwhile the learner learns from what was there
+before the round. So learning and simulating use different cores, and the results depend on neither's speed.
+"""
 
 from __future__ import annotations
 
 import json
 import logging
-import shutil
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -18,28 +21,22 @@ import torch
 from swim2real.errors import RunError
 from swim2real.parameters import Values
 from swim2real.rl import training_run as files
-from swim2real.rl.conditions import UNDISTURBED, Disturbances
+from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
 from swim2real.rl.environment import make_environments
-from swim2real.rl.learner import (
-    EpisodeMonitor,
-    list_checkpoints,
-    load_checkpoint,
-    log_to,
-    make_learner,
-    write_checkpoint,
-)
+from swim2real.rl.learner import Learner, Transitions, list_checkpoints, load_checkpoint, make_log, write_checkpoint
 from swim2real.rl.policies import LearnedPolicy
 from swim2real.rl.rollout import EpisodeStatistics, run_episodes
-from swim2real.rl.tasks import STAGES, Curriculum
+from swim2real.rl.tasks import Curriculum
 from swim2real.rl.training_run import TrainingOutcome, TrainingSeconds
-from swim2real.rl.vector import make_vector_env
+from swim2real.rl.vector import RobotVecEnv
 from swim2real.robots.robot import Robot
 from swim2real.settings import BLOCK, TrainingSettings
-from swim2real.store import whole_file, write_json
+from swim2real.store import path_from, write_json
 
 REPORT_EVERY = 2.0  # s, between two reports of progress
 EVALUATION_SEED = 1_000_000  # of the episodes that choose the best policy; an assessment's begin elsewhere
 EVALUATION_EPISODES = 8
+_EXPLORATION, _RETURNS = 1, "returns"  # number of a random stream; name of an array of a checkpoint
 RECENT_EPISODES = 50  # of which progress reports the means
 _RECORDS = (files.EPISODES, files.EVALUATIONS, files.PROGRESS)
 _log = logging.getLogger(__name__)
@@ -55,7 +52,7 @@ class Progress:
         rate: Environment steps a second of late.
         episodes: Episodes that ended so far.
         episode_return: Mean return of the last 50 episodes; None before the first has ended.
-        distance: Mean distance forward of these [m].
+        distance: Mean distance forward of these [m]; 0 for a robot without a frame.
         success: Share of successes of these.
         stage: Stage of the curriculum; None without one.
         learner_share: Share of the time that learning took so far.
@@ -91,7 +88,7 @@ def train(
         out: Folder to write.
         about: Further entries of settings.json, such as versions.
         disturbances: Disturbances of the simulator while it learns.
-        threads: Threads of the environments; torch takes one. Results don't depend on it.
+        threads: Threads of the environments, beside the learner's. Results don't depend on it.
         resume: Whether to go on with the run that is in the folder.
         on_progress: Called every two seconds, and after every evaluation.
         stop: Called after every 200 transitions; when it returns true, a checkpoint is written and the run ends.
@@ -120,77 +117,88 @@ class _Trainer:
         torch.set_num_threads(1)  # the networks are small, and more threads gain little
         self.settings, self.parameters, self.robot, self.out = settings, parameters, robot, out
         self.disturbances = disturbances
-        self.curriculum = Curriculum(tuple(STAGES)) if settings.task == "target" else None
-        self.environments = make_vector_env(
+        self.environments = make_environments(
             settings.task, parameters, settings.environments, robot=robot, threads=threads, seed=settings.seed,
-            disturbances=disturbances, stage=self.curriculum.stage if self.curriculum else 3,
+            disturbances=disturbances,
         )  # fmt: skip
-        self.monitor = EpisodeMonitor(settings.environments, self._note_episode)
+        stages = self.environments.task.stages
+        self.curriculum = Curriculum(stages) if stages else None
+        if self.curriculum:
+            self.environments.set_stage(self.curriculum.stage)
+        self.learner = Learner(settings, RobotVecEnv(self.environments), self.environments.robots.pool)
+        self.actor = self.learner.actor
+        self.exploration = np.random.default_rng(np.random.SeedSequence([settings.seed, _EXPLORATION]))
+        self.returns = np.zeros(settings.environments)
         self.ended: list[dict[str, Any]] = []
         self.recent: deque[dict[str, Any]] = deque(maxlen=RECENT_EPISODES)
-        self.episodes = 0
+        self.step = self.episodes = 0
         self.seconds = {"total": 0.0, "learner": 0.0, "simulator": 0.0, "evaluation": 0.0}
-        self.best: tuple[float, ...] | None = None
+        self.best: list[float] | None = None
         self._counted = time.perf_counter()
 
     def begin(self, about: dict[str, Any], resume: bool) -> None:
         """Makes the folder and the learner, or reads them."""
+        source = {} if self.robot.source is None else {"robot_file": path_from(self.out, self.robot.source)}
         content = {
-            "kind": "training", "robot": self.robot.name, **asdict(self.settings),
-            "exploration": self.settings.exploration_steps, "updates": self.settings.updates_a_block,
-            "checkpoint_every": self.settings.checkpoint_steps, "disturbances": asdict(self.disturbances),
-            "parameters": [dict(values) for values in self.parameters],
+            "kind": "training", "robot": self.robot.name, **source, **asdict(self.settings),
+            "task": files.task_from(self.settings.task, self.out), "exploration": self.settings.exploration_steps,
+            "updates": self.settings.updates_a_block, "checkpoint_every": self.settings.checkpoint_steps,
+            "disturbances": asdict(self.disturbances), "parameters": [dict(values) for values in self.parameters],
         }  # fmt: skip
         content = json.loads(json.dumps(content))  # tuples as lists, as in the file
+        self.environments.begin(np.arange(self.environments.count))
         if resume:
             files.check_same_settings(self.out, content)
-            if whole := [checkpoint for checkpoint in list_checkpoints(self.out) if checkpoint.resumable]:
-                self.learner, state = load_checkpoint(whole[-1], self.environments)
-                self._restore(state)
-                for name in _RECORDS:
-                    files.cut_record(self.out / name, whole[-1].step)
-                log_to(self.learner, self.out / "tensorboard")
-                return
-            _log.info("'%s' has no checkpoint yet; it is begun anew", self.out)
+            whole = [checkpoint for checkpoint in list_checkpoints(self.out) if checkpoint.resumable]
+            if whole:
+                self._restore(*load_checkpoint(whole[-1], self.learner))
+            else:
+                _log.info("'%s' has no checkpoint yet; it is begun anew", self.out)
             for name in _RECORDS:
-                (self.out / name).unlink(missing_ok=True)
+                files.cut_record(self.out / name, self.step)
         elif (self.out / files.SETTINGS).exists():
             raise RunError(f"'{self.out}' already holds a run; go on with --resume, or choose another folder")
         else:
             files.write_settings(self.out, {**content, **about})
-        self.learner = make_learner(self.settings, self.environments)
-        log_to(self.learner, self.out / "tensorboard")
+        self.log = make_log(self.out / "tensorboard")
 
     def run(self, on_progress: Callable[[Progress], None], stop: Callable[[], bool]) -> TrainingOutcome:
         """Steps and learns to the end, or until `stop` returns true."""
-        settings, learner = self.settings, self.learner
+        settings = self.settings
         self._counted = time.perf_counter()
-        last_report, mark = 0.0, (self._counted, learner.num_timesteps)
+        last_report, mark = 0.0, (self._counted, self.step)
         stopped = False
-        while learner.num_timesteps < settings.total_steps and not stopped:
+        while self.step < settings.total_steps and not stopped:
             evaluation = None
-            self._learn_block()
-            step = learner.num_timesteps
-            files.append_record(self.out / files.EPISODES, [{"step": step, **line} for line in self.ended])
+            self._round()
+            files.append_record(self.out / files.EPISODES, [{"step": self.step, **line} for line in self.ended])
             self.ended.clear()
             if self.curriculum and self.curriculum.advance():
-                self.environments.env_method("set_stage", self.curriculum.stage)
+                self.environments.set_stage(self.curriculum.stage)
+            over = self.step >= settings.total_steps
+            if over and self._learns:  # from the last transitions, which no round follows
+                self.learner.start()
+                self._wait()
             stopped = stop()
-            if step % settings.checkpoint_steps == 0 or stopped or step >= settings.total_steps:
-                if step > settings.exploration_steps and not stopped:
-                    evaluation = self._evaluate(step)
+            if self.step % settings.checkpoint_steps == 0 or stopped or over:
+                if self._learns and not stopped:
+                    evaluation = self._evaluate()
                 self._save()
             now = self._count_time()
-            if evaluation or now - last_report > REPORT_EVERY or step >= settings.total_steps:
-                progress = self._progress((step - mark[1]) / max(now - mark[0], 1e-9), evaluation)
-                last_report, mark = now, (now, step)
+            if evaluation or now - last_report > REPORT_EVERY or over:
+                progress = self._progress((self.step - mark[1]) / max(now - mark[0], 1e-9), evaluation)
+                last_report, mark = now, (now, self.step)
                 self._log_progress(progress)
                 on_progress(progress)
-        return self._finish(complete=not stopped or learner.num_timesteps >= settings.total_steps)
+        return self._finish(complete=self.step >= settings.total_steps)
 
     def close(self) -> None:
-        """Ends the threads of the environments."""
+        """Ends the threads."""
         self.environments.close()
+
+    @property
+    def _learns(self) -> bool:
+        return self.step > self.settings.exploration_steps
 
     def _count_time(self) -> float:
         """Adds the time since the last call to the total, and returns the time now [s of time.perf_counter]."""
@@ -199,113 +207,154 @@ class _Trainer:
         self._counted = now
         return now
 
-    def _learn_block(self) -> None:
-        """Makes 200 transitions and the gradient steps after them."""
-        simulated = self.environments.step_seconds
-        first = self.learner.num_timesteps == 0
-        self.learner.learn(
-            BLOCK,
-            self.monitor,
-            log_interval=None,  # pyright: ignore[reportArgumentType] - None is what switches its own log off
-            reset_num_timesteps=first,
-        )
-        self.seconds["learner"] += time.perf_counter() - self.monitor.rollout_end
-        self.seconds["simulator"] += self.environments.step_seconds - simulated
+    def _round(self) -> None:
+        """Makes 200 transitions, while the learner learns from those before them."""
+        if self._learns:
+            self.learner.start()
+        begun = time.perf_counter()
+        made = [self._step() for _ in range(BLOCK // self.environments.count)]
+        self.seconds["simulator"] += time.perf_counter() - begun
+        self._wait()
+        for transitions in made:
+            self.learner.add(transitions)
 
-    def _note_episode(self, info: dict[str, Any]) -> None:
+    def _wait(self) -> None:
+        """Waits for the learner, and takes its policy over."""
+        self.learner.wait()
+        self.seconds["learner"], self.learner.seconds = self.seconds["learner"] + self.learner.seconds, 0.0
+        self.actor = self.learner.actor
+
+    def _step(self) -> Transitions:
+        """One step of all environments."""
+        environments = self.environments
+        before = environments.observations.copy()
+        if self.step < self.settings.exploration_steps:
+            actions = self.exploration.uniform(-1.0, 1.0, (environments.count, len(environments.bodies.actuators)))
+        else:
+            actions = self.actor.sample(before, self.exploration)
+        stepped = environments.step(actions)
+        after = environments.observations.copy()
+        self.returns += stepped.rewards
+        ended = np.flatnonzero(stepped.ended)
+        for i in ended:
+            self._note_episode(i, bool(stepped.terminated[i]))
+        if len(ended):
+            environments.begin(ended)
+        self.step += environments.count
+        return Transitions(before, actions, stepped.rewards, after, stepped.ended, stepped.truncated)
+
+    def _note_episode(self, index: int, terminated: bool) -> None:
+        info = self.environments.info(index)
         line: dict[str, Any] = {
-            "episode_return": info["episode_return"], "length": info["length"], "distance": float(info["distance"]),
-            "success": bool(info["success"]), "ended": info.get("diverged") or "",
+            "episode_return": float(self.returns[index]), "length": round(info["time"] / CONTROL_INTERVAL),
+            "distance": float(info["distance"]), "success": terminated and "diverged" not in info,
+            "ended": info.get("diverged", ""),
         }  # fmt: skip
         if self.curriculum:
             line["stage"] = int(info.get("stage", self.curriculum.stage))
             self.curriculum.note(line["success"], line["stage"])
+        self.returns[index] = 0.0
         self.ended.append(line)
         self.recent.append(line)
         self.episodes += 1
 
-    def _evaluate(self, step: int) -> dict[str, Any]:
-        """Swims without exploration, on starts of its own, and keeps the policy if it is the best so far."""
+    def _evaluate(self) -> dict[str, Any]:
+        """Runs without exploration, from starts of its own, and keeps the policy if it is the best so far."""
         begun = time.perf_counter()
-        stage = self.curriculum.stage if self.curriculum else 3
+        stage = {"stage": self.curriculum.stage} if self.curriculum else {}
         environments = make_environments(
             self.settings.task, self.parameters, EVALUATION_EPISODES, robot=self.robot,
-            disturbances=self.disturbances, stage=stage,
+            disturbances=self.disturbances, **stage,
         )  # fmt: skip
         seeds = range(EVALUATION_SEED, EVALUATION_SEED + EVALUATION_EPISODES)
-        statistics = EpisodeStatistics.of(run_episodes(environments, LearnedPolicy(self.learner), seeds))
-        line = {"step": step, **({"stage": stage} if self.curriculum else {}), **statistics.as_dict()}
+        statistics = EpisodeStatistics.of(run_episodes(environments, LearnedPolicy(self.actor), seeds))
+        environments.close()
+        line = {"step": self.step, **stage, **statistics.as_dict()}
         files.append_record(self.out / files.EVALUATIONS, [line])
-        rank = (float(stage), statistics.success, statistics.episode_return)
+        rank = [float(stage.get("stage", 0)), statistics.success, statistics.episode_return]
         if self.best is None or rank > self.best:
             self.best = rank
-            with whole_file(self.out / files.BEST) as part:
-                self.learner.save(part)
+            self._write_policy(files.BEST)
         self.seconds["evaluation"] += time.perf_counter() - begun
         return line
+
+    def _write_policy(self, name: str) -> None:
+        about = {
+            "robot": self.robot.name, "task": self.settings.task, "step": self.step,
+            "observation": {part: [where.start, where.stop] for part, where in self.environments.names.items()},
+            "actions": list(self.environments.bodies.actuators.names),
+        }  # fmt: skip
+        try:
+            self.actor.save(self.out / name, about)
+        except OSError as error:
+            raise files.not_written(self.out / name, error) from error
 
     def _progress(self, rate: float, evaluation: Mapping[str, Any] | None) -> Progress:
         def mean(key: str) -> float | None:
             return float(np.mean([line[key] for line in self.recent])) if self.recent else None
 
-        step, total = self.learner.num_timesteps, self.settings.total_steps
+        total = self.settings.total_steps
         seconds = max(self.seconds["total"], 1e-9)
         return Progress(
-            step, total, rate, self.episodes, mean("episode_return"), mean("distance"), mean("success"),
+            self.step, total, rate, self.episodes, mean("episode_return"), mean("distance"), mean("success"),
             self.curriculum.stage if self.curriculum else None, self.seconds["learner"] / seconds,
-            (total - step) * seconds / step, evaluation,
+            (total - self.step) * seconds / self.step, evaluation,
         )  # fmt: skip
 
     def _log_progress(self, progress: Progress) -> None:
-        logger = self.learner.logger
         for key, value in (
             ("episodes/return", progress.episode_return), ("episodes/distance", progress.distance),
             ("episodes/success", progress.success), ("time/steps_per_second", progress.rate),
             ("time/learner_share", progress.learner_share),
         ):  # fmt: skip
             if value is not None:
-                logger.record(key, value)
+                self.log.record(key, value)
         for key in ("episode_return", "distance", "success"):
             if progress.evaluation:
-                logger.record(f"evaluation/{key}", progress.evaluation[key])
-        logger.dump(progress.step)
+                self.log.record(f"evaluation/{key}", progress.evaluation[key])
+        self.log.dump(progress.step)
         line = {"step": progress.step, "rate": progress.rate, **self.seconds}
         files.append_record(self.out / files.PROGRESS, [line])
 
     def _save(self) -> None:
         self._count_time()
+        arrays, rest = self.environments.save()
         state = {
-            "seconds": dict(self.seconds), "episodes": self.episodes, "recent": list(self.recent), "best": self.best,
-            "curriculum": self.curriculum.state() if self.curriculum else None,
-            "returns": self.monitor.returns.copy(), "lengths": self.monitor.lengths.copy(),
-            "environments": [env.save_state() for env in self.environments.envs],
+            "step": self.step, "seconds": self.seconds, "episodes": self.episodes, "recent": list(self.recent),
+            "best": self.best, "curriculum": self.curriculum.state() if self.curriculum else None,
+            "exploration": self.exploration.bit_generator.state, "environments": rest,
         }  # fmt: skip
-        checkpoint = write_checkpoint(self.out, self.learner, state)
-        with whole_file(self.out / files.LAST) as part:
-            shutil.copyfile(checkpoint.model, part)
+        try:
+            write_checkpoint(self.out, self.step, self.learner, {**arrays, _RETURNS: self.returns}, state)
+        except OSError as error:
+            raise files.not_written(self.out / "checkpoints", error) from error
+        self._write_policy(files.LAST)
 
-    def _restore(self, state: dict[str, Any]) -> None:
-        self.seconds, self.episodes, self.best = state["seconds"], state["episodes"], state["best"]
+    def _restore(self, arrays: dict[str, Any], state: dict[str, Any]) -> None:
+        self.step, self.seconds, self.episodes, self.best = (
+            state[name] for name in ("step", "seconds", "episodes", "best")
+        )
         self.recent.extend(state["recent"])
+        self.exploration.bit_generator.state = state["exploration"]
         if self.curriculum:
             self.curriculum.restore(state["curriculum"])
-            self.environments.env_method("set_stage", self.curriculum.stage)
-        self.monitor.returns[:], self.monitor.lengths[:] = state["returns"], state["lengths"]
-        for env, kept in zip(self.environments.envs, state["environments"], strict=True):
-            env.restore_state(kept)
+            self.environments.set_stage(self.curriculum.stage)
+        self.returns[:] = arrays[_RETURNS]
+        self.environments.restore(arrays, state["environments"])
+        self.actor = self.learner.actor
 
     def _finish(self, complete: bool) -> TrainingOutcome:
         evaluations = files.read_record(self.out / files.EVALUATIONS)
         outcome = TrainingOutcome(
             complete=complete,
-            step=self.learner.num_timesteps,
+            step=self.step,
             seconds=TrainingSeconds(**self.seconds),
-            gradient_steps=int(self.learner._n_updates),  # pyright: ignore[reportPrivateUsage]
+            gradient_steps=self.learner.updates,
             episodes=self.episodes,
             last_evaluation=evaluations[-1] if evaluations else None,
         )
         try:
             write_json(self.out / files.OUTCOME, outcome.as_dict())
         except OSError as error:
-            raise RunError(f"'{self.out / files.OUTCOME}' can't be written: {error.strerror or error}") from error
+            raise files.not_written(self.out / files.OUTCOME, error) from error
         return outcome

@@ -15,12 +15,11 @@ from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.conditions import Disturbances
 from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
-from swim2real.settings import Task
-from swim2real.store import append_line, drop_cut_line, read_lines, write_json, write_text
+from swim2real.store import append_lines, drop_cut_line, path_from, read_lines, write_json, write_text
 
 SETTINGS, OUTCOME = "settings.json", "outcome.json"
 EPISODES, EVALUATIONS, PROGRESS = "episodes.jsonl", "evaluations.jsonl", "progress.jsonl"
-LAST, BEST = "policy.zip", "best.zip"
+LAST, BEST = "policy.npz", "best.npz"
 
 
 class RecordedSettings(BaseModel):
@@ -30,6 +29,7 @@ class RecordedSettings(BaseModel):
         kind: Kind of run.
         task: Task of the policy.
         robot: Name of the robot.
+        robot_file: Its robot file, from the run's folder; None for a built-in robot.
         seed: Seed of the run.
         env_steps: Environment steps.
         exploration: Random steps at the start.
@@ -39,8 +39,9 @@ class RecordedSettings(BaseModel):
     """
 
     kind: Literal["training"] = "training"
-    task: Task
+    task: str
     robot: str
+    robot_file: str | None = None
     seed: int
     env_steps: int
     exploration: int
@@ -140,6 +141,13 @@ class TrainingRun:
         return cls(Path(folder), settings)
 
     @property
+    def task(self) -> str:
+        """Task of the policy, as `tasks.find_task` takes it; that of a file with its place from here."""
+        kind, _, rest = self.settings.task.partition(":")
+        file, _, name = rest.rpartition(":")
+        return f"{kind}:{self.folder / file}:{name}" if file.endswith(".py") else self.settings.task
+
+    @property
     def robot(self) -> Robot:
         """The robot that the policy was trained for.
 
@@ -147,7 +155,8 @@ class TrainingRun:
             RunError: It isn't known here.
         """
         try:
-            return load_robot(self.settings.robot)
+            file = self.settings.robot_file
+            return load_robot(self.settings.robot if file is None else self.folder / file)
         except ArgumentError as error:
             raise RunError(f"'{self.folder}': {error}") from error
 
@@ -168,6 +177,21 @@ class TrainingRun:
         return read_record(self.folder / EVALUATIONS)
 
 
+def task_from(task: str, folder: Path) -> str:
+    """A task as settings.json has it: that of a file with its place from the run's folder."""
+    kind, _, rest = task.partition(":")
+    file, _, name = rest.rpartition(":")
+    return f"{kind}:{path_from(folder, Path(file))}:{name}" if file.endswith(".py") else task
+
+
+def not_written(path: Path, error: OSError) -> RunError:
+    """The error of a file that can't be written."""
+    return RunError(
+        f"'{path}' can't be written: {error.strerror or error}; make room, and go on with --resume, or choose another "
+        f"folder"
+    )
+
+
 def write_settings(folder: Path, content: Mapping[str, Any]) -> None:
     """Makes the folder and writes settings.json.
 
@@ -179,7 +203,7 @@ def write_settings(folder: Path, content: Mapping[str, Any]) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         write_json(path, content)
     except OSError as error:
-        raise RunError(f"'{path}' can't be written: {error.strerror or error}; make room or choose another") from error
+        raise not_written(path, error) from error
 
 
 def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
@@ -201,9 +225,15 @@ def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
 
 
 def append_record(path: Path, lines: list[dict[str, Any]]) -> None:
-    """Adds lines to a record."""
-    for line in lines:
-        append_line(path, line)
+    """Adds lines to a record.
+
+    Raises:
+        RunError: They can't be written.
+    """
+    try:
+        append_lines(path, lines)
+    except OSError as error:
+        raise not_written(path, error) from error
 
 
 def read_record(path: Path) -> list[dict[str, Any]]:

@@ -21,7 +21,16 @@ from swim2real.checking import check
 from swim2real.errors import ParameterError, RobotError
 from swim2real.parameters import Parameter, ParameterSpace, Values
 from swim2real.robots.compiled import compiled, one_line
-from swim2real.robots.robot import Control, Recordings, Robot, Sensor, Sine, SteadySwims
+from swim2real.robots.robot import (
+    CommandLimits,
+    Control,
+    PolicySetup,
+    Recordings,
+    Robot,
+    Sensor,
+    Sine,
+    SteadySwims,
+)
 from swim2real.robots.schema import (
     ControlEntry,
     ParameterTable,
@@ -105,6 +114,7 @@ def robot_from_file(path: str | Path) -> Robot:
         trials=trials,
         plane=plane,
         links=tuple((i, i + 1) for i in range(len(names) - 1)) if links is None else links,
+        policy=_policy(file),
         source=file.path,
     )
 
@@ -207,7 +217,7 @@ def _call(hook: str, folder: Path, where: str) -> Any:
     except ValueError:
         raise RobotError(f"{where} is '{hook}'; it must be python:MODULE:FUNCTION or python:FILE.py:FUNCTION") from None
     try:
-        loaded = _load_module(folder / module) if module.endswith(".py") else importlib.import_module(module)
+        loaded = load_module(folder / module) if module.endswith(".py") else importlib.import_module(module)
         function = getattr(loaded, name)
     except Exception as error:  # whatever the user's code does
         raise RobotError(f"{where} '{hook}' can't be imported: {type(error).__name__}: {error}") from error
@@ -219,7 +229,8 @@ def _call(hook: str, folder: Path, where: str) -> Any:
         raise RobotError(f"{where} '{hook}' failed: {type(error).__name__}: {error}") from error
 
 
-def _load_module(path: Path) -> Any:
+def load_module(path: Path) -> Any:
+    """A module of a Python file that a user names, imported as of now."""
     name = f"swim2real_robot_file.{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
@@ -300,6 +311,24 @@ def _recordings(file: RobotFile, table: RecordingsTable, markers: tuple[str, ...
         None if table.frame is None else _pair(file, "frame", table.frame, markers),
         table.score_progress,
     )
+
+
+def _policy(file: RobotFile) -> PolicySetup | None:
+    table, spec, where = file.table.policy, file.spec, f"{file.where}, [policy]"
+    if table is None:
+        return None
+    actuators, sites = [actuator.name for actuator in spec.actuators], [site.name for site in spec.sites if site.name]
+    for name in table.actuators:
+        _known(where, "actuators", name, "an actuator of the model", actuators)
+    for name in table.sites:
+        _known(where, "sites", name, "a site of the model", sites)
+    if table.rubbing_tendon is not None:
+        tendons = [tendon.name for tendon in spec.tendons]
+        _known(where, "rubbing_tendon", table.rubbing_tendon, "a tendon of the model", tendons)
+    return PolicySetup(
+        {name: CommandLimits(**entry.model_dump()) for name, entry in table.actuators.items()},
+        tuple(table.sites), {task: tuple(parts) for task, parts in table.observe.items()}, table.rubbing_tendon,
+    )  # fmt: skip
 
 
 def _control(entry: ControlEntry) -> Control:

@@ -30,6 +30,7 @@ def fingerprint(path: str | Path) -> str:
     """
     place = Path(path)
     content = with_first_names(read_content(place))
+    content.pop("policy", None)
     mark = hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode())
     for name, data in _parts(place, content):
         mark.update(f"\0{name}\0".encode() + data)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Protocol
@@ -206,6 +206,41 @@ class Recordings:
 
 
 @dataclass(frozen=True)
+class CommandLimits:
+    """How a policy commands an actuator: an action, from -1 to 1, is the rate at which the command changes.
+
+    Attributes:
+        lower: Least command [unit].
+        upper: Greatest command [unit].
+        rate: Greatest change of the command [unit/s], that of an action of 1.
+        unit: Unit of the commands, as rad/s of a motor or rad of a servo.
+    """
+
+    lower: float
+    upper: float
+    rate: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class PolicySetup:
+    """What a policy of a robot commands and sees.
+
+    Attributes:
+        actuators: Limits of each actuator's command, by its name.
+        sites: Sites of the model that a policy sees beside the markers.
+        observe: Parts of the observation by task, as `rl.observation` names them; a task that isn't named sees
+            what it asks for.
+        rubbing_tendon: Tendon that loses tension where friction is studied; None where none does.
+    """
+
+    actuators: Mapping[str, CommandLimits]
+    sites: tuple[str, ...] = ()
+    observe: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
+    rubbing_tendon: str | None = None
+
+
+@dataclass(frozen=True)
 class Robot:
     """A robot that can be built for any parameter values.
 
@@ -224,6 +259,7 @@ class Robot:
         trials: What a trial of this robot is.
         plane: Axes of the world that the camera sees, to its right and up: (0, 1) from above, (0, 2) from the side.
         links: Pairs of markers that a picture joins by a line.
+        policy: What a policy commands and sees; None where nobody has said.
         source: File that describes the robot; None for one of Python's.
     """
 
@@ -237,6 +273,7 @@ class Robot:
     trials: SteadySwims | Recordings
     plane: tuple[int, int] = (0, 1)
     links: tuple[tuple[int, int], ...] = ()
+    policy: PolicySetup | None = None
     source: Path | None = None
 
     @property

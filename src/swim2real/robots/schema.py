@@ -18,6 +18,14 @@ tendon = "table"                       or "frequency", a number, or {amplitude =
 [recordings.sensors]
 load = {unit = "N", meters_per_unit = 0.01}    an error of 1 N counts as much as 10 mm
 
+[policy]                               only to train policies
+sites = ["nail"]                       what a policy sees beside the markers
+rubbing_tendon = "cable"               that `train --tendon-friction` takes tension from
+[policy.actuators]
+winch = {lower = 0.0, upper = 0.05, rate = 0.2, unit = "m"}    the command's limits, and its greatest change a second
+[policy.observe]
+forward = ["velocity", "joint_angles"] parts of the observation; left out: what the task asks for
+
 [[parameters]]
 name = "knuckle_damping"
 unit = "N·m·s/rad"
@@ -147,6 +155,32 @@ class SwimsTable(_Table):
     fit_plan: Hook | None = None
 
 
+class CommandTable(_Table):
+    """How a policy commands an actuator."""
+
+    lower: float
+    upper: float
+    rate: Annotated[float, Field(gt=0)]
+    unit: Text
+
+    @model_validator(mode="after")
+    def _limits_in_order(self) -> CommandTable:
+        if not self.lower < self.upper:
+            raise ValueError(f"'lower' is {self.lower:g} and 'upper' {self.upper:g}; the first must be below the second")
+        if not self.lower <= 0 <= self.upper:
+            raise ValueError(f"the limits are {self.lower:g} to {self.upper:g}; 0, the command at rest, must be within")
+        return self
+
+
+class PolicyTable(_Table):
+    """[policy]: what a policy commands and sees."""
+
+    actuators: Annotated[dict[str, CommandTable], Field(min_length=1)]
+    sites: list[Text] = []
+    observe: dict[str, list[Text]] = {}
+    rubbing_tendon: Text | None = None
+
+
 class TargetTable(_Table):
     """A place that a parameter sets; the line alone stands for a table with nothing else."""
 
@@ -190,6 +224,7 @@ class RobotTable(_Table):
     links: list[Pair] | None = None
     recordings: RecordingsTable | None = None
     swims: SwimsTable | None = None
+    policy: PolicyTable | None = None
     parameters: Annotated[list[dict[str, Any]], Field(min_length=1)]
 
     @model_validator(mode="after")

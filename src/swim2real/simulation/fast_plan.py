@@ -177,6 +177,15 @@ def make_plan(model: mujoco.MjModel, dry: mujoco.MjModel) -> Plan:
     )  # fmt: skip
 
 
+def engine_plan(model: mujoco.MjModel) -> Plan:
+    """A plan that holds the model's address only, for loops that make the engine's own steps."""
+    none = _indices([])
+    return Plan(
+        model._address, model._address, float(model.opt.timestep), 0.0, False, MIN, np.zeros(3), np.zeros((0, COLUMNS)),
+        *(none for _ in Plan._fields[Plan._fields.index("body_first") :]),
+    )  # fmt: skip
+
+
 def _check(model: mujoco.MjModel) -> None:
     integrator, joint = mujoco.mjtIntegrator, mujoco.mjtJoint
     if model.opt.integrator not in (integrator.mjINT_IMPLICIT, integrator.mjINT_IMPLICITFAST):
@@ -273,11 +282,18 @@ class Calls(NamedTuple):
     derivative: int
     implicit: int
     advance: int
+    step: int
+    forward: int
+    kinematics: int
+    com_pos: int
+    com_vel: int
+    sensor_pos: int
+    sensor_vel: int
 
 
 _NAMES = Calls._make(  # type: ignore[arg-type]
     ("mj_step1", "mj_fwdActuation", "mj_fwdAcceleration", "mj_fwdConstraint", "mjd_smooth_vel", "mj_implicit",
-     "mj_EulerSkip")
+     "mj_EulerSkip", "mj_step", "mj_forward", "mj_kinematics", "mj_comPos", "mj_comVel", "mj_sensorPos", "mj_sensorVel")
 )  # fmt: skip
 
 

@@ -92,15 +92,19 @@ class FastStep:
         rows[:] = control
         sensors = np.empty((steps, model.nsensordata))
         qpos, qvel = np.empty((steps, model.nq)), np.empty((steps, model.nv))
-        scratch = Scratch(
-            np.empty((model.nbody, 36)), np.empty((model.nbody, 6)), np.empty((model.nbody, 10)),
-            np.empty((model.nv, 6)), np.empty((model.nv, model.nv)),
-        )  # fmt: skip
         try:
-            made = _loop()(self._calls, self.plan, State.of(data), scratch, rows, sensors, qpos, qvel)
+            made = _loop()(self._calls, self.plan, State.of(data), scratch_of(model), rows, sensors, qpos, qvel)
         except NumbaError as error:
             raise UnsupportedModelError(f"numba {numba.__version__} can't compile it: {error}") from error
         return Steps(sensors[:made], qpos[:made], qvel[:made], made < steps)
+
+
+def scratch_of(model: mujoco.MjModel) -> Scratch:
+    """Memory that steps of a model need, for one thread."""
+    return Scratch(
+        np.empty((model.nbody, 36)), np.empty((model.nbody, 6)), np.empty((model.nbody, 10)),
+        np.empty((model.nv, 6)), np.empty((model.nv, model.nv)),
+    )  # fmt: skip
 
 
 def disagreement(fast: FastStep, states: int = 8, seed: int = 0) -> float:
@@ -138,8 +142,7 @@ def _loop() -> _Loop:
     checksum is made a part of the key: a constant that the function closes over.
     """
     if not _made:
-        folder = Path(__file__).parent
-        stamp = zlib.crc32(b"".join((folder / f"{name}.py").read_bytes() for name in _SOURCES))
+        stamp = checksum()
 
         def loop(
             calls: Calls, plan: Plan, state: State, scratch: Scratch,
@@ -157,46 +160,75 @@ def _loop() -> _Loop:
     return _made[0]
 
 
+def checksum() -> int:
+    """Checksum of the code of the steps."""
+    folder = Path(__file__).parent
+    return zlib.crc32(b"".join((folder / f"{name}.py").read_bytes() for name in _SOURCES))
+
+
 @compiled
 def _run(
     calls: Calls, plan: Plan, state: State, scratch: Scratch,
     control: Array, sensors: Array, qpos: Array, qvel: Array,
 ) -> int:  # fmt: skip
-    """Steps on; returns how many steps were made."""
-    nv = len(state.qvel)
-    A, x, kept = scratch.A, np.empty(nv), np.empty(nv)
+    """Steps on and keeps what was before each step; returns how many steps were made."""
+    x, kept = np.empty(len(state.qvel)), np.empty(len(state.qvel))
     for step in range(len(control)):
-        if _bad(state.qpos) or _bad(state.qvel):
+        if bad(state.qpos) or bad(state.qvel):
             return step
         state.ctrl[:] = control[step]
         qpos[step] = state.qpos
         qvel[step] = state.qvel
-        call(calls.step1, plan.dry, state.data)
-        add_fluid(plan, state, scratch)
-        call(calls.actuation, plan.dry, state.data)
-        call(calls.acceleration, plan.dry, state.data)
-        call(calls.constraint, plan.dry, state.data)
-        sensors[step] = state.sensordata
-        if _bad(state.qacc):
+        if not _step(calls, plan, state, scratch, x, kept, sensors[step]):
             return step
-        call_flag(calls.derivative, plan.dry, state.data, 0)
-        _assemble(plan, state, A)
-        for i in range(nv):
-            x[i] = state.qfrc_smooth[i] + state.qfrc_constraint[i]
-        if not _solve(plan.dof_parent, plan.symmetric, A, x):
-            if not plan.symmetric:
-                return step
-            call(calls.implicit, plan.wet, state.data)  # the engine has its own way with an indefinite matrix
-            continue
-        # the engine advances with the acceleration it finds; what it remembers is the one before
-        for i in range(nv):
-            kept[i] = state.qacc[i]
-            state.qacc[i] = x[i]
-        call_flag(calls.advance, plan.dry, state.data, 0)
-        for i in range(nv):
-            state.qacc[i] = kept[i]
-            state.qacc_warmstart[i] = kept[i]
     return len(control)
+
+
+@compiled
+def run_steps(calls: Calls, plan: Plan, state: State, scratch: Scratch, steps: int) -> int:
+    """Steps on with the control that is set; returns how many steps were made. Without sensors."""
+    x, kept, nothing = np.empty(len(state.qvel)), np.empty(len(state.qvel)), np.empty(0)
+    for step in range(steps):
+        if bad(state.qpos) or bad(state.qvel):
+            return step
+        if not _step(calls, plan, state, scratch, x, kept, nothing):
+            return step
+    return steps
+
+
+@compiled
+def _step(
+    calls: Calls, plan: Plan, state: State, scratch: Scratch, x: Array, kept: Array, sensors: Array
+) -> bool:
+    """One step, with x and kept for its own use; False where it can't be made."""
+    A = scratch.A
+    call(calls.step1, plan.dry, state.data)
+    add_fluid(plan, state, scratch)
+    call(calls.actuation, plan.dry, state.data)
+    call(calls.acceleration, plan.dry, state.data)
+    call(calls.constraint, plan.dry, state.data)
+    for i in range(len(sensors)):
+        sensors[i] = state.sensordata[i]
+    if bad(state.qacc):
+        return False
+    call_flag(calls.derivative, plan.dry, state.data, 0)
+    _assemble(plan, state, A)
+    for i in range(len(x)):
+        x[i] = state.qfrc_smooth[i] + state.qfrc_constraint[i]
+    if not _solve(plan.dof_parent, plan.symmetric, A, x):
+        if not plan.symmetric:
+            return False
+        call(calls.implicit, plan.wet, state.data)  # the engine has its own way with an indefinite matrix
+        return True
+    # the engine advances with the acceleration it finds; what it remembers is the one before
+    for i in range(len(x)):
+        kept[i] = state.qacc[i]
+        state.qacc[i] = x[i]
+    call_flag(calls.advance, plan.dry, state.data, 0)
+    for i in range(len(x)):
+        state.qacc[i] = kept[i]
+        state.qacc_warmstart[i] = kept[i]
+    return True
 
 
 @compiled
@@ -252,7 +284,7 @@ def _solve(parent: Indices, symmetric: bool, A: Array, b: Array) -> bool:
 
 
 @compiled
-def _bad(values: Array) -> bool:
+def bad(values: Array) -> bool:
     for value in values:
         if not (value > -_MAX and value < _MAX):  # NaN too
             return True

@@ -1,0 +1,123 @@
+"""A policy's network in plain NumPy: its actions, and its file, an .npz without any pickle."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import RunError
+from swim2real.store import read_arrays, write_arrays
+
+if TYPE_CHECKING:
+    from stable_baselines3 import SAC
+
+Array = NDArray[np.float64]
+Weights = NDArray[np.float32]
+
+_LEAST_LOG_STD, _MOST_LOG_STD = -20.0, 2.0  # as Stable-Baselines3 limits them
+_ABOUT = "about"
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A linear layer: x @ weight + bias.
+
+    Attributes:
+        weight: Shape (inputs, outputs).
+        bias: Shape (outputs,).
+    """
+
+    weight: Weights
+    bias: Weights
+
+    def __call__(self, x: Weights) -> Weights:
+        return x @ self.weight + self.bias
+
+
+@dataclass(frozen=True)
+class Actor:
+    """The actor of soft actor-critic: hidden layers with ReLU, mean and logarithmic deviation of a Gaussian, tanh.
+
+    Attributes:
+        hidden: Hidden layers.
+        mean: Layer of the mean.
+        log_std: Layer of the logarithm of the standard deviation.
+    """
+
+    hidden: tuple[Linear, ...]
+    mean: Linear
+    log_std: Linear
+
+    @staticmethod
+    def of(learner: SAC) -> Actor:
+        """A copy of a learner's actor as it is now."""
+        actor = learner.actor
+
+        def layer(module: Any) -> Linear:
+            weight, bias = module.weight.detach().numpy(), module.bias.detach().numpy()
+            return Linear(np.ascontiguousarray(weight.T), bias.copy())
+
+        hidden = tuple(layer(module) for module in actor.latent_pi if hasattr(module, "weight"))
+        return Actor(hidden, layer(actor.mu), layer(actor.log_std))
+
+    @property
+    def inputs(self) -> int:
+        """Length of the observations."""
+        return len((self.hidden or (self.mean,))[0].weight)
+
+    def best(self, observations: NDArray[np.float32]) -> Array:
+        """The means of the actions. Shapes (N, n) to (N, A)."""
+        return np.tanh(self.mean(self._features(observations)).astype(np.float64))
+
+    def sample(self, observations: NDArray[np.float32], rng: np.random.Generator) -> Array:
+        """Random actions, as the policy explores. Shapes (N, n) to (N, A)."""
+        features = self._features(observations)
+        mean = self.mean(features).astype(np.float64)
+        std = np.exp(np.clip(self.log_std(features).astype(np.float64), _LEAST_LOG_STD, _MOST_LOG_STD))
+        return np.tanh(mean + std * rng.standard_normal(mean.shape))
+
+    def _features(self, observations: NDArray[np.float32]) -> Weights:
+        x = observations
+        for layer in self.hidden:
+            x = np.maximum(layer(x), np.float32(0.0))
+        return x
+
+    def save(self, path: Path, about: Mapping[str, Any]) -> None:
+        """Writes the network, and what it is about as JSON."""
+        layers = {**{f"hidden{i}": layer for i, layer in enumerate(self.hidden)}, "mean": self.mean,
+                  "log_std": self.log_std}  # fmt: skip
+        arrays: dict[str, Any] = {_ABOUT: np.array(json.dumps(dict(about)))}
+        for name, layer in layers.items():
+            arrays[f"{name}.weight"], arrays[f"{name}.bias"] = layer.weight, layer.bias
+        write_arrays(path, arrays)
+
+    @staticmethod
+    def load(path: Path) -> Actor:
+        """Reads a network.
+
+        Raises:
+            RunError: The file is damaged.
+        """
+        try:
+            arrays = read_arrays(path)
+            count = sum(name.startswith("hidden") and name.endswith("weight") for name in arrays)
+
+            def layer(name: str) -> Linear:
+                weight, bias = arrays[f"{name}.weight"], arrays[f"{name}.bias"]
+                if weight.ndim != 2 or bias.shape != weight.shape[1:] or weight.dtype != np.float32:
+                    raise ValueError(f"layer '{name}' has the shapes {weight.shape} and {bias.shape}")
+                return Linear(weight, bias)
+
+            actor = Actor(tuple(layer(f"hidden{i}") for i in range(count)), layer("mean"), layer("log_std"))
+            widths = [layer.weight.shape for layer in (*actor.hidden, actor.mean)]
+            if any(before[1] != after[0] for before, after in zip(widths, widths[1:], strict=False)):
+                raise ValueError(f"the layers' shapes {widths} don't fit one another")
+        except (OSError, ValueError, KeyError) as error:
+            raise RunError(f"policy '{path}' is damaged: {error}; take another one, or train anew") from error
+        return actor

@@ -1,0 +1,169 @@
+"""The state of N robots as arrays, and the batch of simulations that it is read from."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.rl.body import Bodies, Indices
+from swim2real.simulation.batch import Batch
+
+Array = NDArray[np.float64]
+_PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+@dataclass(frozen=True)
+class State:
+    """N robots, seen by the camera, in the frame that each had at its start: x backward, y to the side.
+
+    A robot without a frame is seen in the world, and its position, heading and their rates are 0. The position is that
+    of the point that the floating body turns about. Every attribute is an array with a row a robot.
+
+    Attributes:
+        markers: The markers, then the further sites [m]. Shape (N, K, 2).
+        marker_velocities: Their velocities [m/s]. Shape (N, K, 2).
+        position: Position of the floating body [m]. Shape (N, 2).
+        velocity: Its velocity [m/s]. Shape (N, 2).
+        heading: Its heading, 0 at the start, without jumps [rad]. Shape (N,).
+        turning: Rates at which it turns about the axes of the world [rad/s]. Shape (N, 3).
+        heading_rate: Rate of the heading [rad/s]. Shape (N,).
+        motor_angles: Angles of the motors [rad]. Shape (N, P).
+        motor_speeds: Their speeds [rad/s]. Shape (N, P).
+        joint_angles: Positions of the other joints [rad or m]. Shape (N, J).
+        joint_rates: Their rates [rad/s or m/s]. Shape (N, J).
+        sensors: Readings of the robot's sensors. Shape (N, S).
+        commands: Present commands of the actuators [unit]. Shape (N, A).
+        previous_actions: Actions that led to them. Shape (N, A).
+    """
+
+    markers: Array
+    marker_velocities: Array
+    position: Array
+    velocity: Array
+    heading: Array
+    turning: Array
+    heading_rate: Array
+    motor_angles: Array
+    motor_speeds: Array
+    joint_angles: Array
+    joint_rates: Array
+    sensors: Array
+    commands: Array
+    previous_actions: Array
+
+    @staticmethod
+    def zeros(bodies: Bodies, count: int) -> State:
+        """A state of zeros."""
+        layout, actuators = bodies.layout, len(bodies.actuators)
+        k, p, j = layout.markers, layout.motors.shape[1], layout.joints.shape[1]
+        shapes = [(k, 2), (k, 2), (2,), (2,), (), (3,), (), (p,), (p,), (j,), (j,), (len(bodies.sensors),),
+                  (actuators,), (actuators,)]  # fmt: skip
+        return State(*(np.zeros((count, *shape)) for shape in shapes))
+
+
+class Robots:
+    """N robots, each with one of the parameter sets.
+
+    Attributes:
+        bodies: The compiled sets.
+        state: True state, as last read.
+        failed: Whether a robot's simulation diverged in the last interval. Shape (N,).
+    """
+
+    def __init__(self, bodies: Bodies, count: int, threads: int = 1) -> None:
+        """Makes robots that have not been started.
+
+        Args:
+            bodies: The compiled sets.
+            count: Number of robots.
+            threads: Threads that step them.
+        """
+        self.bodies, self._batch = bodies, Batch(bodies.models, bodies.readers, count, threads)
+        self.state = State.zeros(bodies, count)
+        self._controls = np.zeros((count, bodies.models[0].nu))
+        c, s = math.cos(bodies.turned), math.sin(bodies.turned)
+        self._to_start = np.array([[c, -s], [s, c]])  # a row times it is seen in the frame at the start
+
+    @property
+    def pool(self) -> ThreadPoolExecutor | None:
+        """Threads beside the caller's; None where there is one."""
+        return self._batch.pool
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        return self._batch.failed
+
+    def start(self, index: int, member: int, phase: float) -> None:
+        """Places a robot at rest at its start, to be read."""
+        self._batch.start(index, member).qpos[:] = self.bodies.start(member, phase)
+        self.state.heading[index] = 0.0
+        self.state.commands[index] = self.state.previous_actions[index] = 0.0
+
+    def read(self, which: Indices) -> None:
+        """Reads robots that were started."""
+        self._batch.step(self._controls, 0, which)
+        self._decode()
+
+    def advance(self, actions: Array, which: Indices | None = None) -> None:
+        """Steps robots one control interval, and reads them.
+
+        Args:
+            actions: Actions from -1 to 1. Shape (N, A).
+            which: Robots that are stepped; None for all.
+        """
+        state, rows = self.state, slice(None) if which is None else which
+        state.commands[rows] = self.bodies.actuators.next_commands(state.commands[rows], actions[rows])
+        state.previous_actions[rows] = actions[rows]
+        self._controls[:, self.bodies.layout.controls] = state.commands
+        self._batch.step(self._controls, self.bodies.steps, which)
+        self._decode()
+
+    def physics(self, index: int) -> tuple[int, Array]:
+        """Parameter set and state of the engine of one robot, to go on from."""
+        member = self._batch.member(index)
+        model = self.bodies.models[member]
+        out = np.empty(mujoco.mj_stateSize(model, _PHYSICS))
+        mujoco.mj_getState(model, self._batch.data(index), out, _PHYSICS)
+        return member, out
+
+    def restore(self, index: int, member: int, physics: Array) -> None:
+        """Takes over what `physics` returned."""
+        mujoco.mj_setState(self.bodies.models[member], self._batch.start(index, member), physics, _PHYSICS)
+
+    def close(self) -> None:
+        """Ends the threads."""
+        self._batch.close()
+
+    def _decode(self) -> None:
+        state, bodies, layout = self.state, self.bodies, self.bodies.layout
+        qpos, qvel, sensors = self._batch.qpos, self._batch.qvel, self._batch.sensors
+        count, floats = len(qpos), layout.frame is not None
+        objects = layout.markers + floats
+        seen = sensors[:, bodies.first : bodies.first + 6 * objects].reshape(count, 2, objects, 3)
+        seen = seen[..., list(layout.plane)]
+        places, velocities = (seen[:, 0] - bodies.origin) @ self._to_start, seen[:, 1] @ self._to_start
+        state.markers[:], state.marker_velocities[:] = places[:, : layout.markers], velocities[:, : layout.markers]
+        if layout.frame is not None:
+            state.position[:], state.velocity[:] = places[:, -1], velocities[:, -1]
+            across = places[:, layout.frame[1]] - places[:, layout.frame[0]]
+            state.heading[:] = unwrapped(np.arctan2(across[:, 1], across[:, 0]), state.heading)
+            state.turning[:] = sensors[:, bodies.first + 6 * objects :][:, :3]
+            state.heading_rate[:] = state.turning @ layout.normal
+        state.motor_angles[:], state.motor_speeds[:] = qpos[:, layout.motors[0]], qvel[:, layout.motors[1]]
+        state.joint_angles[:], state.joint_rates[:] = qpos[:, layout.joints[0]], qvel[:, layout.joints[1]]
+        state.sensors[:] = sensors[:, bodies.sensors]
+
+
+def wrapped(angles: Array) -> Array:
+    """Angles between -π and π [rad]."""
+    return (angles + np.pi) % (2 * np.pi) - np.pi
+
+
+def unwrapped(angles: Array, before: Array) -> Array:
+    """The same angles, less than half a turn from those before [rad]."""
+    return before + wrapped(angles - before)
