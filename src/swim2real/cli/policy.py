@@ -24,19 +24,22 @@ if TYPE_CHECKING:
     from swim2real.parameters import Values
     from swim2real.rl.assessment import Assessment
     from swim2real.rl.training_run import TrainingOutcome
-    from swim2real.simulation import Simulator
+    from swim2real.robots.robot import Robot
 
 
 def train(
     settings: PositionalRequiredArgs[TrainingSettings], *, parameters: Path, out: Path, ensemble: Path | None = None,
-    seeds: tuple[int | str, ...] = (), workers: int = 0, threads: int = 1, any_phase: bool = False,
-    tendon_friction: float = 0.0, resume: bool = False, json: bool = False, quiet: bool = False,
+    seeds: tuple[int | str, ...] = (), workers: int = 0, threads: int = 0, any_phase: bool = False,
+    tendon_friction: float = 0.0, noise: float | None = None, delay: int | None = None, resume: bool = False,
+    json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
-    """Train a policy for the fish's motor in the calibrated simulator: soft actor-critic, as in the paper.
+    """Train a policy in the calibrated simulator: soft actor-critic, as in the paper.
 
-    Reads a run folder or parameters file; writes a folder with settings.json, policy.zip and best.zip, checkpoints,
-    records of every episode and evaluation, TensorBoard logs and outcome.json. Costs some minutes for 300,000 steps on
-    one core and hours for the paper's 5 million. Ctrl-C writes a checkpoint; --resume goes on with it.
+    Reads a run folder or parameters file; writes a folder with settings.json, policy.npz and best.npz, checkpoints,
+    records of every episode and evaluation, TensorBoard logs, outcome.json, and training.html, a page with the learning
+    curve that loads itself again while it runs. The robot file's [policy] says what is commanded and observed. Costs
+    some minutes for 300,000 steps and about half an hour for the paper's 5 million on two cores. Ctrl-C writes a
+    checkpoint; --resume goes on with it.
 
     Args:
         settings: What decides the result; the defaults are the paper's.
@@ -46,52 +49,71 @@ def train(
             --parameters.
         seeds: Several seeds instead of --seed: numbers, and ranges without their end: 0:3 is 0 1 2.
         workers: Seeds trained at a time; 0 for as many as there are cores.
-        threads: Threads of the environments of one run. Results don't depend on it.
+        threads: Threads of one run; 0 for as many as there are cores, or one where several seeds are trained at a time.
+            Results don't depend on it.
         any_phase: Start episodes at any angle of the motor, not at 0.
-        tendon_friction: Share of the left tendon's tension that friction takes.
+        tendon_friction: Share of the rubbing tendon's tension that friction takes.
+        noise: Let the policy see tracked markers with this noise [m], not the true state.
+        delay: Age of the tracked markers that it sees [control intervals of 20 ms]; 2 where only --noise is given.
         resume: Go on with what is in --out.
         json: Print the outcome as JSON.
         quiet: Print no progress.
     """
-    if workers < 0 or threads < 1:
-        raise ArgumentError(f"--workers is {workers} and --threads {threads}; they must be at least 0 and 1")
+    if workers < 0 or threads < 0:
+        raise ArgumentError(f"--workers is {workers} and --threads {threads}; they must be 0 or above")
+    cores = os.cpu_count() or 1
     if seeds:
         options = {
-            **asdict(settings), "parameters": parameters, "ensemble": ensemble, "threads": threads,
-            "any_phase": any_phase, "tendon_friction": tendon_friction, "json": json, "quiet": quiet,
+            **asdict(settings), "parameters": parameters, "ensemble": ensemble, "threads": threads or 1,
+            "any_phase": any_phase, "tendon_friction": tendon_friction, "noise": noise, "delay": delay, "json": json,
+            "quiet": quiet,
         }  # fmt: skip
-        return _train_seeds(options, expand_seeds(seeds), out, workers or os.cpu_count() or 1, resume)
+        return _train_seeds(options, expand_seeds(seeds), out, workers or cores, resume)
     from datetime import UTC, datetime
     from importlib import metadata
 
     from swim2real.calibration.ensemble import read_ensemble
     from swim2real.calibration.provenance import commit, versions
     from swim2real.cli.progress import training_shown
-    from swim2real.cli.subject import robot_for, values_of
+    from swim2real.cli.subject import robot_for, values_for
     from swim2real.interruption import Interruption
-    from swim2real.rl.conditions import Disturbances
+    from swim2real.report.training_page import write_training_page
+    from swim2real.rl.conditions import Disturbances, StateEstimate
+    from swim2real.rl.training import Progress
     from swim2real.rl.training import train as run_training
-    from swim2real.simulation import Simulator
+    from swim2real.rl.training_run import TrainingRun
+    from swim2real.simulation import Engine
 
     robot = robot_for(parameters)
-    simulator = Simulator(robot, 1)
     if ensemble:
         sets = read_ensemble(ensemble, robot)
     else:
-        sets = [values_of(parameters, simulator)]
-        _warn_if_backward(parameters, sets[0], simulator)
-    phases = (-math.pi, math.pi) if any_phase else (0.0, 0.0)
+        sets = [values_for(parameters, robot)]
+        _warn_if_backward(parameters, sets[0], robot)
+    disturbances = Disturbances(
+        (-math.pi, math.pi) if any_phase else (0.0, 0.0), (0.0, 0.0), tendon_friction,
+        None if noise is None and delay is None else StateEstimate(
+            StateEstimate.noise if noise is None else noise, StateEstimate.delay if delay is None else delay
+        ),
+    )  # fmt: skip
     libraries = {name: metadata.version(name) for name in ("gymnasium", "stable-baselines3", "torch")}
     about = {
-        "reference": str(ensemble or parameters), "engine": simulator.engine.as_dict(),
+        "reference": str(ensemble or parameters), "engine": Engine.of(robot).as_dict(),
         "versions": {**versions(), **libraries}, "commit": commit(),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }  # fmt: skip
     with Interruption() as interruption, training_shown(settings.env_steps, quiet) as show:
+
+        def progress(state: Progress) -> None:
+            show(state)
+            if state.evaluation:
+                write_training_page(TrainingRun.open(out), out)
+
         outcome = run_training(
-            settings, sets, robot, out, about=about, disturbances=Disturbances(phases, (0.0, 0.0), tendon_friction),
-            threads=threads, resume=resume, on_progress=show, stop=lambda: bool(interruption),
+            settings, sets, robot, out, about=about, disturbances=disturbances, threads=threads or cores,
+            resume=resume, on_progress=progress, stop=lambda: bool(interruption),
         )  # fmt: skip
+    write_training_page(TrainingRun.open(out), out)
     if json:
         print(dumps(outcome.as_dict(), indent=2))
     elif not quiet:
@@ -103,11 +125,11 @@ def train(
 
 def rollout(
     policy: Positional[Path], *, episodes: int = 50, goals: int = 0, parameters: Path | None = None,
-    which: Literal["best", "last"] = "best", stage: int = 3, tendon_friction: float | None = None,
+    which: Literal["best", "last"] = "best", stage: int | None = None, tendon_friction: float | None = None,
     current: tuple[float, float] | None = None, closed_loop: bool = False, noise: float = 0.001, delay: int = 2,
-    out: Path | None = None, film: bool = True, json: bool = False,
+    beside: tuple[Path, ...] = (), out: Path | None = None, film: bool = True, json: bool = False,
 ) -> int:  # fmt: skip
-    """Assess a trained policy: distance and return, success and time to target, against constant frequencies.
+    """Assess a trained policy: distance and return, success and time to target, against waves of commands.
 
     Reads a training folder; writes into it (or --out) rollout.json, episodes.npz, rollout.mp4 and training.html, a page
     with learning curves and paths. Starts and goals are the same every time. Costs some ten seconds for forward and
@@ -115,48 +137,51 @@ def rollout(
 
     Args:
         policy: Folder that `train` wrote.
-        episodes: Episodes to swim.
-        goals: For a target policy: random goals to swim to, instead of --episodes.
+        episodes: Episodes to run.
+        goals: For a task with goals: random goals to go to, instead of --episodes.
         parameters: Run folder or parameters file of another simulator; by default that of the training.
         which: best: in the evaluations while it learned. last: at the end.
-        stage: Of target's curriculum: how far goals are away, and how closely they must be met.
-        tendon_friction: Share of the left tendon's tension that friction takes; by default as in the training.
+        stage: Of the curriculum: how far goals are away, and how closely they must be met; by default the last.
+        tendon_friction: Share of the rubbing tendon's tension that friction takes; by default as in the training.
         current: Velocity of the water along x (backward) and y [m/s]; by default as in the training.
         closed_loop: Also compare recorded commands with closed loop on the true and on the tracked state, under the
             disturbances.
         noise: Noise of tracked markers in the closed loop [m].
         delay: Delay of tracked markers in the closed loop [control intervals of 20 ms].
+        beside: Further training folders, whose policies swim beside this one in the film, in the same simulator and
+            from the same start.
         out: Folder to write; by default the policy's.
         film: Write the film.
         json: Print the figures as JSON.
     """
-    from swim2real.cli.subject import values_of
+    from swim2real.cli.subject import values_for
     from swim2real.cli.tables import say
     from swim2real.report.training_page import write_training_page
     from swim2real.rl.assessment import assess
     from swim2real.rl.conditions import StateEstimate
-    from swim2real.rl.film import write_film
+    from swim2real.rl.film import Scene, write_film
     from swim2real.rl.rollout import save_episodes
-    from swim2real.rl.tasks import STAGES
+    from swim2real.rl.tasks import STAGES, find_task
     from swim2real.rl.training_run import TrainingRun
-    from swim2real.simulation import Simulator
     from swim2real.store import write_json
 
     run = TrainingRun.open(policy)
-    task = run.settings.task
-    if goals and task != "target":
-        raise ArgumentError("--goals is for target policies; this one swims forward: use --episodes")
-    if stage not in STAGES:
-        raise ArgumentError(f"--stage is {stage}; there are {', '.join(map(str, STAGES))}")
-    values = None if parameters is None else [values_of(parameters, Simulator(run.robot, 1))]
-    disturbances = replace(run.settings.disturbances, estimate=None)
+    others = [TrainingRun.open(folder) for folder in beside]
+    stages = find_task(run.task).stages
+    if goals and not stages:
+        raise ArgumentError(f"--goals is for tasks with goals; this policy's is {run.settings.task}: use --episodes")
+    if stage is not None and stage not in stages:
+        raise ArgumentError(f"--stage is {stage}; this task has {', '.join(map(str, stages)) or 'no stages'}")
+    robot, cores = run.robot, os.cpu_count() or 1
+    values = None if parameters is None else [values_for(parameters, robot)]
+    disturbances = run.settings.disturbances
     if tendon_friction is not None:
         disturbances = replace(disturbances, tendon_friction=tendon_friction)
     if current is not None:
         disturbances = replace(disturbances, current=current)
     assessment = assess(
         run, goals or episodes, parameters=values, disturbances=disturbances, which=which, stage=stage,
-        estimate=StateEstimate(noise, delay) if closed_loop else None,
+        estimate=StateEstimate(noise, delay) if closed_loop else None, threads=cores,
     )  # fmt: skip
     content = {**assessment.as_dict(), "parameters": str(parameters or run.settings.reference)}
     folder = out or policy
@@ -164,8 +189,17 @@ def rollout(
     write_json(folder / "rollout.json", content)
     save_episodes(folder / "episodes.npz", assessment.episodes)
     if film:
-        threshold = STAGES[stage].threshold if task == "target" else None
-        write_film(folder / "rollout.mp4", assessment.episodes[0], threshold=threshold)
+        sets = run.settings.parameters if values is None else values
+        swims = [
+            assess(other, 1, parameters=sets, disturbances=disturbances, which=which, stage=stage).episodes[0]
+            for other in others
+        ]
+        titles = [one.folder.resolve().name for one in (run, *others)] if others else [""]
+        scenes = [
+            Scene(title, swim, robot) for title, swim in zip(titles, [assessment.episodes[0], *swims], strict=True)
+        ]
+        threshold = STAGES[stage or stages[-1]].threshold if run.settings.task == "target" else None
+        write_film(folder / "rollout.mp4", scenes, width=1280 if others else 720, threshold=threshold)
     page = write_training_page(run, folder, assessment)
     if json:
         print(dumps(content, indent=2))
@@ -177,59 +211,61 @@ def rollout(
 
 def export_commands(
     policy: Positional[Path], *, out: Path, seconds: float, which: Literal["best", "last"] = "best",
-    phase: float = 0.0, goal: tuple[float, float] | None = None, ramp: float = 20.0, max_speed: float | None = None,
-    max_acceleration: float | None = None, clip: bool = False, json: bool = False,
+    phase: float = 0.0, goal: tuple[float, float] | None = None, json: bool = False,
 ) -> int:  # fmt: skip
-    """Write a policy's motor commands as a table for `deploy`: time_s,velocity_rad_s, 50 rows a second.
+    """Write a policy's commands as a table, 50 rows a second: .csv as `deploy` reads it, or .npz for other controllers.
 
-    The policy swims from rest in the simulator that it was trained in; its commands are checked against the motor's
-    limits and put between ramps from and to rest.
+    The policy runs from rest in the simulator that it was trained in, within the limits and rates of its robot file's
+    [policy]. The table has a column for each actuator, named after it and its unit. An .npz has the arrays times,
+    commands, names and units. `deploy` checks the motors' own limits and adds ramps from and to rest.
 
     Args:
         policy: Folder that `train` wrote.
-        out: Table to write.
-        seconds: Length without the ramps [s].
+        out: Table to write, .csv or .npz.
+        seconds: Length [s].
         which: best: in the evaluations while it learned. last: at the end.
         phase: Angle of the motor at the start [rad].
-        goal: Goal of a target policy [m]: x (ahead is negative) and y; by default 1 m straight ahead.
-        ramp: Acceleration of the ramps from and to rest [rad/s²].
-        max_speed: Refuse faster commands [rad/s]; by default 7.29, the motor's own limit as it is sold.
-        max_acceleration: Refuse steeper changes from one command to the next [rad/s²]; by default 100.
-        clip: Cut commands off at the limits instead of refusing them.
+        goal: Goal of a task with goals [m]: x (ahead is negative) and y; by default 1 m straight ahead.
         json: Print what was written as JSON.
     """
-    from swim2real.deployment.commands import XW540_T140, CommandTable, Limits, write_table
+    from swim2real.deployment.commands import CommandTable, column_name, write_table
     from swim2real.rl.assessment import policy_commands
     from swim2real.rl.training_run import TrainingRun
+    from swim2real.store import write_arrays
 
-    limits = Limits(
-        XW540_T140.speed if max_speed is None else max_speed,
-        XW540_T140.acceleration if max_acceleration is None else max_acceleration,
-    )
-    velocities = policy_commands(TrainingRun.open(policy), seconds, which=which, phase=phase, goal=goal)
-    table = CommandTable.of(velocities.tolist())
-    table = (table.clipped(limits) if clip else table.within(limits)).ramped(ramp)
-    write_table(out, table.times, table.velocities)
-    about = {
-        "commands": len(table.times), "seconds": table.duration, "speed": table.speed,
-        "acceleration": table.acceleration, "out": str(out),
+    if out.suffix not in (".csv", ".npz"):
+        raise ArgumentError(f"--out is '{out}'; it must end in .csv, for `deploy`, or in .npz, for other controllers")
+    actuators, commands = policy_commands(TrainingRun.open(policy), seconds, which=which, phase=phase, goal=goal)
+    names = actuators.names if len(actuators) > 1 else ("",)
+    columns = {
+        column_name(name, unit): commands[:, i].tolist()
+        for i, (name, unit) in enumerate(zip(names, actuators.units, strict=True))
     }  # fmt: skip
+    table = CommandTable.of(columns)
+    if out.suffix == ".csv":
+        write_table(out, table)
+    else:
+        write_arrays(out, {"times": table.times, "commands": commands, "names": actuators.names,
+                           "units": actuators.units})  # fmt: skip
+    about = {"commands": len(table.rows), "seconds": table.duration, "columns": list(columns), "out": str(out)}
     if json:
         print(dumps(about, indent=2))
     else:
-        print(
-            f"{out}: {len(table.times)} commands, {table.duration:.2f} s with ramps, at most {table.speed:.2f} rad/s "
-            f"and {table.acceleration:.0f} rad/s²; `swim2real deploy {out} --dry-run` tries them"
-        )
+        trial = f"; `swim2real deploy {out} --dry-run` tries them" if out.suffix == ".csv" else ""
+        print(f"{out}: {len(table.rows)} rows of {', '.join(columns)}, {table.duration:.2f} s{trial}")
     return 0
 
 
-def _warn_if_backward(path: Path, values: Values, simulator: Simulator) -> None:
-    """Simulates the motor's greatest speed from rest, and warns when the robot swims tail first."""
+def _warn_if_backward(path: Path, values: Values, robot: Robot) -> None:
+    """Simulates the motor's greatest speed from rest, and warns when a steady swimmer swims tail first."""
     from swim2real.calibration.from_rest import backward_from_rest, from_rest
-    from swim2real.rl.conditions import REAL_MOTOR
+    from swim2real.rl.body import policy_setup
+    from swim2real.simulation import Simulator
 
-    swims = from_rest(simulator, values, {"fastest": REAL_MOTOR.speed / (2 * math.pi)})
+    if robot.trials.motor_joint is None:
+        return
+    fastest = next(iter(policy_setup(robot).actuators.values())).upper
+    swims = from_rest(Simulator(robot, 1), values, {"fastest": fastest / (2 * math.pi)})
     warning = backward_from_rest({name: swim.as_dict() for name, swim in swims.items()})
     if warning:
         print(f"swim2real: warning: '{path}': {warning}", file=sys.stderr)
@@ -292,7 +328,7 @@ def _command(options: Mapping[str, Any], seed: int, out: Path, resume: bool) -> 
 def _print(assessment: Assessment) -> None:
     from swim2real.cli import tables
 
-    policy, scan = assessment.statistics, assessment.scan
+    policy = assessment.statistics
     rows = [
         ("episodes", str(policy.episodes)),
         ("return", f"{policy.episode_return:.2f} ± {policy.episode_return_std:.2f}"),
@@ -303,15 +339,13 @@ def _print(assessment: Assessment) -> None:
         rows.append(("reached", f"{100 * policy.success:.0f} %"))
         rows.append(("time to target, median", "–" if median is None else f"{median:.1f} s"))
         rows.append(("left to the goal", f"{policy.goal_distance:.3f} m"))
-    if scan is not None:
-        rows.append((
-            "best constant frequency, distance",
-            f"{scan.best_distance:.3f} m at {scan.best_distance_frequency:+.2f} Hz",
-        ))  # fmt: skip
-        rows.append((
-            "best constant frequency, return",
-            f"{scan.best_return:.2f} at {scan.best_return_frequency:+.2f} Hz",
-        ))  # fmt: skip
+    for name, scan in assessment.scans.items():
+        wave = scan.farthest
+        about = f"{100 * wave.amplitude:+.0f} % of the range" + (
+            f" at {wave.frequency:.2f} Hz" if wave.frequency else ""
+        )
+        rows.append((f"best {name} command, distance", f"{scan.best_distance:.3f} m: {about}"))
+        rows.append((f"best {name} command, return", f"{scan.best_return:.2f}"))
     tables.table(f"Policy for {assessment.task}", ("figure", "value"), rows)
     if assessment.loops:
         loops = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -33,6 +34,17 @@ def robot_for(path: Path) -> Robot:
         return load_robot(name)
     except (ArgumentError, RobotError) as error:
         raise ParameterError(f"'{path}' is for another robot: {error}") from error
+
+
+@dataclass(frozen=True)
+class _Simulated:
+    robot: Robot
+    engine: Engine
+
+
+def values_for(path: Path, robot: Robot) -> dict[str, float]:
+    """`values_of` with nothing but the robot and the engine that is installed."""
+    return values_of(path, _Simulated(robot, Engine.of(robot)))
 
 
 def values_of(path: Path, simulator: Simulates) -> dict[str, float]:

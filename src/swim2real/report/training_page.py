@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from swim2real.report.pages import Charts, render_page, write_page
 from swim2real.report.style import LIGHT, WIDE, legend_over, new_chart, titled
 from swim2real.report.units import duration, percent, text
-from swim2real.rl.assessment import Assessment
+from swim2real.rl.assessment import Assessment, WaveScan
+from swim2real.rl.body import Actuators, policy_setup
+from swim2real.rl.rollout import Episode
 from swim2real.rl.training_run import TrainingOutcome, TrainingRun
 
 Array = NDArray[np.float64]
@@ -25,6 +27,7 @@ PAGE = "training.html"
 _MOST_POINTS = 400  # of a learning curve
 _MOST_PATHS = 40
 _WINDOW = 50  # episodes of a running mean
+_WAVES = {"constant": "constant command", "sine": "sine"}
 _LOOPS = {
     "nominal": "without disturbance",
     "open": "recorded commands (open loop)",
@@ -33,13 +36,14 @@ _LOOPS = {
 }
 
 
-def write_training_page(run: TrainingRun, out: str | Path, assessment: Assessment) -> Path:
+def write_training_page(run: TrainingRun, out: str | Path, assessment: Assessment | None = None) -> Path:
     """Writes the page.
 
     Args:
         run: The training.
         out: Folder to write; a film `rollout.mp4` in it comes into the page.
-        assessment: Assessment of the policy.
+        assessment: Assessment of the policy; None while it learns: then the page has the learning curves, and loads
+            itself again every minute until the run has ended.
 
     Returns:
         Where the page is.
@@ -50,66 +54,59 @@ def write_training_page(run: TrainingRun, out: str | Path, assessment: Assessmen
     return write_page(Path(out) / PAGE, render_training(run, Path(out) / "rollout.mp4", assessment))
 
 
-def render_training(run: TrainingRun, film: Path, assessment: Assessment) -> str:
+def render_training(run: TrainingRun, film: Path, assessment: Assessment | None) -> str:
     """The page as text."""
-    shown = base64.b64encode(film.read_bytes()).decode() if film.is_file() else None
+    shown = base64.b64encode(film.read_bytes()).decode() if assessment and film.is_file() else None
     content = training_content(run, assessment)
     charts: Charts = content.pop("charts")
     return render_page("training.html.j2", {**content, "film": shown}, charts, style="report.css", script="report.js")
 
 
-def training_content(run: TrainingRun, assessment: Assessment) -> dict[str, Any]:
+def training_content(run: TrainingRun, assessment: Assessment | None) -> dict[str, Any]:
     """Everything that the template shows."""
     episodes, evaluations = run.episodes, run.evaluations
-    scanned, task = assessment.scan, run.settings.task
-    shared = {"exploration": run.settings.exploration}
+    scans = {} if assessment is None else assessment.scans
+    with_goals = any(one.get("goal_distance") is not None for one in evaluations)
+    names = {"episode_return": ("episode return", 1.0)}
+    names |= {"success": ("reached (%)", 100.0)} if with_goals else {"distance": ("distance (mm)", 1e3)}
+    best = {
+        "episode_return": max((scan.best_return for scan in scans.values()), default=None),
+        "distance": max((scan.best_distance for scan in scans.values()), default=None),
+    }
     charts: dict[str, Any] = {
-        "return": partial(learning_curve,
-            episodes, evaluations, "episode_return", "episode return",
-            baseline=scanned.best_return if scanned else None, **shared,
-        )
+        key: partial(learning_curve, episodes, evaluations, key, title, factor, baseline=best.get(key),
+                     exploration=run.settings.exploration)
+        for key, (title, factor) in names.items()
     }  # fmt: skip
-    if task == "forward":
-        charts["distance"] = partial(learning_curve,
-            episodes, evaluations, "distance", "distance (mm)", 1e3,
-            baseline=scanned.best_distance if scanned else None, **shared,
-        )  # fmt: skip
-    else:
-        charts["success"] = partial(learning_curve, episodes, evaluations, "success", "reached (%)", 100.0, **shared)
+    outcome = run.outcome
+    content = {
+        "name": run.folder.resolve().name, "task": run.settings.task, "settings": run.settings, "tiles": [],
+        "loops": [], "times": _times(outcome), "charts": charts,
+        "running": assessment is None and not (outcome is not None and outcome.complete),
+    }  # fmt: skip
+    if assessment is None:
+        return content
+    shown = assessment.episodes
     charts["paths"] = partial(paths_from_above,
-        [episode.heads for episode in assessment.episodes], [episode.goal for episode in assessment.episodes],
-        [episode.success for episode in assessment.episodes],
+        [episode.heads for episode in shown], [episode.goal for episode in shown],
+        [episode.success for episode in shown],
     )  # fmt: skip
-    first = assessment.episodes[0]
-    times = np.arange(len(first.commands)) / first.rate
-    series = {"policy": (times, first.commands)}
-    if scanned is not None:
-        best = float(scanned.speeds[scanned.farthest])
-        series["best constant frequency"] = (times, np.full(len(times), best))
-        charts["scan"] = partial(
-            frequency_scan, scanned.speeds / (2 * np.pi), scanned.distances, assessment.statistics.distance
-        )
-    charts["commands"] = partial(motor_commands, series)
-    return {
-        "name": run.folder.resolve().name,
-        "task": task,
-        "settings": run.settings,
-        "tiles": _tiles(assessment),
-        "loops": [
-            (_LOOPS[name],
-             [text(value, 3) for value in (loop.statistics.episode_return, loop.statistics.distance, loop.drift,
-                                           loop.sideways)],
-             percent(loop.statistics.success, 0))
-            for name, loop in assessment.loops.items()
-        ],
-        "times": _times(run.outcome),
-        "charts": charts,
-    }  # fmt: skip
+    if "constant" in scans:
+        charts["scan"] = partial(wave_scans, scans, assessment.statistics.distance)
+    charts["commands"] = partial(motor_commands, shown[0], Actuators.of(policy_setup(run.robot).actuators))
+    loops = [
+        (_LOOPS[name],
+         [text(value, 3) for value in (loop.statistics.episode_return, loop.statistics.distance, loop.drift,
+                                       loop.sideways)],
+         percent(loop.statistics.success, 0))
+        for name, loop in assessment.loops.items()
+    ]  # fmt: skip
+    return {**content, "tiles": _tiles(assessment), "loops": loops}
 
 
 def _tiles(assessment: Assessment) -> list[tuple[str, str, str]]:
     """Name, value and remark of the headline figures."""
-    policy, scanned = assessment.statistics, assessment.scan
+    policy = assessment.statistics
     tiles = [
         (
             "Return",
@@ -118,14 +115,12 @@ def _tiles(assessment: Assessment) -> list[tuple[str, str, str]]:
         ),
         ("Distance", f"{text(policy.distance, 0, 1e3)} mm", f"± {text(policy.distance_std, 0, 1e3)} mm"),
     ]
-    if scanned is not None:
-        tiles.append((
-            "Best constant frequency", f"{text(scanned.best_distance, 0, 1e3)} mm",
-            f"at {text(scanned.best_distance_frequency, 2)} Hz",
-        ))  # fmt: skip
-        tiles.append((
-            "Its highest return", text(scanned.best_return, 2), f"at {text(scanned.best_return_frequency, 2)} Hz",
-        ))  # fmt: skip
+    for name, scan in assessment.scans.items():
+        wave = scan.farthest
+        about = f"{text(100 * wave.amplitude, 0)} % of its range" if wave.frequency == 0 else (
+            f"{text(wave.frequency, 2)} Hz, {text(100 * wave.amplitude, 0)} % of the range")  # fmt: skip
+        tiles.append((f"Best {_WAVES[name]}", f"{text(scan.best_distance, 0, 1e3)} mm", about))
+        tiles.append((f"Highest return of a {_WAVES[name]}", text(scan.best_return, 2), "open loop"))
     if policy.goal_distance is not None:
         median = policy.median_time_to_target
         tiles.append(("Goals reached", percent(policy.success, 0), f"of {policy.episodes}"))
@@ -158,7 +153,7 @@ def learning_curve(
         key: The figure's name.
         title: Title of the y axis, with unit.
         factor: Factor by which values are multiplied.
-        baseline: What constant-frequency swimming reaches, in the same unit before the factor.
+        baseline: What the best wave of commands reaches, in the same unit before the factor.
         exploration: Steps of random actions at the start.
     """
     figure, axes = new_chart(WIDE, 2.9, "environment steps", title, legend_rows=1)
@@ -180,7 +175,7 @@ def learning_curve(
     if baseline is not None:
         last = max([*steps.tolist(), *(s for s, _ in shown), 1.0])
         axes.plot(
-            [0, last], [factor * baseline] * 2, "--", color=LIGHT["real"], label="best constant frequency"
+            [0, last], [factor * baseline] * 2, "--", color=LIGHT["real"], label="best open-loop wave"
         )  # fmt: skip
     if exploration:
         axes.axvspan(0, exploration, color=LIGHT["grid"], alpha=0.5, linewidth=0, zorder=0)
@@ -190,8 +185,8 @@ def learning_curve(
 
 
 def paths_from_above(heads: Sequence[Array], goals: Sequence[Array | None], reached: Sequence[bool]) -> Figure:
-    """Paths of the head [m]; goals that were reached are green, the others hollow."""
-    figure, axes = new_chart(WIDE, 4.2, "x (m), the fish starts toward the left", "y (m)", legend_rows=1)
+    """Paths of the robot [m]; goals that were reached are green, the others hollow."""
+    figure, axes = new_chart(WIDE, 4.2, "x (m), forward is to the left", "y (m)", legend_rows=1)
     for i, (path, ok) in enumerate(zip(heads[:_MOST_PATHS], reached, strict=False)):
         thin = path[:: max(1, len(path) // 150)]
         color = LIGHT["simulated"] if ok or goals[i] is None else LIGHT["faint"]
@@ -209,28 +204,27 @@ def paths_from_above(heads: Sequence[Array], goals: Sequence[Array | None], reac
     return figure
 
 
-def motor_commands(series: Mapping[str, tuple[Array, Array]]) -> Figure:
-    """Motor commands over time: name to times [s] and speeds [rad/s]."""
-    figure, axes = new_chart(WIDE, 2.4, "time (s)", "motor command (rad/s)", legend_rows=1)
-    for (name, (times, speeds)), (color, style) in zip(
-        series.items(), (("simulated", "-"), ("real", "--"), ("good", "--"), ("warning", "--")), strict=False
-    ):
-        axes.step(times, speeds, style, where="post", color=LIGHT[color], label=name)
+def motor_commands(episode: Episode, actuators: Actuators) -> Figure:
+    """Commands of an episode over time, a line an actuator."""
+    units = ", ".join(dict.fromkeys(actuators.units))
+    figure, axes = new_chart(WIDE, 2.4, "time (s)", f"command ({units})", legend_rows=1)
+    times = np.arange(len(episode.commands)) / episode.rate
+    for i, name in enumerate(actuators.names):
+        axes.step(times, episode.commands[:, i], where="post", label=name)
     legend_over(axes)
     return figure
 
 
-def frequency_scan(frequencies: Array, distances: Array, policy: float) -> Figure:
-    """Distance of constant-frequency swimming over its frequency [Hz], and that of the policy [m]."""
+def wave_scans(scans: Mapping[str, WaveScan], policy: float) -> Figure:
+    """Greatest distance that waves of commands reach, over their amplitude, and that of the policy [m]."""
     figure, axes = new_chart(
-        WIDE, 2.5, "constant frequency of the motor (Hz)", "distance (mm)", legend_rows=1
-    )  # fmt: skip
-    order = np.argsort(frequencies)
-    axes.plot(
-        frequencies[order], 1e3 * distances[order], "-o", color=LIGHT["real"], markersize=2.6,
-        label="constant frequency",
-    )  # fmt: skip
-    ends = [float(frequencies.min()), float(frequencies.max())]
-    axes.plot(ends, [1e3 * policy] * 2, color=LIGHT["simulated"], linewidth=1.5, label="policy")
+        WIDE, 2.5, "amplitude or constant command (% of its range)", "distance (mm)", legend_rows=1
+    )
+    for (name, scan), color in zip(scans.items(), ("real", "good"), strict=False):
+        amplitudes = np.array([wave.amplitude for wave in scan.waves])
+        each = np.unique(amplitudes)
+        farthest = [scan.distances[amplitudes == one].max() for one in each]
+        axes.plot(100 * each, 1e3 * np.array(farthest), "-o", color=LIGHT[color], markersize=2.6, label=_WAVES[name])
+    axes.axhline(1e3 * policy, color=LIGHT["simulated"], linewidth=1.5, label="policy")
     legend_over(axes)
     return figure

@@ -1,10 +1,10 @@
-"""Assesses a trained policy on fixed seeded starts, against constant speeds, and in open and closed loop."""
+"""Assesses a trained policy on fixed seeded starts, against open-loop waves, and in open and closed loop."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
-from swim2real.rl.conditions import CONTROL_INTERVAL, REAL_MOTOR, UNDISTURBED, Disturbances, StateEstimate
-from swim2real.rl.environment import TaskName, make_environments
-from swim2real.rl.policies import ConstantSpeed, Policy, RecordedActions, Which, load_policy
+from swim2real.rl.body import Actuators, policy_setup
+from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances, StateEstimate
+from swim2real.rl.environment import make_environments
+from swim2real.rl.policies import Followed, Policy, RecordedActions, Which, load_policy
 from swim2real.rl.rollout import Episode, EpisodeStatistics, run_episodes
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.robot import Robot
@@ -22,64 +23,86 @@ from swim2real.robots.robot import Robot
 Array = NDArray[np.float64]
 
 TEST_SEED = 2_000_000  # of the episodes that a policy is assessed in
-SCANNED_SPEEDS = 20  # constant speeds of each sign that a forward policy is compared with
-SCANNED_PHASES = 4  # starts of each, where starts are at any phase
+SCANNED_PHASES = 4  # starts of each wave, where starts are at any phase
 SIDE_BY_SIDE = 50  # environments
+_SPEEDS = 20  # constant commands, of each sign
+_AMPLITUDES = (0.5, 1.0)  # of sines, shares of the commands' range
+_FREQUENCIES = 0.25 * np.arange(1, 21)  # Hz, of sines
+_LAGS = np.arange(-3, 5) / 4  # of a sine from one actuator to the next [half turns]
 
 
 @dataclass(frozen=True)
-class SpeedScan:
-    """Constant motor speeds and what each reaches, from the same starts as a policy.
+class Wave:
+    """Commands that don't look at the robot: a sine about the middle of each actuator's range, or constant ones.
 
     Attributes:
-        speeds: Speeds [rad/s]. Shape (S,).
-        distances: Mean distances over the starts [m]. Shape (S,).
-        returns: Mean episode returns. Shape (S,).
+        amplitude: Amplitude, or the constant command, as a share of half the range, with its sign.
+        frequency: Frequency [Hz]; 0 for constant commands.
+        lag: Phase by which each actuator is behind the one before it [rad].
+    """
+
+    amplitude: float
+    frequency: float = 0.0
+    lag: float = 0.0
+
+    def commands(self, actuators: Actuators, times: Array) -> Array:
+        """Commands at times [unit]. Shapes (T,) to (T, A)."""
+        middle, half = (actuators.upper + actuators.lower) / 2, (actuators.upper - actuators.lower) / 2
+        if self.frequency == 0:
+            return np.tile(middle + self.amplitude * half, (len(times), 1))
+        behind = self.lag * np.arange(len(actuators))
+        return middle + self.amplitude * half * np.sin(2 * np.pi * self.frequency * times[:, None] - behind)
+
+
+def constant_waves() -> list[Wave]:
+    """Constant commands over the whole range."""
+    shares = np.arange(1, _SPEEDS + 1) / _SPEEDS
+    return [Wave(float(share)) for share in (*-shares[::-1], *shares)]
+
+
+def sine_waves(actuators: int) -> list[Wave]:
+    """Sines of all frequencies, with two amplitudes and, where there are several actuators, several lags."""
+    lags = [0.0] if actuators == 1 else [math.pi * float(lag) for lag in _LAGS]
+    return [Wave(a, float(f), lag) for a in _AMPLITUDES for f in _FREQUENCIES for lag in lags]
+
+
+@dataclass(frozen=True)
+class WaveScan:
+    """Waves and what each reaches, from the same starts as a policy.
+
+    Attributes:
+        waves: The waves.
+        distances: Mean distances over the starts [m]. Shape (W,).
+        returns: Mean episode returns. Shape (W,).
         phases: Motor angles at the starts [rad].
     """
 
-    speeds: Array
+    waves: tuple[Wave, ...]
     distances: Array
     returns: Array
     phases: tuple[float, ...]
 
     @property
-    def farthest(self) -> int:
-        """Index of the speed that swims farthest."""
-        return int(np.argmax(self.distances))
-
-    @property
-    def highest(self) -> int:
-        """Index of the speed with the highest return."""
-        return int(np.argmax(self.returns))
+    def farthest(self) -> Wave:
+        """The wave that comes farthest."""
+        return self.waves[int(np.argmax(self.distances))]
 
     @property
     def best_distance(self) -> float:
         """Greatest distance [m]."""
-        return float(self.distances[self.farthest])
-
-    @property
-    def best_distance_frequency(self) -> float:
-        """Frequency that swims farthest [Hz]."""
-        return float(self.speeds[self.farthest] / (2 * np.pi))
+        return float(self.distances.max())
 
     @property
     def best_return(self) -> float:
         """Highest return."""
-        return float(self.returns[self.highest])
-
-    @property
-    def best_return_frequency(self) -> float:
-        """Frequency with the highest return [Hz]."""
-        return float(self.speeds[self.highest] / (2 * np.pi))
+        return float(self.returns.max())
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON."""
         return {
-            "speeds": self.speeds.tolist(), "distances": self.distances.tolist(), "returns": self.returns.tolist(),
-            "best_distance": self.best_distance, "best_distance_frequency": self.best_distance_frequency,
-            "best_return": self.best_return, "best_return_frequency": self.best_return_frequency,
-            "phases": list(self.phases),
+            "waves": [asdict(wave) for wave in self.waves], "distances": self.distances.tolist(),
+            "returns": self.returns.tolist(), "best_distance": self.best_distance, "farthest": asdict(self.farthest),
+            "best_return": self.best_return, "phases": list(self.phases),
         }  # fmt: skip
 
 
@@ -106,29 +129,28 @@ class LoopResult:
 
 @dataclass(frozen=True)
 class Assessment:
-    """How well a policy swims.
+    """How well a policy does.
 
     Attributes:
         task: Task of the policy.
         which: Which policy of the run, `best` or `last`.
         episodes: Episodes of the policy.
         statistics: Their figures.
-        scan: Constant speeds; None in a task other than forward.
+        scans: What waves reach, by name: `constant` commands of motors, and `sine`; empty in a task with goals.
         loops: Results by loop, as `compare_loops` gives them; empty where they weren't compared.
     """
 
-    task: TaskName
+    task: str
     which: Which
     episodes: list[Episode]
     statistics: EpisodeStatistics
-    scan: SpeedScan | None
+    scans: dict[str, WaveScan]
     loops: dict[str, LoopResult]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON: `policy`, and `constant` of a forward task, and `loops` where they were compared."""
+        """Plain JSON: `policy`, the scans by their names, and `loops` where they were compared."""
         content: dict[str, Any] = {"task": self.task, "which": self.which, "policy": self.statistics.as_dict()}
-        if self.scan is not None:
-            content["constant"] = self.scan.as_dict()
+        content |= {name: scan.as_dict() for name, scan in self.scans.items()}
         if self.loops:
             content["loops"] = {name: loop.as_dict() for name, loop in self.loops.items()}
         return content
@@ -137,7 +159,7 @@ class Assessment:
 def assess(
     run: TrainingRun, episodes: int, *, parameters: Sequence[Values] | None = None,
     disturbances: Disturbances | None = None, which: Which = "best", estimate: StateEstimate | None = None,
-    stage: int = 3,
+    stage: int | None = None, threads: int = 1,
 ) -> Assessment:  # fmt: skip
     """Assesses a policy.
 
@@ -148,89 +170,107 @@ def assess(
         disturbances: Disturbances of the simulator; None for those that it was trained with.
         which: Which policy of the run.
         estimate: Tracker's view to compare open and closed loop with, under `disturbances`; None for no comparison.
-        stage: Stage of the curriculum of `target`, for goals and threshold.
+        stage: Stage of the curriculum, for goals and threshold; None for the last.
+        threads: Threads that simulate.
 
     Raises:
-        RunError: The run has no policy.
+        RunError: The run has no policy, or it doesn't fit the robot.
         ArgumentError: No episodes are asked for.
     """
     if episodes < 1:
         raise ArgumentError(f"{episodes} episodes are asked for; an assessment needs at least 1")
-    policy, settings, robot = load_policy(run, which), run.settings, run.robot
-    task = settings.task
+    policy, settings, robot, task = load_policy(run, which), run.settings, run.robot, run.task
     sets: list[Values] = list(settings.parameters if parameters is None else parameters)
     disturbed = settings.disturbances if disturbances is None else disturbances
-    true_state = replace(disturbed, estimate=None)
+    staged = {} if stage is None else {"stage": stage}
     seeds = range(TEST_SEED, TEST_SEED + episodes)
     swims: list[Episode] = []
     for first in range(0, episodes, SIDE_BY_SIDE):
         chunk = seeds[first : first + SIDE_BY_SIDE]
-        environments = make_environments(task, sets, len(chunk), robot=robot, disturbances=true_state, stage=stage)
+        environments = make_environments(
+            task, sets, len(chunk), robot=robot, disturbances=disturbed, threads=threads, **staged
+        )
+        run.check_fits(policy.actor, environments.observations.shape[1], len(environments.bodies.actuators))
         swims += run_episodes(environments, policy, chunk)
-    scan, loops = None, dict[str, LoopResult]()
-    if task == "forward":
-        low, high = disturbed.start_phase
-        # phases in the middle of equal shares of the range that starts are drawn from
-        shares = [(i + 0.5) / SCANNED_PHASES for i in range(SCANNED_PHASES)]
-        phases = [low + (high - low) * share for share in shares] if high > low else [low]
-        scan = scan_constant_speeds(
-            sets[0], robot, phases, swims[0].duration, disturbances=true_state, count=SCANNED_SPEEDS
-        )  # fmt: skip
+        environments.close()
+    scans, loops = dict[str, WaveScan](), dict[str, LoopResult]()
+    if swims[0].goal is None:
+        scans = _scans(task, sets[0], robot, swims[0].duration, replace(disturbed, estimate=None), threads)
     if estimate is not None:
         loops = compare_loops(
             policy, task, sets[0], robot, seeds[: min(episodes, SIDE_BY_SIDE)], disturbed, estimate, stage=stage
         )
-    return Assessment(task, which, swims, EpisodeStatistics.of(swims), scan, loops)
+    return Assessment(task, which, swims, EpisodeStatistics.of(swims), scans, loops)
 
 
-def scan_constant_speeds(
-    parameters: Values, robot: Robot, phases: Sequence[float], seconds: float, *,
-    count: int, disturbances: Disturbances = UNDISTURBED,
-) -> SpeedScan:  # fmt: skip
-    """Swims forward at constant motor speeds, both ways round, up to the motor's limit.
+def _scans(
+    task: str, parameters: Values, robot: Robot, seconds: float, disturbances: Disturbances, threads: int
+) -> dict[str, WaveScan]:
+    low, high = disturbances.start_phase
+    # phases in the middle of equal shares of the range that starts are drawn from
+    shares = [(i + 0.5) / SCANNED_PHASES for i in range(SCANNED_PHASES)]
+    phases = [low + (high - low) * share for share in shares] if high > low else [low]
+    waves = {"sine": sine_waves(len(policy_setup(robot).actuators))}
+    if robot.trials.motor_joint is not None:
+        waves = {"constant": constant_waves(), **waves}
+    return {
+        name: scan_waves(some, task, parameters, robot, phases, seconds, disturbances=disturbances, threads=threads)
+        for name, some in waves.items()
+    }
+
+
+def scan_waves(
+    waves: Sequence[Wave], task: str, parameters: Values, robot: Robot, phases: Sequence[float], seconds: float, *,
+    disturbances: Disturbances = UNDISTURBED, threads: int = 1,
+) -> WaveScan:  # fmt: skip
+    """What waves reach in a task, within the actuators' limits and rates.
 
     Args:
+        waves: Waves to try.
+        task: Task whose rewards count.
         parameters: Parameters of the simulator.
         robot: Robot whose values they are.
-        phases: Motor angles at the start [rad]; each speed swims from each.
-        seconds: Length of each swim [s].
-        count: Number of speeds of each sign.
+        phases: Motor angles at the start [rad]; each wave begins at each. [0.0] for a robot without such a motor.
+        seconds: Length of each episode [s].
         disturbances: Disturbances of the simulator.
+        threads: Threads that simulate.
     """
-    motor = REAL_MOTOR  # whose limits and acceleration hold here as for a policy
-    positive = motor.speed * np.arange(1, count + 1) / count
-    speeds = np.concatenate([-positive[::-1], positive])
     environments = make_environments(
-        "forward", [parameters], len(speeds), robot=robot, seconds=seconds, motor=motor, disturbances=disturbances
+        task, [parameters], len(waves), robot=robot, seconds=seconds, disturbances=disturbances, threads=threads
     )
-    policy = ConstantSpeed(speeds, motor.acceleration * CONTROL_INTERVAL)
-    distances, returns = np.zeros(len(speeds)), np.zeros(len(speeds))
+    actuators, times = (
+        environments.bodies.actuators,
+        CONTROL_INTERVAL * np.arange(1, round(seconds / CONTROL_INTERVAL) + 1),
+    )
+    policy = Followed(np.stack([wave.commands(actuators, times) for wave in waves], axis=1), actuators)
+    distances, returns = np.zeros(len(waves)), np.zeros(len(waves))
     for phase in phases:
-        episodes = run_episodes(environments, policy, range(len(speeds)), [{"phase": phase}] * len(speeds))
+        episodes = run_episodes(environments, policy, range(len(waves)), [{"phase": phase}] * len(waves))
         distances += [episode.distance for episode in episodes]
         returns += [episode.episode_return for episode in episodes]
-    return SpeedScan(speeds, distances / len(phases), returns / len(phases), tuple(phases))
+    environments.close()
+    return WaveScan(tuple(waves), distances / len(phases), returns / len(phases), tuple(phases))
 
 
 def compare_loops(
-    policy: Policy, task: TaskName, parameters: Values, robot: Robot, seeds: Sequence[int], disturbances: Disturbances,
-    estimate: StateEstimate, seconds: float | None = None, stage: int = 3,
+    policy: Policy, task: str, parameters: Values, robot: Robot, seeds: Sequence[int], disturbances: Disturbances,
+    estimate: StateEstimate, seconds: float | None = None, stage: int | None = None,
 ) -> dict[str, LoopResult]:  # fmt: skip
-    """Swims each start four times, to see how far a disturbed robot strays from the undisturbed one.
+    """Runs each start four times, to see how far a disturbed robot strays from the undisturbed one.
 
     `nominal` is without the disturbances. The others are with them: `open` repeats the nominal actions, as the paper's
     transfer does; `closed` sees the true state; `tracked` sees what a marker tracker reports.
 
     Args:
-        policy: Policy that steers.
-        task: `forward` or `target`.
+        policy: Policy that commands.
+        task: Task, as `make_environments` takes it.
         parameters: Parameters of the simulator.
         robot: Robot whose values they are.
         seeds: Seeds of the starts.
         disturbances: What is added; its start phases hold for the nominal swims, too.
         estimate: The tracker's view.
         seconds: Length of the episodes [s]; None for the task's own.
-        stage: Stage of the curriculum of `target`.
+        stage: Stage of the curriculum; None for the last.
 
     Returns:
         Results by loop.
@@ -238,9 +278,11 @@ def compare_loops(
     start_only = Disturbances(start_phase=disturbances.start_phase)
     true_state, tracked_state = replace(disturbances, estimate=None), replace(disturbances, estimate=estimate)
 
+    staged = {} if stage is None else {"stage": stage}
+
     def swim(policy: Policy, disturbed: Disturbances) -> list[Episode]:
         environments = make_environments(
-            task, [parameters], len(seeds), robot=robot, disturbances=disturbed, seconds=seconds, stage=stage
+            task, [parameters], len(seeds), robot=robot, disturbances=disturbed, seconds=seconds, **staged
         )
         return run_episodes(environments, policy, seeds)
 
@@ -265,8 +307,8 @@ def compare_loops(
 def policy_commands(
     run: TrainingRun, seconds: float, *, which: Which = "best", phase: float = 0.0,
     goal: tuple[float, float] | None = None,
-) -> Array:  # fmt: skip
-    """Motor commands of a policy in the simulator that it was trained in, from rest [rad/s]. Shape (T,).
+) -> tuple[Actuators, Array]:  # fmt: skip
+    """Commands of a policy in the simulator that it was trained in, from rest: the actuators, and (T, A) in their units.
 
     An episode that reaches its goal ends there, others when the seconds are over.
 
@@ -275,25 +317,22 @@ def policy_commands(
         seconds: Length [s].
         which: Which policy of the run.
         phase: Angle of the motor at the start [rad].
-        goal: Goal of a target task [m]; ahead is -x. None for 1 m straight ahead.
+        goal: Goal of a task with goals [m]; ahead is -x. None for 1 m straight ahead.
 
     Raises:
-        RunError: The run has no policy.
-        ArgumentError: The length isn't allowed, a forward policy is given a goal, or the simulation diverges.
+        RunError: The run has no policy, or it doesn't fit the robot.
+        ArgumentError: The length isn't allowed, a task without goals is given one, or the simulation diverges.
     """
-    if not (math.isfinite(seconds) and seconds >= CONTROL_INTERVAL):
-        raise ArgumentError(f"{seconds:g} s of commands are asked for; it must be at least {CONTROL_INTERVAL:g} s")
     policy, settings = load_policy(run, which), run.settings
-    options: dict[str, Any] = {"phase": phase, "member": 0}
-    if settings.task == "target":
-        options["goal"] = goal or (-1.0, 0.0)
-    elif goal is not None:
-        raise ArgumentError("a goal is for policies of task target; this one swims forward")
-    environments = make_environments(settings.task, settings.parameters, 1, robot=run.robot, seconds=seconds)
+    environments = make_environments(run.task, settings.parameters, 1, robot=run.robot, seconds=seconds)
+    run.check_fits(policy.actor, environments.observations.shape[1], len(environments.bodies.actuators))
+    options: dict[str, Any] = {"phase": phase, "member": 0, "goal": goal or (-1.0, 0.0)}
     episode = run_episodes(environments, policy, [TEST_SEED], [options])[0]
+    if goal is not None and episode.goal is None:
+        raise ArgumentError(f"a goal is for policies of a task with goals; this one was trained for '{settings.task}'")
     if episode.failure:
         raise ArgumentError(f"the policy can't be recorded: {episode.failure}")
-    return episode.commands
+    return environments.bodies.actuators, episode.commands
 
 
 def _drift(episode: Episode, reference: Episode) -> float:

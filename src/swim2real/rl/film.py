@@ -1,15 +1,18 @@
-"""A film of an episode from above: the robot's midline and fins, the path of its head, its goal, and the motor."""
+"""A film of episodes as the camera sees them: the robots' markers, the paths that they took, goals, and commands."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.rendering.drawing import INK, PAGE, Canvas, Color, plain
-from swim2real.rl.body import FISH_LAYOUT
 from swim2real.rl.rollout import Episode
+from swim2real.robots.robot import Robot
 from swim2real.video.writer import VideoWriter
 
 Array = NDArray[np.float64]
@@ -18,61 +21,95 @@ _BODY: Color = (21, 88, 176)
 _PATH: Color = (162, 172, 185)
 _GOAL: Color = (198, 40, 40)
 _REACHED: Color = (26, 122, 60)
-_MARGIN = 0.12  # m
-_MIDLINE = FISH_LAYOUT.midline_markers  # the two after them are the fin tips
+_MARGIN = 0.2  # of the robot's length
 FPS = 25
 
 
-def write_film(path: str | Path, episode: Episode, width: int = 720, threshold: float | None = None) -> Path:
-    """Writes a film at half the control rate, in real time.
+@dataclass(frozen=True)
+class Scene:
+    """An episode that is shown.
+
+    Attributes:
+        title: What is written above it.
+        episode: The episode.
+        robot: Its robot.
+    """
+
+    title: str
+    episode: Episode
+    robot: Robot
+
+
+def write_film(path: str | Path, scenes: Sequence[Scene], width: int = 720, threshold: float | None = None) -> Path:
+    """Writes a film of one or several episodes side by side, at half the control rate, in real time.
 
     Args:
         path: File to write.
-        episode: Episode to show.
+        scenes: Episodes to show, in equal panels of one scale; one that ends early stays as it ended.
         width: Width of the pictures [px].
-        threshold: Radius of the goal [m]; None for a dot.
+        threshold: Radius of goals [m]; None for a dot.
 
     Raises:
         VideoError: The file can't be written.
     """
-    low, high = _box(episode)
-    scale = width / (high[0] - low[0])
-    height = round(scale * (high[1] - low[1]) / 2) * 2
+    columns = math.ceil(math.sqrt(len(scenes)))
+    rows = math.ceil(len(scenes) / columns)
+    low, high = _box(scenes)
+    panel_width = width // columns // 2 * 2
+    scale = panel_width / (high[0] - low[0])
+    panel_height = round(scale * (high[1] - low[1]) / 2) * 2
+    stride = max(1, round(scenes[0].episode.rate / FPS))
+    longest = max(len(scene.episode.markers) for scene in scenes)
+    with VideoWriter(path, panel_width * columns, panel_height * rows, scenes[0].episode.rate / stride) as writer:
+        for k in range(0, longest, stride):
+            picture = np.empty((panel_height * rows, panel_width * columns, 3), np.uint8)
+            picture[:] = PAGE
+            for i, scene in enumerate(scenes):
+                canvas = Canvas(plain(panel_width, panel_height, PAGE))
+                last = len(scene.episode.markers) - 1
+                _draw(canvas, scene, min(k, last), k + stride > last, (low, high, scale), threshold)
+                top, left = i // columns * panel_height, i % columns * panel_width
+                picture[top : top + panel_height, left : left + panel_width] = canvas.pixels()
+            writer.write(picture)
+    return Path(path)
+
+
+def _draw(
+    canvas: Canvas, scene: Scene, k: int, over: bool, view: tuple[Array, Array, float], threshold: float | None
+) -> None:
+    episode, robot = scene.episode, scene.robot
+    low, high, scale = view
 
     def place(point: Array) -> tuple[float, float]:
         return scale * float(point[0] - low[0]), scale * float(high[1] - point[1])
 
-    stride = max(1, round(episode.rate / FPS))
-    with VideoWriter(path, width, height, episode.rate / stride) as writer:
-        for k in range(0, len(episode.markers), stride):
-            canvas, markers = Canvas(plain(width, height, PAGE)), episode.markers[k]
-            if episode.goal is not None:
-                here = place(episode.goal)
-                reached = episode.success and k + stride >= len(episode.markers)
-                canvas.dot(here, 4.0, _REACHED if reached else _GOAL)
-                if threshold is not None:
-                    canvas.ring(here, max(3.0, scale * threshold), _REACHED if reached else _GOAL, 1.5)
-            path_points = episode.heads[: k + 2]
-            canvas.polyline([place(point) for point in path_points[:: max(1, len(path_points) // 200)]], _PATH, 1.5)
-            if len(markers) > _MIDLINE + 1:
-                fins = (markers[_MIDLINE], (markers[0] + markers[1]) / 2, markers[_MIDLINE + 1])
-                canvas.polyline([place(point) for point in fins], _BODY, 2.0)
-            canvas.polyline([place(point) for point in markers[:_MIDLINE]], _BODY, 4.0)
-            for point in markers[:_MIDLINE]:
-                canvas.dot(place(point), 3.0, INK)
-            text = f"{(k + 1) / episode.rate:5.2f} s   motor {episode.commands[k] / (2 * np.pi):+.2f} Hz"
-            canvas.text((10, 8), text, INK, 16)
-            writer.write(canvas.pixels())
-    return Path(path)
-
-
-def _box(episode: Episode) -> tuple[Array, Array]:
-    """The corners of the region that is shown, at least as high as a third of its width [m]."""
-    points = [episode.markers.reshape(-1, 2), episode.heads]
     if episode.goal is not None:
-        points.append(episode.goal[None])
+        here, color = place(episode.goal), _REACHED if episode.success and over else _GOAL
+        canvas.dot(here, 4.0, color)
+        if threshold is not None:
+            canvas.ring(here, max(3.0, scale * threshold), color, 1.5)
+    path_points = episode.heads[: k + 2]
+    canvas.polyline([place(point) for point in path_points[:: max(1, len(path_points) // 200)]], _PATH, 1.5)
+    markers, first = episode.markers[k], episode.markers[0]
+    known = len(robot.marker_names)
+    for site in range(known, len(markers)):  # a further site hangs on the marker that is nearest at the start
+        nearest = int(np.argmin(np.square(first[:known] - first[site]).sum(axis=1)))
+        canvas.polyline([place(markers[site]), place(markers[nearest])], _BODY, 2.0)
+    for i, j in robot.links:
+        canvas.polyline([place(markers[i]), place(markers[j])], _BODY, 4.0)
+    for point in markers[:known]:
+        canvas.dot(place(point), 3.0, INK)
+    commands = ", ".join(f"{command:+.2f}" for command in episode.commands[k])
+    canvas.text((10, 8), f"{scene.title}  {(k + 1) / episode.rate:5.2f} s  {commands}".strip(), INK, 16)
+
+
+def _box(scenes: Sequence[Scene]) -> tuple[Array, Array]:
+    """The corners of the region that is shown, at least as high as a third of its width [m]."""
+    points = [part for scene in scenes for part in (scene.episode.markers.reshape(-1, 2), scene.episode.heads)]
+    points += [scene.episode.goal[None] for scene in scenes if scene.episode.goal is not None]
     everything = np.concatenate(points)
-    low, high = everything.min(axis=0) - _MARGIN, everything.max(axis=0) + _MARGIN
+    margin = _MARGIN * float(np.ptp(scenes[0].robot.rest_markers, axis=0).max())
+    low, high = everything.min(axis=0) - margin, everything.max(axis=0) + margin
     room = max(0.0, (high[0] - low[0]) / 3 - (high[1] - low[1])) / 2
     low[1], high[1] = low[1] - room, high[1] + room
     wide = max(0.0, (high[1] - low[1]) / 1.2 - (high[0] - low[0])) / 2  # not much taller than wide

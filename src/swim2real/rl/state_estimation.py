@@ -120,8 +120,7 @@ class StateEstimator:
 
 
 class _Look:
-    """Where a camera sees the markers and the floating body of one parameter set in a pose, in the frame at the start.
-    """
+    """Where a camera sees the markers and the floating body of one parameter set in a pose, in the frame at the start."""
 
     def __init__(self, model: mujoco.MjModel, bodies: Bodies) -> None:
         self._model, self._data, self._bodies = model, mujoco.MjData(model), bodies

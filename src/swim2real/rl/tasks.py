@@ -24,8 +24,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 ENTRY_POINTS = "swim2real.tasks"  # group of those by which a package offers tasks
-SUCCESS_BONUS = 300.0
-ACTION_COST = 0.5
 SUCCESS_SHARE = 0.7  # of the last episodes, that ends a stage of the curriculum
 SUCCESS_WINDOW = 50  # episodes
 
@@ -129,15 +127,18 @@ STAGES = {
 class Target:
     """Going to a goal in the plane.
 
-    The reward of a step is -d - 0.5 |a|, and 300 more when the goal is reached, which ends the episode (the paper, Sec.
-    IV). d [m] is the distance of the robot from the goal, |a| the mean magnitude of the actions. The goal's direction is
-    seen from the robot, x backward and y to its side. So is the rate at which it changes: the robot's velocity,
-    reversed.
+    The reward of a step is 100 times the distance [m] by which the goal has come nearer, minus 0.02 times the mean
+    magnitude of the actions, and 20 more when the goal is reached, which ends the episode. The goal's direction is seen
+    from the robot, x backward and y to its side. So is the rate at which it changes: the robot's velocity, reversed.
 
     Attributes:
         goals: Goals of the episodes [m]. Shape (N, 2).
         stage: Stage of the curriculum. A new one counts from the next episode on.
     """
+
+    PROGRESS: ClassVar[float] = 100.0
+    ACTION_COST: ClassVar[float] = 0.02
+    BONUS: ClassVar[float] = 20.0
 
     observes: ClassVar[tuple[str, ...]] = (
         "motor_directions", "motor_speeds", "turning", "joint_angles", "joint_rates", "sensors", "commands",
@@ -159,7 +160,7 @@ class Target:
         if stage not in STAGES:
             raise ArgumentError(f"the curriculum has no stage {stage}; there are {', '.join(map(str, STAGES))}")
         self._seconds, self.stage = seconds, stage
-        self.goals, self.thresholds = np.zeros((count, 2)), np.zeros(count)
+        self.goals, self.thresholds, self.before = np.zeros((count, 2)), np.zeros(count), np.zeros(count)
         self.episode_stages = np.zeros(count, int)
 
     def begin(self, index: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
@@ -172,6 +173,7 @@ class Target:
             while math.hypot(*goal) <= 2 * region.threshold:  # not where the robot is already
                 goal = rng.uniform((-region.ahead, -region.across / 2), (0.0, region.across / 2))
             self.goals[index] = goal
+        self.before[index] = math.hypot(*self.goals[index])
         return region.seconds if self._seconds is None else self._seconds
 
     def observe(self, state: State) -> Array:
@@ -185,7 +187,9 @@ class Target:
     def score(self, state: State, actions: Array) -> tuple[Array, Flags]:
         distances = self._distances(state)
         reached = distances < self.thresholds
-        return -distances - ACTION_COST * np.abs(actions).mean(axis=1) + SUCCESS_BONUS * reached, reached
+        nearer, self.before[:] = self.before - distances, distances
+        cost = self.ACTION_COST * np.abs(actions).mean(axis=1)
+        return self.PROGRESS * nearer - cost + self.BONUS * reached, reached
 
     def info(self, state: State, index: int) -> dict[str, Any]:
         goal = (float(self.goals[index, 0]), float(self.goals[index, 1]))
@@ -196,7 +200,19 @@ class Target:
         return np.hypot(*(self.goals - state.position).T)
 
 
-TASKS: Mapping[str, Callable[..., Task]] = {"forward": Forward, "target": Target}
+class PaperTarget(Target):
+    """Going to a goal, with the paper's reward: -d - 0.5 |a| a step, and 300 more when the goal is reached (Sec. IV).
+
+    d [m] is the distance of the robot from the goal, |a| the mean magnitude of the actions.
+    """
+
+    def score(self, state: State, actions: Array) -> tuple[Array, Flags]:
+        distances = self._distances(state)
+        reached = distances < self.thresholds
+        return -distances - 0.5 * np.abs(actions).mean(axis=1) + 300.0 * reached, reached
+
+
+TASKS: Mapping[str, Callable[..., Task]] = {"forward": Forward, "target": Target, "paper-target": PaperTarget}
 
 
 def find_task(name: str) -> Callable[..., Task]:

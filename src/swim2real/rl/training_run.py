@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field
 
 from swim2real.checking import read, shown
 from swim2real.errors import ArgumentError, RunError
+from swim2real.rl.actor import Actor
 from swim2real.rl.conditions import Disturbances
 from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
@@ -159,6 +160,20 @@ class TrainingRun:
             return load_robot(self.settings.robot if file is None else self.folder / file)
         except ArgumentError as error:
             raise RunError(f"'{self.folder}': {error}") from error
+
+    def check_fits(self, actor: Actor, observations: int, actions: int) -> None:
+        """Checks that a policy takes the observations of the robot as it is now, and commands its actuators.
+
+        Raises:
+            RunError: It doesn't.
+        """
+        made_for = (actor.inputs, len(actor.mean.bias))
+        if made_for != (observations, actions):
+            raise RunError(
+                f"the policy of '{self.folder}' takes {made_for[0]} numbers and commands {made_for[1]} actuators; robot "
+                f"'{self.settings.robot}' has {observations} and {actions} now: take the robot file of the training, or "
+                f"train anew"
+            )
 
     @property
     def outcome(self) -> TrainingOutcome | None:

@@ -166,7 +166,9 @@ class CommandTable(_Table):
     @model_validator(mode="after")
     def _limits_in_order(self) -> CommandTable:
         if not self.lower < self.upper:
-            raise ValueError(f"'lower' is {self.lower:g} and 'upper' {self.upper:g}; the first must be below the second")
+            raise ValueError(
+                f"'lower' is {self.lower:g} and 'upper' {self.upper:g}; the first must be below the second"
+            )
         if not self.lower <= 0 <= self.upper:
             raise ValueError(f"the limits are {self.lower:g} to {self.upper:g}; 0, the command at rest, must be within")
         return self

@@ -197,9 +197,7 @@ def run_steps(calls: Calls, plan: Plan, state: State, scratch: Scratch, steps: i
 
 
 @compiled
-def _step(
-    calls: Calls, plan: Plan, state: State, scratch: Scratch, x: Array, kept: Array, sensors: Array
-) -> bool:
+def _step(calls: Calls, plan: Plan, state: State, scratch: Scratch, x: Array, kept: Array, sensors: Array) -> bool:
     """One step, with x and kept for its own use; False where it can't be made."""
     A = scratch.A
     call(calls.step1, plan.dry, state.data)
