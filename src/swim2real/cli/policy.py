@@ -161,13 +161,14 @@ def rollout(
     from swim2real.rl.conditions import StateEstimate
     from swim2real.rl.film import Scene, write_film
     from swim2real.rl.rollout import save_episodes
-    from swim2real.rl.tasks import STAGES, find_task
+    from swim2real.rl.tasks import STAGES, Target, find_task
     from swim2real.rl.training_run import TrainingRun
     from swim2real.store import write_json
 
     run = TrainingRun.open(policy)
     others = [TrainingRun.open(folder) for folder in beside]
-    stages = find_task(run.task).stages
+    task = find_task(run.task)
+    stages = task.stages
     if goals and not stages:
         raise ArgumentError(f"--goals is for tasks with goals; this policy's is {run.settings.task}: use --episodes")
     if stage is not None and stage not in stages:
@@ -198,7 +199,7 @@ def rollout(
         scenes = [
             Scene(title, swim, robot) for title, swim in zip(titles, [assessment.episodes[0], *swims], strict=True)
         ]
-        threshold = STAGES[stage or stages[-1]].threshold if run.settings.task == "target" else None
+        threshold = STAGES[stage or stages[-1]].threshold if issubclass(task, Target) else None
         write_film(folder / "rollout.mp4", scenes, width=1280 if others else 720, threshold=threshold)
     page = write_training_page(run, folder, assessment)
     if json:

@@ -21,8 +21,8 @@ from swim2real.trials import load_reference
 class Simulates(Protocol):
     """Whatever simulates a robot."""
 
-    robot: Robot
-
+    @property
+    def robot(self) -> Robot: ...
     @property
     def engine(self) -> Engine: ...
 

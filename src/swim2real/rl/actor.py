@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,7 +117,7 @@ class Actor:
 
             actor = Actor(tuple(layer(f"hidden{i}") for i in range(count)), layer("mean"), layer("log_std"))
             widths = [layer.weight.shape for layer in (*actor.hidden, actor.mean)]
-            if any(before[1] != after[0] for before, after in zip(widths, widths[1:], strict=False)):
+            if any(before[1] != after[0] for before, after in pairwise(widths)):
                 raise ValueError(f"the layers' shapes {widths} don't fit one another")
         except (OSError, ValueError, KeyError) as error:
             raise RunError(f"policy '{path}' is damaged: {error}; take another one, or train anew") from error

@@ -238,10 +238,8 @@ def scan_waves(
     environments = make_environments(
         task, [parameters], len(waves), robot=robot, seconds=seconds, disturbances=disturbances, threads=threads
     )
-    actuators, times = (
-        environments.bodies.actuators,
-        CONTROL_INTERVAL * np.arange(1, round(seconds / CONTROL_INTERVAL) + 1),
-    )
+    actuators = environments.bodies.actuators
+    times = CONTROL_INTERVAL * np.arange(1.0, round(seconds / CONTROL_INTERVAL) + 1)
     policy = Followed(np.stack([wave.commands(actuators, times) for wave in waves], axis=1), actuators)
     distances, returns = np.zeros(len(waves)), np.zeros(len(waves))
     for phase in phases:
@@ -308,7 +306,7 @@ def policy_commands(
     run: TrainingRun, seconds: float, *, which: Which = "best", phase: float = 0.0,
     goal: tuple[float, float] | None = None,
 ) -> tuple[Actuators, Array]:  # fmt: skip
-    """Commands of a policy in the simulator that it was trained in, from rest: the actuators, and (T, A) in their units.
+    """Commands of a policy in the simulator that it was trained in, from rest.
 
     An episode that reaches its goal ends there, others when the seconds are over.
 
@@ -318,6 +316,9 @@ def policy_commands(
         which: Which policy of the run.
         phase: Angle of the motor at the start [rad].
         goal: Goal of a task with goals [m]; ahead is -x. None for 1 m straight ahead.
+
+    Returns:
+        The actuators, and their commands [unit]. Shape (T, A).
 
     Raises:
         RunError: The run has no policy, or it doesn't fit the robot.

@@ -92,7 +92,7 @@ class Layout:
         plane: Axes of the world that the camera sees.
         normal: Toward the camera. Shape (3,).
         frame: Indices of the two markers that make the frame, x from the first to the second; None without one.
-        seen: Kind and name of each object that a policy sees: the markers, then further sites.
+        seen: Sites that a policy sees: the markers, then further ones.
         motors: Places of the motors in qpos and qvel, two rows. Shape (2, P).
         joints: Places of the robot's own joints. Shape (2, J).
         joint_names: Their names.
@@ -103,7 +103,7 @@ class Layout:
     plane: tuple[int, int]
     normal: Array
     frame: tuple[int, int] | None
-    seen: tuple[tuple[mujoco.mjtObj, str], ...]
+    seen: tuple[str, ...]
     motors: Indices
     joints: Indices
     joint_names: tuple[str, ...]
@@ -111,8 +111,13 @@ class Layout:
     controls: Indices
 
     @property
+    def sites(self) -> tuple[str, ...]:
+        """What is read: the seen sites, then the point that stands for the floating body, if there is one."""
+        return self.seen if self.frame is None else (*self.seen, ORIGIN)
+
+    @property
     def markers(self) -> int:
-        """Number of objects that a policy sees."""
+        """Number of sites that a policy sees."""
         return len(self.seen)
 
 
@@ -165,13 +170,13 @@ class Bodies:
         self.steps = round(CONTROL_INTERVAL / timestep)
         if abs(self.steps * timestep - CONTROL_INTERVAL) > 1e-9:
             raise ArgumentError(
-                f"the timestep of robot '{robot.name}' is {timestep:g} s; a whole number of steps must make the control "
-                f"interval of {CONTROL_INTERVAL} s"
+                f"the timestep of robot '{robot.name}' is {timestep:g} s; a whole number of steps must make the "
+                f"control interval of {CONTROL_INTERVAL} s"
             )
         motor = robot.trials.motor_joint
         if motor is None and disturbances.start_phase != (0.0, 0.0):
             raise ArgumentError(
-                f"a start phase is given, but robot '{robot.name}' has no motor_joint that could be at one; leave it out"
+                f"a start phase is given, but robot '{robot.name}' has no motor_joint to be at one; leave it out"
             )
         self._motor = None if motor is None else int(self.models[0].joint(motor).qposadr[0])
         self.starts = np.array([self._start(model) for model in self.models])
@@ -248,38 +253,27 @@ def _reader(robot: Robot, values: Values, disturbances: Disturbances, layout: La
     for sensor in list(spec.sensors):
         if sensor.name not in wanted:
             spec.delete(sensor)
-    objects = list(layout.seen)
     if layout.frame is not None:
         _add_origin(spec, layout.seen[layout.frame[0]])
-        objects.append((mujoco.mjtObj.mjOBJ_SITE, ORIGIN))
     kinds = [mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMELINVEL]
-    readings = [(kind, *one) for kind in kinds for one in objects]
+    readings = [(kind, site) for kind in kinds for site in layout.sites]
     if layout.frame is not None:
-        readings.append((mujoco.mjtSensor.mjSENS_FRAMEANGVEL, *objects[-1]))
-    for i, (kind, objtype, name) in enumerate(readings):
-        spec.add_sensor(name=_SENSOR.format(i), type=kind, objtype=objtype, objname=name)
+        readings.append((mujoco.mjtSensor.mjSENS_FRAMEANGVEL, ORIGIN))
+    for i, (kind, site) in enumerate(readings):
+        spec.add_sensor(name=_SENSOR.format(i), type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
     return spec.compile()
 
 
-def _add_origin(spec: mujoco.MjSpec, marker: tuple[mujoco.mjtObj, str]) -> None:
+def _add_origin(spec: mujoco.MjSpec, marker: str) -> None:
     """Adds a site at the point that the floating body turns about: its last hinge, or else its center of mass."""
     model = spec.compile()
-    body = _body_of(model, marker)
+    body = int(model.site(marker).bodyid[0])
     hinges = [j for j in range(model.njnt) if model.jnt_bodyid[j] == body and int(model.jnt_type[j]) == _HINGE]
     place = model.jnt_pos[hinges[-1]] if hinges else model.body_ipos[body]
     spec.body(model.body(body).name).add_site(name=ORIGIN, pos=place)
 
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-_BODY_OF = {
-    mujoco.mjtObj.mjOBJ_SITE: lambda model, name: int(model.site(name).bodyid[0]),
-    mujoco.mjtObj.mjOBJ_GEOM: lambda model, name: int(model.geom(name).bodyid[0]),
-}
-
-
-def _body_of(model: mujoco.MjModel, marker: tuple[mujoco.mjtObj, str]) -> int:
-    kind, name = marker
-    return _BODY_OF[kind](model, name) if kind in _BODY_OF else int(model.body(name).id)
 
 
 def _disturbed(robot: Robot, values: Values, disturbances: Disturbances) -> mujoco.MjSpec:
@@ -302,8 +296,8 @@ def _disturbed(robot: Robot, values: Values, disturbances: Disturbances) -> mujo
 
 def _layout(robot: Robot, setup: PolicySetup) -> Layout:
     spec = robot.build(robot.space.published)
-    markers = [(sensor.objtype, sensor.objname) for sensor in spec.sensors[-len(robot.marker_names) :]]
-    seen = (*markers, *((mujoco.mjtObj.mjOBJ_SITE, site) for site in setup.sites))
+    markers = [sensor.objname for sensor in spec.sensors[-len(robot.marker_names) :]]
+    seen = (*markers, *setup.sites)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -311,7 +305,7 @@ def _layout(robot: Robot, setup: PolicySetup) -> Layout:
     normal = np.cross(*axes)
     root = set[int]()
     if frame is not None:
-        body = _body_of(model, seen[frame[0]])
+        body = int(model.site(seen[frame[0]]).bodyid[0])
         while body > 0:
             root |= {j for j in range(model.njnt) if model.jnt_bodyid[j] == body}
             body = int(model.body_parentid[body])

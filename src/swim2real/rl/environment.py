@@ -54,8 +54,8 @@ class Environments:
     """N robots and their task.
 
     An action is the rate of each command, from -1 to 1. An episode ends when the task is done, when its time is over
-    (truncated), or when the simulation diverges: then the reward is `DIVERGED` and the observation is the last good one.
-    What an environment does depends on its own seed and actions alone, not on the others or on the threads.
+    (truncated), or when the simulation diverges: then the reward is `DIVERGED` and the observation is the last good
+    one. What an environment does depends on its own seed and actions alone, not on the others or on the threads.
 
     Attributes:
         task: Task of the robots.
@@ -131,7 +131,7 @@ class Environments:
         """
         bodies, disturbances = self.bodies, self.bodies.disturbances
         members = np.zeros(self.count, int)
-        for place, i in enumerate(which):
+        for place, i in enumerate(map(int, which)):
             chosen = {} if options is None else options[place]
             member = int(self._rngs[i].integers(len(bodies)))
             phase = float(self._rngs[i].uniform(*disturbances.start_phase))
@@ -145,7 +145,7 @@ class Environments:
             self._failures[i] = ""
         self.robots.read(which)
         if self._estimator is not None:
-            for i in which:
+            for i in map(int, which):
                 self._estimator.begin(i, int(members[i]), self.state, self._rngs[i])
         self.observations[which] = self._observed()[which]
 
@@ -175,7 +175,7 @@ class Environments:
         rewards, done = np.where(good, rewards, DIVERGED), done | ~good
         changed = rows[good[rows]]
         self.observations[changed] = observed[changed]
-        for i in rows[~good[rows]]:
+        for i in map(int, rows[~good[rows]]):
             commands = ", ".join(f"{command:.2f} {unit}" for command, unit
                                  in zip(self.state.commands[i], self.bodies.actuators.units, strict=True))  # fmt: skip
             self._failures[i] = f"the simulation diverged {self.times[i]:.2f} s after the start, commanded {commands}"
@@ -214,7 +214,8 @@ class Environments:
         """Everything that decides how running episodes go on: arrays, and plain JSON."""
         physics = [self.robots.physics(i) for i in range(self.count)]
         arrays: dict[str, NDArray[Any]] = {
-            "members": np.array([member for member, _ in physics]), "physics": np.array([state for _, state in physics]),
+            "members": np.array([member for member, _ in physics]),
+            "physics": np.array([state for _, state in physics]),
             "steps": self._steps, "last": self._last, "observations": self.observations,
         }  # fmt: skip
         for owner, name in self._kept():
@@ -301,7 +302,7 @@ class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.environments.close()
 
 
-def make_spaces(environments: Environments) -> tuple[spaces.Box, spaces.Box]:
+def make_spaces(environments: Environments) -> tuple[spaces.Box[np.float32], spaces.Box[np.float32]]:
     """Observation and action space."""
     bounds = environments.bounds.astype(np.float32)
     actions = len(environments.bodies.actuators)

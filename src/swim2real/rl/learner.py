@@ -126,8 +126,9 @@ class Learner:
     def save(self, folder: Path) -> None:
         """Writes networks, optimizers, replay buffer and random states into a folder, between two rounds."""
         sac, buffer = self._sac, self._buffer
-        torch.save({name: part.state_dict() for name, part in self._parts().items()}
-                   | {"log_ent_coef": sac.log_ent_coef, "random": torch.get_rng_state()}, folder / _NETWORKS)  # fmt: skip
+        networks = {name: part.state_dict() for name, part in self._parts().items()}
+        networks |= {"log_ent_coef": sac.log_ent_coef, "random": torch.get_rng_state()}
+        torch.save(networks, folder / _NETWORKS)
         filled = buffer.buffer_size if buffer.full else buffer.pos
         arrays = {name: getattr(buffer, name)[:filled] for name in _ARRAYS}
         kind, key, position, has_gauss, gauss = np.random.get_state()  # noqa: NPY002 - Stable-Baselines3 draws from it

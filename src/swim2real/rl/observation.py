@@ -49,7 +49,7 @@ PARTS: Mapping[str, Part] = {
     "previous_actions": Part(lambda s: s.previous_actions, 1.0),
 }
 """Parts by name, in SI units; what they hold is said at `State`. `motor_angles` are between -π and π, and
-`motor_directions` are their cosines, then their sines. A robot without motors, sensors or such has a part of no numbers.
+`motor_directions` are their cosines, then their sines. Without motors that part has no numbers.
 """
 
 

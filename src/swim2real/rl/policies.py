@@ -99,8 +99,8 @@ def load_policy(run: TrainingRun, which: Which = "best") -> LearnedPolicy:
     if not path.is_file():
         if path.with_suffix(".zip").is_file():
             raise RunError(
-                f"'{path.with_suffix('.zip')}' is a policy of version 0.1, which holds a pickle and isn't read any more; "
-                f"train it anew"
+                f"'{path.with_suffix('.zip')}' is a policy of version 0.1, which holds a pickle and isn't read any "
+                f"more; train it anew"
             )
         raise RunError(f"'{run.folder}' has no {path.name} yet; wait for its first evaluation")
     return LearnedPolicy(Actor.load(path))

@@ -1,4 +1,4 @@
-"""Episodes of several environments side by side, commanded by a policy: all that happened in them, and their figures."""
+"""Episodes of several environments side by side, commanded by a policy: what happened in them, and their figures."""
 
 from __future__ import annotations
 
@@ -161,8 +161,9 @@ def _episode(
     info = environments.info(index)
     goal, failure = info.get("goal"), str(info.get("diverged", ""))
     return Episode(
-        seed, 1 / CONTROL_INTERVAL, *series[:3], heads, series[3], None if goal is None else np.array(goal),
-        float(info["distance"]), done and not failure, failure,
+        seed=seed, rate=1 / CONTROL_INTERVAL, actions=series[0], commands=series[1], rewards=series[2], heads=heads,
+        markers=series[3], goal=None if goal is None else np.array(goal), distance=float(info["distance"]),
+        success=done and not failure, failure=failure,
     )  # fmt: skip
 
 

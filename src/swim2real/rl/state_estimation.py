@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
-from swim2real.rl.body import ORIGIN, Bodies, Indices
+from swim2real.rl.body import Bodies, Indices
 from swim2real.rl.conditions import CONTROL_INTERVAL, StateEstimate
 from swim2real.rl.state import State, unwrapped
 from swim2real.simulation.pose import SCALAR
@@ -75,7 +75,7 @@ class StateEstimator:
     def update(self, state: State, which: Indices, rngs: list[np.random.Generator]) -> None:
         """Estimates some robots' states after a control interval, whose true states these are, into `seen`."""
         self.frames[:-1, which] = self.frames[1:, which]
-        for index in which:
+        for index in map(int, which):
             self.frames[-1, index] = self._measured(state, index, rngs[index])
         seen, before = self.seen, self._before
         for name in ("markers", "position", "heading", "joint_angles"):
@@ -120,14 +120,11 @@ class StateEstimator:
 
 
 class _Look:
-    """Where a camera sees the markers and the floating body of one parameter set in a pose, in the frame at the start."""
+    """Where a camera sees the markers and the floating body of one parameter set in a pose, as from the start."""
 
     def __init__(self, model: mujoco.MjModel, bodies: Bodies) -> None:
         self._model, self._data, self._bodies = model, mujoco.MjData(model), bodies
-        objects = list(bodies.layout.seen)
-        if bodies.layout.frame is not None:
-            objects.append((mujoco.mjtObj.mjOBJ_SITE, ORIGIN))
-        self._sites = [int(model.site(name).id) for kind, name in objects]
+        self._sites = [int(model.site(name).id) for name in bodies.layout.sites]
         c, s = np.cos(bodies.turned), np.sin(bodies.turned)
         self._to_start = np.array([[c, -s], [s, c]])
 

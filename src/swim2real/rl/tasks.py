@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -31,8 +31,8 @@ SUCCESS_WINDOW = 50  # episodes
 class Task(Protocol):
     """Observations, rewards, starts and ends of N robots.
 
-    A class `MyTask(robot, count)` is a task. What an episode is about is kept in attributes that are NumPy arrays with a
-    row a robot: those are saved and restored with a training.
+    A class is one whose `MyTask(robot, count)` is a task. What an episode is about is kept in attributes that are NumPy
+    arrays with a row a robot: those are saved and restored with a training.
 
     Attributes:
         observes: Parts of the robot that a policy sees by default, as `observation.PARTS` names them.
@@ -212,14 +212,14 @@ class PaperTarget(Target):
         return -distances - 0.5 * np.abs(actions).mean(axis=1) + 300.0 * reached, reached
 
 
-TASKS: Mapping[str, Callable[..., Task]] = {"forward": Forward, "target": Target, "paper-target": PaperTarget}
+TASKS: Mapping[str, type[Any]] = {"forward": Forward, "target": Target, "paper-target": PaperTarget}
 
 
-def find_task(name: str) -> Callable[..., Task]:
+def find_task(name: str) -> type[Any]:
     """The class of a task: a built-in one, one of an installed package, or one of a Python file.
 
     Args:
-        name: `forward`, `target`, the name of an entry point in the group `swim2real.tasks`, or
+        name: `forward`, `target`, `paper-target`, the name of an entry point in the group `swim2real.tasks`, or
             `python:FILE.py:CLASS` or `python:MODULE:CLASS`.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Trains a policy: environment steps, learning beside them, evaluations, checkpoints, and going on after an interruption.
+"""Trains a policy: environment steps and learning beside them, evaluations, checkpoints, resuming.
 
 A round is 200 transitions, made with the policy of the round before: meanwhile the learner learns from what was there
 before the round. So learning and simulating use different cores, and the results depend on neither's speed.
@@ -237,7 +237,7 @@ class _Trainer:
         self.returns += stepped.rewards
         ended = np.flatnonzero(stepped.ended)
         for i in ended:
-            self._note_episode(i, bool(stepped.terminated[i]))
+            self._note_episode(int(i), bool(stepped.terminated[i]))
         if len(ended):
             environments.begin(ended)
         self.step += environments.count

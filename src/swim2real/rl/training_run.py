@@ -170,9 +170,9 @@ class TrainingRun:
         made_for = (actor.inputs, len(actor.mean.bias))
         if made_for != (observations, actions):
             raise RunError(
-                f"the policy of '{self.folder}' takes {made_for[0]} numbers and commands {made_for[1]} actuators; robot "
-                f"'{self.settings.robot}' has {observations} and {actions} now: take the robot file of the training, or "
-                f"train anew"
+                f"the policy of '{self.folder}' takes {made_for[0]} numbers and commands {made_for[1]} actuators; "
+                f"robot '{self.settings.robot}' has {observations} and {actions} now: take the robot file of the "
+                f"training, or train anew"
             )
 
     @property

@@ -7,6 +7,7 @@ others nor on how they are shared out among threads.
 
 # what numba and llvmlite make has no types
 # pyright: reportUnknownParameterType=false, reportMissingParameterType=false, reportUntypedFunctionDecorator=false
+# pyright: reportPrivateImportUsage=false, reportCallIssue=false, reportArgumentType=false
 
 from __future__ import annotations
 
@@ -33,7 +34,6 @@ from swim2real.simulation import fast_step
 from swim2real.simulation.fast_plan import (
     Array,
     Calls,
-    Indices,
     Plan,
     State,
     UnsupportedModelError,
@@ -194,7 +194,8 @@ class Batch:
                 if not one.cancel():
                     one.result()
         except NumbaError as error:
-            raise EngineError(f"numba {numba.__version__} can't compile the steps: {error}") from error
+            reason = str(error).splitlines()[0]
+            raise EngineError(f"numba {numba.__version__} can't compile the steps: {reason}") from error
 
     def close(self) -> None:
         """Ends the threads."""
@@ -316,6 +317,6 @@ def _pointer(typingctx: Any, address: Any):
 
 
 @compiled
-def _array(address: int, shape: Any) -> Indices:
+def _array(address: int, shape: Any) -> Array:
     """The numbers at an address."""
     return numba.carray(_pointer(address), shape, np.float64)

@@ -283,6 +283,7 @@ def _solve(parent: Indices, symmetric: bool, A: Array, b: Array) -> bool:
 
 @compiled
 def bad(values: Array) -> bool:
+    """Whether a number counts as diverged."""
     for value in values:
         if not (value > -_MAX and value < _MAX):  # NaN too
             return True
