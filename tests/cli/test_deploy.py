@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import pytest
 from program import process
 
-from swim2real.deployment import RATE, control_table, write_table
+from swim2real.deployment import FISH, CommandTable, control_table, write_table
 from swim2real.deployment.emulator import Emulator, Fault
 from swim2real.deployment.sending import LOG_HEADER
 
@@ -19,7 +19,7 @@ from swim2real.deployment.sending import LOG_HEADER
 def table(tmp_path):
     def write(speeds):
         path = tmp_path / "commands.csv"
-        write_table(path, [k / RATE for k in range(len(speeds))], speeds)
+        write_table(path, CommandTable.of({FISH: speeds}))
         return path
 
     return write
@@ -136,7 +136,7 @@ def test_halted_and_continued_it_says_what_happened(table):
         program.send_signal(signal.SIGCONT)
         _, err = program.communicate(timeout=20)
         assert program.returncode == 1
-        assert "the motor's watchdog has stopped it" in err
+        assert "the watchdog of motor 1 has stopped it" in err
         assert emulator.velocity() == 0
 
 
@@ -144,6 +144,6 @@ def test_an_error_in_the_middle_is_one_sentence_and_the_log_is_there(program, ta
     log = tmp_path / "log.csv"
     with Emulator(faults=[Fault("overheated", 60)]) as emulator:
         program("deploy", table([3.0] * 200), "--port", emulator.port, "--log", log, "--quiet")
-        assert "the motor reports overheating" in program.sentence(1)
+        assert "motor 1 reports overheating" in program.sentence(1)
         assert emulator.velocity() == 0
     assert len(log.read_text().splitlines()) > 10

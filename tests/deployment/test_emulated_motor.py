@@ -3,6 +3,8 @@
 Its clock is the test's, and its packets are checked against the maker's library.
 """
 
+import math
+
 import dynamixel_sdk
 import pytest
 from hypothesis import given, settings
@@ -11,7 +13,6 @@ from hypothesis import strategies as st
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.emulated_motor import (
     HEADER,
-    NO_LOAD_SPEED,
     PING,
     READ,
     REBOOT,
@@ -24,6 +25,8 @@ from swim2real.deployment.emulated_motor import (
     build_packet,
     crc16,
 )
+
+NO_LOAD = ct.XW540.no_load * 2 * math.pi / 60
 
 
 class Bench:
@@ -133,8 +136,8 @@ def test_it_turns_at_the_goal_with_the_acceleration_it_was_given(bench):
 def test_backwards_and_no_faster_than_it_can(bench):
     bench.motor.set(ct.VELOCITY_LIMIT, 1023)
     bench.turning(-1000)
-    bench.now += NO_LOAD_SPEED / STEEPEST + 0.01
-    assert bench.motor.velocity == pytest.approx(-NO_LOAD_SPEED)
+    bench.now += NO_LOAD / STEEPEST + 0.01
+    assert bench.motor.velocity == pytest.approx(-NO_LOAD)
     assert bench.read(ct.PRESENT_POSITION) < 0
 
 

@@ -198,28 +198,30 @@ def export_commands(
         clip: Cut commands off at the limits instead of refusing them.
         json: Print what was written as JSON.
     """
-    from swim2real.deployment.commands import XW540_T140, CommandTable, Limits, write_table
+    from swim2real.deployment.commands import FISH, XW540_T140, CommandTable, Limits, write_table
     from swim2real.rl.assessment import policy_commands
     from swim2real.rl.training_run import TrainingRun
 
-    limits = Limits(
-        XW540_T140.speed if max_speed is None else max_speed,
-        XW540_T140.acceleration if max_acceleration is None else max_acceleration,
-    )
+    limits = {
+        FISH: Limits(
+            XW540_T140.speed if max_speed is None else max_speed,
+            XW540_T140.acceleration if max_acceleration is None else max_acceleration,
+        )
+    }
     velocities = policy_commands(TrainingRun.open(policy), seconds, which=which, phase=phase, goal=goal)
-    table = CommandTable.of(velocities.tolist())
+    table = CommandTable.of({FISH: velocities.tolist()})
     table = (table.clipped(limits) if clip else table.within(limits)).ramped(ramp)
-    write_table(out, table.times, table.velocities)
+    write_table(out, table)
     about = {
-        "commands": len(table.times), "seconds": table.duration, "speed": table.speed,
-        "acceleration": table.acceleration, "out": str(out),
+        "commands": len(table.rows), "seconds": table.duration, "speed": table.speed(FISH),
+        "acceleration": table.acceleration(FISH), "out": str(out),
     }  # fmt: skip
     if json:
         print(dumps(about, indent=2))
     else:
         print(
-            f"{out}: {len(table.times)} commands, {table.duration:.2f} s with ramps, at most {table.speed:.2f} rad/s "
-            f"and {table.acceleration:.0f} rad/s²; `swim2real deploy {out} --dry-run` tries them"
+            f"{out}: {len(table.rows)} commands, {table.duration:.2f} s with ramps, at most {table.speed(FISH):.2f} "
+            f"rad/s and {table.acceleration(FISH):.0f} rad/s²; `swim2real deploy {out} --dry-run` tries them"
         )
     return 0
 
