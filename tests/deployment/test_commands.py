@@ -131,9 +131,7 @@ def test_the_limits_of_angles():
     limits = {"a_rad": Limits(2.0, 50.0, -1.0, 1.5)}
     table = CommandTable.of({"a_rad": [1.5, 1.46, 1.5], FISH: [0, 99, 0]}).within(limits)
     assert table.speed("a_rad") == pytest.approx(2.0)
-    with pytest.raises(
-        ArgumentError, match=r"a_rad: the command at 0\.02 s is -1\.1 rad; the limits are -1 to 1\.5"
-    ):
+    with pytest.raises(ArgumentError, match=r"a_rad: the command at 0\.02 s is -1\.1 rad; the limits are -1 to 1\.5"):
         CommandTable.of({"a_rad": [-1.0, -1.1]}).within(limits)
     with pytest.raises(ArgumentError, match=r"a_rad: .* from 0 to 0\.05 rad, 2\.5 rad/s; the limit is 2 rad/s"):
         CommandTable.of({"a_rad": [0.0, 0.05]}).within(limits)

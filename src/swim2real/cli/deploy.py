@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Generator, Sequence
@@ -75,6 +76,8 @@ def deploy(options: DeployOptions) -> int:
         raise ArgumentError("give either --port (as /dev/ttyUSB0) or --dry-run")
     if options.repeat < 1:
         raise ArgumentError(f"--repeat is {options.repeat}; it must be 1 or above")
+    if not (math.isfinite(options.approach) and options.approach > 0):
+        raise ArgumentError(f"--approach is {options.approach:g}; it must be finite and above 0, in rad/s")
     from swim2real.deployment.bus import Bus  # which brings the motors' library
 
     table = read_table(options.commands)

@@ -22,11 +22,12 @@ LOG_HEADER = ("due_s", "sent_s", "command_rad_s", "answered", *_READ)
 _MOST_UNANSWERED = 10  # exchanges in a row without an answer before sending ends; the watchdog is as quick
 _FEWEST_UNANSWERED = 3  # of one motor among several
 _WHOLE_EVERY = RATE // 2  # readings of a motor; the first of them has voltage and temperature
+_LONGEST_UNREAD = RATE // 2  # rows without a reading; then one of several motors is read even if a command is delayed
 _COMMAND_BYTES = 16 + 11  # a command to one motor, and its answer
 _TOGETHER_BYTES = 14  # a command to several, and 5 more for each
 _READING_BYTES = 14 + 11 + 19  # the question, and the longest answer
 _READING_EXTRA = 0.004  # s: the adapter, the motor's return delay
-_MOST_TIME = 0.9  # of the time between two commands, for a command and a reading
+_MOST_TIME = 0.95  # of the time between two commands, for a command and a reading
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def send(
     settings = [motor.settings for motor in motors.each]
     leaving = _command_bytes(settings) if len(settings) > 1 else 0  # one motor has answered its command by then
     reading_takes = (leaving + _READING_BYTES) * 10 / bus.baud + _READING_EXTRA
-    last = -1
+    last = asked_at = -1
     schedule = Schedule()
     for k in schedule.ticks(len(table.rows), stop):
         last = k
@@ -93,7 +94,10 @@ def send(
         sent_at = bus.written_at - schedule.start
         if bus.written_at - before > motors.watchdog:
             readings.doubt_all()
-        turn = readings.next() if schedule.left(k + 1) > reading_takes else None
+        overdue = len(settings) > 1 and k - asked_at >= _LONGEST_UNREAD
+        turn = None
+        if overdue or schedule.left(k + 1) > reading_takes:
+            asked_at, turn = k, readings.next()
         if log:
             asked = None if turn is None else settings[turn.motor].name
             heard = turn is not None and turn.answered
