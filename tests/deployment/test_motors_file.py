@@ -1,10 +1,13 @@
 """Motors files: what they say, and which are refused with which sentence."""
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 
 from swim2real.deployment import read_motors
+from swim2real.deployment.sending import check_time
 from swim2real.errors import ArgumentError
 
 COLUMNS = ("tail_rad", "wheel_rad_s")
@@ -88,3 +91,12 @@ def test_columns_that_motors_cant_follow(read, columns, sentence):
 def test_a_file_that_isnt_there(tmp_path):
     with pytest.raises(ArgumentError, match=r"motors file .*none\.toml' can't be read: No such file"):
         read_motors(tmp_path / "none.toml", COLUMNS)
+
+
+def test_the_example_of_the_page_is_right(read):
+    page = (Path(__file__).parents[2] / "docs" / "deployment.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    names = [f"servo{k}" for k in (1, 2, 3, 4)]
+    motors = read(example, [f"{name}_rad" for name in names])
+    assert [motor.name for motor in motors] == names
+    check_time(motors, 57_600)
