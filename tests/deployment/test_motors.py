@@ -121,6 +121,17 @@ def test_no_motor_is_faster_or_steeper_than_its_limits():
             assert motor.get(ct.PROFILE_ACCELERATION) * ct.ACCELERATION_UNIT == pytest.approx(100, abs=0.4)
 
 
+def test_one_alone_confirms_its_angles():
+    with emulated() as emulator, Bus(emulator.port) as bus, Motors(bus, SETTINGS[:1]) as motors:
+        motors.identify()
+        started = motors.start(CommandTable.of({"head_rad": [0.1]}))
+        assert len(started.rows) == 21 + 1  # 0.2012 rad at 0.5 rad/s, since the encoder rounds down
+        assert motors.command((0.1,)) == pytest.approx((0.1,), abs=0.001)
+        assert emulator.packets[-1][1].instruction == WRITE
+        time.sleep(0.15)
+        assert motors.each[0].read().position == pytest.approx(0.1, abs=0.005)
+
+
 def test_an_overheated_one_stops_all():
     emulator, error = swim(Fault("overheated", MIDDLE, device=7))
     assert "motor tail (id 7) reports overheating (Hardware Error Status (70) is 4)" in str(error)
@@ -190,6 +201,7 @@ def test_more_motors_than_the_line_has_time_for():
     [
         (ct.MAX_POSITION, 2100, "the table asks motor head (id 2) for 0.2994 rad; its own Min and Max Position"),
         (ct.VELOCITY_LIMIT, 50, "the table asks motor head (id 2) for 1.88 rad/s; its own Velocity Limit (44) is 50"),
+        (ct.FIRMWARE, 37, "motor head (id 2) has firmware 37, without the watchdog that stops it"),
         (ct.HOMING_OFFSET, 100, "motor head (id 2) has Homing Offset (20) 100; it must be 0"),
     ],
 )

@@ -17,7 +17,7 @@ RATE = 50  # Hz
 TIME = "time_s"
 FISH = "velocity_rad_s"
 """The column of the fish's tables: the speed of its one motor."""
-_UNITS = ("rad_s", "m_s")  # of two words; others are what follows the last underscore
+_SPEEDS = ("rad_s", "m_s")  # units of speeds; any other unit is what follows the last underscore
 _TIME_TOLERANCE = 1e-4  # s, of a time stamp in a file
 _ROUNDING = 1e-9  # rad, rad/s
 
@@ -62,8 +62,8 @@ class CommandTable:
     """Commands at 50 Hz. Row k is due at k/50 s and holds until the next.
 
     Attributes:
-        columns: Names with units, one an actuator: `NAME_rad_s` is a speed, `NAME_rad` an angle. A unit that ends in
-            `_s` is a speed, any other is not.
+        columns: Names with units, one an actuator: `NAME_rad_s` is a speed, and so is `NAME_m_s`; `NAME_rad` is an
+            angle. Any other unit counts as a position.
         rows: Values in the order of the columns, in their units, positive as the actuator counts.
     """
 
@@ -197,13 +197,13 @@ class CommandTable:
 
 
 def is_speed(column: str) -> bool:
-    """Whether a column is of speeds: its unit ends in `_s`."""
-    return column.endswith("_s")
+    """Whether a column is of speeds: its unit is rad/s or m/s."""
+    return split_column(column)[1] in _SPEEDS
 
 
 def split_column(column: str) -> tuple[str, str]:
     """The actuator and the unit that the name of a column consists of: `servo1` and `rad` of `servo1_rad`."""
-    for unit in _UNITS:
+    for unit in _SPEEDS:
         if column.endswith(f"_{unit}"):
             return column.removesuffix(f"_{unit}"), unit
     name, _, unit = column.rpartition("_")

@@ -24,6 +24,7 @@ POSITION_MODE = 3
 TIME_BASED_PROFILE = 0x04  # bit of the drive mode
 REVERSE = 0x01  # bit of the drive mode
 WATCHDOG_TRIPPED = 255  # -1 in the manual
+WATCHDOG_FIRMWARE = 38  # the first that has a bus watchdog
 
 ALERT = 0x80  # bit of a status packet's error: look at the hardware error status
 RESULT_FAIL, INSTRUCTION_ERROR, CRC_ERROR, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, ACCESS_ERROR = range(1, 8)

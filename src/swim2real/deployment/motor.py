@@ -122,8 +122,14 @@ class Motor:
             self.identified = True
             self._enable_answers()
             self._write(ct.TORQUE_ENABLE, 0)
-            self._write(ct.BUS_WATCHDOG, 0)
             settings = bus.read_block(self._id, ct.MODEL_REGISTER, ct.SHUTDOWN)
+            if settings[ct.FIRMWARE] < ct.WATCHDOG_FIRMWARE:
+                self.identified = False  # its torque is off, and more can't be done
+                raise MotorError(
+                    f"{self.settings} has firmware {settings[ct.FIRMWARE]}, without the watchdog that stops it when "
+                    f"this program can't; it must be {ct.WATCHDOG_FIRMWARE} or later: update it with Dynamixel Wizard"
+                )
+            self._write(ct.BUS_WATCHDOG, 0)
             present = bus.read_block(self._id, ct.PRESENT_VELOCITY, ct.PRESENT_TEMPERATURE)
         except HardwareAlertError as error:
             raise self._alert() from error
