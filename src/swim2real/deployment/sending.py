@@ -99,14 +99,10 @@ def send(
         if overdue or schedule.left(k + 1) > reading_takes:
             asked_at, turn = k, readings.next()
         if log:
-            asked = None if turn is None else settings[turn.motor].name
-            heard = turn is not None and turn.answered
-            cells = [f"{k / RATE:.2f}", f"{sent_at:.6f}", *(f"{value:.6f}" for value in wanted)]
-            cells += (
-                [str(int(answered))] if len(settings) == 1 else [asked or "", "" if turn is None else str(int(heard))]
-            )
-            cells += _reading_cells(bus.written_at - schedule.start, turn.reading if turn else None)
-            log.write(",".join(cells) + "\n")
+            asked = (turn.motor, str(int(turn.answered))) if turn else ("", "")
+            said = (str(int(answered)),) if len(settings) == 1 else asked
+            reading = turn.reading if turn else None
+            log.write(_log_line(k, sent_at, wanted, said, bus.written_at - schedule.start, reading))
     complete = last == len(table.rows) - 1
     if complete:
         schedule.wait_until(schedule.due(last + 1))  # the last command holds as long as the others
@@ -121,12 +117,12 @@ class _Turn:
     """One motor that was asked.
 
     Attributes:
-        motor: Its number.
+        motor: Its name.
         answered: Whether it answered.
         reading: What it does; None where it didn't answer, or was asked something else.
     """
 
-    motor: int
+    motor: str
     answered: bool
     reading: Reading | None = None
 
@@ -168,7 +164,7 @@ class _Readings:
             if self._doubted[k]:
                 motor.check_watchdog()
                 self._missing[k], self._doubted[k] = 0, False
-                return _Turn(k, True)
+                return _Turn(motor.settings.name, True)
             reading = motor.read(whole=self._answered[k] % _WHOLE_EVERY == 0)
         except NoAnswerError as error:
             self.unread += 1
@@ -178,13 +174,13 @@ class _Readings:
                 raise MotorError(
                     f"{motor.settings}: {self._most} readings in a row without an answer: {error}"
                 ) from error
-            return _Turn(k, False)
+            return _Turn(motor.settings.name, False)
         self._answered[k] += 1
         self._missing[k] = 0
         if reading.temperature is not None and reading.voltage is not None:
             self.temperatures.append(reading.temperature)
             self.voltages.append(reading.voltage)
-        return _Turn(k, True, reading)
+        return _Turn(motor.settings.name, True, reading)
 
 
 def check_time(motors: Sequence[MotorSettings], baud: int) -> None:
@@ -233,11 +229,16 @@ def _command_bytes(motors: Sequence[MotorSettings]) -> int:
     return packets * _TOGETHER_BYTES + 5 * len(motors)
 
 
-def _reading_cells(read_at: float, reading: Reading | None) -> list[str]:
+def _log_line(
+    k: int, sent_at: float, commands: Sequence[float], said: Sequence[str], read_at: float, reading: Reading | None
+) -> str:
+    cells = [f"{k / RATE:.2f}", f"{sent_at:.6f}", *(f"{command:.6f}" for command in commands), *said]
     if reading is None:
-        return [""] * len(_READ)
-    return [
-        f"{read_at:.6f}", f"{reading.velocity:.6f}", f"{reading.position:.6f}",
-        "" if reading.voltage is None else f"{reading.voltage:.1f}",
-        "" if reading.temperature is None else f"{reading.temperature}",
-    ]  # fmt: skip
+        cells += [""] * len(_READ)
+    else:
+        cells += [f"{read_at:.6f}", f"{reading.velocity:.6f}", f"{reading.position:.6f}"]
+        cells += [
+            "" if reading.voltage is None else f"{reading.voltage:.1f}",
+            "" if reading.temperature is None else f"{reading.temperature}",
+        ]
+    return ",".join(cells) + "\n"
