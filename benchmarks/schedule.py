@@ -14,9 +14,9 @@ import sys
 from collections.abc import Iterator
 from math import pi, sin
 
-from swim2real.deployment import RATE, XW540_T140, CommandTable
+from swim2real.deployment import FISH, RATE, XW540_T140, CommandTable, fish_motor
 from swim2real.deployment.bus import Bus
-from swim2real.deployment.motor import Motor
+from swim2real.deployment.motors import Motors
 from swim2real.deployment.schedule import real_time_priority
 from swim2real.deployment.sending import SendingResult, send
 
@@ -31,12 +31,13 @@ def emulated_motor(baud: int) -> Iterator[str]:
 
 def measure(seconds: float, baud: int, real_time: bool) -> tuple[SendingResult, bool]:
     # a beat of 0.8 Hz on top of 4 rad/s
-    table = CommandTable.of([4 + 2 * sin(2 * pi * 0.8 * k / RATE) for k in range(round(seconds * RATE))]).ramped(20.0)
-    with emulated_motor(baud) as port, Bus(port, baud=baud) as bus, Motor(bus) as motor:
-        motor.identify()
-        motor.start(table.within(XW540_T140), XW540_T140)
+    speeds = [4 + 2 * sin(2 * pi * 0.8 * k / RATE) for k in range(round(seconds * RATE))]
+    table = CommandTable.of({FISH: speeds}).ramped(20.0).within({FISH: XW540_T140})
+    with emulated_motor(baud) as port, Bus(port, baud) as bus, Motors(bus, [fish_motor()]) as motors:
+        motors.identify()
+        motors.start(table)
         with real_time_priority() if real_time else contextlib.nullcontext(False) as granted:
-            return send(motor, bus, table), granted
+            return send(motors, table), granted
 
 
 def main() -> None:

@@ -15,8 +15,8 @@ SECONDS = 3.0
 class Reach:
     """The reward of a step is minus the distance of the tip from its goal, in cm.
 
-    A goal is where the tip was in an earlier pull of the cable, so it can be reached: the tip of a finger whose joints
-    are bent alike.
+    A goal is where the tip of a finger is whose middle joint bends 0.56 times as far as its knuckle, as the wound-up
+    cable bends them, so it can be reached.
 
     Attributes:
         goals: Where the tip is to be [m]. Shape (N, 2).
@@ -32,9 +32,9 @@ class Reach:
         self.goals = np.zeros((count, 2))
 
     def begin(self, index, rng, options):
-        bend = options.get("bend", rng.uniform(0.2, 1.0))  # rad, of each joint
+        bend = options.get("bend", rng.uniform(0.2, 1.2))  # rad, of the knuckle
         first, second = np.array([0.09, -0.01]), np.array([0.07, -0.01])  # link to the next joint; tip on its link
-        self.goals[index] = _turned([first[0], 0.0], bend) + _turned(second, 2 * bend)
+        self.goals[index] = _turned([first[0], 0.0], bend) + _turned(second, 1.56 * bend)
         return self._seconds
 
     def observe(self, state):

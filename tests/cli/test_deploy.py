@@ -10,7 +10,8 @@ from contextlib import contextmanager
 import pytest
 from program import process
 
-from swim2real.deployment import RATE, control_table, write_table
+from swim2real.deployment import FISH, CommandTable, control_table, write_table
+from swim2real.deployment.emulated_motor import EmulatedMotor
 from swim2real.deployment.emulator import Emulator, Fault
 from swim2real.deployment.sending import LOG_HEADER
 
@@ -19,7 +20,7 @@ from swim2real.deployment.sending import LOG_HEADER
 def table(tmp_path):
     def write(speeds):
         path = tmp_path / "commands.csv"
-        write_table(path, [k / RATE for k in range(len(speeds))], speeds)
+        write_table(path, CommandTable.of({FISH: speeds}))
         return path
 
     return write
@@ -96,6 +97,101 @@ def test_clipping_must_be_asked_for(program, table):
     assert "Clipping changed 1 commands" in program("deploy", table([0.0, 9.0, 0.0]), "--dry-run", "--clip").done().out
 
 
+MOTORS = """
+[head]
+id = 2
+model = "XL430-W250"
+lowest = -1
+highest = 1
+[wheel]
+id = 3
+direction = -1
+"""
+
+
+@pytest.fixture
+def motors(tmp_path):
+    """A table for two motors and their file."""
+    commands, file = tmp_path / "commands.csv", tmp_path / "motors.toml"
+    file.write_text(MOTORS)
+
+    def write(rows=30, **columns):
+        table = columns or {"head_rad": [0.2] * rows, "wheel_rad_s": [3.0] * rows}
+        write_table(commands, CommandTable.of(table))
+        return commands, "--baud", 1_000_000, "--motors", file
+
+    return write
+
+
+def test_a_dry_run_with_a_motors_file(program, motors, tmp_path):
+    log = tmp_path / "log.csv"
+    out = program("deploy", *motors(), "--dry-run", "--approach", 2, "--log", log).done().out
+    assert "46 commands, 0.92 s at 50 Hz\nhead_rad: 0.20 to 0.20 rad (limits -1.00 to 1.00), fastest 0.00 rad/s" in out
+    assert "wheel_rad_s: fastest 3.00 rad/s (limit 7.29), steepest 18.8 rad/s² (limit 100)" in out
+    assert "Emulated motor head (id 2) on /dev/pts/" in out
+    assert "XL430-W250, firmware 45, 12.0 V, 30 °C (limit 72), own limit 6.35 rad/s" in out
+    assert "The way to the first angles adds 5 commands, 0.10 s" in out
+    with log.open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0])[:6] == ["due_s", "sent_s", "command_head_rad", "command_wheel_rad_s", "motor", "answered"]
+    wheel = [float(row["velocity_rad_s"]) for row in rows if row["motor"] == "wheel" and row["velocity_rad_s"]]
+    assert max(wheel) == pytest.approx(3.0, abs=0.03)
+    head = [float(row["position_rad"]) for row in rows if row["motor"] == "head" and row["position_rad"]]
+    assert head[-1] == pytest.approx(0.2, abs=0.01)
+
+
+def test_json_of_several(program, motors):
+    figures = program("deploy", *motors(5), "--dry-run", "--json").done().json
+    assert figures["complete"]
+    assert figures["motors"]["head"]["model"] == "XL430-W250"
+    assert figures["motors"]["wheel"]["velocity_limit"] == pytest.approx(7.29, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("columns", "words", "sentence"),
+    [
+        ({}, ["--id", "1"], "--id is 1, and --motors is given, whose file says it for each motor"),
+        ({}, ["--approach", "0"], "--approach is 0; it must be finite and above 0, in rad/s"),
+        ({"head_rad": [1.1], "wheel_rad_s": [0]}, [], "head_rad: the command at 0.00 s is 1.1 rad; the limits are -1"),
+        (
+            {"head_rad": [0.0], "winch_m": [0.1]},
+            [],
+            "the column winch_m is in m; a motor takes speeds in rad/s",
+        ),
+        ({"head_rad": [0.0]}, [], "motors.toml: motor wheel has no column in the table, which has head_rad"),
+    ],
+)
+def test_refusals_with_a_motors_file(program, motors, columns, words, sentence):
+    assert sentence in program("deploy", *motors(**columns), *words, "--dry-run", "--quiet").sentence(2)
+
+
+def test_columns_that_need_a_motors_file(program, motors):
+    said = program("deploy", motors()[0], "--dry-run", "--quiet").sentence(2)
+    assert "has the columns head_rad, wheel_rad_s; without --motors only velocity_rad_s can be sent" in said
+
+
+def test_ctrl_c_stops_all_motors(program, motors):
+    head = EmulatedMotor(2, control_table.model_named("XL430-W250"), angle=3.0)
+    with Emulator(head, EmulatedMotor(3)) as emulator:
+
+        def send_signal():
+            give_up = time.monotonic() + 30
+            while emulator.velocity() > -2.5 and time.monotonic() < give_up:
+                time.sleep(0.02)
+            os.kill(os.getpid(), signal.SIGINT)
+
+        sender = threading.Thread(target=send_signal)
+        sender.start()
+        program("deploy", *motors(1000), "--port", emulator.port)
+        sender.join()
+        assert program.code == 1
+        assert "swim2real: SIGINT after" in program.err
+        assert "the motors were stopped" in program.err
+        assert emulator.velocity() == 0
+        assert not any(motor.get(control_table.TORQUE_ENABLE) for motor in emulator.motors)
+        assert not any(motor.watchdog_tripped for motor in emulator.motors)
+
+
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_signals_stop_the_motor(program, table, name):
     with Emulator() as emulator:
@@ -136,7 +232,7 @@ def test_halted_and_continued_it_says_what_happened(table):
         program.send_signal(signal.SIGCONT)
         _, err = program.communicate(timeout=20)
         assert program.returncode == 1
-        assert "the motor's watchdog has stopped it" in err
+        assert "the watchdog of motor 1 has stopped it" in err
         assert emulator.velocity() == 0
 
 
@@ -144,6 +240,6 @@ def test_an_error_in_the_middle_is_one_sentence_and_the_log_is_there(program, ta
     log = tmp_path / "log.csv"
     with Emulator(faults=[Fault("overheated", 60)]) as emulator:
         program("deploy", table([3.0] * 200), "--port", emulator.port, "--log", log, "--quiet")
-        assert "the motor reports overheating" in program.sentence(1)
+        assert "motor 1 reports overheating" in program.sentence(1)
         assert emulator.velocity() == 0
     assert len(log.read_text().splitlines()) > 10

@@ -3,6 +3,8 @@
 Its clock is the test's, and its packets are checked against the maker's library.
 """
 
+import math
+
 import dynamixel_sdk
 import pytest
 from hypothesis import given, settings
@@ -10,13 +12,14 @@ from hypothesis import strategies as st
 
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.emulated_motor import (
+    BROADCAST,
     HEADER,
-    NO_LOAD_SPEED,
     PING,
     READ,
     REBOOT,
     STATUS,
     STEEPEST,
+    SYNC_WRITE,
     WRITE,
     EmulatedMotor,
     Packet,
@@ -24,6 +27,8 @@ from swim2real.deployment.emulated_motor import (
     build_packet,
     crc16,
 )
+
+NO_LOAD = ct.XW540.no_load * 2 * math.pi / 60
 
 
 class Bench:
@@ -133,8 +138,8 @@ def test_it_turns_at_the_goal_with_the_acceleration_it_was_given(bench):
 def test_backwards_and_no_faster_than_it_can(bench):
     bench.motor.set(ct.VELOCITY_LIMIT, 1023)
     bench.turning(-1000)
-    bench.now += NO_LOAD_SPEED / STEEPEST + 0.01
-    assert bench.motor.velocity == pytest.approx(-NO_LOAD_SPEED)
+    bench.now += NO_LOAD / STEEPEST + 0.01
+    assert bench.motor.velocity == pytest.approx(-NO_LOAD)
     assert bench.read(ct.PRESENT_POSITION) < 0
 
 
@@ -147,6 +152,87 @@ def test_the_place_where_it_looks_doesnt_matter(bench):
         assert bench.motor.velocity >= 0
     other.now += 0.37
     assert bench.motor.angle == pytest.approx(other.motor.angle)
+
+
+def in_position_mode(bench, goal, speed=0, acceleration=0):
+    bench.write(ct.PROFILE_VELOCITY, speed)
+    bench.write(ct.PROFILE_ACCELERATION, acceleration)
+    assert bench.write(ct.TORQUE_ENABLE, 1) == 0
+    return bench.write(ct.GOAL_POSITION, goal)
+
+
+def test_it_goes_to_an_angle_with_the_speed_and_the_acceleration_of_its_profile(bench):
+    in_position_mode(bench, 2048, speed=100, acceleration=20)
+    fastest, steepness = 100 * ct.VELOCITY_UNIT, 20 * ct.ACCELERATION_UNIT
+    bench.now += 0.1
+    assert bench.motor.velocity == pytest.approx(0.1 * steepness)
+    bench.now += 0.5
+    assert bench.motor.velocity == pytest.approx(fastest)
+    seconds = math.pi / fastest + fastest / steepness
+    bench.now += seconds - 0.6 - 0.1
+    assert bench.motor.velocity == pytest.approx(0.1 * steepness)
+    bench.now += 0.11
+    assert bench.motor.angle == pytest.approx(math.pi)
+    assert bench.read(ct.PRESENT_POSITION) == 2048
+    assert bench.motor.velocity == 0
+
+
+@settings(max_examples=25)
+@given(st.lists(st.tuples(st.integers(0, 4095), st.floats(0.01, 0.5)), min_size=1, max_size=5))
+def test_the_place_where_it_looks_doesnt_matter_on_the_way_to_angles_either(goals):
+    often, once = Bench(), Bench()
+    for goal, seconds in goals:
+        for one, looks in ((often, 7), (once, 1)):
+            in_position_mode(one, goal, speed=200, acceleration=50)
+            for _ in range(looks):
+                one.now += seconds / looks
+                assert abs(one.motor.velocity) <= 200 * ct.VELOCITY_UNIT * (1 + 1e-9)
+    assert often.motor.angle == pytest.approx(once.motor.angle, abs=1e-6)
+    often.now += 10
+    assert often.motor.angle == pytest.approx(goals[-1][0] * ct.POSITION_UNIT)
+
+
+def test_angles_beyond_its_own_limits_are_refused_and_turns_forgotten_in_position_mode(bench):
+    bench.motor.set(ct.MAX_POSITION, 3000)
+    assert in_position_mode(bench, 3001) == ct.LIMIT_ERROR
+    assert bench.write(ct.PROFILE_VELOCITY, 305) == ct.LIMIT_ERROR
+    bench.write(ct.TORQUE_ENABLE, 0)
+    bench.turning(300)
+    bench.now += 5
+    bench.write(ct.TORQUE_ENABLE, 0)
+    bench.now += 1
+    assert bench.read(ct.PRESENT_POSITION) > 4095
+    bench.write(ct.OPERATING_MODE, ct.POSITION_MODE)
+    assert bench.read(ct.PRESENT_POSITION) < 4096
+
+
+def test_on_the_way_to_an_angle_the_watchdog_stops_it(bench):
+    bench.write(ct.BUS_WATCHDOG, 10)
+    in_position_mode(bench, 4000, speed=20, acceleration=100)
+    bench.now += 0.5
+    assert bench.motor.watchdog_tripped
+    assert bench.motor.velocity == 0
+    assert bench.motor.angle < 0.2 * 20 * ct.VELOCITY_UNIT + 0.01
+
+
+def test_a_packet_for_several_is_obeyed_and_not_answered(bench):
+    bench.turning(0)
+    goals = {7: 100, 1: -50, 3: 20}
+    data = b"".join(bytes([device]) + v.to_bytes(4, "little", signed=True) for device, v in goals.items())
+    packet = Packet(BROADCAST, SYNC_WRITE, bytes([104, 0, 4, 0]) + data)
+    assert bench.motor.answer(packet) is None
+    assert bench.read(ct.GOAL_VELOCITY) == -50
+    assert bench.motor.answer(Packet(BROADCAST, SYNC_WRITE, packet.parameters[:9], intact=True)) is None
+    assert bench.motor.answer(Packet(BROADCAST, SYNC_WRITE, packet.parameters, intact=False)) is None
+    assert bench.read(ct.GOAL_VELOCITY) == -50
+
+
+@pytest.mark.parametrize("model", ct.MODELS)
+def test_each_model_is_as_it_is_sold(model):
+    motor = EmulatedMotor(9, model)
+    assert (motor.get(ct.MODEL_REGISTER), motor.get(ct.ID)) == (model.number, 9)
+    assert motor.get(ct.VELOCITY_LIMIT) == model.velocity_limit
+    assert motor.get(ct.TEMPERATURE_LIMIT) == model.temperature_limit
 
 
 def test_without_torque_it_runs_out(bench):

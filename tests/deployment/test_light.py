@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import swim2real
-from swim2real.deployment import write_table
+from swim2real.deployment import FISH, CommandTable, write_table
 
 # a program in which only these can be imported beside the standard library, as where nothing else is installed;
 # the emulated motor, which the dry run starts, inherits it
@@ -60,7 +60,7 @@ def light(tmp_path):
 
 
 def test_a_dry_run_needs_the_command_line_and_the_makers_library_only(light, tmp_path):
-    write_table(tmp_path / "c.csv", [0.0, 0.02], [0.0, 0.5])
+    write_table(tmp_path / "c.csv", CommandTable.of({FISH: [0.0, 0.5]}))
     code, out, err = light("-m", "swim2real", "deploy", tmp_path / "c.csv", "--dry-run", "--log", tmp_path / "log.csv")
     assert (code, err) == (0, "")
     assert "Sent" in out

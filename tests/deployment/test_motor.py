@@ -7,16 +7,16 @@ import time
 
 import pytest
 
-from swim2real.deployment import XW540_T140, CommandTable, MotorError
+from swim2real.deployment import FISH, XW540_T140, CommandTable, MotorError, fish_motor
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.bus import Bus
 from swim2real.deployment.control_table import NoAnswerError
 from swim2real.deployment.emulated_motor import PING, WRITE, EmulatedMotor
 from swim2real.deployment.emulator import Emulator
-from swim2real.deployment.motor import Motor
+from swim2real.deployment.motors import Motors
 from swim2real.errors import ArgumentError, MissingExtraError
 
-TABLE = CommandTable.of([0.0, 2.0, 4.0])
+TABLE = CommandTable.of({FISH: [0.0, 2.0, 4.0]})
 
 
 @pytest.fixture
@@ -36,11 +36,11 @@ def goals(emulator) -> list[int]:
 
 def test_registers_of_every_size_and_sign(emulated):
     with Bus(emulated.port) as bus:
-        assert bus.ping() == 1180
+        assert bus.ping(1) == 1180
         for register, value in ((ct.TORQUE_ENABLE, 1), (ct.GOAL_VELOCITY, -304), (ct.PROFILE_ACCELERATION, 32_767)):
-            bus.write(register, value)
-            assert bus.read(register) == value
-        block = bus.read_block(ct.MODEL_REGISTER, ct.SHUTDOWN)
+            bus.write(1, register, value)
+            assert bus.read(1, register) == value
+        block = bus.read_block(1, ct.MODEL_REGISTER, ct.SHUTDOWN)
         assert (block[ct.VELOCITY_LIMIT], block[ct.MODEL_REGISTER]) == (304, 1180)
 
 
@@ -48,7 +48,7 @@ def test_a_value_that_looks_like_a_header_arrives(emulated):
     value = int.from_bytes(b"\xff\xff\xfd\x00", "little")
     goal = ct.Register("goal", 104, 4, 0)
     with Bus(emulated.port) as bus, pytest.raises(MotorError, match="beyond the motor's own limit"):
-        bus.write(goal, value)
+        bus.write(1, goal, value)
     assert goals(emulated) == [value]
 
 
@@ -63,34 +63,34 @@ def test_a_value_that_looks_like_a_header_arrives(emulated):
 def test_a_refusal_is_a_sentence(emulated, register, value, reason):
     sentence = f"motor 1 on {emulated.port} refused writing {value} to {register}: {reason}"
     with Bus(emulated.port) as bus, pytest.raises(MotorError, match=re.escape(sentence)):
-        bus.write(register, value)
+        bus.write(1, register, value)
 
 
 def test_identity():
     motor = EmulatedMotor(device=7)
     motor.set(ct.DRIVE_MODE, ct.REVERSE)
     motor.set(ct.VELOCITY_LIMIT, 200)
-    with Emulator(motor) as emulator, Bus(emulator.port, 7, 1_000_000) as bus, Motor(bus) as driver:
-        identity = driver.identify()
+    with Emulator(motor) as emulator, Bus(emulator.port, 1_000_000) as bus, Motors(bus, [fish_motor(7)]) as driver:
+        (identity,) = driver.identify()
     assert identity.velocity_limit == pytest.approx(4.796, abs=0.001)
     assert (identity.voltage, identity.temperature, identity.temperature_limit) == (12.0, 30, 80)
     assert identity.reversed
 
 
 def test_it_is_started_commanded_read_and_stopped(emulated):
-    with Bus(emulated.port) as bus, Motor(bus) as motor:
+    with Bus(emulated.port) as bus, Motors(bus, [fish_motor()]) as motor:
         motor.identify()
-        motor.start(TABLE, XW540_T140)
+        motor.start(TABLE)
         assert emulated.motor.get(ct.OPERATING_MODE) == ct.VELOCITY_MODE
         assert emulated.motor.get(ct.BUS_WATCHDOG) == 10
-        sent = motor.command(4.0)
+        (sent,) = motor.command((4.0,))
         assert sent == pytest.approx(4.0, abs=ct.VELOCITY_UNIT / 2)
         time.sleep(0.1)
-        reading = motor.read()
+        reading = motor.each[0].read()
         assert reading.velocity == pytest.approx(sent, abs=0.01)
         assert reading.temperature is None
         time.sleep(0.02)
-        whole = motor.read(whole=True)
+        whole = motor.each[0].read(whole=True)
         assert whole.position > reading.position > 0
         assert (whole.voltage, whole.temperature) == (12.0, 30)
     assert emulated.velocity() == 0
@@ -99,19 +99,19 @@ def test_it_is_started_commanded_read_and_stopped(emulated):
 
 
 def test_it_is_no_steeper_than_the_limit(emulated):
-    with Bus(emulated.port) as bus, Motor(bus) as motor:
+    with Bus(emulated.port) as bus, Motors(bus, [fish_motor()]) as motor:
         motor.identify()
-        motor.start(TABLE, XW540_T140)
+        motor.start(TABLE)
         steepness = emulated.motor.get(ct.PROFILE_ACCELERATION) * ct.ACCELERATION_UNIT
     assert XW540_T140.acceleration <= steepness < XW540_T140.acceleration + ct.ACCELERATION_UNIT
 
 
 def test_whatever_happens_it_stops(emulated):
     def swim():
-        with Bus(emulated.port) as bus, Motor(bus) as motor:
+        with Bus(emulated.port) as bus, Motors(bus, [fish_motor()]) as motor:
             motor.identify()
-            motor.start(TABLE, XW540_T140)
-            motor.command(4.0)
+            motor.start(TABLE)
+            motor.command((4.0,))
             time.sleep(0.05)
             assert emulated.velocity() > 1
             raise ZeroDivisionError
@@ -124,9 +124,9 @@ def test_whatever_happens_it_stops(emulated):
 
 def test_eeprom_isnt_worn_by_setting_a_mode_that_is_set(emulated):
     emulated.motor.set(ct.OPERATING_MODE, ct.VELOCITY_MODE)
-    with Bus(emulated.port) as bus, Motor(bus) as motor:
+    with Bus(emulated.port) as bus, Motors(bus, [fish_motor()]) as motor:
         motor.identify()
-        motor.start(TABLE, XW540_T140)
+        motor.start(TABLE)
     written = [p.parameters[0] for _, p in emulated.packets if p.instruction == WRITE]
     assert ct.OPERATING_MODE.address not in written
 
@@ -135,30 +135,30 @@ def test_eeprom_isnt_worn_by_setting_a_mode_that_is_set(emulated):
 def test_a_motor_that_was_told_to_keep_silent_is_made_to_answer(level):
     motor = EmulatedMotor()
     motor.set(ct.STATUS_RETURN_LEVEL, level)
-    with Emulator(motor) as emulator, Bus(emulator.port) as bus, Motor(bus) as driver:
+    with Emulator(motor) as emulator, Bus(emulator.port) as bus, Motors(bus, [fish_motor()]) as driver:
         driver.identify()
-        driver.start(TABLE, XW540_T140)
-        driver.command(1.0)
+        driver.start(TABLE)
+        driver.command((1.0,))
 
 
 def test_a_motor_whose_watchdog_had_tripped_is_started(emulated):
     emulated.motor.set(ct.BUS_WATCHDOG, ct.WATCHDOG_TRIPPED)
     emulated.motor.set(ct.TORQUE_ENABLE, 1)
     emulated.motor.set(ct.GOAL_VELOCITY, 200)
-    with Bus(emulated.port) as bus, Motor(bus) as motor:
+    with Bus(emulated.port) as bus, Motors(bus, [fish_motor()]) as motor:
         motor.identify()
-        motor.start(TABLE, XW540_T140)
+        motor.start(TABLE)
         time.sleep(0.05)
         assert emulated.velocity() == 0  # nothing is left of the old goal
-        motor.command(1.0)
+        motor.command((1.0,))
 
 
 def test_another_model_is_left_alone():
-    with Emulator(EmulatedMotor(model_number=1170)) as emulator:
+    with Emulator(EmulatedMotor(model=ct.model_named("XL430-W250"))) as emulator:
         with (
             Bus(emulator.port) as bus,
-            pytest.raises(MotorError, match=r"has model number 1170, not 1180 \(XW540-T140-R\)"),
-            Motor(bus) as motor,
+            pytest.raises(MotorError, match=r"has model number 1060 \(XL430-W250\), not 1180 \(XW540-T140-R\)"),
+            Motors(bus, [fish_motor()]) as motor,
         ):
             motor.identify()
         assert {packet.instruction for _, packet in emulator.packets} == {PING}
@@ -171,9 +171,9 @@ def test_a_motor_that_hung_in_an_error_says_which():
         Emulator(hot) as emulator,
         Bus(emulator.port) as bus,
         pytest.raises(
-            MotorError, match=r"the motor reports overheating, overload \(Hardware Error Status \(70\) is 36\)"
+            MotorError, match=r"motor 1 reports overheating, overload \(Hardware Error Status \(70\) is 36\)"
         ),
-        Motor(bus) as motor,
+        Motors(bus, [fish_motor()]) as motor,
     ):
         motor.identify()
 
@@ -185,41 +185,41 @@ def test_a_time_based_profile_is_refused():
         Emulator(motor) as emulator,
         Bus(emulator.port) as bus,
         pytest.raises(MotorError, match="Drive Mode 4, with a time-based profile; switch it"),
-        Motor(bus) as driver,
+        Motors(bus, [fish_motor()]) as driver,
     ):
         driver.identify()
 
 
 def test_the_motors_own_limit_is_respected(emulated):
     emulated.motor.set(ct.VELOCITY_LIMIT, 100)
-    with Bus(emulated.port) as bus, Motor(bus) as motor:
+    with Bus(emulated.port) as bus, Motors(bus, [fish_motor()]) as motor:
         motor.identify()
         with pytest.raises(
-            MotorError, match=r"asks for 4 rad/s; the motor's own Velocity Limit \(44\) is 100, 2\.4 rad"
+            MotorError, match=r"asks motor 1 for 4 rad/s; its own Velocity Limit \(44\) is 100, 2\.4 rad"
         ):
-            motor.start(TABLE, XW540_T140)
+            motor.start(TABLE)
         assert emulated.motor.get(ct.TORQUE_ENABLE) == 0
 
 
 def test_after_a_halt_the_watchdog_is_named(emulated):
-    with Bus(emulated.port) as bus, Motor(bus) as motor:
+    with Bus(emulated.port) as bus, Motors(bus, [fish_motor()]) as motor:
         motor.identify()
-        motor.start(TABLE, XW540_T140)
-        motor.command(4.0)
+        motor.start(TABLE)
+        motor.command((4.0,))
         time.sleep(0.35)
         assert emulated.velocity() == 0
-        with pytest.raises(MotorError, match=r"watchdog has stopped it: for 0\.2 s no packet came"):
-            motor.command(4.0)
+        with pytest.raises(MotorError, match=r"watchdog of motor 1 has stopped it: for 0\.2 s no packet came"):
+            motor.command((4.0,))
     assert emulated.motor.get(ct.TORQUE_ENABLE) == 0
 
 
 @pytest.mark.slow
 def test_nobody_at_that_id(emulated):
     with (
-        Bus(emulated.port, 2) as bus,
+        Bus(emulated.port) as bus,
         pytest.raises(NoAnswerError, match=r"motor 2 on .* didn't answer a ping at 57600"),
     ):
-        bus.ping()
+        bus.ping(2)
 
 
 def test_a_line_that_takes_too_long_is_no_lost_port(emulated):
@@ -227,18 +227,16 @@ def test_a_line_that_takes_too_long_is_no_lost_port(emulated):
         line = bus._port.ser
         line.write_timeout = 1e-9  # as after a halt of the whole program
         with pytest.raises(NoAnswerError, match="didn't answer a ping"):
-            bus.ping()
+            bus.ping(1)
         line.write_timeout = 1.0
-        assert bus.ping() == 1180
+        assert bus.ping(1) == 1180
 
 
-@pytest.mark.parametrize(
-    ("device", "baud", "sentence"),
-    [(253, 57_600, "motor id 253 is not allowed; ids are 0 to 252"), (1, 9600, "9600 baud can't be used for 50")],
-)
-def test_arguments_are_checked(emulated, device, baud, sentence):
-    with pytest.raises(ArgumentError, match=sentence):
-        Bus(emulated.port, device, baud)
+def test_arguments_are_checked(emulated):
+    with pytest.raises(ArgumentError, match="id is 253; ids are 0 to 252"):
+        fish_motor(253)
+    with pytest.raises(ArgumentError, match="9600 baud can't be used for 50"):
+        Bus(emulated.port, 9600)
 
 
 def test_ports_that_cant_be_opened(tmp_path, emulated):

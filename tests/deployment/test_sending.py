@@ -6,14 +6,14 @@ from itertools import pairwise
 
 import pytest
 
-from swim2real.deployment import XW540_T140, CommandTable, MotorError
+from swim2real.deployment import FISH, CommandTable, MotorError, fish_motor
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.bus import Bus
 from swim2real.deployment.emulator import Emulator, Fault
-from swim2real.deployment.motor import Motor
+from swim2real.deployment.motors import Motors
 from swim2real.deployment.sending import send
 
-TABLE = CommandTable.of([2.0] * 50)
+TABLE = CommandTable.of({FISH: [2.0] * 50})
 WATCHDOG = 1.0  # s, so that a busy machine doesn't trip it
 MIDDLE = 30  # packets; it takes about 15 to start
 
@@ -22,10 +22,10 @@ def swim(*faults: Fault, table=TABLE, log=None):
     """Sends a table to a motor with these faults; the emulator and what was sent, or the error."""
     with Emulator(faults=faults) as emulator:
         try:
-            with Bus(emulator.port) as bus, Motor(bus, WATCHDOG) as motor:
-                motor.identify()
-                motor.start(table, XW540_T140)
-                return emulator, send(motor, bus, table, log)
+            with Bus(emulator.port) as bus, Motors(bus, [fish_motor()], WATCHDOG) as motors:
+                motors.identify()
+                motors.start(table)
+                return emulator, send(motors, table, log)
         except MotorError as error:
             time.sleep(WATCHDOG + 0.3 if "was lost" in str(error) else 0.2)
             emulator.velocity()
@@ -41,7 +41,7 @@ def swim(*faults: Fault, table=TABLE, log=None):
         ("bad-crc", "a ping got a damaged answer; check cable, ground and baud rate"),
         pytest.param("garbage", "a ping got a damaged answer", marks=pytest.mark.slow),
         ("unplugged", "was lost while a ping"),
-        ("overheated", "the motor reports overheating (Hardware Error Status (70) is 4)"),
+        ("overheated", "motor 1 reports overheating (Hardware Error Status (70) is 4)"),
     ],
 )
 def test_from_the_beginning(kind, sentence):
@@ -57,7 +57,7 @@ def test_from_the_beginning(kind, sentence):
         ("bad-crc", "10 commands in a row without an answer: motor 1 on"),
         pytest.param("garbage", "got a damaged answer", marks=pytest.mark.slow),
         pytest.param("unplugged", "serial port /dev/pts/", marks=pytest.mark.slow),
-        ("overheated", "the motor reports overheating"),
+        ("overheated", "motor 1 reports overheating"),
     ],
 )
 def test_in_the_middle(kind, sentence):
@@ -70,7 +70,7 @@ def test_in_the_middle(kind, sentence):
 
 def test_unplugged_the_watchdog_stops_it():
     emulator, error = swim(Fault("unplugged", MIDDLE))
-    assert "is the cable still in? Without packets the motor's watchdog stops it" in str(error)
+    assert "is the cable still in? Without packets a motor's watchdog stops it" in str(error)
     assert emulator.motor.watchdog_tripped
 
 
@@ -97,12 +97,12 @@ def test_noise_before_answers_is_passed_over():
     _, sent = swim(Fault("noise-before"))
     assert not isinstance(sent, MotorError), sent
     assert sent.complete
-    assert sent.punctuality.sent + sent.punctuality.skipped == len(TABLE.times)
+    assert sent.punctuality.sent + sent.punctuality.skipped == len(TABLE.rows)
 
 
 def test_while_starting_a_lost_answer_is_asked_for_again():
     for first in (0, 3, 7, 11):
-        _, sent = swim(Fault("silent", first, 1), table=CommandTable.of([0.5]))
+        _, sent = swim(Fault("silent", first, 1), table=CommandTable.of({FISH: [0.5]}))
         assert not isinstance(sent, MotorError), (first, sent)
         assert sent.complete
 
@@ -110,7 +110,7 @@ def test_while_starting_a_lost_answer_is_asked_for_again():
 def test_late_answers_dont_pile_up():
     """Answers 30 ms late: commands are skipped, and never sent closer together than half a period."""
     log = io.StringIO()
-    _, sent = swim(Fault("slow", MIDDLE, 6, delay=0.03), table=CommandTable.of([1.0] * 40), log=log)
+    _, sent = swim(Fault("slow", MIDDLE, 6, delay=0.03), table=CommandTable.of({FISH: [1.0] * 40}), log=log)
     assert not isinstance(sent, MotorError), sent
     assert sent.punctuality.skipped > 0
     times = [float(line.split(",")[1]) for line in log.getvalue().splitlines()]

@@ -1,21 +1,24 @@
-"""`deploy`: needs nothing heavy, since it runs on the small computer in the fish."""
+"""`deploy`: needs nothing heavy, since it runs on the small computer in the robot."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+import math
 import subprocess
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from swim2real.cli.options import Positional
-from swim2real.deployment.commands import XW540_T140, CommandTable, Limits, read_table
-from swim2real.deployment.control_table import MODEL, MotorError
-from swim2real.deployment.motor import Identity, Motor
+from swim2real.deployment.commands import FISH, XW540_T140, CommandTable, Limits, is_speed, read_table
+from swim2real.deployment.control_table import MotorError
+from swim2real.deployment.motor import Identity
+from swim2real.deployment.motors import APPROACH, Motors
+from swim2real.deployment.motors_file import MotorSettings, fish_motor, read_motors
 from swim2real.deployment.schedule import ON_TIME, real_time_priority
-from swim2real.deployment.sending import SendingResult, log_file, send
+from swim2real.deployment.sending import SendingResult, check_time, log_file, log_header, send
 from swim2real.errors import ArgumentError
 from swim2real.interruption import Interruption
 
@@ -28,24 +31,28 @@ class DeployOptions:
 
     commands: Positional[Path]
     """Table of commands."""
+    motors: Path | None = None
+    """Motors file: id and limits of each column's motor. Without it, one XW540-T140-R follows velocity_rad_s."""
     port: str | None = None
     """Serial port of the U2D2, as /dev/ttyUSB0."""
-    id: int = 1
-    """The motor's id."""
+    id: int | None = None
+    """The one motor's id; by default 1."""
     baud: int = 57600
-    """The motor's baud rate; 57600 as it is sold."""
+    """The motors' baud rate; 57600 as they are sold."""
     dry_run: bool = False
-    """Send to an emulated motor instead of a real one."""
+    """Send to emulated motors instead of real ones."""
     log: Path | None = None
     """CSV file to write: what was sent when, what was read back when."""
     repeat: int = 1
     """Times to send the table, one after the other."""
     ramp: float = 20.0
     """Acceleration of the ramps from and to rest [rad/s²]; they add rows only where the table doesn't rest."""
+    approach: float = APPROACH
+    """Speed from the angles where the motors are to those of the first row [rad/s]."""
     max_speed: float | None = None
-    """Refuse faster commands [rad/s]; by default 7.29, the motor's own limit as it is sold."""
+    """Refuse faster commands of the one motor [rad/s]; by default 7.29, its own limit as it is sold."""
     max_acceleration: float | None = None
-    """Refuse steeper changes from one command to the next [rad/s²]; by default 100."""
+    """Refuse steeper changes of the one motor from one command to the next [rad/s²]; by default 100."""
     clip: bool = False
     """Cut commands off at the limits instead of refusing them."""
     json: bool = False
@@ -55,12 +62,12 @@ class DeployOptions:
 
 
 def deploy(options: DeployOptions) -> int:
-    """Send motor commands to the fish's motor, a Dynamixel XW540-T140-R, at 50 Hz.
+    """Send commands to motors at 50 Hz: to the fish's, or to several Dynamixel X motors on one bus.
 
-    Reads a table with the header time_s,velocity_rad_s and 50 rows a second from 0 s on; writes a log. Checks table and
-    motor first, ramps from and to rest, and asks nothing: the motor turns at once. Takes as long as the table. Ctrl-C,
-    an error or the end of this program stop the motor (without the program its watchdog does, after 0.2 s). Exits with
-    1 when not all commands were sent.
+    Reads a table with a column an actuator (time_s,velocity_rad_s for the fish) and 50 rows a second from 0 s on;
+    writes a log. Checks table and motors first, ramps speeds from and to rest, goes to the first angles slowly, and
+    asks nothing: the motors turn at once. Takes as long as the table. Ctrl-C, an error or the end of this program stop
+    the motors (without the program their watchdogs do, after 0.2 s). Exits with 1 when not all commands were sent.
 
     Args:
         options: What is sent, and how.
@@ -69,43 +76,46 @@ def deploy(options: DeployOptions) -> int:
         raise ArgumentError("give either --port (as /dev/ttyUSB0) or --dry-run")
     if options.repeat < 1:
         raise ArgumentError(f"--repeat is {options.repeat}; it must be 1 or above")
-    from swim2real.deployment.bus import Bus  # which brings the motor's library
+    if not (math.isfinite(options.approach) and options.approach > 0):
+        raise ArgumentError(f"--approach is {options.approach:g}; it must be finite and above 0, in rad/s")
+    from swim2real.deployment.bus import Bus  # which brings the motors' library
 
-    limits = Limits(
-        XW540_T140.speed if options.max_speed is None else options.max_speed,
-        XW540_T140.acceleration if options.max_acceleration is None else options.max_acceleration,
-    )
-    table, notes = _prepare(options, limits)
+    table = read_table(options.commands)
+    settings = _settings(options, table)
+    table, notes = _prepare(options, table, settings)
     show = _print_nothing if options.quiet or options.json else print
-    show(
-        f"{options.commands}: {len(table.times)} commands, {table.duration:.2f} s at 50 Hz; "
-        f"fastest {table.speed:.2f} rad/s (limit {limits.speed:.2f}), "
-        f"steepest {table.acceleration:.1f} rad/s² (limit {limits.acceleration:.0f})"
-    )
+    show(f"{options.commands}: {len(table.rows)} commands, {table.duration:.2f} s at 50 Hz{_extent(table, settings)}")
     for note in notes:
         show(note)
     with (
         Interruption(_SIGNALS, raise_second=False) as interruption,
-        log_file(options.log) as log,
-        _port(options) as port,
-        Bus(port, options.id, options.baud) as bus,
+        log_file(options.log, log_header(settings)) as log,
+        _port(options, settings) as port,
+        Bus(port, options.baud) as bus,
     ):
-        with Motor(bus) as motor:
-            identity = motor.identify()
-            show(_describe(identity, options, port))
+        with Motors(bus, settings) as motors:
+            identities = motors.identify()
+            for motor, identity in zip(settings, identities, strict=True):
+                show(_describe(motor, identity, options, port))
             if not interruption:
-                motor.start(table, limits)
+                started = motors.start(table, options.approach)
+                if added := len(started.rows) - len(table.rows):
+                    show(f"The way to the first angles adds {added} commands, {added / 50:.2f} s")
+                table = started
             with real_time_priority() as real_time:
-                result = send(motor, bus, table, log, lambda: bool(interruption))
+                result = send(motors, table, log, lambda: bool(interruption))
         name = interruption.name
     if options.json:
-        print(json.dumps(_as_dict(result, identity, table, real_time, options), indent=2))
+        motor = {motor.name: asdict(identity) for motor, identity in zip(settings, identities, strict=True)}
+        about = {"motors": motor} if options.motors else {"motor": asdict(identities[0])}
+        print(json.dumps({**_as_dict(result, table, real_time, options), **about}, indent=2))
     show(_summary(result, real_time))
     if options.log:
         show(f"Log: {options.log}")
     if not result.complete:
         at = f"after {result.seconds:.2f} s of {table.duration:.2f} s"
-        print(f"swim2real: {name or 'interruption'} {at}; the motor was stopped", file=sys.stderr)
+        stopped = "the motor was stopped" if len(settings) == 1 else "the motors were stopped"
+        print(f"swim2real: {name or 'interruption'} {at}; {stopped}", file=sys.stderr)
     return 0 if result.complete else 1
 
 
@@ -113,36 +123,81 @@ def _print_nothing(*_: object) -> None:
     pass
 
 
-def _prepare(options: DeployOptions, limits: Limits) -> tuple[CommandTable, list[str]]:
+def _settings(options: DeployOptions, table: CommandTable) -> tuple[MotorSettings, ...]:
+    """The motors, in the order of the table's columns."""
+    if options.motors is not None:
+        for name, value in (
+            ("--id", options.id), ("--max-speed", options.max_speed), ("--max-acceleration", options.max_acceleration),
+        ):  # fmt: skip
+            if value is not None:
+                raise ArgumentError(f"{name} is {value:g}, and --motors is given, whose file says it for each motor")
+        motors = read_motors(options.motors, table.columns)
+    elif table.columns == (FISH,):
+        limits = Limits(
+            XW540_T140.speed if options.max_speed is None else options.max_speed,
+            XW540_T140.acceleration if options.max_acceleration is None else options.max_acceleration,
+        )
+        motors = (fish_motor(1 if options.id is None else options.id, limits),)
+    else:
+        raise ArgumentError(
+            f"{options.commands} has the columns {', '.join(table.columns)}; without --motors only {FISH} can be sent: "
+            f"write a motors file and give it as --motors"
+        )
+    check_time(motors, options.baud)
+    return motors
+
+
+def _prepare(
+    options: DeployOptions, table: CommandTable, motors: Sequence[MotorSettings]
+) -> tuple[CommandTable, list[str]]:
     """The table as it will be sent, and notes on what was changed in it."""
     notes: list[str] = []
-    table = read_table(options.commands).repeated(options.repeat)
+    limits = {motor.column: motor.limits for motor in motors}
+    table = table.repeated(options.repeat)
     if options.clip:
         clipped = table.clipped(limits)
-        changed = sum(before != after for before, after in zip(table.velocities, clipped.velocities, strict=True))
+        changed = sum(before != after for before, after in zip(table.rows, clipped.rows, strict=True))
         notes.append(f"Clipping changed {changed} commands")
         table = clipped
     table.within(limits)
-    ramped = table.ramped(min(options.ramp, limits.acceleration))
-    if added := len(ramped.times) - len(table.times):
+    ramped = table.ramped(min(options.ramp, *(limit.acceleration for limit in limits.values())))
+    if added := len(ramped.rows) - len(table.rows):
         notes.append(f"Ramps from and to rest added {added} commands, {added / 50:.2f} s")
     return ramped.within(limits), notes
 
 
+def _extent(table: CommandTable, motors: Sequence[MotorSettings]) -> str:
+    """What the table asks of each motor, and what it may."""
+    lines: list[str] = []
+    for motor in motors:
+        column, limits = motor.column, motor.limits
+        speed = f"fastest {table.speed(column):.2f} rad/s (limit {limits.speed:.2f})"
+        if is_speed(column):
+            steepest = f"steepest {table.acceleration(column):.1f} rad/s² (limit {limits.acceleration:.0f})"
+            lines.append(f"{speed}, {steepest}")
+        else:
+            angles = f"{min(table.column(column)):.2f} to {max(table.column(column)):.2f} rad"
+            lines.append(f"{angles} (limits {limits.lowest:.2f} to {limits.highest:.2f}), {speed}")
+    if len(motors) == 1:
+        return f"; {lines[0]}"
+    return "".join(f"\n{motor.column}: {line}" for motor, line in zip(motors, lines, strict=True))
+
+
 @contextlib.contextmanager
-def _port(options: DeployOptions) -> Generator[str]:
-    """The port's name; for a dry run that of an emulated motor, which runs as a program of its own."""
+def _port(options: DeployOptions, motors: Sequence[MotorSettings]) -> Generator[str]:
+    """The port's name; for a dry run that of emulated motors, which run as a program of its own."""
     if options.port is not None:
         yield options.port
         return
+    words = [f"{motor.id}:{motor.model.name}" for motor in motors]
     with subprocess.Popen(
-        [sys.executable, "-m", "swim2real.deployment.emulator", str(options.baud), str(options.id)],
+        [sys.executable, "-m", "swim2real.deployment.emulator", str(options.baud), *words],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,
     ) as emulator:  # fmt: skip
         stdin, stdout = emulator.stdin, emulator.stdout
         name = stdout.readline().strip() if stdin and stdout else ""
         if not name:
-            raise MotorError("the emulated motor didn't start; --port reaches a real one")
+            raise MotorError("the emulated motors didn't start; --port reaches real ones")
         try:
             yield name
         finally:
@@ -150,10 +205,11 @@ def _port(options: DeployOptions) -> Generator[str]:
                 stdin.close()  # which ends it
 
 
-def _describe(identity: Identity, options: DeployOptions, port: str) -> str:
+def _describe(motor: MotorSettings, identity: Identity, options: DeployOptions, port: str) -> str:
     reverse = ", counts in reverse (Drive Mode)" if identity.reversed else ""
+    name = str(motor) if not options.dry_run else f"emulated {motor}"
     return (
-        f"{'Emulated motor' if options.dry_run else 'Motor'} {options.id} on {port}: {MODEL}, "
+        f"{name[0].upper()}{name[1:]} on {port}: {identity.model}, "
         f"firmware {identity.firmware}, {identity.voltage:.1f} V, "
         f"{identity.temperature} °C (limit {identity.temperature_limit}), "
         f"own limit {identity.velocity_limit:.2f} rad/s{reverse}"
@@ -173,13 +229,11 @@ def _summary(result: SendingResult, real_time: bool) -> str:
     return text
 
 
-def _as_dict(
-    result: SendingResult, identity: Identity, table: CommandTable, real_time: bool, options: DeployOptions
-) -> dict[str, object]:
+def _as_dict(result: SendingResult, table: CommandTable, real_time: bool, options: DeployOptions) -> dict[str, object]:
     return {
         "complete": result.complete,
         "seconds": result.seconds,
-        "commands": len(table.times),
+        "commands": len(table.rows),
         "sent": result.punctuality.sent,
         "skipped": result.punctuality.skipped,
         "on_time_share": result.punctuality.on_time_share,
@@ -192,5 +246,4 @@ def _as_dict(
         "unread": result.unread,
         "real_time_priority": real_time,
         "emulated": options.dry_run,
-        "motor": asdict(identity),
     }  # fmt: skip

@@ -229,7 +229,7 @@ def export_commands(
         goal: Goal of a task with goals [m]: x (ahead is negative) and y; by default 1 m straight ahead.
         json: Print what was written as JSON.
     """
-    from swim2real.deployment.commands import CommandTable, column_name, write_table
+    from swim2real.deployment.commands import FISH, CommandTable, write_table
     from swim2real.rl.assessment import policy_commands
     from swim2real.rl.training_run import TrainingRun
     from swim2real.store import write_arrays
@@ -237,11 +237,12 @@ def export_commands(
     if out.suffix not in (".csv", ".npz"):
         raise ArgumentError(f"--out is '{out}'; it must end in .csv, for `deploy`, or in .npz, for other controllers")
     actuators, commands = policy_commands(TrainingRun.open(policy), seconds, which=which, phase=phase, goal=goal)
-    names = actuators.names if len(actuators) > 1 else ("",)
     columns = {
-        column_name(name, unit): commands[:, i].tolist()
-        for i, (name, unit) in enumerate(zip(names, actuators.units, strict=True))
+        f"{name}_{unit.replace('/', '_')}": commands[:, i].tolist()
+        for i, (name, unit) in enumerate(zip(actuators.names, actuators.units, strict=True))
     }  # fmt: skip
+    if actuators.units == ("rad/s",):  # the one motor of a steady swimmer, whose column has no name
+        columns = {FISH: commands[:, 0].tolist()}
     table = CommandTable.of(columns)
     if out.suffix == ".csv":
         write_table(out, table)

@@ -1,10 +1,11 @@
-"""Motor commands and the motor: a table of speeds at 50 Hz, sent to a Dynamixel on time.
+"""Commands and motors: a table of speeds and angles at 50 Hz, sent to Dynamixel motors on time.
 
 Everything here imports the standard library only, and `bus` the motor maker's library: this room runs on the computer
-in the fish, without NumPy and MuJoCo.
+in the robot, without NumPy and MuJoCo.
 """
 
 from swim2real.deployment.commands import (
+    FISH,
     RATE,
     XW540_T140,
     CommandTable,
@@ -13,5 +14,18 @@ from swim2real.deployment.commands import (
     write_table,
 )
 from swim2real.deployment.control_table import MotorError
+from swim2real.deployment.motors_file import MotorSettings, fish_motor, read_motors
 
-__all__ = ["RATE", "XW540_T140", "CommandTable", "Limits", "MotorError", "read_table", "write_table"]
+__all__ = [
+    "FISH",
+    "RATE",
+    "XW540_T140",
+    "CommandTable",
+    "Limits",
+    "MotorError",
+    "MotorSettings",
+    "fish_motor",
+    "read_motors",
+    "read_table",
+    "write_table",
+]

@@ -1,4 +1,4 @@
-"""Reading and writing a motor's registers through the maker's library, whose errors become sentences.
+"""Reading and writing motors' registers through the maker's library, whose errors become sentences.
 
 The serial port is the maker's, changed so that commands keep the 50 Hz.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -44,32 +44,28 @@ _ERRORS = {
 
 
 class Bus:
-    """One motor on a serial port. A context manager, which closes the port.
+    """A serial port with motors, each of which has an id. A context manager, which closes the port.
 
     Attributes:
         name: Name of the port.
-        device: Id of the motor.
         baud: Baud rate.
     """
 
-    def __init__(self, port: str, device: int = 1, baud: int = 57_600) -> None:
+    def __init__(self, port: str, baud: int = 57_600) -> None:
         """Opens the port.
 
         Args:
             port: Name of the port, such as /dev/ttyUSB0.
-            device: Id of the motor.
             baud: Baud rate.
 
         Raises:
-            ArgumentError: The id isn't allowed, or the baud rate can't be used.
+            ArgumentError: The baud rate can't be used.
             MotorError: The port can't be opened.
         """
         if baud not in USABLE_BAUDS:
             usable = ", ".join(map(str, USABLE_BAUDS))
             raise ArgumentError(f"{baud} baud can't be used for 50 commands a second; one of {usable} can")
-        if not 0 <= device <= 252:
-            raise ArgumentError(f"motor id {device} is not allowed; ids are 0 to 252")
-        self.name, self.device, self.baud = port, device, baud
+        self.name, self.baud = port, baud
         self._packets: Any = dynamixel_sdk.PacketHandler(2.0)
         self._port = _Port(port, baud)
         try:
@@ -99,37 +95,38 @@ class Bus:
         """Time at which the last packet had been handed to the operating system [s of time.monotonic]."""
         return self._port.written_at
 
-    def ping(self) -> int:
-        """The model number of the motor."""
+    def ping(self, device: int) -> int:
+        """The model number of the motor with this id."""
 
         def exchange() -> int:
-            number, result, error = self._call("a ping", self._packets.ping, self.device)
-            self._check("a ping", result, error)
+            number, result, error = self._call(device, "a ping", self._packets.ping, device)
+            self._check(device, "a ping", result, error)
             return int(number)
 
         return _repeat(exchange, _PING_ATTEMPTS)
 
-    def read(self, register: Register, ignore_alert: bool = False) -> int:
+    def read(self, device: int, register: Register, ignore_alert: bool = False) -> int:
         """The value of a register.
 
         Args:
+            device: Id of the motor.
             register: Register to read.
             ignore_alert: Whether to read it although the motor reports a hardware error.
         """
-        return self.read_block(register, register, ignore_alert=ignore_alert)[register]
+        return self.read_block(device, register, register, ignore_alert=ignore_alert)[register]
 
     def read_block(
-        self, first: Register, last: Register, attempts: int = _ATTEMPTS, ignore_alert: bool = False
+        self, device: int, first: Register, last: Register, attempts: int = _ATTEMPTS, ignore_alert: bool = False
     ) -> dict[Register, int]:
         """The values of all registers from `first` to `last`, in one packet."""
         size = last.address + last.size - first.address
         what = f"reading {first}"
 
         def exchange() -> dict[Register, int]:
-            data, result, error = self._call(what, self._packets.readTxRx, self.device, first.address, size)
-            self._check(what, result, error & ~ct.ALERT if ignore_alert else error)
+            data, result, error = self._call(device, what, self._packets.readTxRx, device, first.address, size)
+            self._check(device, what, result, error & ~ct.ALERT if ignore_alert else error)
             if len(data) != size:  # a late answer to another question
-                raise NoAnswerError(f"{self._motor}: {what} got {len(data)} bytes instead of {size}")
+                raise NoAnswerError(f"{self._motor(device)}: {what} got {len(data)} bytes instead of {size}")
             cells = bytes(data)
             return {
                 r: int.from_bytes(cells[r.address - first.address :][: r.size], "little", signed=r.signed)
@@ -139,30 +136,44 @@ class Bus:
 
         return _repeat(exchange, attempts)
 
-    def write(self, register: Register, value: int, attempts: int = _ATTEMPTS) -> None:
+    def write(self, device: int, register: Register, value: int, attempts: int = _ATTEMPTS) -> None:
         """Sets a register and waits until the motor confirms it."""
         what = f"writing {value} to {register}"
-        cells = list(value.to_bytes(register.size, "little", signed=register.signed))
 
         def exchange() -> None:
             result, error = self._call(
-                what, self._packets.writeTxRx, self.device, register.address, register.size, cells
+                device, what, self._packets.writeTxRx, device, register.address, register.size, _cells(register, value)
             )
-            self._check(what, result, error)
+            self._check(device, what, result, error)
 
         _repeat(exchange, attempts)
 
-    def write_unanswered(self, register: Register, value: int) -> None:
+    def write_unanswered(self, device: int, register: Register, value: int) -> None:
         """Sets a register of a motor that may not answer writes."""
-        cells = list(value.to_bytes(register.size, "little", signed=register.signed))
-        what = f"writing {value} to {register}"
-        self._call(what, self._packets.writeTxOnly, self.device, register.address, register.size, cells)
+        what, cells = f"writing {value} to {register}", _cells(register, value)
+        self._call(device, what, self._packets.writeTxOnly, device, register.address, register.size, cells)
 
-    @property
-    def _motor(self) -> str:
-        return f"motor {self.device} on {self.name}"
+    def write_together(self, register: Register, values: Mapping[int, int]) -> None:
+        """Sets a register of several motors in one packet (Sync Write), which none of them answers.
 
-    def _call(self, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        Args:
+            register: Register to set.
+            values: Value by id.
+
+        Raises:
+            NoAnswerError: The packet couldn't be sent in time.
+        """
+        what = f"writing to {register} of motors {', '.join(map(str, values))}"
+        cells = [cell for device, value in values.items() for cell in (device, *_cells(register, value))]
+        packet = self._packets.syncWriteTxOnly
+        result = self._call(None, what, packet, register.address, register.size, cells, len(cells))
+        if result != dynamixel_sdk.COMM_SUCCESS:
+            raise NoAnswerError(f"{what} on {self.name} failed: the port didn't take the packet in {WRITE_TIMEOUT:g} s")
+
+    def _motor(self, device: int | None) -> str:
+        return f"the motors on {self.name}" if device is None else f"motor {device} on {self.name}"
+
+    def _call(self, device: int | None, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
         """Calls a function of the library, whose exceptions become sentences."""
         self._port.is_using = False  # an exchange that was cut short leaves it set
         try:
@@ -170,27 +181,28 @@ class Bus:
         except _PORT_ERRORS as error:
             raise MotorError(
                 f"serial port {self.name} was lost while {what} ({_reason(error)}); "
-                f"is the cable still in? Without packets the motor's watchdog stops it"
+                f"is the cable still in? Without packets a motor's watchdog stops it"
             ) from error
         except IndexError:  # the library stumbles over some damaged answers
-            raise NoAnswerError(f"{self._motor}: {what} got a damaged answer") from None
+            raise NoAnswerError(f"{self._motor(device)}: {what} got a damaged answer") from None
 
-    def _check(self, what: str, result: int, error: int) -> None:
+    def _check(self, device: int, what: str, result: int, error: int) -> None:
         """Raises what the result of the library and the error of a status packet say."""
+        motor = self._motor(device)
         if result == dynamixel_sdk.COMM_RX_CORRUPT:
-            raise NoAnswerError(f"{self._motor}: {what} got a damaged answer; check cable, ground and baud rate")
+            raise NoAnswerError(f"{motor}: {what} got a damaged answer; check cable, ground and baud rate")
         if result != dynamixel_sdk.COMM_SUCCESS:
             raise NoAnswerError(
-                f"{self._motor} didn't answer {what} at {self.baud} baud; "
+                f"{motor} didn't answer {what} at {self.baud} baud; "
                 f"check power, cable, id and baud rate (Dynamixel Wizard finds them)"
             )
         number = error & ~ct.ALERT
         if number == ct.CRC_ERROR:  # it was damaged on the way there, so the next exchange may succeed
-            raise NoAnswerError(f"{self._motor} refused {what}: {_ERRORS[number]}")
+            raise NoAnswerError(f"{motor} refused {what}: {_ERRORS[number]}")
         if number:
-            raise MotorError(f"{self._motor} refused {what}: {_ERRORS.get(number, f'unknown error {number}')}")
+            raise MotorError(f"{motor} refused {what}: {_ERRORS.get(number, f'unknown error {number}')}")
         if error & ct.ALERT:
-            raise HardwareAlertError(f"{self._motor} reports a hardware error")
+            raise HardwareAlertError(f"{motor} reports a hardware error")
 
 
 class _Port(dynamixel_sdk.PortHandler):  # pyright: ignore[reportUntypedBaseClass]
@@ -207,6 +219,7 @@ class _Port(dynamixel_sdk.PortHandler):  # pyright: ignore[reportUntypedBaseClas
         self.baudrate = baud
         self.written_at = 0.0
         self._latency = _ADAPTER_LATENCY
+        self._line_free_at = 0.0  # when the bytes that were written have left
 
     def open(self) -> None:
         """Opens the port for this program alone, and asks the adapter to pass bytes on at once."""
@@ -229,15 +242,22 @@ class _Port(dynamixel_sdk.PortHandler):  # pyright: ignore[reportUntypedBaseClas
         except SerialTimeoutException:
             written = 0
         self.written_at = time.monotonic()
+        self._line_free_at = max(self.written_at, self._line_free_at) + 1e-3 * self.tx_time_per_byte * written
         return written
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
-        """Starts to wait for an answer of this many bytes."""
-        self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + self._latency)
+        """Starts to wait for an answer of this many bytes, which comes after those that are still on their way out."""
+        leaving = 1e3 * max(0.0, self._line_free_at - time.monotonic())
+        self.setPacketTimeoutMillis(leaving + self.tx_time_per_byte * packet_length + self._latency)
 
     def getCurrentTime(self) -> float:  # noqa: N802
         """Milliseconds of a clock that only goes forward."""
         return 1e3 * time.monotonic()
+
+
+def _cells(register: Register, value: int) -> list[int]:
+    """The bytes of a value."""
+    return list(value.to_bytes(register.size, "little", signed=register.signed))
 
 
 def _port_errors() -> tuple[type[BaseException], ...]:

@@ -1,42 +1,54 @@
-"""Tables of motor commands: speeds [rad/s] at 50 Hz, their file, their limits, their ramps."""
+"""Tables of commands at 50 Hz: a column an actuator, their file, their limits, their ramps."""
 
 from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
-from swim2real.deployment.control_table import VELOCITY_LIMIT, VELOCITY_UNIT
+from swim2real.deployment.control_table import XW540
 from swim2real.errors import ArgumentError
 from swim2real.store import write_text
 
 RATE = 50  # Hz
-HEADER = ("time_s", "velocity_rad_s")
+TIME = "time_s"
+FISH = "velocity_rad_s"
+"""The column of the fish's tables: the speed of its one motor."""
+_SPEEDS = ("rad_s", "m_s")  # units of speeds; any other unit is what follows the last underscore
 _TIME_TOLERANCE = 1e-4  # s, of a time stamp in a file
-_ROUNDING = 1e-9  # rad/s
+_ROUNDING = 1e-9  # rad, rad/s
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the commands.
+    """Limits of one column.
 
     Attributes:
         speed: Greatest speed, either way [rad/s].
-        acceleration: Greatest change of the speed [rad/s²].
+        acceleration: Greatest change of the speed [rad/s²]. A column of angles isn't checked against it: the motor
+            keeps it by itself.
+        lowest: Lowest angle [rad]; of no account for a column of speeds.
+        highest: Highest angle [rad]; of no account for a column of speeds.
     """
 
     speed: float
     acceleration: float
+    lowest: float = -math.inf
+    highest: float = math.inf
 
     def __post_init__(self) -> None:
         for name, value in (("speed", self.speed), ("acceleration", self.acceleration)):
             if not (math.isfinite(value) and value > 0):
                 raise ArgumentError(f"the limit of the {name} is {value:g}; it must be finite and above 0")
+        if not self.lowest < self.highest:
+            raise ArgumentError(f"the lowest angle is {self.lowest:g} and the highest {self.highest:g}; swap them")
 
 
-XW540_T140 = Limits(VELOCITY_LIMIT.default * VELOCITY_UNIT, 100.0)
+ACCELERATION = 100.0  # rad/s²
+XW540_T140 = Limits(XW540.speed, ACCELERATION)
 """Of the Dynamixel XW540-T140-R as it is sold.
 
 Speed: Velocity Limit (44) is 304 of 0.229 rev/min, 69.6 rev/min or 7.29 rad/s (e-Manual); without load the motor turns
@@ -47,92 +59,159 @@ of Profile Acceleration (108), to 12,271 rad/s², which no load follows.
 
 @dataclass(frozen=True)
 class CommandTable:
-    """Motor speeds at 50 Hz. The speed of row k holds from its time to that of the next row.
+    """Commands at 50 Hz. Row k is due at k/50 s and holds until the next.
 
     Attributes:
-        times: Times k/50 from 0 on [s].
-        velocities: Speeds, positive as the motor counts [rad/s].
+        columns: Names with units, one an actuator: `NAME_rad_s` is a speed, and so is `NAME_m_s`; `NAME_rad` is an
+            angle. Any other unit counts as a position.
+        rows: Values in the order of the columns, in their units, positive as the actuator counts.
     """
 
-    times: tuple[float, ...]
-    velocities: tuple[float, ...]
+    columns: tuple[str, ...]
+    rows: tuple[tuple[float, ...], ...]
 
     def __post_init__(self) -> None:
-        if len(self.times) != len(self.velocities):
-            raise ArgumentError(f"a table has {len(self.times)} times and {len(self.velocities)} velocities")
-        if not self.times:
+        if problem := _header_problem((TIME, *self.columns)):
+            raise ArgumentError(f"a table of commands can't have these columns: {problem}")
+        if not self.rows:
             raise ArgumentError("a table of commands has no rows; it needs at least one")
-        for k, (time, velocity) in enumerate(zip(self.times, self.velocities, strict=True)):
-            if problem := _problem(k, time, velocity):
-                raise ArgumentError(f"command {k}: {problem[1]}")
+        for k, row in enumerate(self.rows):
+            if len(row) != len(self.columns):
+                raise ArgumentError(f"command {k} has {len(row)} values; it needs one for each of {self.columns}")
+            if problem := _row_problem(self.columns, row):
+                raise ArgumentError(f"command {k}, column {problem[0]}: {problem[1]}")
 
     @staticmethod
-    def of(velocities: Iterable[float]) -> CommandTable:
-        """The table of these speeds [rad/s], from time 0 on."""
-        speeds = tuple(float(v) for v in velocities)
-        return CommandTable(tuple(k / RATE for k in range(len(speeds))), speeds)
+    def of(columns: Mapping[str, Iterable[float]]) -> CommandTable:
+        """The table of these columns, from time 0 on.
+
+        Raises:
+            ArgumentError: A name isn't allowed, a value isn't finite, or the columns differ in length.
+        """
+        values = [tuple(float(v) for v in column) for column in columns.values()]
+        if len({len(column) for column in values}) > 1:
+            lengths = ", ".join(f"{name} {len(column)}" for name, column in zip(columns, values, strict=True))
+            raise ArgumentError(f"the columns of a table differ in length ({lengths}); they must have the same")
+        return CommandTable(tuple(columns), tuple(zip(*values, strict=True)))
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Times k/50 from 0 on [s]."""
+        return tuple(k / RATE for k in range(len(self.rows)))
 
     @property
     def duration(self) -> float:
         """Length of the table [s], the last command included."""
-        return len(self.times) / RATE
+        return len(self.rows) / RATE
 
-    @property
-    def speed(self) -> float:
-        """Greatest speed, either way [rad/s]."""
-        return max(map(abs, self.velocities))
+    def column(self, name: str) -> tuple[float, ...]:
+        """The values of a column, in its unit."""
+        k = self._place(name)
+        return tuple(row[k] for row in self.rows)
 
-    @property
-    def acceleration(self) -> float:
-        """Greatest change from one row to the next [rad/s²], without those from and to rest."""
-        return max((abs(b - a) * RATE for a, b in zip(self.velocities, self.velocities[1:], strict=False)), default=0.0)
+    def speed(self, name: str) -> float:
+        """Greatest speed of a column, either way [rad/s]; of an angle, the greatest change from row to row."""
+        values = self.column(name)
+        return max(map(abs, values)) if is_speed(name) else _steepest(values)
 
-    def within(self, limits: Limits) -> CommandTable:
+    def acceleration(self, name: str) -> float:
+        """Greatest change of a column of speeds from row to row [rad/s²], without those from and to rest."""
+        return _steepest(self.column(name))
+
+    def within(self, limits: Mapping[str, Limits]) -> CommandTable:
         """Checks the table and returns it.
 
+        Args:
+            limits: Limits by column; a column that isn't named has none.
+
         Raises:
-            ArgumentError: A row asks for more than the limits; the message names the first one.
+            ArgumentError: A row asks for more than the limits; the message names the first one of a column.
         """
-        before = self.velocities[0]
-        for time, velocity in zip(self.times, self.velocities, strict=True):
-            if abs(velocity) > limits.speed + _ROUNDING:
-                raise ArgumentError(
-                    f"the command at {time:.2f} s is {velocity:g} rad/s; the limit is {limits.speed:.4g} rad/s "
-                    f"either way: make the table slower, or ask for clipping"
-                )
-            if abs(velocity - before) > limits.acceleration / RATE + _ROUNDING:
-                raise ArgumentError(
-                    f"the command at {time:.2f} s goes from {before:g} to {velocity:g} rad/s, "
-                    f"{abs(velocity - before) * RATE:.4g} rad/s²; the limit is {limits.acceleration:.4g} rad/s²: "
-                    f"make the table smoother, or ask for clipping"
-                )
-            before = velocity
+        for name, limit in limits.items():
+            _check(name, self.column(name), limit)
         return self
 
-    def clipped(self, limits: Limits) -> CommandTable:
-        """The nearest table that can be followed: speeds cut off, and no change steeper than allowed."""
-        step = limits.acceleration / RATE
-        speeds: list[float] = []
-        for velocity in self.velocities:
-            wanted = min(max(velocity, -limits.speed), limits.speed)
-            speeds.append(min(max(wanted, speeds[-1] - step), speeds[-1] + step) if speeds else wanted)
-        return CommandTable(self.times, tuple(speeds))
+    def clipped(self, limits: Mapping[str, Limits]) -> CommandTable:
+        """The nearest table that can be followed: values cut off, and no change steeper than allowed.
+
+        Args:
+            limits: Limits by column; a column that isn't named stays as it is.
+        """
+        clipped = {name: _clip(name, self.column(name), limit) for name, limit in limits.items()}
+        return CommandTable.of({name: clipped.get(name, self.column(name)) for name in self.columns})
 
     def ramped(self, acceleration: float) -> CommandTable:
-        """The same commands between ramps from and to rest, which add rows; none where they begin or end at rest."""
-        start = _ramp(self.velocities[0], acceleration)
-        end = _ramp(self.velocities[-1], acceleration)[::-1]
-        return CommandTable.of((*start, *self.velocities, *end))
+        """The same commands between ramps of the speeds from and to rest, while the other columns hold their values.
+
+        The ramps add rows; none where all speeds begin or end at rest. All speeds take the same time.
+
+        Args:
+            acceleration: Of the speed that changes most [rad/s²].
+        """
+        if not (math.isfinite(acceleration) and acceleration > 0):
+            raise ArgumentError(f"the ramps' acceleration is {acceleration:g}; it must be finite and above 0")
+        start = self._ramp(self.rows[0], acceleration)
+        end = self._ramp(self.rows[-1], acceleration)[::-1]
+        return CommandTable(self.columns, (*start, *self.rows, *end))
+
+    def approached(self, angles: Mapping[str, float], speed: float) -> CommandTable:
+        """The same commands after a way from these angles to the first row, which adds rows; speeds are 0 meanwhile.
+
+        Args:
+            angles: Where the actuators are now, by column [rad]. They leave and arrive together.
+            speed: Of the actuator with the longest way [rad/s].
+        """
+        if not (math.isfinite(speed) and speed > 0):
+            raise ArgumentError(f"the speed of the approach is {speed:g}; it must be finite and above 0")
+        first = self.rows[0]
+        ways = {self._place(name): angle - first[self._place(name)] for name, angle in angles.items()}
+        steps = math.ceil(max(map(abs, ways.values()), default=0.0) * RATE / speed - _ROUNDING)
+
+        def row(left: float) -> tuple[float, ...]:
+            return tuple(
+                0.0 if is_speed(name) else value + left * ways.get(k, 0.0)
+                for k, (name, value) in enumerate(zip(self.columns, first, strict=True))
+            )
+
+        return CommandTable(self.columns, (*(row(1 - k / steps) for k in range(steps)), *self.rows))
 
     def repeated(self, times: int) -> CommandTable:
         """The commands several times, one after the other."""
         if times < 1:
             raise ArgumentError(f"a table can't be repeated {times} times; it must be 1 or more")
-        return CommandTable.of(self.velocities * times)
+        return CommandTable(self.columns, self.rows * times)
+
+    def _place(self, name: str) -> int:
+        if name not in self.columns:
+            raise ArgumentError(f"there is no column {name} in the table; it has {', '.join(self.columns)}")
+        return self.columns.index(name)
+
+    def _ramp(self, row: tuple[float, ...], acceleration: float) -> tuple[tuple[float, ...], ...]:
+        """Rows from rest up to, but without, a row: equal steps, none steeper than the acceleration."""
+        fastest = max((abs(v) for name, v in zip(self.columns, row, strict=True) if is_speed(name)), default=0.0)
+        steps = math.ceil(fastest * RATE / acceleration - _ROUNDING)
+        return tuple(
+            tuple(v * k / steps if is_speed(name) else v for name, v in zip(self.columns, row, strict=True))
+            for k in range(steps)
+        )
+
+
+def is_speed(column: str) -> bool:
+    """Whether a column is of speeds: its unit is rad/s or m/s."""
+    return split_column(column)[1] in _SPEEDS
+
+
+def split_column(column: str) -> tuple[str, str]:
+    """The actuator and the unit that the name of a column consists of: `servo1` and `rad` of `servo1_rad`."""
+    for unit in _SPEEDS:
+        if column.endswith(f"_{unit}"):
+            return column.removesuffix(f"_{unit}"), unit
+    name, _, unit = column.rpartition("_")
+    return name, unit
 
 
 def read_table(path: str | Path) -> CommandTable:
-    """Reads a CSV file with the header `time_s,velocity_rad_s` and 50 rows a second from 0 s on.
+    """Reads a CSV file with `time_s` and a column an actuator in its header, and 50 rows a second from 0 s on.
 
     Raises:
         ArgumentError: The file can't be read or a cell in it is wrong; the message names line and column.
@@ -140,53 +219,108 @@ def read_table(path: str | Path) -> CommandTable:
     file = Path(path)
     try:
         with file.open(newline="", encoding="utf-8-sig") as lines:
-            rows = list(csv.reader(lines))
+            cells = list(csv.reader(lines))
     except OSError as error:
         raise ArgumentError(f"command table '{file}' can't be read: {error.strerror or error}") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ArgumentError(f"command table '{file}' is not a CSV text file: {error}") from error
-    header = tuple(cell.strip() for cell in rows[0]) if rows else ()
-    if header != HEADER:
-        raise ArgumentError(f"{file.name} line 1: the header is '{','.join(header)}'; it must be '{','.join(HEADER)}'")
-    while len(rows) > 1 and not rows[-1]:
-        rows.pop()
-    if len(rows) == 1:
+    header = tuple(cell.strip() for cell in cells[0]) if cells else ()
+    if problem := _header_problem(header):
+        raise ArgumentError(f"{file.name} line 1: the header is '{','.join(header)}'; {problem}")
+    while len(cells) > 1 and not cells[-1]:
+        cells.pop()
+    if len(cells) == 1:
         raise ArgumentError(f"{file.name}: there are no commands below the header; one row for every 0.02 s is needed")
-    times: list[float] = []
-    velocities: list[float] = []
-    for k, row in enumerate(rows[1:]):
-        line = f"{file.name} line {k + 2}"
-        if len(row) != len(HEADER):
-            raise ArgumentError(f"{line}: there are {len(row)} columns; there must be {len(HEADER)}")
-        cells = [_number(cell, f"{line}, column {name}") for cell, name in zip(row, HEADER, strict=True)]
-        if problem := _problem(k, cells[0], cells[1]):
-            raise ArgumentError(f"{line}, column {problem[0]}: {problem[1]}")
-        times.append(k / RATE)
-        velocities.append(cells[1])
-    return CommandTable(tuple(times), tuple(velocities))
+    rows: list[tuple[float, ...]] = []
+    for k, line in enumerate(cells[1:]):
+        where = f"{file.name} line {k + 2}"
+        if len(line) != len(header):
+            raise ArgumentError(f"{where}: there are {len(line)} columns; there must be {len(header)}")
+        time, *row = [_number(cell, f"{where}, column {name}") for cell, name in zip(line, header, strict=True)]
+        if not abs(time - k / RATE) <= _TIME_TOLERANCE:
+            raise ArgumentError(
+                f"{where}, column {TIME}: the time is {time:g} s; it must be {k / RATE:g}, "
+                f"since rows are 0.02 s apart from 0 on"
+            )
+        if problem := _row_problem(header[1:], row):
+            raise ArgumentError(f"{where}, column {problem[0]}: {problem[1]}")
+        rows.append(tuple(row))
+    return CommandTable(header[1:], tuple(rows))
 
 
-def write_table(path: str | Path, times: Sequence[float], velocities: Sequence[float]) -> CommandTable:
-    """Writes motor speeds [rad/s] at times k/50 s, and returns them as a table.
+def write_table(path: str | Path, table: CommandTable) -> None:
+    """Writes a table, from which `read_table` gets the same one.
 
     Raises:
-        ArgumentError: They don't make a table, or the file can't be written.
+        ArgumentError: The file can't be written.
     """
-    table = CommandTable(tuple(float(t) for t in times), tuple(float(v) for v in velocities))
-    lines = [",".join(HEADER), *(f"{k / RATE:.2f},{velocity!r}" for k, velocity in enumerate(table.velocities))]
+    lines = [",".join((TIME, *table.columns))]
+    lines += [",".join((f"{k / RATE:.2f}", *map(repr, row))) for k, row in enumerate(table.rows)]
     try:
         write_text(path, "\n".join(lines) + "\n")
     except OSError as error:
         raise ArgumentError(f"command table '{path}' can't be written: {error.strerror or error}") from error
-    return table
 
 
-def _problem(k: int, time: float, velocity: float) -> tuple[str, str] | None:
-    """The column of row k that is wrong, and what is wrong in it; None where nothing is."""
-    if not abs(time - k / RATE) <= _TIME_TOLERANCE:
-        return HEADER[0], f"the time is {time:g} s; it must be {k / RATE:g}, since rows are 0.02 s apart from 0 on"
-    if not math.isfinite(velocity):
-        return HEADER[1], f"the velocity is {velocity:g}; it must be finite, in rad/s"
+def _check(name: str, values: Sequence[float], limits: Limits) -> None:
+    """Raises what the first value beyond the limits asks for."""
+    unit = split_column(name)[1].replace("_", "/")
+    rate, rate_unit = (limits.acceleration, f"{unit}²") if is_speed(name) else (limits.speed, f"{unit}/s")
+    before = values[0]
+    for k, value in enumerate(values):
+        command = f"{name}: the command at {k / RATE:.2f} s"
+        if is_speed(name) and abs(value) > limits.speed + _ROUNDING:
+            raise ArgumentError(
+                f"{command} is {value:g} {unit}; the limit is {limits.speed:.4g} {unit} either way: "
+                f"make the table slower, or ask for clipping"
+            )
+        if not is_speed(name) and not limits.lowest - _ROUNDING <= value <= limits.highest + _ROUNDING:
+            raise ArgumentError(
+                f"{command} is {value:g} {unit}; the limits are {limits.lowest:g} to {limits.highest:g} {unit}: "
+                f"change the table, or ask for clipping"
+            )
+        if abs(value - before) > rate / RATE + _ROUNDING:
+            raise ArgumentError(
+                f"{command} goes from {before:g} to {value:g} {unit}, {abs(value - before) * RATE:.4g} {rate_unit}; "
+                f"the limit is {rate:.4g} {rate_unit}: make the table smoother, or ask for clipping"
+            )
+        before = value
+
+
+def _clip(name: str, values: Sequence[float], limits: Limits) -> list[float]:
+    low, high = (-limits.speed, limits.speed) if is_speed(name) else (limits.lowest, limits.highest)
+    step = (limits.acceleration if is_speed(name) else limits.speed) / RATE
+    clipped: list[float] = []
+    for value in values:
+        wanted = min(max(value, low), high)
+        clipped.append(min(max(wanted, clipped[-1] - step), clipped[-1] + step) if clipped else wanted)
+    return clipped
+
+
+def _steepest(values: Sequence[float]) -> float:
+    """Greatest change a second from one value to the next."""
+    return max((abs(b - a) * RATE for a, b in pairwise(values)), default=0.0)
+
+
+def _header_problem(header: Sequence[str]) -> str:
+    """What is wrong in a header; empty where nothing is."""
+    wanted = f"it must be {TIME} and a column an actuator, as '{TIME},{FISH}' or '{TIME},servo1_rad,servo2_rad'"
+    if len(header) < 2 or header[0] != TIME:
+        return wanted
+    for k, column in enumerate(header[1:], start=1):
+        if not all(split_column(column)) or any(sign in column for sign in ',"\r\n') or column != column.strip():
+            return f"'{column}' isn't a name and a unit, as servo1_rad is; {wanted}"
+        if column in header[:k]:
+            return f"the column {column} is there twice; {wanted}"
+    return ""
+
+
+def _row_problem(columns: Sequence[str], row: Sequence[float]) -> tuple[str, str] | None:
+    """The column of a row that is wrong, and what is wrong in it; None where nothing is."""
+    for column, value in zip(columns, row, strict=True):
+        if not math.isfinite(value):
+            unit = split_column(column)[1].replace("_", "/")
+            return column, f"the value is {value:g}; it must be finite, in {unit}"
     return None
 
 
@@ -195,11 +329,3 @@ def _number(cell: str, where: str) -> float:
         return float(cell)
     except ValueError:
         raise ArgumentError(f"{where}: '{cell}' is not a number") from None
-
-
-def _ramp(velocity: float, acceleration: float) -> tuple[float, ...]:
-    """Speeds from rest up to, but without, a velocity: equal steps, none steeper than the acceleration."""
-    if not (math.isfinite(acceleration) and acceleration > 0):
-        raise ArgumentError(f"the ramps' acceleration is {acceleration:g}; it must be finite and above 0")
-    steps = math.ceil(abs(velocity) * RATE / acceleration - _ROUNDING)
-    return tuple(velocity * k / steps for k in range(steps))

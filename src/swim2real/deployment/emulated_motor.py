@@ -1,11 +1,12 @@
-"""An emulated Dynamixel XW540-T140-R: its packets, its control table, the rules of writing to it, and how it turns.
+"""An emulated Dynamixel X motor: its packets, its control table, the rules of writing to it, and how it turns.
 
 The packets are those of Dynamixel's protocol 2.0, with byte stuffing and CRC-16 (ROBOTIS e-Manual, Protocol 2.0 and CRC
 calculation). The program itself speaks through the maker's library, so each side checks the other.
 
-Not emulated: position, current and PWM modes (they are accepted, but nothing turns), indirect addresses, reg write,
-action, sync and bulk packets (answered with an instruction error), load. The motor accelerates as its profile says, but
-no faster than `STEEPEST`, and reaches no speed beyond the data sheet's no load speed at 12 V.
+Not emulated: extended position, current and PWM modes (they are accepted, but nothing turns), indirect addresses, reg
+write, action, sync read and bulk packets (answered with an instruction error), homing offset, reverse mode, load. The
+motor accelerates as its profile says, but no faster than `STEEPEST`, and reaches no speed beyond the data sheet's no
+load speed at 12 V. In position mode it takes the quickest way to its goal that the profile allows, and stops there.
 """
 
 from __future__ import annotations
@@ -16,16 +17,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from swim2real.deployment import control_table as ct
-from swim2real.deployment.control_table import Register
+from swim2real.deployment.control_table import Model, Register
 
 HEADER = b"\xff\xff\xfd\x00"
-PING, READ, WRITE, REBOOT, STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
+PING, READ, WRITE, REBOOT, STATUS, SYNC_WRITE = 0x01, 0x02, 0x03, 0x08, 0x55, 0x83
+BROADCAST = 254  # id that all motors listen to and none answers
 _LONGEST = 1024  # bytes after the header's length field; longer ones are noise
 STEEPEST = 300.0  # rad/s², what it can do at most
 COASTING = 60.0  # rad/s², how it slows down without torque
-NO_LOAD_SPEED = 72 * 2 * math.pi / 60  # rad/s at 12.0 V, e-Manual
 _SIZE = 662  # bytes of the control table
 _GOALS = range(100, 120)  # read-only once the watchdog has tripped
+_TURN = 2 * math.pi  # rad
+_RPM = _TURN / 60  # rad/s
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class Packet:
 
     Attributes:
         id: Id of the motor that it is for.
-        instruction: One of `PING`, `READ`, `WRITE`, `REBOOT`, `STATUS`, or one that isn't emulated.
+        instruction: One of `PING`, `READ`, `WRITE`, `REBOOT`, `STATUS`, `SYNC_WRITE`, or one that isn't emulated.
         parameters: Its content without byte stuffing.
         intact: Whether its CRC was right.
     """
@@ -103,26 +106,32 @@ class EmulatedMotor:
     """
 
     def __init__(
-        self, device: int = 1, model_number: int = ct.MODEL_NUMBER, clock: Callable[[], float] = time.monotonic
+        self, device: int = 1, model: Model = ct.XW540, clock: Callable[[], float] = time.monotonic, angle: float = 0.0
     ) -> None:
         """Makes a motor as it is sold.
 
         Args:
             device: Id of the motor.
-            model_number: Number that it answers a ping with.
+            model: Its model.
             clock: Returns the time [s].
+            angle: Where its shaft is [rad].
         """
         self._table = bytearray(_SIZE)
         self._clock = clock
         self._now = clock()
         self._last_packet = self._now
         self._speed = 0.0
-        self._angle = 0.0
+        self._angle = angle
+        self._no_load = model.no_load * _RPM
         self.temperature = ct.PRESENT_TEMPERATURE.default
         for register in ct.REGISTERS:
             self._set(register, register.default)
         self._set(ct.ID, device)
-        self._set(ct.MODEL_REGISTER, model_number)
+        self._set(ct.MODEL_REGISTER, model.number)
+        self._set(ct.VELOCITY_LIMIT, model.velocity_limit)
+        self._set(ct.TEMPERATURE_LIMIT, model.temperature_limit)
+        self._set(ct.MIN_VOLTAGE, model.voltages[0])
+        self._set(ct.MAX_VOLTAGE, model.voltages[1])
 
     def get(self, register: Register) -> int:
         """The value of a register now; reading it this way doesn't count as a packet."""
@@ -142,7 +151,7 @@ class EmulatedMotor:
 
     @property
     def angle(self) -> float:
-        """Angle that it has turned through [rad]."""
+        """Angle of its shaft, with the turns since it was made [rad]."""
         self._advance()
         return self._angle
 
@@ -152,12 +161,12 @@ class EmulatedMotor:
 
     def answer(self, packet: Packet) -> bytes | None:
         """The bytes of the status packet; None where the motor doesn't answer."""
-        if packet.id != self._get(ct.ID):
+        if packet.id not in (self._get(ct.ID), BROADCAST):
             return None
         self._advance()
         self._last_packet = self._now
         error, data = self._execute(packet)
-        if not self._answers(packet.instruction):
+        if packet.id == BROADCAST or not self._answers(packet.instruction):
             return None
         if self._get(ct.HARDWARE_ERROR):
             error |= ct.ALERT
@@ -172,6 +181,8 @@ class EmulatedMotor:
             return self._read(packet.parameters)
         if packet.instruction == WRITE:
             return self._write(packet.parameters), b""
+        if packet.instruction == SYNC_WRITE and packet.id == BROADCAST:
+            return self._sync_write(packet.parameters), b""
         if packet.instruction == REBOOT:
             self._reboot()
             return 0, b""
@@ -210,6 +221,14 @@ class EmulatedMotor:
             self._apply(register, value)
         return 0
 
+    def _sync_write(self, parameters: bytes) -> int:
+        """Writes this motor's share of a packet for several: address, size, then id and data of each."""
+        size = int.from_bytes(parameters[2:4], "little")
+        for start in range(4, len(parameters) - size, size + 1):
+            if parameters[start] == self._get(ct.ID):
+                return self._write(parameters[:2] + parameters[start + 1 : start + 1 + size])
+        return 0
+
     def _write_error(self, register: Register, value: int) -> int:
         if register.in_eeprom and self._get(ct.TORQUE_ENABLE):
             return ct.ACCESS_ERROR
@@ -220,6 +239,11 @@ class EmulatedMotor:
             return ct.RANGE_ERROR
         if register is ct.GOAL_VELOCITY and abs(value) > self._get(ct.VELOCITY_LIMIT):
             return ct.LIMIT_ERROR
+        if register is ct.PROFILE_VELOCITY and value > self._get(ct.VELOCITY_LIMIT):
+            return ct.LIMIT_ERROR
+        in_turn = self._get(ct.MIN_POSITION) <= value <= self._get(ct.MAX_POSITION)
+        if register is ct.GOAL_POSITION and self._get(ct.OPERATING_MODE) == ct.POSITION_MODE and not in_turn:
+            return ct.LIMIT_ERROR
         if register is ct.TORQUE_ENABLE and value and self._get(ct.HARDWARE_ERROR) & self._get(ct.SHUTDOWN):
             return ct.RESULT_FAIL  # only a reboot helps
         return 0
@@ -227,7 +251,9 @@ class EmulatedMotor:
     def _apply(self, register: Register, value: int) -> None:
         self._set(register, value)
         if register is ct.OPERATING_MODE:
-            self._set(ct.PROFILE_ACCELERATION, 0)
+            self._forget_profile()
+        if register in (ct.OPERATING_MODE, ct.TORQUE_ENABLE) and self._get(ct.OPERATING_MODE) == ct.POSITION_MODE:
+            self._angle %= _TURN  # within one turn from now on
 
     def _reboot(self) -> None:
         for register in ct.REGISTERS:
@@ -243,7 +269,7 @@ class EmulatedMotor:
             if until > trip:
                 self._turn(max(trip, self._now))
                 self._set(ct.BUS_WATCHDOG, ct.WATCHDOG_TRIPPED)
-                self._set(ct.PROFILE_ACCELERATION, 0)
+                self._forget_profile()
         self._turn(until)
         self._warm()
         self._set(ct.PRESENT_VELOCITY, round(self._speed / ct.VELOCITY_UNIT))
@@ -257,22 +283,58 @@ class EmulatedMotor:
         if self._get(ct.HARDWARE_ERROR) & self._get(ct.SHUTDOWN):
             self._set(ct.TORQUE_ENABLE, 0)
 
+    def _forget_profile(self) -> None:
+        self._set(ct.PROFILE_ACCELERATION, 0)
+        self._set(ct.PROFILE_VELOCITY, 0)
+
     def _turn(self, until: float) -> None:
         seconds = until - self._now
         self._now = until
         torque = self._get(ct.TORQUE_ENABLE)
-        turning = torque and self._get(ct.OPERATING_MODE) == ct.VELOCITY_MODE
+        mode = self._get(ct.OPERATING_MODE) if torque else None
         stopped = self._get(ct.BUS_WATCHDOG) == ct.WATCHDOG_TRIPPED
-        goal = self._get(ct.GOAL_VELOCITY) * ct.VELOCITY_UNIT if turning and not stopped else 0.0
-        goal = min(max(goal, -NO_LOAD_SPEED), NO_LOAD_SPEED)
         profile = self._get(ct.PROFILE_ACCELERATION) * ct.ACCELERATION_UNIT
         steepness = min(profile or STEEPEST, STEEPEST) if torque else COASTING
+        if mode == ct.POSITION_MODE and not stopped:
+            fastest = self._get(ct.PROFILE_VELOCITY) * ct.VELOCITY_UNIT
+            self._go_to(
+                self._get(ct.GOAL_POSITION) * ct.POSITION_UNIT,
+                min(fastest or self._no_load, self._no_load),
+                steepness if fastest else STEEPEST,
+                seconds,
+            )
+            return
+        goal = self._get(ct.GOAL_VELOCITY) * ct.VELOCITY_UNIT if mode == ct.VELOCITY_MODE and not stopped else 0.0
+        goal = min(max(goal, -self._no_load), self._no_load)
         ramp = min(abs(goal - self._speed) / steepness, seconds)
         reached = self._speed + math.copysign(steepness * ramp, goal - self._speed)
         if ramp < seconds:
             reached = goal
         self._angle += (self._speed + reached) / 2 * ramp + reached * (seconds - ramp)
         self._speed = reached
+
+    def _go_to(self, goal: float, fastest: float, steepness: float, seconds: float) -> None:
+        """Goes towards an angle for some time: speeds up, keeps the speed, slows down, so that it stops at the goal."""
+        stop = self._angle + self._speed * abs(self._speed) / (2 * steepness)  # where it stops if it slows down now
+        way = math.copysign(1.0, goal - stop)
+        left, speed = way * (goal - self._angle), way * self._speed
+        peak = min(math.sqrt(max(steepness * left + speed**2 / 2, 0.0)), max(fastest, speed))
+        cruise = left - (2 * peak**2 - speed**2) / (
+            2 * steepness
+        )  # rad, without the way of speeding up and slowing down
+        for acceleration, lasts in (
+            (steepness, (peak - speed) / steepness),
+            (0.0, max(cruise, 0.0) / peak if peak else 0.0),
+            (-steepness, peak / steepness),
+        ):
+            t = min(lasts, seconds)
+            self._angle += way * (speed * t + acceleration * t**2 / 2)
+            speed += acceleration * t
+            seconds -= t
+            if seconds <= 0:
+                self._speed = way * speed
+                return
+        self._angle, self._speed = goal, 0.0
 
     def _get(self, register: Register) -> int:
         cells = self._table[register.address : register.address + register.size]

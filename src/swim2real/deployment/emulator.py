@@ -1,12 +1,14 @@
-"""A serial port with an emulated motor behind it, on a pseudo-terminal.
+"""A serial port with emulated motors behind it, on a pseudo-terminal.
 
-`python -m swim2real.deployment.emulator [BAUD [ID]]` serves a motor until its standard input ends. Tests and
-`deploy --dry-run` use it. Faults are scripted: which answers are damaged, and how.
+`python -m swim2real.deployment.emulator [BAUD [ID[:MODEL] ...]]` serves motors until its standard input ends; without
+an id it is one, with id 1, and without a model an XW540-T140-R. Tests and `deploy --dry-run` use it. Faults are
+scripted: which answers are damaged, and how.
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import select
 import signal
@@ -19,7 +21,15 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal
 
-from swim2real.deployment.control_table import RETURN_DELAY, RETURN_DELAY_UNIT, TEMPERATURE_LIMIT
+from swim2real.deployment.control_table import (
+    ID,
+    MODELS,
+    RETURN_DELAY,
+    RETURN_DELAY_UNIT,
+    TEMPERATURE_LIMIT,
+    XW540,
+    model_named,
+)
 from swim2real.deployment.emulated_motor import EmulatedMotor, Packet, PacketParser
 from swim2real.deployment.schedule import real_time_priority
 
@@ -37,42 +47,42 @@ class Fault:
         kind: `silent`: no answer. `bad-crc`: a bit of the answer is flipped. `garbage`: other bytes in its place.
             `noise-before`: bytes in front of it. `slow`: it comes late. `overheated`: the motor gets too hot.
             `unplugged`: the port goes away.
-        first: First packet that is concerned; packets to the motor count from 0.
+        first: First packet that is concerned; packets on the bus count from 0.
         count: Number of packets concerned.
         delay: Delay of a slow answer [s].
+        device: Id of the motor that is concerned; None for all.
     """
 
     kind: Kind
     first: int = 0
     count: float = float("inf")
     delay: float = 0.05
+    device: int | None = None
 
-    def hits(self, packet: int) -> bool:
-        return self.first <= packet < self.first + self.count
+    def hits(self, packet: int, device: int) -> bool:
+        return self.first <= packet < self.first + self.count and self.device in (None, device)
 
 
 class Emulator:
-    """A motor on a port of its own, served by a thread while the context is open.
+    """Motors on a port of their own, served by a thread while the context is open.
 
     Attributes:
-        motor: The emulated motor.
+        motors: The emulated motors.
         port: Name of the port to open.
         packets: Packets that were received, each with its time [s of time.monotonic].
     """
 
-    def __init__(
-        self, motor: EmulatedMotor | None = None, faults: Sequence[Fault] = (), baud: int | None = None
-    ) -> None:
+    def __init__(self, *motors: EmulatedMotor, faults: Sequence[Fault] = (), baud: int | None = None) -> None:
         """Opens the port.
 
         Args:
-            motor: Motor to serve; None for one as it is sold.
+            motors: Motors to serve; without any it is one as it is sold.
             faults: What goes wrong.
             baud: Answers take the time that question and answer need at this rate, and the motor's return delay; None
                 for answers at once.
         """
         self._baud = baud
-        self.motor = motor or EmulatedMotor()
+        self.motors = motors or (EmulatedMotor(),)
         self.packets: list[tuple[float, Packet]] = []
         self._faults = tuple(faults)
         self._lock = threading.Lock()
@@ -93,10 +103,15 @@ class Emulator:
         self._thread.join()
         os.close(self._wake)
 
+    @property
+    def motor(self) -> EmulatedMotor:
+        """The first motor."""
+        return self.motors[0]
+
     def velocity(self) -> float:
-        """Present speed of the motor [rad/s]."""
+        """Present speed of the fastest motor, either way [rad/s]."""
         with self._lock:
-            return self.motor.velocity
+            return max((motor.velocity for motor in self.motors), key=abs)
 
     def _serve(self) -> None:
         parser = PacketParser()
@@ -116,19 +131,28 @@ class Emulator:
     def _handle(self, packet: Packet) -> bool:
         """Answers a packet; returns False when the port has gone."""
         number = len(self.packets)
-        active: dict[Kind, Fault] = {fault.kind: fault for fault in self._faults if fault.hits(number)}
+        answer, active = None, dict[Kind, Fault]()
         with self._lock:
             self.packets.append((time.monotonic(), packet))
-            if "overheated" in active:
-                self.motor.temperature = self.motor.get(TEMPERATURE_LIMIT) + 1
-            answer = self.motor.answer(packet)
-        if "unplugged" in active:
-            return False
-        if answer is None or "silent" in active:
+            for motor in self.motors:
+                device = motor.get(ID)
+                faults: dict[Kind, Fault] = {f.kind: f for f in self._faults if f.hits(number, device)}
+                if "unplugged" in faults:
+                    return False
+                if "overheated" in faults:
+                    motor.temperature = motor.get(TEMPERATURE_LIMIT) + 1
+                if (answered := motor.answer(packet)) is not None:
+                    answer, active, delay = answered, faults, motor.get(RETURN_DELAY) * RETURN_DELAY_UNIT
+                    break
+            else:
+                delay = 0.0
+        if answer is not None and "silent" in active:
             return True
         if self._baud:
-            size = _FRAME + len(packet.parameters) + len(answer)
-            time.sleep(size * _BITS / self._baud + self.motor.get(RETURN_DELAY) * RETURN_DELAY_UNIT)
+            size = _FRAME + len(packet.parameters) + len(answer or b"")
+            time.sleep(size * _BITS / self._baud + delay)
+        if answer is None:
+            return True
         if "slow" in active:
             time.sleep(active["slow"].delay)
         os.write(self._ours, _damaged(answer, active))
@@ -146,15 +170,24 @@ def _damaged(answer: bytes, active: dict[Kind, Fault]) -> bytes:
 
 
 def main() -> None:
-    """Serves a motor and writes the name of its port."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C concerns the program that uses the motor
+    """Serves motors and writes the name of their port."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C concerns the program that uses the motors
     baud = int(sys.argv[1]) if len(sys.argv) > 1 else None
-    device = int(sys.argv[2]) if len(sys.argv) > 2 else 1
+    motors = [_motor(word) for word in sys.argv[2:] or ("1",)]
     # a real motor doesn't wait for a busy machine
-    with real_time_priority(), Emulator(EmulatedMotor(device), baud=baud) as emulator:
+    with real_time_priority(), Emulator(*motors, baud=baud) as emulator:
         sys.stdout.write(emulator.port + "\n")
         sys.stdout.flush()
         sys.stdin.buffer.read()
+
+
+def _motor(word: str) -> EmulatedMotor:
+    """The motor that `ID` or `ID:MODEL` stands for, in the middle of its turn."""
+    device, _, name = word.partition(":")
+    model = model_named(name or XW540.name)
+    if model is None:
+        sys.exit(f"the model '{name}' isn't known; known are {', '.join(m.name for m in MODELS)}")
+    return EmulatedMotor(int(device), model, angle=math.pi)
 
 
 if __name__ == "__main__":
