@@ -1,7 +1,9 @@
 """A task of one's own: the finger's tip is to be where a goal is, on the arc that the tip can reach.
 
-    swim2real train python:examples/finger/reach.py:Reach --parameters runs/finger --env-steps 50000 --out policies/reach
+    swim2real train python:examples/finger/reach.py:Reach --parameters runs/finger --env-steps 50000 --out policies/tip
 """
+
+from types import MappingProxyType
 
 import numpy as np
 
@@ -23,9 +25,10 @@ class Reach:
     """
 
     observes = ("joint_angles", "joint_rates", "sensors", "commands")
-    adds = {"to_goal": (2, MOST_PLACE)}
+    adds = MappingProxyType({"to_goal": (2, MOST_PLACE)})
     needs_frame = False
     stages = ()
+    discount = 0.99
 
     def __init__(self, robot, count, seconds=SECONDS):
         self._seconds = seconds

@@ -297,7 +297,7 @@ class TrainingSettings:
         checkpoint_every: Environment steps between checkpoints; by default a twentieth of the run.
         learning_rate: Of actor, critics and entropy coefficient.
         batch: Transitions of a gradient step.
-        discount: Of rewards, a step.
+        discount: Of rewards, a step; by default the task's: the paper's 0.99 of forward and paper-target, 0.995 of target.
         target_rate: Share by which the target critics follow, a gradient step.
         layers: Widths of the hidden layers of actor and critics.
     """
@@ -311,7 +311,7 @@ class TrainingSettings:
     checkpoint_every: int | None = None
     learning_rate: float = 2e-3
     batch: int = 256
-    discount: float = 0.99
+    discount: float | None = None
     target_rate: float = 0.1
     layers: tuple[int, ...] = (256, 256)
 

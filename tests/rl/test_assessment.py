@@ -8,10 +8,11 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 from swim2real.errors import ArgumentError, RunError
-from swim2real.rl.assessment import assess, compare_loops, policy_commands, scan_constant_speeds
-from swim2real.rl.conditions import REAL_MOTOR, Disturbances, StateEstimate
+from swim2real.rl.assessment import Wave, assess, compare_loops, policy_commands, scan_waves
+from swim2real.rl.body import Actuators
+from swim2real.rl.conditions import Disturbances, StateEstimate
 from swim2real.rl.environment import make_environments
-from swim2real.rl.policies import ConstantSpeed, RecordedActions, load_policy
+from swim2real.rl.policies import Followed, RecordedActions, load_policy
 from swim2real.rl.rollout import EpisodeStatistics, run_episodes, save_episodes
 from swim2real.rl.training import train
 from swim2real.rl.training_run import TrainingRun
@@ -20,20 +21,25 @@ from swim2real.settings import TrainingSettings
 
 PUBLISHED = FISH.space.published
 CHANGE = 2.0  # rad/s, by an action of 1
+MOTOR = Actuators.of(FISH.policy.actuators)
 ANY_PHASE = Disturbances(start_phase=(-math.pi, math.pi))
+
+
+def constant(*speeds):
+    return Followed(np.array(speeds)[:, None], MOTOR)
 
 
 @pytest.fixture(scope="module")
 def steady():
     """Half a second at two speeds."""
     environments = make_environments("forward", [PUBLISHED], 2, seconds=0.5)
-    return run_episodes(environments, ConstantSpeed([3.0, 7.0], CHANGE), [0, 1])
+    return run_episodes(environments, constant(3.0, 7.0), [0, 1])
 
 
 def test_a_constant_speed_is_reached_as_fast_as_is_allowed_and_kept(steady):
     slow, fast = steady
-    assert slow.commands[:3] == pytest.approx([2.0, 3.0, 3.0])
-    assert fast.commands[:5] == pytest.approx([2.0, 4.0, 6.0, 7.0, 7.0])
+    assert slow.commands[:3, 0] == pytest.approx([2.0, 3.0, 3.0])
+    assert fast.commands[:5, 0] == pytest.approx([2.0, 4.0, 6.0, 7.0, 7.0])
     assert slow.duration == pytest.approx(0.5)
     assert slow.markers.shape == (25, 11, 2)
     assert fast.distance == pytest.approx(-fast.heads[-1, 0])
@@ -56,15 +62,23 @@ def test_figures_of_episodes(steady):
     assert statistics.time_to_target is None
 
 
-def test_the_scan_finds_the_fastest_constant_speed():
-    scan = scan_constant_speeds(PUBLISHED, FISH, [0.0], 0.6, count=2)
-    assert scan.speeds == pytest.approx(REAL_MOTOR.speed * np.array([-1, -0.5, 0.5, 1]))
-    assert abs(scan.speeds[scan.farthest]) == pytest.approx(REAL_MOTOR.speed)
+def test_the_scan_finds_the_best_wave():
+    waves = [Wave(-1.0), Wave(0.5), Wave(1.0), Wave(1.0, frequency=2.0)]
+    scan = scan_waves(waves, "forward", PUBLISHED, FISH, [0.0], 0.6)
+    assert scan.distances[2] > scan.distances[1]
     assert scan.best_distance == scan.distances.max()
+    assert scan.farthest is waves[int(scan.distances.argmax())]
+
+
+def test_a_sine_swings_about_the_middle_of_the_range():
+    wave = Wave(0.5, frequency=1.0, lag=np.pi / 2)
+    two = Actuators(("a", "b"), ("m", "m"), np.array([0.0, -1.0]), np.array([2.0, 1.0]), np.array([1.0, 1.0]))
+    np.testing.assert_allclose(wave.commands(two, np.array([0.0, 0.25])), [[1.0, -0.5], [1.5, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(Wave(-1.0).commands(two, np.zeros(1)), [[0.0, -1.0]])
 
 
 def test_a_disturbed_swim_drifts_in_open_loop_and_an_undisturbed_one_does_not():
-    policy, estimate = ConstantSpeed([6.0], CHANGE), StateEstimate()
+    policy, estimate = constant(6.0), StateEstimate()
     loops = compare_loops(policy, "forward", PUBLISHED, FISH, [0], Disturbances(), estimate, seconds=0.2)
     assert list(loops) == ["nominal", "open", "closed", "tracked"]
     assert [loops[name].drift for name in ("nominal", "open", "closed")] == [0, 0, 0]
@@ -75,7 +89,7 @@ def test_a_disturbed_swim_drifts_in_open_loop_and_an_undisturbed_one_does_not():
 
 
 def test_loops_are_compared_in_the_stage_that_is_asked_for():
-    policy = ConstantSpeed([0.0], CHANGE)
+    policy = constant(0.0)
     for stage, farthest in ((1, 1.2), (3, 4.0)):
         loops = compare_loops(
             policy, "target", PUBLISHED, FISH, [2], Disturbances(), StateEstimate(), seconds=0.04, stage=stage
@@ -89,7 +103,7 @@ def test_loops_are_compared_in_the_stage_that_is_asked_for():
 def run(tmp_path_factory):
     """A policy that has learned for a moment."""
     out = tmp_path_factory.mktemp("policy") / "run"
-    settings = TrainingSettings("forward", 400, exploration=200, updates=1, batch=32, layers=(16,))
+    settings = TrainingSettings("forward", 400, exploration=200, updates=1, batch=32, layers=(16,), environments=8)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swim2real.rl.training.EVALUATION_EPISODES", 1)
         train(settings, [PUBLISHED], FISH, out)
@@ -98,7 +112,8 @@ def run(tmp_path_factory):
 
 def test_a_policy_is_assessed_the_same_way_every_time(run, tmp_path, monkeypatch):
     monkeypatch.setattr("swim2real.rl.assessment.SCANNED_PHASES", 1)
-    monkeypatch.setattr("swim2real.rl.assessment.SCANNED_SPEEDS", 1)
+    monkeypatch.setattr("swim2real.rl.assessment.constant_waves", lambda: [Wave(1.0)])
+    monkeypatch.setattr("swim2real.rl.assessment.sine_waves", lambda actuators: [Wave(1.0, 2.0)])
     first = assess(run, 2, disturbances=ANY_PHASE)
     again = assess(run, 2, disturbances=ANY_PHASE)
     assert first.as_dict() == again.as_dict()
@@ -111,10 +126,11 @@ def test_a_policy_is_assessed_the_same_way_every_time(run, tmp_path, monkeypatch
 
 
 def test_commands_are_those_of_the_policy_in_its_simulator(run):
-    commands = policy_commands(run, 0.6)
-    assert commands.shape == (30,)
-    assert np.abs(np.diff(commands, prepend=0.0)).max() <= CHANGE + 1e-9
-    assert np.abs(commands).max() <= REAL_MOTOR.speed + 1e-9
+    actuators, commands = policy_commands(run, 0.6)
+    assert (actuators.names, actuators.units) == (("motor",), ("rad/s",))
+    assert commands.shape == (30, 1)
+    assert np.abs(np.diff(commands[:, 0], prepend=0.0)).max() <= CHANGE + 1e-9
+    assert np.abs(commands).max() <= MOTOR.upper[0] + 1e-9
     environments = make_environments("forward", [PUBLISHED], 1, seconds=0.6)
     assert np.array_equal(run_episodes(environments, load_policy(run), [5])[0].commands, commands)
 
@@ -132,14 +148,17 @@ def test_what_is_not_there_is_named(run, tmp_path):
     (tmp_path / "settings.json").write_text(settings.replace('"robot": "fish"', '"robot": "eel"'))
     with pytest.raises(RunError, match="there is no robot 'eel'"):
         _ = TrainingRun.open(tmp_path).robot
-    with pytest.raises(RunError, match=r"has no best\.zip yet; wait for its first checkpoint"):
+    with pytest.raises(RunError, match=r"has no best\.npz yet; wait for its first evaluation"):
         load_policy(TrainingRun.open(tmp_path))
-    (tmp_path / "best.zip").write_bytes(b"no policy")
-    with pytest.raises(RunError, match=r"policy '.*best\.zip' is damaged"):
+    (tmp_path / "best.zip").write_bytes(b"a policy of version 0.1")
+    with pytest.raises(RunError, match=r"best\.zip' is a policy of version 0\.1, which holds a pickle"):
         load_policy(TrainingRun.open(tmp_path))
-    with pytest.raises(ArgumentError, match="a goal is for policies of task target"):
+    (tmp_path / "best.npz").write_bytes(b"no policy")
+    with pytest.raises(RunError, match=r"policy '.*best\.npz' is damaged"):
+        load_policy(TrainingRun.open(tmp_path))
+    with pytest.raises(ArgumentError, match="a goal is for policies of a task with goals"):
         policy_commands(run, 1.0, goal=(-1.0, 0.0))
-    with pytest.raises(ArgumentError, match=r"0 s of commands are asked for; it must be at least 0\.02 s"):
+    with pytest.raises(ArgumentError, match=r"an episode of 0 s is asked for; it must have at least 0\.02 s"):
         policy_commands(run, 0.0)
     with pytest.raises(ArgumentError, match="0 episodes are asked for"):
         assess(run, 0)
@@ -147,15 +166,20 @@ def test_what_is_not_there_is_named(run, tmp_path):
 
 def test_a_film_shows_the_robot_and_its_goal(tmp_path):
     pytest.importorskip("av")
-    from swim2real.rl.film import write_film
+    from swim2real.rl.film import Scene, write_film
     from swim2real.video import VideoReader
 
     environments = make_environments("target", [PUBLISHED], 1, seconds=0.4)
-    episode = run_episodes(environments, ConstantSpeed([7.0], CHANGE), [3], [{"goal": (-0.5, 0.2)}])[0]
-    path = write_film(tmp_path / "swim.mp4", episode, 320, threshold=0.05)
+    episode = run_episodes(environments, constant(7.0), [3], [{"goal": (-0.5, 0.2)}])[0]
+    path = write_film(tmp_path / "swim.mp4", [Scene("", episode, FISH)], 320, threshold=0.05)
+    four = write_film(tmp_path / "four.mp4", [Scene(name, episode, FISH) for name in "abcd"], 640)
+    with VideoReader(four) as reader:
+        beside = next(iter(reader)).image
     with VideoReader(path) as reader:
         pictures = [frame.image for frame in reader]
     assert len(pictures) == 10
     last = pictures[-1].astype(int)
     assert ((last[..., 2] > last[..., 0] + 60) & (last[..., 2] > 120)).sum() > 100  # blue: the robot
     assert ((last[..., 0] > last[..., 2] + 80) & (last[..., 0] > 150)).sum() > 10  # red: the goal
+    assert beside.shape[1] == 640
+    assert beside.shape[0] == 2 * pictures[0].shape[0]  # two rows of panels as large as the one

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import swim2real.rl as rl
-from swim2real.rl.tasks import STAGES, Target
+from swim2real.rl.tasks import STAGES, PaperTarget, Target
 from swim2real.robots.fish import FISH
 
 MARKERS = (*FISH.marker_names, "left_fin_tip", "right_fin_tip")
@@ -17,7 +17,8 @@ def wiggled(task, **options):
     env.reset(seed=4, options=options)
     for _ in range(40):
         out = env.step(rng.uniform(0, 1, 1) if rng.random() < 0.7 else -np.ones(1))
-    return env, out
+    data = env.environments.robots._batch.data(0)
+    return env, out, data.qpos.copy(), data.qvel.copy()
 
 
 def sites(qpos, qvel):
@@ -33,88 +34,81 @@ def sites(qpos, qvel):
     return places[1] - model.jnt_pos[0][:2], (places[2] - places[0]) / 2e-6
 
 
-@pytest.mark.parametrize("task", [rl.Forward, rl.Target])
-def test_the_parts_of_an_observation_are_all_of_it(task):
-    covered = [i for part in task.OBSERVATION_NAMES.values() for i in range(part.start, part.stop)]
-    assert covered == list(range(len(task.bounds)))
-    assert len(covered) == (52 if task is rl.Forward else 22)
+@pytest.mark.parametrize(("task", "length"), [("forward", 52), ("target", 22)])  # the paper's, Sec. IV
+def test_the_parts_of_an_observation_are_all_of_it(task, length):
+    environments = rl.make_environments(task, None, 1)
+    covered = [i for part in environments.names.values() for i in range(part.start, part.stop)]
+    assert covered == list(range(len(environments.bounds)))
+    assert len(covered) == length
 
 
 def test_forward_shows_markers_head_and_motor():
-    env, (seen, reward, *_, info) = wiggled("forward")
-    qpos, qvel = env.swimmer.data.qpos, env.swimmer.data.qvel
-    part = {name: seen[where] for name, where in rl.Forward.OBSERVATION_NAMES.items()}
+    env, (seen, reward, *_, info), qpos, qvel = wiggled("forward")
+    part = {name: seen[where] for name, where in env.environments.names.items()}
     places, speeds = sites(qpos, qvel)
-    np.testing.assert_allclose(part["marker_positions"].reshape(11, 2), places, atol=1e-6)
+    np.testing.assert_allclose(part["markers"].reshape(11, 2), places, atol=1e-6)
     np.testing.assert_allclose(part["marker_velocities"].reshape(11, 2), speeds, atol=1e-5)
-    np.testing.assert_allclose(part["head_position"], qpos[:2], atol=1e-6)
-    np.testing.assert_allclose(part["head_velocity"], qvel[:2], atol=1e-6)
-    assert part["heading"] == pytest.approx(qpos[5], abs=1e-6)
-    assert part["heading_rate"] == pytest.approx(qvel[5], rel=1e-5)
-    assert part["motor_speed"] == pytest.approx(qvel[6], rel=1e-5)
-    assert np.exp(1j * part["motor_angle"]) == pytest.approx(np.exp(1j * qpos[6]), abs=1e-5)
-    assert abs(part["motor_angle"]) <= np.pi
+    np.testing.assert_allclose(part["position"], qpos[:2], atol=1e-6)
+    np.testing.assert_allclose(part["velocity"], qvel[:2], atol=1e-6)
+    assert part["heading"] == pytest.approx(qpos[5], abs=1e-3)  # roll and pitch turn the markers' direction a little
+    assert part["heading_rate"] == pytest.approx(qvel[5], rel=1e-2)
+    assert part["motor_speeds"] == pytest.approx(qvel[6], rel=1e-5)
+    assert np.exp(1j * part["motor_angles"]) == pytest.approx(np.exp(1j * qpos[6]), abs=1e-5)
+    assert abs(part["motor_angles"]) <= np.pi
     assert reward == pytest.approx(-qpos[0])
-    assert info["heading"] == qpos[5]
+    assert info["heading"] == pytest.approx(qpos[5], abs=1e-3)
 
 
 def test_target_shows_the_goal_from_the_robot():
-    env, (seen, reward, *_, info) = wiggled("target", goal=(-0.8, 0.6))
-    qpos, qvel = env.swimmer.data.qpos, env.swimmer.data.qvel
-    part = {name: seen[where] for name, where in rl.Target.OBSERVATION_NAMES.items()}
-    to_goal = np.array([-0.8, 0.6]) - qpos[:2]
-    c, s = np.cos(qpos[5]), np.sin(qpos[5])
+    env, (seen, *_, info), qpos, qvel = wiggled("target", goal=(-0.8, 0.6))
+    part = {name: seen[where] for name, where in env.environments.names.items()}
+    to_goal, heading = np.array([-0.8, 0.6]) - qpos[:2], info["heading"]
+    c, s = np.cos(heading), np.sin(heading)
     from_world = np.array([[c, s], [-s, c]])
-    assert abs(qpos[5]) > 0.02  # so that the frames differ
+    assert abs(heading) > 0.02  # so that the frames differ
     np.testing.assert_allclose(part["goal"], from_world @ to_goal, atol=1e-6)
     np.testing.assert_allclose(part["goal_rate"], from_world @ -qvel[:2], atol=1e-6)
     np.testing.assert_allclose(part["goal_distance"], np.linalg.norm(to_goal), atol=1e-6)
-    np.testing.assert_allclose([*part["motor_cosine"], *part["motor_sine"]], [np.cos(qpos[6]), np.sin(qpos[6])], 1e-5)
-    np.testing.assert_allclose(part["motor_speed"], qvel[6], rtol=1e-5)
-    np.testing.assert_allclose(part["head_turning"], qvel[3:6], rtol=1e-4, atol=1e-6)
-    np.testing.assert_allclose(part["tail_angles"], qpos[7:], rtol=1e-5, atol=1e-7)
-    np.testing.assert_allclose(part["tail_rates"], qvel[7:], rtol=1e-5, atol=1e-7)
-    action = float(part["previous_action"][0])
-    assert reward == pytest.approx(-np.linalg.norm(to_goal) - 0.5 * abs(action), abs=1e-6)
+    np.testing.assert_allclose(part["motor_directions"], [np.cos(qpos[6]), np.sin(qpos[6])], 1e-5)
+    np.testing.assert_allclose(part["motor_speeds"], qvel[6], rtol=1e-5)
+    np.testing.assert_allclose(part["turning"], qvel[3:6], rtol=1e-2, atol=1e-2)
+    np.testing.assert_allclose(part["joint_angles"], qpos[7:], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(part["joint_rates"], qvel[7:], rtol=1e-5, atol=1e-7)
+    assert -1 <= part["previous_actions"] <= 1
     assert info["goal"] == (-0.8, 0.6)
     assert info["goal_distance"] == pytest.approx(np.linalg.norm(to_goal))
 
 
-def test_the_goal_rate_is_how_the_goal_moves_in_the_body_when_it_does_not_turn():
-    env, (before, *_) = wiggled("target", goal=(-0.8, 0.6))
-    heading, place = env.swimmer.data.qpos[5], env.swimmer.data.qpos[:2].copy()
-    goal, rate = (rl.Target.OBSERVATION_NAMES[name] for name in ("goal", "goal_rate"))
-    env.swimmer.data.qpos[:2] += 1e-3 * env.swimmer.data.qvel[:2]
-    after = np.zeros(22)
-    env.task.observe(env.swimmer.read(markers=False), 0.0, after)
-    assert env.swimmer.data.qpos[5] == heading
-    assert (env.swimmer.data.qpos[:2] != place).any()
-    np.testing.assert_allclose((after[goal] - before[goal]) / 1e-3, before[rate], atol=1e-3)
-
-
-def test_reaching_the_goal_ends_the_episode_with_the_bonus():
-    env = rl.make_env("target")
+@pytest.mark.parametrize("task", ["target", "paper-target"])
+def test_reaching_the_goal_ends_the_episode_with_the_bonus(task):
+    env = rl.make_env(task)
     env.reset(seed=0, options={"goal": (-0.06, 0.0)})
-    rewards = []
+    rewards, left = [], [0.06]
     for _ in range(200):
         _, reward, ended, cut, info = env.step(np.array([1.0]))
         rewards.append(reward)
+        left.append(info["goal_distance"])
         if ended:
             break
     assert (ended, cut, info["success"]) == (True, False, True)
     assert info["goal_distance"] < STAGES[3].threshold
-    assert rewards[-1] == pytest.approx(300.0 - 0.5 - info["goal_distance"])
-    assert max(rewards[:-1]) < 0
+    if task == "target":
+        assert rewards == pytest.approx([*(-100 * np.diff(left) - 0.02)[:-1], 100 * (left[-2] - left[-1]) - 0.02 + 20])
+    else:  # the paper's reward, Sec. IV
+        assert rewards == pytest.approx([*(-np.array(left[1:-1]) - 0.5), 300.0 - 0.5 - left[-1]])
+
+
+@pytest.mark.parametrize("task", [Target, PaperTarget])
+def test_both_rewards_have_the_same_goals(task):
+    assert task(FISH, 1).begin(0, np.random.default_rng(0), {}) == STAGES[3].seconds
 
 
 @pytest.mark.parametrize(("number", "stage"), STAGES.items())
 def test_goals_fill_the_region_of_the_stage(number, stage):
-    task, rng = Target(number), np.random.default_rng(0)
-    goals = []
-    for _ in range(400):
-        task.begin(rng, {})
-        goals.append(task.goal.copy())
-    x, y = np.array(goals).T
+    task, rng = Target(FISH, 400, stage=number), np.random.default_rng(0)
+    for i in range(400):
+        assert task.begin(i, rng, {}) == stage.seconds
+    x, y = task.goals.T
     assert -stage.ahead <= x.min() < -0.97 * stage.ahead
     assert -0.03 * stage.ahead < x.max() <= 0
     assert stage.across / 2 * 0.97 < np.abs(y).max() <= stage.across / 2
@@ -129,8 +123,8 @@ def test_the_curriculum_is_the_papers():
 def test_a_new_stage_counts_from_the_next_episode_on():
     env = rl.make_env("target", stage=1)
     env.reset(seed=0, options={"goal": (-1.0, 0.0)})
-    env.set_stage(3)
-    info = env.step(np.zeros(1))[4]
-    assert (info["stage"], env.task.threshold, env.task.seconds) == (1, 0.10, STAGES[1].seconds)
+    env.environments.set_stage(3)
+    info, task = env.step(np.zeros(1))[4], env.environments.task
+    assert (info["stage"], task.thresholds[0]) == (1, 0.10)
     _, info = env.reset()
-    assert (info["stage"], env.task.threshold, env.task.seconds) == (3, 0.05, STAGES[3].seconds)
+    assert (info["stage"], task.thresholds[0]) == (3, 0.05)

@@ -9,24 +9,30 @@ import pytest
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("torch")
 
-import torch
-from stable_baselines3 import SAC
+import numpy as np
 
 from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.conditions import Disturbances
 from swim2real.rl.learner import list_checkpoints
+from swim2real.rl.policies import load_policy
 from swim2real.rl.tasks import Curriculum
 from swim2real.rl.training import train
-from swim2real.rl.training_run import EPISODES, EVALUATIONS, LAST, SETTINGS, TrainingRun, read_record
+from swim2real.rl.training_run import EPISODES, EVALUATIONS, SETTINGS, TrainingRun, read_record
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
 
-SHORT = TrainingSettings("forward", 800, exploration=200, checkpoint_every=400, updates=1, batch=32, layers=(16, 16))
+SHORT = TrainingSettings(
+    "forward", 800, exploration=200, checkpoint_every=400, updates=1, batch=32, layers=(16, 16), environments=8
+)
 ANY_PHASE = Disturbances(start_phase=(-math.pi, math.pi))
 
 
-def weights(folder):
-    return SAC.load(folder / LAST, device="cpu").policy.state_dict()
+def assert_same_policy(ours, theirs):
+    first, second = (load_policy(TrainingRun.open(folder), "last").actor for folder in (ours, theirs))
+    for one, other in zip((*first.hidden, first.mean, first.log_std), (*second.hidden, second.mean, second.log_std),
+                          strict=True):  # fmt: skip
+        np.testing.assert_array_equal(one.weight, other.weight)
+        np.testing.assert_array_equal(one.bias, other.bias)
 
 
 def stop_after(blocks):
@@ -60,7 +66,7 @@ def test_a_run_is_on_record(finished):
     out, outcome, progress = finished
     assert outcome.complete
     assert outcome.step == 800
-    assert outcome.gradient_steps == 3  # after each 200 transitions but the first, which explore
+    assert outcome.gradient_steps == 3  # for each 200 transitions but the first, which explore
     assert 0 < outcome.learner_share < 1
     run = TrainingRun.open(out)
     assert run.outcome == outcome
@@ -90,8 +96,7 @@ def test_a_resumed_run_is_the_run_that_was_left_alone(finished, tmp_path, blocks
     ended = train(SHORT, values, FISH, tmp_path / "run", disturbances=ANY_PHASE, resume=True)
     assert ended.complete
     assert ended.gradient_steps == whole.gradient_steps
-    ours, theirs = weights(tmp_path / "run"), weights(out)
-    assert all(torch.equal(ours[name], theirs[name]) for name in theirs)
+    assert_same_policy(tmp_path / "run", out)
     for name in (EPISODES, EVALUATIONS):
         assert read_record(tmp_path / "run" / name) == read_record(out / name)
 
@@ -103,8 +108,7 @@ def test_a_target_run_resumes_within_its_long_episodes(tmp_path):
     train(settings, values, FISH, tmp_path / "whole")
     train(settings, values, FISH, tmp_path / "parts", stop=stop_after(2))
     train(settings, values, FISH, tmp_path / "parts", resume=True)
-    ours, theirs = weights(tmp_path / "parts"), weights(tmp_path / "whole")
-    assert all(torch.equal(ours[name], theirs[name]) for name in theirs)
+    assert_same_policy(tmp_path / "parts", tmp_path / "whole")
 
 
 def test_it_refuses_to_mix_runs(finished):
@@ -118,20 +122,17 @@ def test_it_refuses_to_mix_runs(finished):
         train(SHORT, [FISH.space.published], FISH, out.parent / "nowhere", resume=True)
 
 
-def test_checkpoints_that_are_damaged_of_another_version_or_gone(tmp_path):
-    settings = TrainingSettings("forward", 400, exploration=200, updates=1, batch=32, layers=(16,))
+def test_checkpoints_that_are_damaged_or_gone(tmp_path):
+    settings = TrainingSettings("forward", 400, exploration=200, updates=1, batch=32, layers=(16,), environments=8)
     run, values = tmp_path / "run", [FISH.space.published]
     train(settings, values, FISH, run, stop=stop_after(1))
     checkpoint = run / "checkpoints/step-000000200"
-    replay, state = checkpoint / "replay.npz", checkpoint / "state.pickle"
-    whole = replay.read_bytes()
-    replay.write_bytes(whole[:500])
-    with pytest.raises(RunError, match=r"step-000000200' is damaged: .*; remove it"):
-        train(settings, values, FISH, run, resume=True)
-    replay.write_bytes(whole)
-    state.write_bytes(b"cswim2real.rl.target\nTarget\n.")  # a pickle with a class of version 0.1
-    with pytest.raises(RunError, match=r"is of another version of swim2real .* go on with the version that wrote it"):
-        train(settings, values, FISH, run, resume=True)
+    for name in ("replay.npz", "networks.pt", "episodes.npz", "state.json"):
+        whole = (checkpoint / name).read_bytes()
+        (checkpoint / name).write_bytes(whole[: len(whole) // 2])
+        with pytest.raises(RunError, match=r"step-000000200' is damaged: .*; remove it"):
+            train(settings, values, FISH, run, resume=True)
+        (checkpoint / name).write_bytes(whole)
     shutil.rmtree(checkpoint)
     again = train(settings, values, FISH, run, resume=True, stop=stop_after(1))  # begins anew
     assert (again.step, again.complete) == (200, False)
@@ -170,3 +171,41 @@ def test_the_curriculum_goes_on_when_a_stage_is_learned():
     again = Curriculum((1, 2, 3))
     again.restore(curriculum.state())
     assert again.stage == 2
+
+
+def test_threads_change_nothing(finished, tmp_path):
+    out, _, _ = finished
+    train(SHORT, [FISH.space.published], FISH, tmp_path / "run", disturbances=ANY_PHASE, threads=3)
+    assert_same_policy(tmp_path / "run", out)
+    assert read_record(tmp_path / "run" / EPISODES) == read_record(out / EPISODES)
+
+
+def test_no_file_of_a_run_holds_a_pickle(finished):
+    out, _, _ = finished
+    for path in out.rglob("*.npz"):
+        with np.load(path, allow_pickle=False) as arrays:
+            assert all(arrays[name].dtype != object for name in arrays)
+    suffixes = {path.suffix for path in out.rglob("*") if path.is_file() and "tfevents" not in path.name}
+    assert suffixes == {".json", ".jsonl", ".npz", ".pt"}  # .pt is read with torch's weights_only
+
+
+def test_a_policy_is_the_network_that_learned(finished):
+    torch = pytest.importorskip("torch")
+    from swim2real.rl.actor import Actor
+    from swim2real.rl.environment import make_environments
+    from swim2real.rl.learner import Learner
+    from swim2real.rl.vector import RobotVecEnv
+
+    learner = Learner(SHORT, RobotVecEnv(make_environments("forward", None, 8)), 0.99)
+    actor, seen = learner.actor, np.random.default_rng(0).standard_normal((5, 52)).astype(np.float32)
+    expected = learner._sac.predict(seen, deterministic=True)[0]
+    np.testing.assert_allclose(actor.best(seen), expected, atol=1e-6)
+    samples = np.array([actor.sample(seen, np.random.default_rng(i)) for i in range(2000)])
+    with torch.no_grad():
+        mean, log_std, _ = learner._sac.actor.get_action_dist_params(torch.from_numpy(seen))
+    before_tanh = np.arctanh(np.clip(samples, -1 + 1e-9, 1 - 1e-9))
+    np.testing.assert_allclose(before_tanh.mean(axis=0), mean.numpy(), atol=0.1)
+    np.testing.assert_allclose(before_tanh.std(axis=0), np.exp(log_std.numpy()), rtol=0.1)
+    path = finished[0] / "policy.npz"
+    kept = Actor.load(path)
+    assert (kept.inputs, len(kept.mean.bias)) == (52, 1)

@@ -62,7 +62,7 @@ class Actor:
 
         def layer(module: Any) -> Linear:
             weight, bias = module.weight.detach().numpy(), module.bias.detach().numpy()
-            return Linear(np.ascontiguousarray(weight.T), bias.copy())
+            return Linear(np.array(weight.T, order="C"), bias.copy())
 
         hidden = tuple(layer(module) for module in actor.latent_pi if hasattr(module, "weight"))
         return Actor(hidden, layer(actor.mu), layer(actor.log_std))

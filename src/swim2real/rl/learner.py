@@ -68,19 +68,20 @@ class Learner:
     """
 
     def __init__(
-        self, settings: TrainingSettings, environments: VecEnv, pool: ThreadPoolExecutor | None = None
+        self, settings: TrainingSettings, environments: VecEnv, discount: float, pool: ThreadPoolExecutor | None = None
     ) -> None:
         """A learner that has seen nothing yet. It sets the random state of torch and NumPy.
 
         Args:
             settings: Settings of the run.
             environments: What it learns for.
+            discount: Of rewards, a step.
             pool: Thread to learn in; None to learn where it is waited for.
         """
         self._settings = settings
         self._sac = SAC(
             "MlpPolicy", environments, learning_rate=settings.learning_rate, buffer_size=settings.replay,
-            batch_size=settings.batch, tau=settings.target_rate, gamma=settings.discount,
+            batch_size=settings.batch, tau=settings.target_rate, gamma=discount,
             policy_kwargs={"net_arch": list(settings.layers), "optimizer_kwargs": {"foreach": True}},
             seed=settings.seed, device="cpu",
         )  # fmt: skip
@@ -120,6 +121,7 @@ class Learner:
 
     def _learn(self) -> None:
         begun = perf_counter()
+        torch.set_num_threads(1)  # it holds for the thread that says so; small networks gain little from more
         self._sac.train(self._settings.updates_a_block, self._settings.batch)
         self.seconds += perf_counter() - begun
 

@@ -39,12 +39,14 @@ class Task(Protocol):
         adds: Length and greatest magnitude of each part that the task adds to the observation.
         needs_frame: Whether it is about where the robot is and points.
         stages: Stages of the curriculum, in order; empty without one.
+        discount: Of rewards, a step, where the settings of a training don't say.
     """
 
     observes: ClassVar[tuple[str, ...]]
     adds: ClassVar[Mapping[str, tuple[int, float]]]
     needs_frame: ClassVar[bool]
     stages: ClassVar[tuple[int, ...]]
+    discount: ClassVar[float]
 
     def begin(self, index: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
         """Begins an episode of one robot, draws what is random in it, and returns its length [s]."""
@@ -77,6 +79,7 @@ class Forward:
     adds: ClassVar[Mapping[str, tuple[int, float]]] = {}
     needs_frame: ClassVar[bool] = True
     stages: ClassVar[tuple[int, ...]] = ()
+    discount: ClassVar[float] = 0.99  # the paper's
 
     def __init__(self, robot: Robot, count: int, seconds: float = 2.0) -> None:
         del robot
@@ -149,6 +152,7 @@ class Target:
     }  # fmt: skip
     needs_frame: ClassVar[bool] = True
     stages: ClassVar[tuple[int, ...]] = tuple(STAGES)
+    discount: ClassVar[float] = 0.995  # 4 s: a turn takes some beats
 
     def __init__(self, robot: Robot, count: int, seconds: float | None = None, stage: int = 3) -> None:
         """Begins with a stage of the curriculum; without `seconds` episodes are as long as it says.
@@ -205,6 +209,8 @@ class PaperTarget(Target):
 
     d [m] is the distance of the robot from the goal, |a| the mean magnitude of the actions.
     """
+
+    discount: ClassVar[float] = 0.99
 
     def score(self, state: State, actions: Array) -> tuple[Array, Flags]:
         distances = self._distances(state)

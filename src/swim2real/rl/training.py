@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from swim2real.errors import RunError
 from swim2real.parameters import Values
@@ -114,7 +113,6 @@ class _Trainer:
         self, settings: TrainingSettings, parameters: list[Values], robot: Robot, out: Path,
         disturbances: Disturbances, threads: int,
     ) -> None:  # fmt: skip
-        torch.set_num_threads(1)  # the networks are small, and more threads gain little
         self.settings, self.parameters, self.robot, self.out = settings, parameters, robot, out
         self.disturbances = disturbances
         self.environments = make_environments(
@@ -125,7 +123,9 @@ class _Trainer:
         self.curriculum = Curriculum(stages) if stages else None
         if self.curriculum:
             self.environments.set_stage(self.curriculum.stage)
-        self.learner = Learner(settings, RobotVecEnv(self.environments), self.environments.robots.pool)
+        task, pool = self.environments.task, self.environments.robots.pool
+        self.discount = task.discount if settings.discount is None else settings.discount
+        self.learner = Learner(settings, RobotVecEnv(self.environments), self.discount, pool)
         self.actor = self.learner.actor
         self.exploration = np.random.default_rng(np.random.SeedSequence([settings.seed, _EXPLORATION]))
         self.returns = np.zeros(settings.environments)
@@ -142,7 +142,7 @@ class _Trainer:
         content = {
             "kind": "training", "robot": self.robot.name, **source, **asdict(self.settings),
             "task": files.task_from(self.settings.task, self.out), "exploration": self.settings.exploration_steps,
-            "updates": self.settings.updates_a_block, "checkpoint_every": self.settings.checkpoint_steps,
+            "updates": self.settings.updates_a_block, "discount": self.discount, "checkpoint_every": self.settings.checkpoint_steps,
             "disturbances": asdict(self.disturbances), "parameters": [dict(values) for values in self.parameters],
         }  # fmt: skip
         content = json.loads(json.dumps(content))  # tuples as lists, as in the file

@@ -26,7 +26,7 @@ class RobotVecEnv(VecEnv):
 
     def __init__(self, environments: Environments) -> None:
         """Takes over the environments."""
-        self.environments, self.render_mode = environments, None
+        self.environments = environments
         super().__init__(environments.count, *make_spaces(environments))
         self._actions: NDArray[Any] = np.zeros((environments.count, 1))
 
@@ -58,7 +58,8 @@ class RobotVecEnv(VecEnv):
         self.environments.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        return [getattr(self.environments, attr_name) for _ in self._get_indices(indices)]
+        value = None if attr_name == "render_mode" else getattr(self.environments, attr_name)
+        return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         del indices

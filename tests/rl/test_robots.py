@@ -1,0 +1,114 @@
+"""Robots of other files: what policies command and see of them, tasks of one's own, and what is refused."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import swim2real.rl as rl
+from swim2real.errors import ArgumentError, RobotError
+from swim2real.rl.assessment import Wave, scan_waves
+from swim2real.robots import load_robot
+from swim2real.robots.robot import PolicySetup
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+REACH = f"python:{EXAMPLES / 'finger/reach.py'}:Reach"
+
+
+@pytest.fixture(scope="module")
+def snake():
+    return load_robot(EXAMPLES / "snake/snake.toml")
+
+
+@pytest.fixture(scope="module")
+def finger():
+    return load_robot(EXAMPLES / "finger/finger.toml")
+
+
+def test_four_servos_follow_their_commands_and_a_wave_swims_head_first(snake):
+    wave = Wave(amplitude=0.7, frequency=1.0, lag=1.1)
+    scan = scan_waves([wave, Wave(0.7, 1.0, -1.1)], "forward", snake.space.published, snake, [0.0], 2.0)
+    assert scan.distances[0] > 0.1  # a wave from head to tail
+    assert scan.distances[1] < 0  # and from tail to head
+    env = rl.make_env("forward", robot=snake)
+    names = env.environments.names
+    assert [name for name, part in names.items() if part.stop > part.start] == [
+        "position", "heading", "velocity", "heading_rate", "joint_angles", "joint_rates", "commands",
+    ]  # fmt: skip
+    env.reset(seed=0)
+    for _ in range(10):
+        seen, *_, info = env.step(np.array([1.0, -1.0, 0.5, 0.0]))
+    assert info["commands"] == pytest.approx((1.0, -1.0, 0.5, 0.0))
+    np.testing.assert_allclose(seen[names["commands"]], info["commands"], rtol=1e-6)
+    bends = seen[names["joint_angles"]]
+    assert bends[0] > 0.3
+    assert bends[1] < -0.3
+
+
+def test_a_robot_may_point_anywhere_at_its_start(snake):
+    def turned(values):
+        spec = snake.build(values)
+        spec.body("head").quat = [np.cos(0.6), 0.0, 0.0, np.sin(0.6)]
+        spec.body("head").pos = [0.3, -0.2, 0.0]
+        return spec
+
+    turned_snake = dataclasses.replace(snake, build=turned)
+    envs = [rl.make_env("target", robot=robot) for robot in (snake, turned_snake)]
+    seen = [env.reset(seed=0)[0] for env in envs]
+    np.testing.assert_allclose(*seen, atol=1e-6)
+    for _ in range(30):
+        seen = [env.step(np.array([1.0, 0.2, -0.5, 0.3]))[0] for env in envs]
+    np.testing.assert_allclose(*seen, atol=1e-3)
+
+
+def test_a_task_of_ones_own_for_a_robot_that_goes_nowhere(finger):
+    with pytest.raises(ArgumentError, match="task 'forward' needs a robot that points somewhere; name the two markers"):
+        rl.make_env("forward", robot=finger)
+    env = rl.make_env(REACH, robot=finger)
+    names = env.environments.names
+    assert list(names) == ["joint_angles", "joint_rates", "sensors", "commands", "to_goal"]
+    env.reset(seed=0, options={"bend": 0.8})
+    best = np.inf
+    for _ in range(140):
+        seen, reward, *_, info = env.step(np.array([0.2]))  # slowly, so that it passes by every goal
+        best = min(best, info["goal_distance"])
+        assert reward == pytest.approx(-100 * info["goal_distance"])
+        assert np.linalg.norm(seen[names["to_goal"]]) == pytest.approx(info["goal_distance"], rel=1e-5)
+    assert best < 0.01
+    assert seen[names["sensors"]] > 5  # N, the cable pulls
+
+
+def test_a_tracked_robot_with_servos_is_seen_with_noise(snake):
+    env = rl.make_env("target", robot=snake, disturbances=rl.Disturbances(estimate=rl.StateEstimate(0.0005, 0)))
+    names = env.environments.names
+    env.reset(seed=0)
+    for _ in range(40):
+        seen, *_ = env.step(np.array([0.5, -0.3, 0.4, -0.6]))
+    state = env.environments.state
+    np.testing.assert_allclose(seen[names["joint_angles"]], state.joint_angles[0], atol=0.05)
+    assert (seen[names["joint_angles"]] != state.joint_angles[0].astype(np.float32)).any()
+
+
+def test_a_robot_file_must_say_what_is_commanded(snake, tmp_path):
+    silent = dataclasses.replace(snake, policy=None)
+    with pytest.raises(ArgumentError, match=r"robot 'snake' has no \[policy\] .* of servo1, servo2, servo3, servo4"):
+        rl.make_env("forward", robot=silent)
+    assert snake.policy is not None
+    blind = dataclasses.replace(snake, policy=PolicySetup(snake.policy.actuators, observe={"forward": ("sight",)}))
+    with pytest.raises(ArgumentError, match="robot 'snake', task 'forward', observes 'sight'; it must be one of markers"):
+        rl.make_env("forward", robot=blind)
+    with pytest.raises(ArgumentError, match="robot 'snake' names no 'rubbing_tendon'"):
+        rl.make_env("forward", robot=snake, disturbances=rl.Disturbances(tendon_friction=0.3))
+    with pytest.raises(ArgumentError, match="a start phase is given, but robot 'snake' has no motor_joint"):
+        rl.make_env("forward", robot=snake, disturbances=rl.Disturbances((0.0, 1.0)))
+    (tmp_path / "snake.xml").write_text((EXAMPLES / "snake/snake.xml").read_text())
+    text = (EXAMPLES / "snake/snake.toml").read_text()
+    for wrong, sentence in (
+        (text.replace("servo1 = {lower", "servo9 = {lower"), "'actuators' is 'servo9'; it must be an actuator"),
+        (text.replace("lower = -1.0", "lower = 2.0", 1), "'lower' is 2 and 'upper' 1; the first must be below the second"),
+        (text.replace("lower = -1.0", "lower = 0.5", 1), "0, the command at rest, must be within"),
+    ):
+        (tmp_path / "wrong.toml").write_text(wrong)
+        with pytest.raises(RobotError, match=sentence):
+            load_robot(tmp_path / "wrong.toml")
