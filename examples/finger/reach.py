@@ -1,6 +1,6 @@
 """A task of one's own: the finger's tip is to be where a goal is, on the arc that the tip can reach.
 
-    swim2real train python:examples/finger/reach.py:Reach --parameters runs/finger --env-steps 50000 --out policies/tip
+swim2real train python:examples/finger/reach.py:Reach --parameters runs/finger --env-steps 50000 --out policies/tip
 """
 
 from types import MappingProxyType

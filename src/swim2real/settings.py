@@ -297,7 +297,8 @@ class TrainingSettings:
         checkpoint_every: Environment steps between checkpoints; by default a twentieth of the run.
         learning_rate: Of actor, critics and entropy coefficient.
         batch: Transitions of a gradient step.
-        discount: Of rewards, a step; by default the task's: the paper's 0.99 of forward and paper-target, 0.995 of target.
+        discount: Of rewards, a step; by default the task's: the paper's 0.99 of forward and paper-target, and 0.995 of
+            target.
         target_rate: Share by which the target critics follow, a gradient step.
         layers: Widths of the hidden layers of actor and critics.
     """

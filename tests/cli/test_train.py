@@ -6,7 +6,9 @@ import os
 import signal
 import time
 from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3")
@@ -14,8 +16,11 @@ pytest.importorskip("stable_baselines3")
 from program import process
 
 from swim2real.cli import main
+from swim2real.rl.assessment import Wave
+from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 SHORT = (
     "--parameters", "published", "--env-steps", 400, "--exploration", 200, "--updates", 1, "--checkpoint-every", 200,
 )  # fmt: skip
@@ -25,7 +30,8 @@ SHORT = (
 def short_evaluations():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swim2real.rl.training.EVALUATION_EPISODES", 1)
-        patch.setattr("swim2real.rl.assessment.SCANNED_SPEEDS", 1)
+        patch.setattr("swim2real.rl.assessment.constant_waves", lambda: [Wave(1.0)])
+        patch.setattr("swim2real.rl.assessment.sine_waves", lambda actuators: [Wave(1.0, 2.0)])
         yield
 
 
@@ -49,6 +55,9 @@ def test_train_says_how_it_goes_and_what_came_of_it(run):
     settings = json.loads((out / "settings.json").read_text())
     assert {"mujoco", "stable-baselines3", "torch", "swim2real"} <= set(settings["versions"])
     assert settings["reference"] == "published"
+    page = (out / "training.html").read_text()
+    assert "Episode return over environment steps" in page
+    assert 'http-equiv="refresh"' not in page  # the run has ended
 
 
 def test_rollout_writes_figures_a_film_and_a_page(run, program, tmp_path):
@@ -57,6 +66,7 @@ def test_rollout_writes_figures_a_film_and_a_page(run, program, tmp_path):
     found = program("rollout", out, "--episodes", 2, "--out", tmp_path, "--closed-loop", "--json").done().json
     assert found["policy"]["episodes"] == 2
     assert found["constant"]["best_distance"] > 0.1
+    assert found["sine"]["farthest"] == {"amplitude": 1.0, "frequency": 2.0, "lag": 0.0}
     assert set(found["loops"]) == {"nominal", "open", "closed", "tracked"}
     assert (tmp_path / "rollout.mp4").stat().st_size > 1000
     page = (tmp_path / "training.html").read_text()
@@ -72,16 +82,25 @@ def test_export_commands_writes_a_table_that_deploy_takes(run, program, tmp_path
     lines = table.read_text().splitlines()
     assert lines[0] == "time_s,velocity_rad_s"
     assert len(lines) - 1 == about["commands"] >= 50
-    assert about["speed"] <= 7.3
-    said = program("export-commands", out, "--seconds", 1, "--out", table, "--max-speed", 1e-6).sentence(2)
-    assert "the limit is 1e-06 rad/s either way: make the table slower, or ask for clipping" in said
+    program("deploy", table, "--dry-run", "--log", tmp_path / "log.csv").done()
+    program("export-commands", out, "--seconds", 1, "--out", tmp_path / "commands.npz").done()
+    with np.load(tmp_path / "commands.npz") as arrays:
+        assert list(arrays["names"]) == ["motor"]
+        assert list(arrays["units"]) == ["rad/s"]
+        speeds = [float(line.split(",")[1]) for line in lines[1:]]
+        np.testing.assert_array_equal(arrays["commands"][:, 0], speeds)
+        assert arrays["times"][1] == 0.02
+    said = program("export-commands", out, "--seconds", 1, "--out", tmp_path / "commands.txt").sentence(2)
+    assert "it must end in .csv, for `deploy`, or in .npz, for other controllers" in said
 
 
 def test_what_is_wrong_is_said(run, program, tmp_path):
     out, _, _ = run
     assert "it already holds" not in program("rollout", tmp_path).sentence(1)
     assert "already holds a run" in program("train", "forward", *SHORT, "--out", out, "--quiet").sentence(1)
-    assert "--goals is for target policies" in program("rollout", out, "--goals", 3).sentence(2)
+    assert "--goals is for tasks with goals; this policy's is forward" in program(
+        "rollout", out, "--goals", 3
+    ).sentence(2)
     assert "must divide 200" in program(
         "train", "forward", "--parameters", "published", "--out", tmp_path / "x", "--environments", 3
     ).sentence(2)
@@ -124,3 +143,26 @@ def test_several_seeds_are_trained_in_folders_of_their_own(tmp_path):
     seeds = [json.loads((tmp_path / f"runs/seed-{k}/settings.json").read_text())["seed"] for k in (0, 1)]
     assert seeds == [0, 1]
     assert all(json.loads((tmp_path / f"runs/seed-{k}/outcome.json").read_text())["complete"] for k in (0, 1))
+
+
+def test_a_robot_file_and_a_task_of_ones_own_train_roll_out_and_are_exported(program, tmp_path):
+    finger, out = EXAMPLES / "finger/finger.toml", tmp_path / "policies/tip"
+    values = dict(load_robot(finger).space.published)
+    parameters = tmp_path / "finger.json"
+    parameters.write_text(json.dumps(
+        {"format": 1, "robot": "finger", "robot_file": os.path.relpath(finger, tmp_path), "parameters": values}
+    ))  # fmt: skip
+    task = f"python:{EXAMPLES / 'finger/reach.py'}:Reach"
+    program(
+        "train", task, "--parameters", parameters, "--env-steps", 400, "--exploration", 200, "--updates", 1,
+        "--checkpoint-every", 400, "--out", out, "--quiet",
+    ).done()  # fmt: skip
+    settings = json.loads((out / "settings.json").read_text())
+    assert not os.path.isabs(settings["task"].split(":")[1])
+    assert not os.path.isabs(settings["robot_file"])
+    found = program("rollout", out, "--episodes", 2, "--no-film", "--json").done().json
+    assert found["policy"]["goal_distance"] > 0
+    program("export-commands", out, "--seconds", 1, "--out", tmp_path / "tip.csv").done()
+    assert (tmp_path / "tip.csv").read_text().startswith("time_s,winch_m\n0.00,")
+    refused = program("deploy", tmp_path / "tip.csv", "--dry-run").sentence(2)
+    assert "winch_m" in refused

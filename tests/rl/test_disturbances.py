@@ -10,6 +10,10 @@ from swim2real.rl.state_estimation import StateEstimator
 from swim2real.robots.fish import FISH
 
 PUBLISHED = FISH.space.published
+COLUMNS = (
+    "heading", "position", "joint_angles", "velocity", "heading_rate", "joint_rates", "markers", "marker_velocities",
+    "motor_angles", "motor_speeds",
+)  # fmt: skip
 
 
 def swum(disturbances, steps, action=1.0, **options):
@@ -70,9 +74,10 @@ def tracked(estimate, steps=60, seed=0):
     estimator.begin(0, 0, robots.state, rng)
     rows = []
     for _ in range(steps):
-        rows.append([np.concatenate([getattr(state, name)[0].ravel() for name in (
-            "heading", "position", "joint_angles", "velocity", "heading_rate", "joint_rates", "markers",
-            "marker_velocities", "motor_angles", "motor_speeds")]) for state in (robots.state, estimator.seen)])  # fmt: skip
+        rows.append([
+            np.concatenate([getattr(state, name)[0].ravel() for name in COLUMNS])
+            for state in (robots.state, estimator.seen)
+        ])  # fmt: skip
         robots.advance(np.full((1, 1), 0.15))
         estimator.update(robots.state, which, [rng])
     return np.array(rows).transpose(1, 0, 2)

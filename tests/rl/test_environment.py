@@ -118,7 +118,10 @@ def test_the_extended_fish_swims_as_well():
     ("wanted", "sentence"),
     [
         (lambda: rl.make_env("backward"), "there is no task 'backward'; there are forward, target, paper-target"),
-        (lambda: rl.make_env("python:nowhere.py:Task"), "task 'python:nowhere.py:Task' can't be imported: FileNotFound"),
+        (
+            lambda: rl.make_env("python:nowhere.py:Task"),
+            "task 'python:nowhere.py:Task' can't be imported: FileNotFound",
+        ),
         (lambda: rl.make_env("forward", []), "an ensemble of 0 parameter sets is given; environments need at least 1"),
         (
             lambda: rl.make_env("forward", seconds=0.01),

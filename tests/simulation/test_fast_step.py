@@ -148,7 +148,7 @@ def test_the_check_passes_and_notices_a_coefficient_off_by_a_millionth():
         assert disagreement(FastStep(model)) < TOLERANCE / 10
         for column in (ABC, DRAG_SLENDER, LIFT, MAGNUS, MASS, INERTIA, SPIN):
             spoiled = FastStep(model)
-            spoiled.plan.geoms[:, column] *= 1 + 1e-6
+            spoiled._members.geoms[:, :, column] *= 1 + 1e-6
             assert disagreement(spoiled) > TOLERANCE, column
     wrong = FastStep(zoo())
     wrong.plan.dof_last[:] = -1  # free and ball joints taken for hinges

@@ -142,8 +142,9 @@ class _Trainer:
         content = {
             "kind": "training", "robot": self.robot.name, **source, **asdict(self.settings),
             "task": files.task_from(self.settings.task, self.out), "exploration": self.settings.exploration_steps,
-            "updates": self.settings.updates_a_block, "discount": self.discount, "checkpoint_every": self.settings.checkpoint_steps,
-            "disturbances": asdict(self.disturbances), "parameters": [dict(values) for values in self.parameters],
+            "updates": self.settings.updates_a_block, "discount": self.discount,
+            "checkpoint_every": self.settings.checkpoint_steps, "disturbances": asdict(self.disturbances),
+            "parameters": [dict(values) for values in self.parameters],
         }  # fmt: skip
         content = json.loads(json.dumps(content))  # tuples as lists, as in the file
         self.environments.begin(np.arange(self.environments.count))

@@ -7,13 +7,14 @@ library is loaded in the process already; its public functions take the addresse
 
 # what numba and llvmlite make has no types
 # pyright: reportUnknownParameterType=false, reportMissingParameterType=false, reportUntypedFunctionDecorator=false
+# pyright: reportPrivateImportUsage=false, reportCallIssue=false, reportArgumentType=false
 
 from __future__ import annotations
 
 import copy
 import ctypes
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -21,6 +22,7 @@ import mujoco
 import numba
 import numpy as np
 from llvmlite import ir
+from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
@@ -98,7 +100,7 @@ class Plan(NamedTuple):
 
 
 class State(NamedTuple):
-    """The arrays of an `MjData`, named as there, and its address."""
+    """The arrays of an `MjData`, named as there, and its address; only inside compiled functions."""
 
     data: int
     qpos: Array
@@ -121,10 +123,21 @@ class State(NamedTuple):
     qfrc_fluid: Array
     sensordata: Array
 
-    @classmethod
-    def of(cls, data: mujoco.MjData) -> State:
-        """Shares memory with the data."""
-        return cls(data._address, *(getattr(data, name) for name in cls._fields[1:]))
+
+Addresses = NDArray[np.int64]
+STEPPED = ("act", *State._fields[1:])  # arrays of a state whose addresses are in its row, behind its own
+
+
+def addresses(data: mujoco.MjData, names: Sequence[str] = STEPPED) -> list[int]:
+    """The addresses of a state and of some of its arrays, as long as it lives."""
+    return [data._address, *(getattr(data, name).ctypes.data for name in names)]
+
+
+def sizes(model: mujoco.MjModel) -> Addresses:
+    """The sizes of a state's arrays: nq, nv, nu, na, nbody, and those of mass matrix, derivative and sensors."""
+    data = mujoco.MjData(model)
+    lengths = [len(data.M), len(data.qDeriv), model.nsensordata]
+    return np.array([model.nq, model.nv, model.nu, model.na, model.nbody, *lengths])
 
 
 def without_fluid(model: mujoco.MjModel) -> mujoco.MjModel:
@@ -346,3 +359,33 @@ def _call_flag(typingctx: Any, function: Any, model: Any, data: Any, flag: Any):
 call = cast("Callable[[int, int, int], None]", _call)
 # void function(model, data, int flag)
 call_flag = cast("Callable[[int, int, int, int], None]", _call_flag)
+
+
+@intrinsic
+def _pointer(typingctx: Any, address: Any):
+    signature = types.CPointer(types.float64)(types.int64)
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.inttoptr(args[0], context.get_value_type(sig.return_type))
+
+    return signature, generate
+
+
+@compiled
+def array_at(address: int, shape: Any) -> Array:
+    """The numbers at an address."""
+    return numba.carray(_pointer(address), shape, np.float64)
+
+
+@compiled
+def state_at(row: Addresses, sizes: Addresses) -> State:
+    """The arrays of a state, from its row of addresses."""
+    nq, nv, nu, nbody, n_mass, n_derivative = sizes[0], sizes[1], sizes[2], sizes[4], sizes[5], sizes[6]
+    return State(
+        row[0], array_at(row[2], (nq,)), array_at(row[3], (nv,)), array_at(row[4], (nv,)), array_at(row[5], (nv,)),
+        array_at(row[6], (nu,)), array_at(row[7], (nv, 6)), array_at(row[8], (nv, 6)), array_at(row[9], (nbody, 6)),
+        array_at(row[10], (nbody, 10)), array_at(row[11], (nbody, 3)), array_at(row[12], (nbody, 9)),
+        array_at(row[13], (nbody, 3)), array_at(row[14], (n_mass,)), array_at(row[15], (n_derivative,)),
+        array_at(row[16], (nv,)), array_at(row[17], (nv,)), array_at(row[18], (nv,)), array_at(row[19], (nv,)),
+        array_at(row[20], (sizes[7],)),
+    )  # fmt: skip

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import logging
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple
 
 import mujoco
 import numba
@@ -23,22 +23,28 @@ from numba.core.errors import NumbaError
 
 from swim2real.simulation.fast_plan import (
     MIN,
+    Addresses,
     Array,
     Calls,
     Indices,
     Plan,
     State,
     UnsupportedModelError,
+    addresses,
+    array_at,
     call,
     call_flag,
     compiled,
     find_calls,
     make_plan,
+    sizes,
+    state_at,
     without_fluid,
 )
 from swim2real.simulation.velocity_derivative import Scratch, add_fluid
 
 _MAX = 1e10  # the engine's mjMAXVAL: beyond it a state counts as diverged
+READ = ("qpos", "qvel", "ctrl", "act", "qacc_warmstart", "sensordata")  # of a state that sensors are computed with
 _SOURCES = ("fast_plan", "fast_step", "geom_fluid", "velocity_derivative")
 _log = logging.getLogger(__name__)
 
@@ -59,6 +65,52 @@ class Steps(NamedTuple):
     failed: bool
 
 
+class Members(NamedTuple):
+    """What differs between the parameter sets, one row each.
+
+    Attributes:
+        wet: Addresses of the models.
+        dry: Addresses of their twins without water; the models themselves where the engine steps.
+        read: Addresses of the models that sensors are computed with.
+        density: Density of the water [kg/m³].
+        wind: Velocity of the water [m/s]. Shape (B, 3).
+        geoms: Constants of the geoms in the water. Shape (B, G, COLUMNS).
+    """
+
+    wet: Addresses
+    dry: Addresses
+    read: Addresses
+    density: Array
+    wind: Array
+    geoms: Array
+
+    @classmethod
+    def of(cls, plans: Sequence[Plan], readers: Sequence[mujoco.MjModel]) -> Members:
+        """The rows of these plans, and of the models that sensors are computed with."""
+        return cls(
+            np.array([plan.wet for plan in plans]), np.array([plan.dry for plan in plans]),
+            np.array([reader._address for reader in readers]), np.array([plan.density for plan in plans]),
+            np.array([plan.wind for plan in plans]), np.array([plan.geoms for plan in plans]),
+        )  # fmt: skip
+
+
+class Kept(NamedTuple):
+    """What was before each step of one simulation, where it is kept; else arrays of no rows.
+
+    Attributes:
+        sensors: Shape (steps, nsensordata).
+        qpos: Shape (steps, nq).
+        qvel: Shape (steps, nv).
+    """
+
+    sensors: Array
+    qpos: Array
+    qvel: Array
+
+
+NOTHING_KEPT = Kept(np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)))
+
+
 class FastStep:
     """Steps one compiled model; any number of threads may use it, each with data of its own."""
 
@@ -75,6 +127,7 @@ class FastStep:
         self._dry = without_fluid(model)
         self._calls = find_calls()
         self.plan = make_plan(model, self._dry)
+        self._members, self._sizes = Members.of([self.plan], [model]), sizes(model)
 
     def run(self, data: mujoco.MjData, control: Array, steps: int) -> Steps:
         """Makes steps with the data, in place.
@@ -88,15 +141,17 @@ class FastStep:
             UnsupportedModelError: The installed numba can't compile the step.
         """
         model = self.model
-        rows = np.empty((steps, model.nu))
+        rows = np.empty((1, steps, model.nu))
         rows[:] = control
-        sensors = np.empty((steps, model.nsensordata))
-        qpos, qvel = np.empty((steps, model.nq)), np.empty((steps, model.nv))
-        try:
-            made = _loop()(self._calls, self.plan, State.of(data), scratch_of(model), rows, sensors, qpos, qvel)
-        except NumbaError as error:
-            raise UnsupportedModelError(f"numba {numba.__version__} can't compile it: {error}") from error
-        return Steps(sensors[:made], qpos[:made], qvel[:made], made < steps)
+        kept = Kept(np.empty((steps, model.nsensordata)), np.empty((steps, model.nq)), np.empty((steps, model.nv)))
+        made, one = np.zeros(1, np.int64), np.zeros(1, np.int64)
+        nothing = np.empty((1, 0))
+        compiled_loop()(
+            self._calls, self.plan, self._members, np.array([addresses(data)]), one, one, self._sizes, rows, steps,
+            True, False, one[None], scratch_of(model), made, nothing, nothing, nothing, kept,
+        )  # fmt: skip
+        n = int(made[0])
+        return Steps(kept.sensors[:n], kept.qpos[:n], kept.qvel[:n], n < steps)
 
 
 def scratch_of(model: mujoco.MjModel) -> Scratch:
@@ -131,73 +186,138 @@ def disagreement(fast: FastStep, states: int = 8, seed: int = 0) -> float:
     return worst
 
 
-_Loop = Callable[[Calls, Plan, State, Scratch, Array, Array, Array, Array], int]
+_Loop = Callable[..., None]
 _made: list[_Loop] = []
 
 
-def _loop() -> _Loop:
-    """The compiled loop, made once a process and kept on the disk.
+def compiled_loop() -> _Loop:
+    """The compiled loop of `_run`, made once a process and kept on the disk.
 
     The key of a kept function holds the source of that function alone. What it calls lives in other modules, so their
     checksum is made a part of the key: a constant that the function closes over.
+
+    Raises:
+        UnsupportedModelError: The installed numba can't compile it, when it is called.
     """
     if not _made:
-        stamp = checksum()
+        folder = Path(__file__).parent
+        stamp = zlib.crc32(b"".join((folder / f"{name}.py").read_bytes() for name in _SOURCES))
 
         def loop(
-            calls: Calls, plan: Plan, state: State, scratch: Scratch,
-            control: Array, sensors: Array, qpos: Array, qvel: Array,
-        ) -> int:  # fmt: skip
-            return _run(calls, plan, state, scratch, control, sensors, qpos, qvel) if stamp >= 0 else -1
+            calls: Calls, plan: Plan, members: Members, rows: Addresses, member: Addresses, which: Addresses,
+            sizes: Addresses, controls: Array, steps: int, fast: bool, forces: bool, readers: Addresses,
+            scratch: Scratch, made: Addresses, qpos: Array, qvel: Array, sensors: Array, kept: Kept,
+        ) -> None:  # fmt: skip
+            if stamp >= 0:
+                _run(calls, plan, members, rows, member, which, sizes, controls, steps, fast, forces, readers, scratch,
+                     made, qpos, qvel, sensors, kept)  # fmt: skip
 
         try:
-            kept = numba.njit(nogil=True, cache=True)(loop)
+            kept_loop = numba.njit(nogil=True, cache=True)(loop)
         except RuntimeError as error:
             _log.info("the compiled step can't be kept on the disk: %s", error)
-            kept = numba.njit(nogil=True)(loop)
+            kept_loop = numba.njit(nogil=True)(loop)
         _log.info("compiling the fast step, or reading it from the disk")
-        _made.append(cast("_Loop", kept))
+
+        def guarded(*args: Any) -> None:
+            try:
+                kept_loop(*args)
+            except NumbaError as error:
+                reason = str(error).splitlines()[0]
+                raise UnsupportedModelError(f"numba {numba.__version__} can't compile it: {reason}") from error
+
+        _made.append(guarded)
     return _made[0]
-
-
-def checksum() -> int:
-    """Checksum of the code of the steps."""
-    folder = Path(__file__).parent
-    return zlib.crc32(b"".join((folder / f"{name}.py").read_bytes() for name in _SOURCES))
 
 
 @compiled
 def _run(
-    calls: Calls, plan: Plan, state: State, scratch: Scratch,
-    control: Array, sensors: Array, qpos: Array, qvel: Array,
-) -> int:  # fmt: skip
-    """Steps on and keeps what was before each step; returns how many steps were made."""
-    x, kept = np.empty(len(state.qvel)), np.empty(len(state.qvel))
-    for step in range(len(control)):
-        if bad(state.qpos) or bad(state.qvel):
-            return step
-        state.ctrl[:] = control[step]
-        qpos[step] = state.qpos
-        qvel[step] = state.qvel
-        if not _step(calls, plan, state, scratch, x, kept, sensors[step]):
-            return step
-    return len(control)
+    calls: Calls, plan: Plan, members: Members, rows: Addresses, member: Addresses, which: Addresses,
+    sizes: Addresses, controls: Array, steps: int, fast: bool, forces: bool, readers: Addresses,
+    scratch: Scratch, made: Addresses, qpos: Array, qvel: Array, sensors: Array, kept: Kept,
+) -> None:  # fmt: skip
+    """Steps simulations on, one after the other, and reads each at its end.
+
+    Args:
+        calls: The engine's functions.
+        plan: Plan of the first parameter set.
+        members: What differs between the sets.
+        rows: Addresses of each simulation's state.
+        member: Parameter set of each.
+        which: Simulations that are stepped.
+        sizes: Sizes of a state's arrays.
+        controls: Controls of each simulation, one for all its steps or one a step. Shape (N, 1 or steps, nu).
+        steps: Number of steps.
+        fast: Whether steps are fast ones; else the engine's.
+        forces: Whether sensors measure forces or accelerations.
+        readers: Addresses of the state that sensors are computed with, of each set. Shape (B, ·).
+        scratch: Memory for a step.
+        made: Steps that were made, written; -1 where a simulation has diverged at its end. Shape (N,).
+        qpos: Positions at the end, written where it hasn't. Shape (N, nq), or (N, 0) to leave them.
+        qvel: Velocities. Shape (N, nv) or (N, 0).
+        sensors: Readings. Shape (N, nsensordata of the readers) or (N, 0).
+        kept: What was before each step, written; for one simulation only.
+    """
+    x, spare = np.empty(sizes[1]), np.empty(sizes[1])
+    keeps = len(kept.qpos) > 0
+    for index in which:
+        of = member[index]
+        state = state_at(rows[index], sizes)
+        own = Plan(
+            int(members.wet[of]), int(members.dry[of]), plan.timestep, float(members.density[of]), plan.symmetric,
+            plan.floor, members.wind[of], members.geoms[of], plan.body_first, plan.body_last, plan.body_root,
+            plan.body_parent, plan.body_dof, plan.dof_body, plan.dof_parent, plan.dof_last, plan.d_rowadr,
+            plan.d_rownnz, plan.d_colind, plan.m_rowadr, plan.m_rownnz, plan.m_colind,
+        )  # fmt: skip
+        made[index] = steps
+        for step in range(steps):
+            if bad(state.qpos) or bad(state.qvel):
+                made[index] = step
+                break
+            state.ctrl[:] = controls[index, min(step, controls.shape[1] - 1)]
+            if keeps:
+                kept.qpos[step] = state.qpos
+                kept.qvel[step] = state.qvel
+            if not fast:
+                call(calls.step, own.wet, state.data)
+            elif not _step(calls, own, state, scratch, x, spare):
+                made[index] = step
+                break
+            if keeps:
+                kept.sensors[step] = state.sensordata
+        if qpos.shape[1] == 0:
+            continue
+        if made[index] < steps or bad(state.qpos) or bad(state.qvel):
+            made[index] = -1
+            continue
+        qpos[index] = state.qpos
+        qvel[index] = state.qvel
+        if sensors.shape[1] > 0:
+            _read(calls, int(members.read[of]), readers[of], forces, state, array_at(rows[index, 1], (sizes[3],)))
+            sensors[index] = array_at(int(readers[of, 6]), (sensors.shape[1],))
 
 
 @compiled
-def run_steps(calls: Calls, plan: Plan, state: State, scratch: Scratch, steps: int) -> int:
-    """Steps on with the control that is set; returns how many steps were made. Without sensors."""
-    x, kept, nothing = np.empty(len(state.qvel)), np.empty(len(state.qvel)), np.empty(0)
-    for step in range(steps):
-        if bad(state.qpos) or bad(state.qvel):
-            return step
-        if not _step(calls, plan, state, scratch, x, kept, nothing):
-            return step
-    return steps
+def _read(calls: Calls, model: int, row: Addresses, forces: bool, state: State, act: Array) -> None:
+    """Computes sensors in a state of their own."""
+    data = row[0]
+    array_at(row[1], (len(state.qpos),))[:] = state.qpos
+    array_at(row[2], (len(state.qvel),))[:] = state.qvel
+    array_at(row[3], (len(state.ctrl),))[:] = state.ctrl
+    array_at(row[4], (len(act),))[:] = act
+    array_at(row[5], (len(state.qvel),))[:] = state.qacc_warmstart
+    if forces:
+        call(calls.forward, model, data)
+        return
+    call(calls.kinematics, model, data)
+    call(calls.com_pos, model, data)
+    call(calls.com_vel, model, data)
+    call(calls.sensor_pos, model, data)
+    call(calls.sensor_vel, model, data)
 
 
 @compiled
-def _step(calls: Calls, plan: Plan, state: State, scratch: Scratch, x: Array, kept: Array, sensors: Array) -> bool:
+def _step(calls: Calls, plan: Plan, state: State, scratch: Scratch, x: Array, kept: Array) -> bool:
     """One step, with x and kept for its own use; False where it can't be made."""
     A = scratch.A
     call(calls.step1, plan.dry, state.data)
@@ -205,8 +325,6 @@ def _step(calls: Calls, plan: Plan, state: State, scratch: Scratch, x: Array, ke
     call(calls.actuation, plan.dry, state.data)
     call(calls.acceleration, plan.dry, state.data)
     call(calls.constraint, plan.dry, state.data)
-    for i in range(len(sensors)):
-        sensors[i] = state.sensordata[i]
     if bad(state.qacc):
         return False
     call_flag(calls.derivative, plan.dry, state.data, 0)
