@@ -1,8 +1,8 @@
-"""Environment steps a second, against a plain Gymnasium environment that loops `mj_step` in Python.
+"""Environment steps a second: physics alone, environments, training; and a plain environment that loops `mj_step`.
 
 The plain one has the same model, actions, observations and rewards, and is checked to give the same numbers. All are
-measured in turns in one process; the figure that counts is the ratio of processor time, a core's, which other work on
-the machine disturbs least. Run with the package installed: `python benchmarks/environments.py`, `--quick` for a look.
+measured in turns in one process, so that other work disturbs their ratios least. Run with the package installed:
+`OPENBLAS_NUM_THREADS=1 python benchmarks/environments.py`, `--quick` for a look.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ import argparse
 import math
 import os
 import statistics
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -20,12 +22,16 @@ import mujoco
 import numpy as np
 from gymnasium import spaces
 
-from swim2real.rl import REAL_MOTOR, make_env, make_vector_env
-from swim2real.rl.body import FISH_LAYOUT
+from swim2real.rl import UNDISTURBED, make_env, make_environments
+from swim2real.rl.body import Bodies
+from swim2real.rl.training import Trainer
 from swim2real.robots.fish import FISH
+from swim2real.settings import BLOCK, TrainingSettings
+from swim2real.simulation.batch import Batch
 
-COUNT = 8  # environments of a vector
-MARKERS = (*FISH.marker_names, *FISH_LAYOUT.fin_tips)
+COUNT = TrainingSettings.environments
+SITES = Bodies(FISH, FISH.space.published).layout.seen
+SPEED, ACCELERATION = 7.29, 100.0  # the motor's limits
 
 
 class PlainForward(gymnasium.Env):
@@ -34,7 +40,7 @@ class PlainForward(gymnasium.Env):
     def __init__(self) -> None:
         self.model = FISH.build(FISH.space.published).compile()
         self.data = mujoco.MjData(self.model)
-        self.sites = [self.model.site(name).id for name in MARKERS]
+        self.sites = [self.model.site(name).id for name in SITES]
         self.anchor = self.model.jnt_pos[0][:2].copy()
         self.observation_space = spaces.Box(-1000.0, 1000.0, (52,), np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
@@ -46,8 +52,8 @@ class PlainForward(gymnasium.Env):
         return self._observation(), {}
 
     def step(self, action: np.ndarray):
-        acceleration = float(np.clip(action[0], -1, 1)) * REAL_MOTOR.acceleration
-        self.command = float(np.clip(self.command + 0.02 * acceleration, -REAL_MOTOR.speed, REAL_MOTOR.speed))
+        acceleration = float(np.clip(action[0], -1, 1)) * ACCELERATION
+        self.command = float(np.clip(self.command + 0.02 * acceleration, -SPEED, SPEED))
         self.data.ctrl[0] = self.command
         for _ in range(20):
             mujoco.mj_step(self.model, self.data)
@@ -94,13 +100,46 @@ def single(env: gymnasium.Env, steps: int) -> Callable[[], None]:
     return run
 
 
-def vector(threads: int, steps: int) -> Callable[[], None]:
-    envs, rng = make_vector_env("forward", count=COUNT, threads=threads, seed=0), np.random.default_rng(1)
-    envs.reset()
+def physics(threads: int, steps: int) -> Callable[[], None]:
+    """Fast steps alone, of as many robots as train together: the limit."""
+    bodies = Bodies(FISH, FISH.space.published)
+    batch = Batch(bodies.models, bodies.models, COUNT, threads)
+    for i in range(COUNT):
+        batch.start(i, 0)
+
+    def run() -> None:
+        for k in range(steps // COUNT):
+            batch.step(np.full((COUNT, 1), 7.0 * np.sin(0.3 * k)), bodies.steps)
+
+    return run
+
+
+def environments(threads: int, steps: int) -> Callable[[], None]:
+    """The same with observations, rewards, ends and starts."""
+    envs, rng = make_environments("forward", None, COUNT, threads=threads, seed=0), np.random.default_rng(1)
+    envs.begin(np.arange(COUNT))
 
     def run() -> None:
         for _ in range(steps // COUNT):
-            envs.step(rng.uniform(-1, 1, (COUNT, 1)).astype(np.float32))
+            ended = np.flatnonzero(envs.step(rng.uniform(-1, 1, (COUNT, 1))).ended)
+            if len(ended):
+                envs.begin(ended)
+
+    return run
+
+
+def training(threads: int, steps: int) -> Callable[[], None]:
+    """The same with learning at the paper's ratio: an update after 200 steps, of batches of 256."""
+    settings = TrainingSettings("forward", 10_000_000, exploration=200, updates=1, environments=COUNT)
+    folder = Path(tempfile.mkdtemp())
+    trainer = Trainer(settings, [FISH.space.published], FISH, folder, UNDISTURBED, threads)
+    trainer.begin({}, resume=False)
+    for _ in range(3):
+        trainer.round()
+
+    def run() -> None:
+        for _ in range(steps // BLOCK):
+            trainer.round()
 
     return run
 
@@ -109,36 +148,33 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true")
     quick = parser.parse_args().quick
-    turns, steps = (3, 80) if quick else (15, 200)
+    turns, steps = (3, 400) if quick else (15, 2000)
     gap = agreement(20 if quick else 100)
-    runs = {
-        "plain, loops mj_step": single(PlainForward(), steps),
-        "ours, one": single(make_env("forward", seed=0), steps),
-        f"ours, {COUNT} in a vector": vector(1, steps),
-        f"ours, {COUNT} in a vector, 2 threads": vector(2, steps),
-        "ours, one, target": single(make_env("target", seed=0), steps),
+    runs: dict[str, Callable[[], None]] = {
+        "plain, loops mj_step": single(PlainForward(), steps // 10),
+        "physics alone, 1 thread": physics(1, steps),
+        "environments, 1 thread": environments(1, steps),
+        "training, 1 thread": training(1, steps),
+        "physics alone, 2 threads": physics(2, steps),
+        "environments, 2 threads": environments(2, steps),
+        "training, 2 threads": training(2, steps),
     }
-    core: dict[str, list[float]] = {name: [] for name in runs}
-    wall: dict[str, list[float]] = {name: [] for name in runs}
-    for run in runs.values():
-        run()
+    made = {name: steps // 10 if name.startswith("plain") else steps for name in runs}
+    seconds: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(turns):
         for name, run in runs.items():
-            began, used = time.perf_counter(), time.process_time()
+            begun = time.perf_counter()
             run()
-            core[name].append((time.process_time() - used) / steps)
-            wall[name].append((time.perf_counter() - began) / steps)
-    print(f"same observations to {gap:.1g}; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; {turns} turns\n")
-    print("| environment | steps a second of a core | ratio | steps a second by the clock | ratio |")
-    print("|---|---|---|---|---|")
-    plain = next(iter(runs))
-    for name in runs:
-        cells = [name]
-        for times in (core, wall):
-            rate = 1 / statistics.median(times[name])
-            ratio = statistics.median(a / b for a, b in zip(times[plain], times[name], strict=True))
-            cells += [f"{rate:,.0f}", f"{ratio:.1f}"]
-        print(f"| {' | '.join(cells)} |")
+            seconds[name].append((time.perf_counter() - begun) / made[name])
+    print(f"{os.cpu_count()} cores, MuJoCo {mujoco.__version__}, largest difference of observations {gap:.1e}")
+    for name, each in seconds.items():
+        limit = seconds[f"physics alone, {name.partition(', ')[2]}"] if "thread" in name else None
+        share = "" if limit is None else statistics.median(a / b for a, b in zip(limit, each, strict=True))
+        of = f", {100 * share:.0f} % of the physics limit" if share else ""
+        print(f"{name}: {1 / statistics.median(each):,.0f} environment steps a second{of}")
+    ratio = statistics.median(a / b for a, b in zip(seconds["plain, loops mj_step"], seconds["environments, 1 thread"],
+                                                     strict=True))  # fmt: skip
+    print(f"environments on 1 thread are {ratio:.1f} times as fast as the plain one")
 
 
 if __name__ == "__main__":

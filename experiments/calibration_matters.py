@@ -1,92 +1,137 @@
-"""Does calibration matter to a policy? Trains in several simulators, and swims in another that none of them is.
+"""Does calibration matter to a policy? Trains in several simulators, and swims in all of them and in one that none is.
 
-    python experiments/calibration_matters.py --out runs/matters --held-out runs/best --tendon-friction 0.5 \
-        published=published line-search=runs/line-search random=runs/random
+    python experiments/calibration_matters.py forward --out matters --held-out runs/extended-1 \
+        line-search=runs/fish-0 bayesopt=runs/bayesopt-0 published=published random=runs/random-0
 
-The held-out simulator stands for the real robot: parameters that fit the real tracks best, and friction of the left
-tendon that no calibration knows of. A policy swims there in closed loop, and in open loop: its commands are recorded in
-the simulator that it was trained in and replayed, as the paper transfers them. Whatever is done already is kept.
+The held-out simulator stands for the real robot: parameters that fit the real tracks, and what no calibration knows of:
+friction of the left tendon, a current, and a tracker's noise and delay. A policy swims there in open loop (its commands
+are recorded in the simulator that it was trained in and replayed, as the paper transfers them), in closed loop on the
+true state, and on the tracked one. Figures are means over starts, then mean and standard deviation over the seeds of
+the training; the test of a difference is Welch's, over seeds. What is done already is kept: an interrupted run goes on.
 """
 
 import argparse
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import ttest_ind
 
-from swim2real.cli.subject import values_of
-from swim2real.rl.assessment import SCANNED_SPEEDS, TEST_SEED, scan_constant_speeds
-from swim2real.rl.conditions import Disturbances
+from swim2real.cli.subject import robot_for, values_for
+from swim2real.rl.assessment import TEST_SEED, constant_waves, scan_waves, sine_waves
+from swim2real.rl.conditions import Disturbances, StateEstimate
 from swim2real.rl.environment import make_environments
 from swim2real.rl.policies import RecordedActions, load_policy
 from swim2real.rl.rollout import EpisodeStatistics, run_episodes
 from swim2real.rl.training import train
 from swim2real.rl.training_run import TrainingRun
-from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
-from swim2real.simulation import Simulator
 
-SECONDS = 2.0
-PHASES = (-math.pi, math.pi)
-
-
-def swim(values, policy, count, disturbances):
-    environments = make_environments("forward", [values], count, disturbances=disturbances)
-    return run_episodes(environments, policy, range(TEST_SEED, TEST_SEED + count))
+ANY_PHASE = (-math.pi, math.pi)
+SCAN_PHASES = tuple(np.linspace(*ANY_PHASE, 4, endpoint=False))
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("task", choices=("forward", "target", "paper-target"))
     parser.add_argument("simulators", nargs="+", help="NAME=RUN_OR_PARAMETERS")
     parser.add_argument("--held-out", type=Path, required=True)
     parser.add_argument("--tendon-friction", type=float, default=0.5)
-    parser.add_argument("--env-steps", type=int, default=100_000)
-    parser.add_argument(
-        "--updates", type=int, default=None, help="after every 200 steps; by default the short-run rule"
-    )
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--episodes", type=int, default=40)
+    parser.add_argument("--current", type=float, nargs=2, default=(0.0, 0.02), help="m/s, backward and to the side")
+    parser.add_argument("--env-steps", type=int, default=5_000_000)
+    parser.add_argument("--updates", type=int, default=1, help="after every 200 steps")
+    parser.add_argument("--environments", type=int, default=TrainingSettings.environments)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--episodes", type=int, default=50)
+    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--out", type=Path, required=True)
     a = parser.parse_args()
-    simulator = Simulator(FISH, 1)
-    real = values_of(a.held_out, simulator)
-    disturbed = Disturbances(start_phase=PHASES, tendon_friction=a.tendon_friction)
-    plain = Disturbances(start_phase=PHASES)
-    phases = np.linspace(*PHASES, 8, endpoint=False)
-    scan = scan_constant_speeds(real, FISH, phases, SECONDS, count=SCANNED_SPEEDS, disturbances=disturbed)
-    best, frequency = scan.best_distance, scan.best_distance_frequency
-    print(f"held out: best constant frequency {1e3 * best:.0f} mm at {frequency:+.2f} Hz", flush=True)
-    results = {"constant": scan.as_dict(), "policies": {}}
+    simulators = {}
     for word in a.simulators:
         name, _, path = word.partition("=")
-        values = values_of(Path(path), simulator)
-        for seed in range(a.seeds):
-            folder = a.out / name / f"seed-{seed}"
-            settings = TrainingSettings("forward", a.env_steps, seed, updates=a.updates)
+        robot = robot_for(Path(path))
+        simulators[name] = (robot, values_for(Path(path), robot), path)
+    start = Disturbances(ANY_PHASE)
+    rough = Disturbances(ANY_PHASE, tuple(a.current), a.tendon_friction)
+    tracked = Disturbances(ANY_PHASE, tuple(a.current), a.tendon_friction, StateEstimate())
+    robot = robot_for(a.held_out)
+    held_out = (robot, values_for(a.held_out, robot), str(a.held_out))
+
+    def swim(simulator, policy, disturbances):
+        environments = make_environments(
+            a.task, [simulator[1]], a.episodes, robot=simulator[0], disturbances=disturbances, threads=a.threads
+        )
+        episodes = run_episodes(environments, policy, range(TEST_SEED, TEST_SEED + a.episodes))
+        environments.close()
+        return episodes
+
+    results = {"settings": {**vars(a), "out": str(a.out), "held_out": str(a.held_out)}, "policies": {}, "waves": {}}
+    if a.task == "forward":
+        for name, waves in {"constant": constant_waves(), "sine": sine_waves(1)}.items():
+            scan = scan_waves(
+                waves, a.task, held_out[1], held_out[0], SCAN_PHASES, 2.0, disturbances=rough, threads=a.threads
+            )
+            results["waves"][name] = scan.as_dict()
+            print(f"best {name} wave in the held-out simulator: {1e3 * scan.best_distance:.0f} mm, {scan.farthest}")
+    for seed in range(a.seeds):
+        for name, simulator in simulators.items():
+            folder = a.out / a.task / name / f"seed-{seed}"
             begun = (folder / "settings.json").is_file()
             outcome = TrainingRun.open(folder).outcome if begun else None
             if outcome is None or not outcome.complete:
+                settings = TrainingSettings(a.task, a.env_steps, seed, updates=a.updates, environments=a.environments)
                 outcome = train(
-                    settings, [values], FISH, folder, disturbances=plain, about={"reference": path}, resume=begun
-                )
-            policy, seconds = load_policy(TrainingRun.open(folder)), outcome.seconds.total
-            own = swim(values, policy, a.episodes, plain)
-            recorded = RecordedActions([episode.actions for episode in own])
-            statistics = {
-                "own": EpisodeStatistics.of(own),
-                "closed": EpisodeStatistics.of(swim(real, policy, a.episodes, disturbed)),
-                "open": EpisodeStatistics.of(swim(real, recorded, a.episodes, disturbed)),
+                    settings, [simulator[1]], simulator[0], folder, disturbances=start,
+                    about={"reference": simulator[2]}, threads=a.threads, resume=begun,
+                )  # fmt: skip
+            policy = load_policy(TrainingRun.open(folder))
+            own = swim(simulator, policy, start)
+            swims = {
+                "own": own,
+                **{f"in {other}": swim(one, policy, start) for other, one in simulators.items() if other != name},
+                "held out, open": swim(held_out, RecordedActions([episode.actions for episode in own]), rough),
+                "held out, closed": swim(held_out, policy, rough),
+                "held out, tracked": swim(held_out, policy, tracked),
             }
-            results["policies"][f"{name}/seed-{seed}"] = {
-                "seconds": seconds, **{key: figures.as_dict() for key, figures in statistics.items()}
-            }  # fmt: skip
-            text = ", ".join(
-                f"{key} {1e3 * figures.distance:.0f} ± {1e3 * figures.distance_std:.0f} mm"
-                for key, figures in statistics.items()
+            results["policies"].setdefault(name, []).append(
+                {where: EpisodeStatistics.of(episodes).as_dict() for where, episodes in swims.items()}
             )
-            print(f"{name}/seed-{seed}: {text}, trained in {seconds:.0f} s", flush=True)
-            (a.out / "results.json").write_text(json.dumps(results, indent=2))
+            print(f"{name}, seed {seed}: {outcome.seconds.total:.0f} s", flush=True)
+            (a.out / f"{a.task}.json").write_text(json.dumps(results, indent=2, default=str))
+    print_tables(results["policies"], a.task)
+
+
+def print_tables(policies, task):
+    """Figures by simulator, and whether they differ from the first simulator's, over seeds."""
+    figures = [("distance", 1e3, "mm"), ("episode_return", 1.0, "return")]
+    if task != "forward":
+        figures = [("success", 100.0, "% reached"), ("median_time_to_target", 1.0, "s to the goal, median")]
+    first = next(iter(policies))
+    for key, factor, unit in figures:
+        columns = [
+            "own",
+            *(f"in {name}" for name in policies),
+            "held out, open",
+            "held out, closed",
+            "held out, tracked",
+        ]
+        print(f"\n| trained in, {unit} | " + " | ".join(columns) + " |\n|" + "---|" * (len(columns) + 1))
+        for name, seeds in policies.items():
+            cells = []
+            for where in columns:
+                values = np.array([seed[where][key] for seed in seeds if seed.get(where, {}).get(key) is not None])
+                cells.append("–" if not len(values) else f"{factor * values.mean():.1f} ± {factor * values.std(ddof=1):.1f}"
+                             if len(values) > 1 else f"{factor * values[0]:.1f}")  # fmt: skip
+            print(f"| {name} | " + " | ".join(cells) + " |")
+        for name in list(policies)[1:]:
+            for where in ("own", "held out, open", "held out, closed"):
+                ours, theirs = ([seed[where][key] for seed in policies[one]] for one in (first, name))
+                if min(len(ours), len(theirs)) > 1 and None not in [*ours, *theirs]:
+                    p = ttest_ind(ours, theirs, equal_var=False).pvalue
+                    print(f"{first} against {name}, {where}: difference {factor * (np.mean(ours) - np.mean(theirs)):.1f} "
+                          f"{unit}, p = {p:.3f}")  # fmt: skip
 
 
 if __name__ == "__main__":

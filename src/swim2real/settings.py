@@ -306,7 +306,7 @@ class TrainingSettings:
     task: str
     env_steps: int = PAPER_STEPS
     seed: int = 0
-    environments: int = 40
+    environments: int = 100
     exploration: int | None = None
     updates: int | None = None
     checkpoint_every: int | None = None

@@ -8,7 +8,8 @@ from swim2real.robots import schema
 PAGE = (Path(__file__).parents[2] / "docs" / "robot-file.md").read_text(encoding="utf-8")
 TABLES = {
     "The robot": (schema.RobotTable, schema.MarkerTable), "Recordings": (schema.RecordingsTable, schema.SensorTable),
-    "Swims": (schema.SwimsTable,), "Parameters": (schema.ParameterTable, schema.TargetTable),
+    "Swims": (schema.SwimsTable,), "Policies": (schema.PolicyTable, schema.CommandTable),
+    "Parameters": (schema.ParameterTable, schema.TargetTable),
 }  # fmt: skip
 
 

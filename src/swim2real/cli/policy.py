@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 def train(
     settings: PositionalRequiredArgs[TrainingSettings], *, parameters: Path, out: Path, ensemble: Path | None = None,
-    seeds: tuple[int | str, ...] = (), workers: int = 0, threads: int = 0, any_phase: bool = False,
-    tendon_friction: float = 0.0, noise: float | None = None, delay: int | None = None, resume: bool = False,
-    json: bool = False, quiet: bool = False,
+    robot: str | None = None, seeds: tuple[int | str, ...] = (), workers: int = 0, threads: int = 0,
+    any_phase: bool = False, tendon_friction: float = 0.0, noise: float | None = None, delay: int | None = None,
+    resume: bool = False, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Train a policy in the calibrated simulator: soft actor-critic, as in the paper.
 
@@ -43,10 +43,11 @@ def train(
 
     Args:
         settings: What decides the result; the defaults are the paper's.
-        parameters: Run folder or parameters file; 'published' for the prior work's values.
+        parameters: Run folder or parameters file; 'published' for the prior work's values, or the model's of --robot.
         out: Folder to write; with --seeds one for each seed is in it.
         ensemble: File that `swim2real ensemble` wrote: one of its sets is drawn for every episode, instead of
             --parameters.
+        robot: Robot or robot file, for --parameters published; others name their robot themselves.
         seeds: Several seeds instead of --seed: numbers, and ranges without their end: 0:3 is 0 1 2.
         workers: Seeds trained at a time; 0 for as many as there are cores.
         threads: Threads of one run; 0 for as many as there are cores, or one where several seeds are trained at a time.
@@ -64,7 +65,7 @@ def train(
     cores = os.cpu_count() or 1
     if seeds:
         options = {
-            **asdict(settings), "parameters": parameters, "ensemble": ensemble, "threads": threads or 1,
+            **asdict(settings), "parameters": parameters, "ensemble": ensemble, "robot": robot, "threads": threads or 1,
             "any_phase": any_phase, "tendon_friction": tendon_friction, "noise": noise, "delay": delay, "json": json,
             "quiet": quiet,
         }  # fmt: skip
@@ -82,14 +83,15 @@ def train(
     from swim2real.rl.training import Progress
     from swim2real.rl.training import train as run_training
     from swim2real.rl.training_run import TrainingRun
+    from swim2real.robots import load_robot
     from swim2real.simulation import Engine
 
-    robot = robot_for(parameters)
+    trained = robot_for(parameters) if robot is None else load_robot(robot)
     if ensemble:
-        sets = read_ensemble(ensemble, robot)
+        sets = read_ensemble(ensemble, trained)
     else:
-        sets = [values_for(parameters, robot)]
-        _warn_if_backward(parameters, sets[0], robot)
+        sets = [values_for(parameters, trained)]
+        _warn_if_backward(parameters, sets[0], trained)
     disturbances = Disturbances(
         (-math.pi, math.pi) if any_phase else (0.0, 0.0), (0.0, 0.0), tendon_friction,
         None if noise is None and delay is None else StateEstimate(
@@ -98,7 +100,7 @@ def train(
     )  # fmt: skip
     libraries = {name: metadata.version(name) for name in ("gymnasium", "stable-baselines3", "torch")}
     about = {
-        "reference": str(ensemble or parameters), "engine": Engine.of(robot).as_dict(),
+        "reference": str(ensemble or parameters), "engine": Engine.of(trained).as_dict(),
         "versions": {**versions(), **libraries}, "commit": commit(),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }  # fmt: skip
@@ -110,7 +112,7 @@ def train(
                 write_training_page(TrainingRun.open(out), out)
 
         outcome = run_training(
-            settings, sets, robot, out, about=about, disturbances=disturbances, threads=threads or cores,
+            settings, sets, trained, out, about=about, disturbances=disturbances, threads=threads or cores,
             resume=resume, on_progress=progress, stop=lambda: bool(interruption),
         )  # fmt: skip
     write_training_page(TrainingRun.open(out), out)

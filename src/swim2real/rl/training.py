@@ -98,7 +98,7 @@ def train(
     Raises:
         RunError: The folder holds another run, or a damaged one.
     """
-    trainer = _Trainer(settings, list(parameters), robot, Path(out), disturbances, threads)
+    trainer = Trainer(settings, list(parameters), robot, Path(out), disturbances, threads)
     try:
         trainer.begin(dict(about or {}), resume)
         return trainer.run(on_progress, stop)
@@ -106,7 +106,7 @@ def train(
         trainer.close()
 
 
-class _Trainer:
+class Trainer:
     """One run: the learner, its environments, and the records of both."""
 
     def __init__(
@@ -171,7 +171,7 @@ class _Trainer:
         stopped = False
         while self.step < settings.total_steps and not stopped:
             evaluation = None
-            self._round()
+            self.round()
             files.append_record(self.out / files.EPISODES, [{"step": self.step, **line} for line in self.ended])
             self.ended.clear()
             if self.curriculum and self.curriculum.advance():
@@ -208,7 +208,7 @@ class _Trainer:
         self._counted = now
         return now
 
-    def _round(self) -> None:
+    def round(self) -> None:
         """Makes 200 transitions, while the learner learns from those before them."""
         if self._learns:
             self.learner.start()
