@@ -159,7 +159,7 @@ def rollout(
     from swim2real.cli.subject import values_for
     from swim2real.cli.tables import say
     from swim2real.report.training_page import write_training_page
-    from swim2real.rl.assessment import assess
+    from swim2real.rl.assessment import TEST_SEED, assess, run_policy
     from swim2real.rl.conditions import StateEstimate
     from swim2real.rl.film import Scene, write_film
     from swim2real.rl.rollout import save_episodes
@@ -194,10 +194,9 @@ def rollout(
     if film:
         sets = run.settings.parameters if values is None else values
         swims = [
-            assess(other, 1, parameters=sets, disturbances=disturbances, which=which, stage=stage).episodes[0]
-            for other in others
+            run_policy(other, [TEST_SEED], robot, sets, disturbances, which=which, stage=stage)[0] for other in others
         ]
-        titles = [one.folder.resolve().name for one in (run, *others)] if others else [""]
+        titles = ["/".join(one.folder.resolve().parts[-2:]) for one in (run, *others)] if others else [""]
         scenes = [
             Scene(title, swim, robot) for title, swim in zip(titles, [assessment.episodes[0], *swims], strict=True)
         ]

@@ -179,28 +179,57 @@ def assess(
     """
     if episodes < 1:
         raise ArgumentError(f"{episodes} episodes are asked for; an assessment needs at least 1")
-    policy, settings, robot, task = load_policy(run, which), run.settings, run.robot, run.task
+    settings, robot = run.settings, run.robot
     sets: list[Values] = list(settings.parameters if parameters is None else parameters)
     disturbed = settings.disturbances if disturbances is None else disturbances
-    staged = {} if stage is None else {"stage": stage}
     seeds = range(TEST_SEED, TEST_SEED + episodes)
-    swims: list[Episode] = []
-    for first in range(0, episodes, SIDE_BY_SIDE):
-        chunk = seeds[first : first + SIDE_BY_SIDE]
-        environments = make_environments(
-            task, sets, len(chunk), robot=robot, disturbances=disturbed, threads=threads, **staged
-        )
-        run.check_fits(policy.actor, environments.observations.shape[1], len(environments.bodies.actuators))
-        swims += run_episodes(environments, policy, chunk)
-        environments.close()
+    swims = run_policy(run, seeds, robot, sets, disturbed, which=which, stage=stage, threads=threads)
     scans, loops = dict[str, WaveScan](), dict[str, LoopResult]()
     if swims[0].goal is None:
-        scans = _scans(task, sets[0], robot, swims[0].duration, replace(disturbed, estimate=None), threads)
+        scans = _scans(run.task, sets[0], robot, swims[0].duration, replace(disturbed, estimate=None), threads)
     if estimate is not None:
         loops = compare_loops(
-            policy, task, sets[0], robot, seeds[: min(episodes, SIDE_BY_SIDE)], disturbed, estimate, stage=stage
+            load_policy(run, which),
+            run.task,
+            sets[0],
+            robot,
+            seeds[: min(episodes, SIDE_BY_SIDE)],
+            disturbed,
+            estimate,
+            stage=stage,
         )
-    return Assessment(task, which, swims, EpisodeStatistics.of(swims), scans, loops)
+    return Assessment(settings.task, which, swims, EpisodeStatistics.of(swims), scans, loops)
+
+
+def run_policy(
+    run: TrainingRun, seeds: Sequence[int], robot: Robot, parameters: Sequence[Values], disturbances: Disturbances, *,
+    which: Which = "best", stage: int | None = None, threads: int = 1,
+) -> list[Episode]:  # fmt: skip
+    """Episodes of a policy.
+
+    Args:
+        run: Its training.
+        seeds: Seeds of their starts.
+        robot: Robot that is simulated: that of the training, or one with the same actuators and observations.
+        parameters: Its parameter sets.
+        disturbances: Disturbances of the simulator.
+        which: Which policy of the run.
+        stage: Stage of the curriculum; None for the last.
+        threads: Threads that simulate.
+
+    Raises:
+        RunError: The run has no policy, or it doesn't fit the robot.
+    """
+    policy, staged, episodes = load_policy(run, which), {} if stage is None else {"stage": stage}, list[Episode]()
+    for first in range(0, len(seeds), SIDE_BY_SIDE):
+        chunk = seeds[first : first + SIDE_BY_SIDE]
+        environments = make_environments(
+            run.task, parameters, len(chunk), robot=robot, disturbances=disturbances, threads=threads, **staged
+        )
+        run.check_fits(policy.actor, environments.observations.shape[1], len(environments.bodies.actuators))
+        episodes += run_episodes(environments, policy, chunk)
+        environments.close()
+    return episodes
 
 
 def _scans(

@@ -31,6 +31,7 @@ class Episode:
         heads: Positions of the floating body, the start first [m]. Shape (T + 1, 2).
         markers: Positions of the markers after each step [m]. Shape (T, K, 2).
         goal: Goal [m]; None in a task without one. Shape (2,).
+        goal_distance: Distance from the goal at the end [m]; None in a task without one.
         distance: Distance covered forward [m].
         success: Whether the goal was reached.
         failure: Why the simulation diverged, in words; empty where it didn't.
@@ -44,6 +45,7 @@ class Episode:
     heads: Array
     markers: Array
     goal: Array | None
+    goal_distance: float | None
     distance: float
     success: bool
     failure: str
@@ -57,11 +59,6 @@ class Episode:
     def duration(self) -> float:
         """Length [s]."""
         return len(self.actions) / self.rate
-
-    @property
-    def goal_distance(self) -> float | None:
-        """Distance from the head to the goal at the end [m]; None in a task without a goal."""
-        return None if self.goal is None else float(np.linalg.norm(self.heads[-1] - self.goal))
 
 
 @dataclass(frozen=True)
@@ -162,7 +159,8 @@ def _episode(
     goal, failure = info.get("goal"), str(info.get("diverged", ""))
     return Episode(
         seed=seed, rate=1 / CONTROL_INTERVAL, actions=series[0], commands=series[1], rewards=series[2], heads=heads,
-        markers=series[3], goal=None if goal is None else np.array(goal), distance=float(info["distance"]),
+        markers=series[3], goal=None if goal is None else np.array(goal),
+        goal_distance=info.get("goal_distance"), distance=float(info["distance"]),
         success=done and not failure, failure=failure,
     )  # fmt: skip
 
