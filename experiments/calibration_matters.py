@@ -117,21 +117,21 @@ def print_tables(policies, task):
             "held out, closed",
             "held out, tracked",
         ]
-        print(f"\n| trained in, {unit} | " + " | ".join(columns) + " |\n|" + "---|" * (len(columns) + 1))
+        print(f"\n| trained in, {unit} | {' | '.join(columns)} |\n|{'---|' * (len(columns) + 1)}")
         for name, seeds in policies.items():
             cells = []
             for where in columns:
                 values = np.array([seed[where][key] for seed in seeds if seed.get(where, {}).get(key) is not None])
-                cells.append("–" if not len(values) else f"{factor * values.mean():.1f} ± {factor * values.std(ddof=1):.1f}"
-                             if len(values) > 1 else f"{factor * values[0]:.1f}")  # fmt: skip
+                spread = f" ± {factor * values.std(ddof=1):.1f}" if len(values) > 1 else ""
+                cells.append(f"{factor * values.mean():.1f}{spread}" if len(values) else "–")
             print(f"| {name} | " + " | ".join(cells) + " |")
         for name in list(policies)[1:]:
             for where in ("own", "held out, open", "held out, closed"):
                 ours, theirs = ([seed[where][key] for seed in policies[one]] for one in (first, name))
                 if min(len(ours), len(theirs)) > 1 and None not in [*ours, *theirs]:
                     p = ttest_ind(ours, theirs, equal_var=False).pvalue
-                    print(f"{first} against {name}, {where}: difference {factor * (np.mean(ours) - np.mean(theirs)):.1f} "
-                          f"{unit}, p = {p:.3f}")  # fmt: skip
+                    difference = factor * (np.mean(ours) - np.mean(theirs))
+                    print(f"{first} against {name}, {where}: {difference:+.1f} {unit}, p = {p:.3f}")
 
 
 if __name__ == "__main__":

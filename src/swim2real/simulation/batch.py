@@ -74,7 +74,8 @@ class Batch:
         self._member = np.zeros(count, np.int64)
         self._made = np.zeros(count, np.int64)
         self._rows = np.zeros((count, 1 + len(STEPPED)), np.int64)
-        self._data: dict[tuple[int, int], mujoco.MjData] = {}
+        self._data: list[mujoco.MjData | None] = [None] * count
+        self._spare: list[list[mujoco.MjData]] = [[] for _ in models]
         self.pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
         self._threads = threads
         self._free: list[_Workplace] = [_Workplace(first, self._readers) for _ in range(threads)]
@@ -101,8 +102,15 @@ class Batch:
         return dry, plans[0], Members.of(plans, self._readers)
 
     def data(self, index: int) -> mujoco.MjData:
-        """State of one simulation, that of its present member; to be changed only between two calls."""
-        return self._data[index, int(self._member[index])]
+        """State of one simulation that was started; to be changed only between two calls.
+
+        Raises:
+            EngineError: It was not started.
+        """
+        data = self._data[index]
+        if data is None:
+            raise EngineError(f"simulation {index} has no state yet; start it first")
+        return data
 
     def member(self, index: int) -> int:
         """Parameter set of one simulation."""
@@ -110,9 +118,12 @@ class Batch:
 
     def start(self, index: int, member: int) -> mujoco.MjData:
         """Begins a simulation anew with a parameter set, and returns its state, to be set."""
-        if (index, member) not in self._data:
-            self._data[index, member] = mujoco.MjData(self._models[member])
-        data = self._data[index, member]
+        data = self._data[index]
+        if data is None or self._member[index] != member:
+            if data is not None:
+                self._spare[self._member[index]].append(data)
+            spare = self._spare[member]
+            self._data[index] = data = spare.pop() if spare else mujoco.MjData(self._models[member])
         mujoco.mj_resetData(self._models[member], data)
         self._member[index] = member
         self._rows[index] = addresses(data)
