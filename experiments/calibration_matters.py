@@ -3,6 +3,8 @@
     python experiments/calibration_matters.py forward --out matters --held-out runs/extended-1 \
         line-search=runs/fish-0 bayesopt=runs/bayesopt-0 published=published random=runs/random-0
 
+A simulator may also be a file of `swim2real ensemble`, of which a set is drawn for every episode, and +tracked behind a
+path trains on what a tracker with noise and delay sees.
 The held-out simulator stands for the real robot: parameters that fit the real tracks, and what no calibration knows of:
 friction of the left tendon, a current, and a tracker's noise and delay. A policy swims there in open loop (its commands
 are recorded in the simulator that it was trained in and replayed, as the paper transfers them), in closed loop on the
@@ -19,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import ttest_ind
 
+from swim2real.calibration.ensemble import read_ensemble
 from swim2real.cli.subject import robot_for, values_for
 from swim2real.rl.assessment import TEST_SEED, constant_waves, scan_waves, sine_waves
 from swim2real.rl.conditions import Disturbances, StateEstimate
@@ -27,6 +30,7 @@ from swim2real.rl.policies import RecordedActions, load_policy
 from swim2real.rl.rollout import EpisodeStatistics, run_episodes
 from swim2real.rl.training import train
 from swim2real.rl.training_run import TrainingRun
+from swim2real.robots import load_robot
 from swim2real.settings import TrainingSettings
 
 ANY_PHASE = (-math.pi, math.pi)
@@ -36,7 +40,7 @@ SCAN_PHASES = tuple(np.linspace(*ANY_PHASE, 4, endpoint=False))
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("task", choices=("forward", "target", "paper-target"))
-    parser.add_argument("simulators", nargs="+", help="NAME=RUN_OR_PARAMETERS")
+    parser.add_argument("simulators", nargs="+", help="NAME=RUN_OR_PARAMETERS_OR_ENSEMBLE[+tracked]")
     parser.add_argument("--held-out", type=Path, required=True)
     parser.add_argument("--tendon-friction", type=float, default=0.5)
     parser.add_argument("--current", type=float, nargs=2, default=(0.0, 0.02), help="m/s, backward and to the side")
@@ -51,17 +55,15 @@ def main():
     simulators = {}
     for word in a.simulators:
         name, _, path = word.partition("=")
-        robot = robot_for(Path(path))
-        simulators[name] = (robot, values_for(Path(path), robot), path)
+        simulators[name] = simulator_of(path)
     start = Disturbances(ANY_PHASE)
     rough = Disturbances(ANY_PHASE, tuple(a.current), a.tendon_friction)
     tracked = Disturbances(ANY_PHASE, tuple(a.current), a.tendon_friction, StateEstimate())
-    robot = robot_for(a.held_out)
-    held_out = (robot, values_for(a.held_out, robot), str(a.held_out))
+    held_out = simulator_of(str(a.held_out))
 
     def swim(simulator, policy, disturbances):
         environments = make_environments(
-            a.task, [simulator[1]], a.episodes, robot=simulator[0], disturbances=disturbances, threads=a.threads
+            a.task, simulator[1], a.episodes, robot=simulator[0], disturbances=disturbances, threads=a.threads
         )
         episodes = run_episodes(environments, policy, range(TEST_SEED, TEST_SEED + a.episodes))
         environments.close()
@@ -71,7 +73,7 @@ def main():
     if a.task == "forward":
         for name, waves in {"constant": constant_waves(), "sine": sine_waves(1)}.items():
             scan = scan_waves(
-                waves, a.task, held_out[1], held_out[0], SCAN_PHASES, 2.0, disturbances=rough, threads=a.threads
+                waves, a.task, held_out[1][0], held_out[0], SCAN_PHASES, 2.0, disturbances=rough, threads=a.threads
             )
             results["waves"][name] = scan.as_dict()
             print(f"best {name} wave in the held-out simulator: {1e3 * scan.best_distance:.0f} mm, {scan.farthest}")
@@ -83,7 +85,8 @@ def main():
             if outcome is None or not outcome.complete:
                 settings = TrainingSettings(a.task, a.env_steps, seed, updates=a.updates, environments=a.environments)
                 outcome = train(
-                    settings, [simulator[1]], simulator[0], folder, disturbances=start,
+                    settings, simulator[1], simulator[0], folder,
+                    disturbances=Disturbances(ANY_PHASE, estimate=StateEstimate() if simulator[3] else None),
                     about={"reference": simulator[2]}, threads=a.threads, resume=begun,
                 )  # fmt: skip
             policy = load_policy(TrainingRun.open(folder))
@@ -101,6 +104,17 @@ def main():
             print(f"{name}, seed {seed}: {outcome.seconds.total:.0f} s", flush=True)
             (a.out / f"{a.task}.json").write_text(json.dumps(results, indent=2, default=str))
     print_tables(results["policies"], a.task)
+
+
+def simulator_of(word):
+    """Robot, parameter sets, where they are from, and whether a policy is trained on tracked states there."""
+    path, _, tracked = word.partition("+")
+    content = json.loads(Path(path).read_text()) if Path(path).is_file() else {}
+    if "members" in content:
+        robot = load_robot(content["robot"])
+        return robot, read_ensemble(Path(path), robot), path, bool(tracked)
+    robot = robot_for(Path(path))
+    return robot, [values_for(Path(path), robot)], path, bool(tracked)
 
 
 def print_tables(policies, task):

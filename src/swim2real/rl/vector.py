@@ -31,8 +31,8 @@ class RobotVecEnv(VecEnv):
         self._actions: NDArray[Any] = np.zeros((environments.count, 1))
 
     def reset(self) -> VecEnvObs:
-        if any(seed is not None for seed in self._seeds):
-            self.environments.seed([seed if seed is not None else 0 for seed in self._seeds])
+        if seeds := [seed for seed in self._seeds if seed is not None]:  # all or none are given
+            self.environments.seed(seeds)
         self.environments.begin(np.arange(self.num_envs), self._options)
         self._reset_seeds()
         self._reset_options()
