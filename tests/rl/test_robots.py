@@ -1,6 +1,7 @@
 """Robots of other files: what policies command and see of them, tasks of one's own, and what is refused."""
 
 import dataclasses
+from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,17 @@ def test_a_task_of_ones_own_for_a_robot_that_goes_nowhere(finger):
         assert np.linalg.norm(seen[names["to_goal"]]) == pytest.approx(info["goal_distance"], rel=1e-5)
     assert best < 0.01
     assert seen[names["sensors"]] > 5  # N, the cable pulls
+
+
+def test_a_package_offers_a_task_by_an_entry_point(finger, monkeypatch, tmp_path):
+    (tmp_path / "my_tasks.py").write_text((EXAMPLES / "finger/reach.py").read_text())
+    monkeypatch.syspath_prepend(tmp_path)
+    offered = EntryPoints([EntryPoint("reach", "my_tasks:Reach", "swim2real.tasks")])
+    monkeypatch.setattr("swim2real.rl.tasks.metadata.entry_points", lambda group: offered.select(group=group))
+    seen, _ = rl.make_env("reach", robot=finger).reset(seed=0)
+    assert seen.shape == (8,)
+    with pytest.raises(ArgumentError, match="there is no task 'grasp'; there are forward, target, paper-target, reach"):
+        rl.make_env("grasp", robot=finger)
 
 
 def test_a_tracked_robot_with_servos_is_seen_with_noise(snake):

@@ -114,7 +114,7 @@ class Trainer:
         disturbances: Disturbances, threads: int,
     ) -> None:  # fmt: skip
         self.settings, self.parameters, self.robot, self.out = settings, parameters, robot, out
-        self.disturbances = disturbances
+        self.disturbances, self.threads = disturbances, threads
         self.environments = make_environments(
             settings.task, parameters, settings.environments, robot=robot, threads=threads, seed=settings.seed,
             disturbances=disturbances,
@@ -265,7 +265,7 @@ class Trainer:
         stage = {"stage": self.curriculum.stage} if self.curriculum else {}
         environments = make_environments(
             self.settings.task, self.parameters, EVALUATION_EPISODES, robot=self.robot,
-            disturbances=self.disturbances, **stage,
+            disturbances=self.disturbances, threads=self.threads, **stage,
         )  # fmt: skip
         seeds = range(EVALUATION_SEED, EVALUATION_SEED + EVALUATION_EPISODES)
         statistics = EpisodeStatistics.of(run_episodes(environments, LearnedPolicy(self.actor), seeds))
