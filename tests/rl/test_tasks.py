@@ -34,7 +34,9 @@ def sites(qpos, qvel):
     return places[1] - model.jnt_pos[0][:2], (places[2] - places[0]) / 2e-6
 
 
-@pytest.mark.parametrize(("task", "length"), [("forward", 52), ("target", 22)])  # the paper's, Sec. IV
+@pytest.mark.parametrize(
+    ("task", "length"), [("forward", 52), ("target", 22), ("paper-target", 22)]
+)  # as the paper, Sec. IV
 def test_the_parts_of_an_observation_are_all_of_it(task, length):
     environments = rl.make_environments(task, None, 1)
     covered = [i for part in environments.names.values() for i in range(part.start, part.stop)]
