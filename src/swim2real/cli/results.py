@@ -92,12 +92,11 @@ def simulate(
 
     from swim2real import api
     from swim2real.cli import tables
-    from swim2real.cli.subject import robot_for, values_of
-    from swim2real.simulation import Simulator
+    from swim2real.cli.subject import robot_for, values_for
     from swim2real.store import write_arrays
 
     robot = robot_for(parameters)
-    values = values_of(parameters, Simulator(robot, 1))
+    values = values_for(parameters, robot)
     trials = api.simulate(
         values, robot, frequency, seconds=seconds, rate=rate, from_rest=from_rest, threads=threads
     )  # fmt: skip

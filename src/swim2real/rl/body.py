@@ -95,7 +95,6 @@ class Layout:
         seen: Sites that a policy sees: the markers, then further ones.
         motors: Places of the motors in qpos and qvel, two rows. Shape (2, P).
         joints: Places of the robot's own joints. Shape (2, J).
-        joint_names: Their names.
         held: Degrees of freedom of the floating body that don't move it in the plane. Shape (H,).
         controls: Places of the commanded actuators in the control. Shape (A,).
     """
@@ -106,7 +105,6 @@ class Layout:
     seen: tuple[str, ...]
     motors: Indices
     joints: Indices
-    joint_names: tuple[str, ...]
     held: Indices
     controls: Indices
 
@@ -135,7 +133,7 @@ class Bodies:
         first: Place of the first of these positions in the readings.
         sensors: Places of the robot's own sensors in the readings. Shape (S,).
         steps: Physics steps in a control interval.
-        origin: Where the floating body is at the start, in the plane [m]; 0 without a frame. Shape (2,).
+        origin: Where the floating body is at the start [m]; 0 without a frame. Shape (3,).
         turned: Direction of the frame's x axis at the start [rad].
         starts: Positions at the start. Shape (B, nq).
     """
@@ -183,13 +181,25 @@ class Bodies:
         data = mujoco.MjData(self.readers[0])
         data.qpos[:] = self.starts[0]
         mujoco.mj_forward(self.readers[0], data)
-        self.origin, self.turned = np.zeros(2), 0.0
+        self.origin, self.turned = np.zeros(3), 0.0
         if self.layout.frame is not None:
             seen = data.sensordata[self.first :][: 3 * self.layout.markers].reshape(-1, 3)[:, list(self.layout.plane)]
             x, y = seen[self.layout.frame[1]] - seen[self.layout.frame[0]]
             self.turned = math.atan2(y, x)
-            self.origin = data.site(ORIGIN).xpos[list(self.layout.plane)].copy()
+            self.origin = data.site(ORIGIN).xpos.copy()
+        c, s = math.cos(self.turned), math.sin(self.turned)
+        self._to_start = np.array([[c, -s], [s, c]])  # a row times it is seen in the frame at the start
         self._postures: dict[int, Array] = {}
+
+    def seen_from_start(self, vectors: Array) -> Array:
+        """Vectors in the world as the camera sees them, in the frame at the start. Shapes (..., 3) to (..., 2)."""
+        return vectors[..., list(self.layout.plane)] @ self._to_start
+
+    def heading(self, places: Array) -> Array:
+        """Direction of the frame's x axis, from the places of the sites in the plane. Shapes (N, K, 2) to (N,)."""
+        assert self.layout.frame is not None  # only a robot with one has a heading
+        across = places[:, self.layout.frame[1]] - places[:, self.layout.frame[0]]
+        return np.arctan2(across[:, 1], across[:, 0])
 
     def __len__(self) -> int:
         return len(self.models)
@@ -327,7 +337,7 @@ def _layout(robot: Robot, setup: PolicySetup) -> Layout:
     names = [model.actuator(i).name for i in range(model.nu)]
     return Layout(
         plane=robot.plane, normal=normal, frame=frame, seen=seen, motors=_places(model, motors),
-        joints=_places(model, joints), joint_names=tuple(model.joint(j).name for j in joints),
+        joints=_places(model, joints),
         held=np.array(sorted(held), int), controls=np.array([names.index(name) for name in setup.actuators]),
     )  # fmt: skip
 

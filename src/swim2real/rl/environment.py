@@ -38,11 +38,13 @@ class Stepped:
         rewards: Rewards. Shape (N,).
         terminated: Whether the task is done or the simulation diverged. Shape (N,).
         truncated: Whether the time is over. Shape (N,).
+        success: Whether the task is done. Shape (N,).
     """
 
     rewards: Array
     terminated: Flags
     truncated: Flags
+    success: Flags
 
     @property
     def ended(self) -> Flags:
@@ -172,7 +174,7 @@ class Environments:
         observed = self._observed()
         good = ~self.robots.failed & (np.abs(observed) <= self.bounds).all(axis=1)  # NaN isn't
         rewards, done = self.task.score(self.state, clipped)
-        rewards, done = np.where(good, rewards, DIVERGED), done | ~good
+        rewards, success, done = np.where(good, rewards, DIVERGED), done & good, done | ~good
         changed = rows[good[rows]]
         self.observations[changed] = observed[changed]
         for i in map(int, rows[~good[rows]]):
@@ -181,7 +183,7 @@ class Environments:
             self._failures[i] = f"the simulation diverged {self.times[i]:.2f} s after the start, commanded {commands}"
         over = self._steps >= self._last
         self._last[rows] = np.where(done[rows], self._steps[rows], self._last[rows])
-        return Stepped(rewards, done, over & ~done)
+        return Stepped(rewards, done, over & ~done, success)
 
     def info(self, index: int) -> dict[str, Any]:
         """What is known of one environment, whatever it observes.
@@ -226,8 +228,6 @@ class Environments:
         """Goes on with the episodes that `save` was called in."""
         for i in range(self.count):
             self.robots.restore(i, int(arrays["members"][i]), arrays["physics"][i])
-        headings = arrays["state.heading"]
-        self.state.heading[:] = headings
         self.robots.read(np.arange(self.count))
         for owner, name in self._kept():
             owner[name.partition(".")[2]][...] = arrays[name]
@@ -292,8 +292,7 @@ class RobotEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def step(self, action: NDArray[Any]) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Moves one control interval."""
         stepped = self.environments.step(np.asarray(action)[None])
-        info = self.environments.info(0)
-        info["success"] = bool(stepped.terminated[0]) and "diverged" not in info
+        info = {**self.environments.info(0), "success": bool(stepped.success[0])}
         observation = self.environments.observations[0].copy()
         return observation, float(stepped.rewards[0]), bool(stepped.terminated[0]), bool(stepped.truncated[0]), info
 

@@ -133,10 +133,9 @@ class Learner:
         torch.save(networks, folder / _NETWORKS)
         filled = buffer.buffer_size if buffer.full else buffer.pos
         arrays = {name: getattr(buffer, name)[:filled] for name in _ARRAYS}
-        kind, key, position, has_gauss, gauss = np.random.get_state()  # noqa: NPY002 - Stable-Baselines3 draws from it
+        _, key, position, has_gauss, gauss = np.random.get_state()  # noqa: NPY002 - Stable-Baselines3 draws from it
         np.savez(folder / _REPLAY, allow_pickle=False, pos=buffer.pos, full=buffer.full, random=np.asarray(key),
                  random_rest=np.array([position, has_gauss, gauss]), updates=self.updates, **arrays)  # fmt: skip
-        del kind
 
     def load(self, folder: Path) -> None:
         """Takes over what `save` wrote, and sets the random states."""

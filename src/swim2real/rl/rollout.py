@@ -135,7 +135,7 @@ def run_episodes(
     environments.seed(seeds)
     which, state = np.arange(environments.count), environments.state
     environments.begin(which, options)
-    lengths, ended = np.zeros(environments.count, int), np.zeros(environments.count, np.bool_)
+    lengths, succeeded = np.zeros(environments.count, int), np.zeros(environments.count, np.bool_)
     heads, rows = [state.position.copy()], list[tuple[Array, Array, Array, Array]]()
     while len(which):
         actions = np.clip(policy.actions(environments.observations, state.commands, len(rows)), -1.0, 1.0)
@@ -143,12 +143,12 @@ def run_episodes(
         rows.append((actions.astype(float), state.commands.copy(), stepped.rewards, state.markers.copy()))
         heads.append(state.position.copy())
         lengths[which] += 1
-        ended[which] = stepped.terminated[which]
+        succeeded[which] = stepped.success[which]
         which = which[~stepped.ended[which]]
     every = [np.array(series) for series in zip(*rows, strict=True)]
     return [
         _episode(environments, i, seed, np.array(heads)[: n + 1, i], [series[:n, i] for series in every], bool(done))
-        for i, (seed, n, done) in enumerate(zip(seeds, lengths, ended, strict=True))
+        for i, (seed, n, done) in enumerate(zip(seeds, lengths, succeeded, strict=True))
     ]
 
 
@@ -161,7 +161,7 @@ def _episode(
         seed=seed, rate=1 / CONTROL_INTERVAL, actions=series[0], commands=series[1], rewards=series[2], heads=heads,
         markers=series[3], goal=None if goal is None else np.array(goal),
         goal_distance=info.get("goal_distance"), distance=float(info["distance"]),
-        success=done and not failure, failure=failure,
+        success=done, failure=failure,
     )  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -86,8 +85,6 @@ class Robots:
         self.bodies, self._batch = bodies, Batch(bodies.models, bodies.readers, count, threads)
         self.state = State.zeros(bodies, count)
         self._controls = np.zeros((count, bodies.models[0].nu))
-        c, s = math.cos(bodies.turned), math.sin(bodies.turned)
-        self._to_start = np.array([[c, -s], [s, c]])  # a row times it is seen in the frame at the start
 
     @property
     def pool(self) -> ThreadPoolExecutor | None:
@@ -145,13 +142,11 @@ class Robots:
         count, floats = len(qpos), layout.frame is not None
         objects = layout.markers + floats
         seen = sensors[:, bodies.first : bodies.first + 6 * objects].reshape(count, 2, objects, 3)
-        seen = seen[..., list(layout.plane)]
-        places, velocities = (seen[:, 0] - bodies.origin) @ self._to_start, seen[:, 1] @ self._to_start
+        places, velocities = bodies.seen_from_start(seen[:, 0] - bodies.origin), bodies.seen_from_start(seen[:, 1])
         state.markers[:], state.marker_velocities[:] = places[:, : layout.markers], velocities[:, : layout.markers]
         if layout.frame is not None:
             state.position[:], state.velocity[:] = places[:, -1], velocities[:, -1]
-            across = places[:, layout.frame[1]] - places[:, layout.frame[0]]
-            state.heading[:] = unwrapped(np.arctan2(across[:, 1], across[:, 0]), state.heading)
+            state.heading[:] = unwrapped(bodies.heading(places), state.heading)
             state.turning[:] = sensors[:, bodies.first + 6 * objects :][:, :3]
             state.heading_rate[:] = state.turning @ layout.normal
         state.motor_angles[:], state.motor_speeds[:] = qpos[:, layout.motors[0]], qvel[:, layout.motors[1]]

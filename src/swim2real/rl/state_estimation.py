@@ -111,9 +111,8 @@ class StateEstimator:
         seen.markers[which] = wanted
         if layout.frame is not None:
             places = np.array([self._looks[self.members[i]].places(self.qpos[i]) for i in which])
-            across = places[:, layout.frame[1]] - places[:, layout.frame[0]]
             seen.position[which] = places[:, -1]
-            seen.heading[which] = unwrapped(np.arctan2(across[:, 1], across[:, 0]), seen.heading[which])
+            seen.heading[which] = unwrapped(self._bodies.heading(places), seen.heading[which])
         seen.joint_angles[which] = self.qpos[which[:, None], layout.joints[0]]
         for name in ("motor_angles", "motor_speeds", "sensors", "commands", "previous_actions"):
             getattr(seen, name)[which] = getattr(state, name)[which]
@@ -125,23 +124,18 @@ class _Look:
     def __init__(self, model: mujoco.MjModel, bodies: Bodies) -> None:
         self._model, self._data, self._bodies = model, mujoco.MjData(model), bodies
         self._sites = [int(model.site(name).id) for name in bodies.layout.sites]
-        c, s = np.cos(bodies.turned), np.sin(bodies.turned)
-        self._to_start = np.array([[c, -s], [s, c]])
 
     def places(self, qpos: Array) -> Array:
         """Places. Shape (K + 1, 2)."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
-        return self._in_plane(self._data.site_xpos[self._sites])
+        return self._bodies.seen_from_start(self._data.site_xpos[self._sites] - self._bodies.origin)
 
     def at(self, qpos: Array) -> tuple[Array, Array]:
         """Places and their derivatives by the joints' positions. Shapes (K + 1, 2) and (K + 1, 2, nv)."""
         places = self.places(qpos)
         mujoco.mj_comPos(self._model, self._data)
-        slopes, plane = np.zeros((len(self._sites), 3, self._model.nv)), list(self._bodies.layout.plane)
+        slopes = np.zeros((len(self._sites), 3, self._model.nv))
         for slope, site in zip(slopes, self._sites, strict=True):
             mujoco.mj_jacSite(self._model, self._data, slope, None, site)
-        return places, np.einsum("kav,ab->kbv", slopes[:, plane], self._to_start)
-
-    def _in_plane(self, points: Array) -> Array:
-        return (points[:, list(self._bodies.layout.plane)] - self._bodies.origin) @ self._to_start
+        return places, self._bodies.seen_from_start(slopes.swapaxes(1, 2)).swapaxes(1, 2)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from swim2real.errors import ArgumentError
 from swim2real.rl.observation import MOST_PLACE, MOST_RATE
 from swim2real.rl.state import State
-from swim2real.robots.file import load_module
+from swim2real.robots.file import load_named
 from swim2real.robots.robot import Robot
 
 Array = NDArray[np.float64]
@@ -239,8 +238,7 @@ def find_task(name: str) -> type[Any]:
         if name in offered.names:
             return offered[name].load()
         if len(parts) == 3 and parts[0] == "python":
-            module = load_module(Path(parts[1])) if parts[1].endswith(".py") else importlib.import_module(parts[1])
-            return getattr(module, parts[2])
+            return load_named(parts[1], parts[2], Path())
     except Exception as error:  # whatever the user's code does
         raise ArgumentError(f"task '{name}' can't be imported: {type(error).__name__}: {error}") from error
     raise ArgumentError(

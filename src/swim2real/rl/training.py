@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from swim2real.errors import RunError
 from swim2real.parameters import Values
 from swim2real.rl import training_run as files
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
-from swim2real.rl.environment import make_environments
+from swim2real.rl.environment import Environments, make_environments
 from swim2real.rl.learner import Learner, Transitions, list_checkpoints, load_checkpoint, make_log, write_checkpoint
 from swim2real.rl.policies import LearnedPolicy
 from swim2real.rl.rollout import EpisodeStatistics, run_episodes
@@ -87,7 +88,7 @@ def train(
         out: Folder to write.
         about: Further entries of settings.json, such as versions.
         disturbances: Disturbances of the simulator while it learns.
-        threads: Threads of the environments, beside the learner's. Results don't depend on it.
+        threads: Threads that step the environments; one of them learns in between. Results don't depend on it.
         resume: Whether to go on with the run that is in the folder.
         on_progress: Called every two seconds, and after every evaluation.
         stop: Called after every 200 transitions; when it returns true, a checkpoint is written and the run ends.
@@ -196,6 +197,16 @@ class Trainer:
     def close(self) -> None:
         """Ends the threads."""
         self.environments.close()
+        if "_evaluation" in vars(self):
+            self._evaluation.close()
+
+    @cached_property
+    def _evaluation(self) -> Environments:
+        """Environments of evaluations, compiled once."""
+        return make_environments(
+            self.settings.task, self.parameters, EVALUATION_EPISODES, robot=self.robot,
+            disturbances=self.disturbances, threads=self.threads,
+        )  # fmt: skip
 
     @property
     def _learns(self) -> bool:
@@ -238,17 +249,17 @@ class Trainer:
         self.returns += stepped.rewards
         ended = np.flatnonzero(stepped.ended)
         for i in ended:
-            self._note_episode(int(i), bool(stepped.terminated[i]))
+            self._note_episode(int(i), bool(stepped.success[i]))
         if len(ended):
             environments.begin(ended)
         self.step += environments.count
         return Transitions(before, actions, stepped.rewards, after, stepped.ended, stepped.truncated)
 
-    def _note_episode(self, index: int, terminated: bool) -> None:
+    def _note_episode(self, index: int, success: bool) -> None:
         info = self.environments.info(index)
         line: dict[str, Any] = {
             "episode_return": float(self.returns[index]), "length": round(info["time"] / CONTROL_INTERVAL),
-            "distance": float(info["distance"]), "success": terminated and "diverged" not in info,
+            "distance": float(info["distance"]), "success": success,
             "ended": info.get("diverged", ""),
         }  # fmt: skip
         if self.curriculum:
@@ -263,13 +274,11 @@ class Trainer:
         """Runs without exploration, from starts of its own, and keeps the policy if it is the best so far."""
         begun = time.perf_counter()
         stage = {"stage": self.curriculum.stage} if self.curriculum else {}
-        environments = make_environments(
-            self.settings.task, self.parameters, EVALUATION_EPISODES, robot=self.robot,
-            disturbances=self.disturbances, threads=self.threads, **stage,
-        )  # fmt: skip
+        environments = self._evaluation
+        if self.curriculum:
+            environments.set_stage(self.curriculum.stage)
         seeds = range(EVALUATION_SEED, EVALUATION_SEED + EVALUATION_EPISODES)
         statistics = EpisodeStatistics.of(run_episodes(environments, LearnedPolicy(self.actor), seeds))
-        environments.close()
         line = {"step": self.step, **stage, **statistics.as_dict()}
         files.append_record(self.out / files.EVALUATIONS, [line])
         rank = [float(stage.get("stage", 0)), statistics.success, statistics.episode_return]

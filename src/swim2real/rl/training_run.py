@@ -16,6 +16,7 @@ from swim2real.rl.actor import Actor
 from swim2real.rl.conditions import Disturbances
 from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
+from swim2real.robots.schema import hook_file
 from swim2real.store import append_lines, drop_cut_line, path_from, read_lines, write_json, write_text
 
 SETTINGS, OUTCOME = "settings.json", "outcome.json"
@@ -144,9 +145,8 @@ class TrainingRun:
     @property
     def task(self) -> str:
         """Task of the policy, as `tasks.find_task` takes it; that of a file with its place from here."""
-        kind, _, rest = self.settings.task.partition(":")
-        file, _, name = rest.rpartition(":")
-        return f"{kind}:{self.folder / file}:{name}" if file.endswith(".py") else self.settings.task
+        task, file = self.settings.task, hook_file(self.settings.task)
+        return task if file is None else task.replace(file, str(self.folder / file), 1)
 
     @property
     def robot(self) -> Robot:
@@ -194,9 +194,8 @@ class TrainingRun:
 
 def task_from(task: str, folder: Path) -> str:
     """A task as settings.json has it: that of a file with its place from the run's folder."""
-    kind, _, rest = task.partition(":")
-    file, _, name = rest.rpartition(":")
-    return f"{kind}:{path_from(folder, Path(file))}:{name}" if file.endswith(".py") else task
+    file = hook_file(task)
+    return task if file is None else task.replace(file, path_from(folder, Path(file)), 1)
 
 
 def not_written(path: Path, error: OSError) -> RunError:

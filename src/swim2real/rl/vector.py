@@ -48,7 +48,7 @@ class RobotVecEnv(VecEnv):
         infos = [environments.info(i) for i in range(self.num_envs)]
         for i in ended:
             infos[i]["terminal_observation"] = environments.observations[i].copy()
-            infos[i]["success"] = bool(stepped.terminated[i]) and "diverged" not in infos[i]
+            infos[i]["success"] = bool(stepped.success[i])
             infos[i]["TimeLimit.truncated"] = bool(stepped.truncated[i])
         if len(ended):
             environments.begin(ended)

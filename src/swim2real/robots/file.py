@@ -217,8 +217,7 @@ def _call(hook: str, folder: Path, where: str) -> Any:
     except ValueError:
         raise RobotError(f"{where} is '{hook}'; it must be python:MODULE:FUNCTION or python:FILE.py:FUNCTION") from None
     try:
-        loaded = load_module(folder / module) if module.endswith(".py") else importlib.import_module(module)
-        function = getattr(loaded, name)
+        function = load_named(module, name, folder)
     except Exception as error:  # whatever the user's code does
         raise RobotError(f"{where} '{hook}' can't be imported: {type(error).__name__}: {error}") from error
     if not callable(function):
@@ -229,8 +228,13 @@ def _call(hook: str, folder: Path, where: str) -> Any:
         raise RobotError(f"{where} '{hook}' failed: {type(error).__name__}: {error}") from error
 
 
-def load_module(path: Path) -> Any:
-    """A module of a Python file that a user names, imported as of now."""
+def load_named(module: str, name: str, folder: Path) -> Any:
+    """What a user's module, or Python file in a folder, has by a name. Raises whatever the user's code does."""
+    loaded = _load_module(folder / module) if module.endswith(".py") else importlib.import_module(module)
+    return getattr(loaded, name)
+
+
+def _load_module(path: Path) -> Any:
     name = f"swim2real_robot_file.{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
