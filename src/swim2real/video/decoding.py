@@ -68,7 +68,8 @@ def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoS
     # without a decoder PyAV has no codec context, whatever its stubs say
     if getattr(stream, "codec_context", None) is None:
         raise VideoError(f"no decoder for the video in '{path}'; convert it to H.264, for example")
-    stream.thread_type = "AUTO"
+    # within a picture only: one that is decoded beside the next can be handed out before its holes are reported
+    stream.thread_type = "SLICE"
     stream.thread_count = threads
     return stream
 
@@ -115,8 +116,8 @@ class Decoder:
     """Decodes one stream from its beginning to its end.
 
     What is broken shows in two ways: the decoder conceals a hole in a picture and says so, or a packet never becomes a
-    picture. The decoder may work ahead in several threads, so the stamps tell which packets those are. A picture can
-    lean on one that is stored before it and shown after it; it waits until that one has come.
+    picture. Pictures come out in another order than packets go in, so the stamps tell which packets those are. A
+    picture can lean on one that is stored before it and shown after it; it waits until that one has come.
 
     Attributes:
         left_out: Stamps of the pictures that are left out, as keys.
