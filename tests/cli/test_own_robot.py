@@ -63,3 +63,19 @@ def test_a_parameters_file_that_has_left_its_robot_file_is_named_with_what_to_do
     content = {**json.loads(copy.read_text()), "robot_file": str(run.parent / "pendulum.toml")}
     copy.write_text(json.dumps(content))
     program("export-model", copy, "--out", tmp_path / "model.xml").done()
+
+
+def test_tracking_and_its_check_take_a_robot_file_that_calibrate_refuses(program, pendulum_folder, clip, tmp_path):
+    shutil.copytree(pendulum_folder, tmp_path, dirs_exist_ok=True)
+    robot, tracks = tmp_path / "pendulum.toml", tmp_path / "tracks"
+    robot.write_text(robot.read_text(encoding="utf-8").replace("upper = 0.02", "upper = 0.001"), encoding="utf-8")
+    refused = program("calibrate", tracks, "--robot", robot, "--out", tmp_path / "run").sentence(2)
+    assert "parameter 'shoulder_damping' is 0.002, out of bounds" in refused
+    program("quality", tracks, "--robot", robot).done()
+    assert "What was recorded" in program.text
+    program("pick", clip.video, "--robot", robot, "--out", tmp_path / "page.html").done()
+    assert '"pivot"' in (tmp_path / "page.html").read_text(encoding="utf-8")
+    points = tmp_path / "points.json"
+    points.write_text("[[200, 180], [250, 180]]")
+    program("track", clip.video, "--robot", robot, "--markers", points, "--to", tmp_path / "new")
+    assert "hold 2 points; expected are 3" in program.err

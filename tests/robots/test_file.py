@@ -1,4 +1,5 @@
 import os
+import pickle
 import textwrap
 
 import mujoco
@@ -8,6 +9,7 @@ import pytest
 from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, parameter
 from swim2real.errors import ArgumentError, ParameterError, RobotError
 from swim2real.robots import load_robot, robot_file
+from swim2real.robots.compiled import rigid_markers
 from swim2real.robots.file import open_robot_file
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Sensor, Sine
@@ -227,6 +229,55 @@ def test_a_model_may_come_from_a_function_beside_the_file_with_hooks_of_its_own(
         robot = load_robot(place)
         assert type(robot.swims.fit_plan).__name__ == "Plan"
         assert robot.build({"x": 0.5}).compile().dof_armature[2] == 0.5
+
+
+# what tracking takes
+
+
+def test_no_parameter_and_no_hook_keeps_a_robot_from_being_tracked(tmp_path):
+    hooks = 'response = "python:nowhere:answer"\n'
+    policy = '[policy.actuators]\nwinch = {lower = 0, upper = 1, rate = 1, unit = "m"}\n'
+    damping = parameter("'joint \"crank\" damping'", more="value = 0.5").replace('"x"', '"good"')
+    wrong = [
+        parameter("'joint \"tail\" damping'"),  # there is no such joint
+        parameter("'body \"hull\" pos[0]'", 1.0, 2.0),  # the model's 0 is out of bounds
+        parameter("'joint \"crank\" damping'", 0.2, 0.1),
+        '[[parameters]]\nname = "nothing"\n',
+        parameter("'joint \"crank\" armature'", -1.0, 1.0),
+        damping,  # a second time
+    ]
+    place = made(tmp_path, SWIMMING, SWIMS, hooks, policy, damping, *wrong, model=SWIMMER)
+    with pytest.raises(RobotError):
+        load_robot(place)
+    robot = load_robot(place, markers_only=True)
+    assert robot.space.published == {"good": 0.5}
+    assert robot.build({"good": 0.7}).compile().dof_damping.reshape(3, -1)[2, 0] == 0.7
+    np.testing.assert_allclose(robot.rest_markers, [[0, 0], [0.2, 0]])
+    copy = pickle.loads(pickle.dumps(robot))  # as it goes to a process that tracks a film
+    assert rigid_markers(copy) == rigid_markers(robot) == (0, 1)
+
+
+def test_where_a_value_keeps_the_model_from_compiling_the_models_own_count(tmp_path):
+    light = parameter("'body \"lower\" mass'", 0.0, 1.0, "value = 0.0")
+    place = made(tmp_path, ROBOT, RECORDINGS, light)
+    assert "doesn't compile" in refusal(place)
+    robot = load_robot(place, markers_only=True)
+    assert (len(robot.space), robot.marker_names) == (0, ("base", "elbow", "tip"))
+    assert robot.build({}).compile().body("lower").mass == pytest.approx(0.2)
+
+
+def test_a_robot_that_is_tracked_has_the_lengths_that_its_parameters_set(tmp_path):
+    longer = parameter("'body \"lower\" pos[0]'", more="value = 0.3")
+    no_parameter = made(tmp_path / "none", ROBOT, RECORDINGS)
+    robot = load_robot(made(tmp_path, ROBOT, RECORDINGS, longer), markers_only=True)
+    np.testing.assert_allclose(robot.rest_markers[:, 0], [0, 0.1, 0.4])
+    np.testing.assert_allclose(load_robot(no_parameter, markers_only=True).rest_markers[:, 0], [0, 0.1, 0.2])
+
+
+def test_what_tracking_takes_is_checked_all_the_same(tmp_path):
+    place = made(tmp_path, ROBOT.replace('"tip"', '"thumb"'), RECORDINGS, DAMPING)
+    with pytest.raises(RobotError, match="'markers' is 'thumb'; it must be a site of the model"):
+        load_robot(place, markers_only=True)
 
 
 # files that extend others

@@ -60,7 +60,7 @@ def pick(videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot
     from swim2real.tracking.points import write_pick_page
     from swim2real.video import first_frame
 
-    body = load_robot(robot)
+    body = load_robot(robot, markers_only=True)
     names = body.marker_names
     for video in videos:
         page = out or video.with_name(f"{video.stem}.pick.html")
@@ -118,7 +118,7 @@ def track(
     from swim2real.robots import load_robot
 
     points = [AUTO] * count if markers == (AUTO,) else list(markers)
-    body = load_robot(robot)
+    body = load_robot(robot, markers_only=True)
     try:
         with films_shown(quiet or json) as (on_progress, on_done):
             results = track_videos(
@@ -170,7 +170,7 @@ def import_tracks(
     from swim2real.trials.reference import add_trial, nominal_frequency
     from swim2real.trials.signals import read_signals
 
-    body = load_robot(robot)
+    body = load_robot(robot, markers_only=True)
     known = None if camera is None else read_camera(camera)
     # all tables are read before anything is written
     read = {_trial_name(path): (path, *_read_track(path, fps, known, body)) for path in tables}
@@ -215,7 +215,7 @@ def quality(
     from swim2real.robots import load_robot
     from swim2real.trials import load_reference
 
-    body, trials = load_robot(robot), load_reference(reference)
+    body, trials = load_robot(robot, markers_only=True), load_reference(reference)
     findings, refusals = _examined(trials, body)
     refused: dict[str, dict[str, float]] = {}
     for name, finding in findings.items():

@@ -15,8 +15,12 @@ __all__ = ["ROBOTS", "load_robot", "robot_file"]
 ROBOTS = ("fish", "fish-extended")
 
 
-def load_robot(name: str | Path) -> Robot:
+def load_robot(name: str | Path, *, markers_only: bool = False) -> Robot:
     """A robot by its name, or by its robot file, as on the command line.
+
+    Args:
+        name: Name of the robot, or path of its file.
+        markers_only: Read of a robot file what tracking takes, whatever its parameters say.
 
     Raises:
         ArgumentError: No robot has this name, and it is no .toml file.
@@ -30,7 +34,7 @@ def load_robot(name: str | Path) -> Robot:
         raise ArgumentError(f"there is no robot '{name}'; there are {', '.join(ROBOTS)}, or give a robot file (.toml)")
     from swim2real.robots.file import robot_from_file
 
-    return robot_from_file(name)
+    return robot_from_file(name, markers_only=markers_only)
 
 
 def robot_file(name: str | Path) -> Path:

@@ -10,7 +10,7 @@ import importlib.util
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -78,20 +78,34 @@ class RobotFile:
     calibrated: tuple[CalibratedParameter, ...]
 
 
-def robot_from_file(path: str | Path) -> Robot:
+def robot_from_file(path: str | Path, *, markers_only: bool = False) -> Robot:
     """The robot that a file describes.
+
+    Args:
+        path: Path of the file.
+        markers_only: As `open_robot_file` has it. The robot can be tracked; it isn't one to calibrate.
 
     Raises:
         RobotError: The file can't be read, or doesn't fit its model; names the place and what exists.
     """
-    file = open_robot_file(path)
+    file = open_robot_file(path, markers_only=markers_only)
+    try:
+        return _robot(file, markers_only)
+    except RobotError:
+        if not markers_only or not file.calibrated:
+            raise
+        # with a parameter's value the model doesn't compile; the spec has been changed by then
+        return _robot(replace(open_robot_file(path, markers_only=True), calibrated=()), markers_only)
+
+
+def _robot(file: RobotFile, markers_only: bool) -> Robot:
     table = file.table
     markers = _markers(file)
     names = tuple(markers)
     links = None if table.links is None else tuple(_pair(file, "links", pair, names) for pair in table.links)
     trials = _trials(file, names)
     space = ParameterSpace(tuple(entry.parameter for entry in file.calibrated))
-    builder = _Builder(file, space, markers, "" if table.recordings is None else MARKER)
+    builder = _Builder(file, space, markers, "" if table.recordings is None else MARKER, markers_only)
     plane = PLANES[table.camera]
     model = compiled(builder.build(space.published), file.where)
     data = mujoco.MjData(model)
@@ -119,8 +133,13 @@ def robot_from_file(path: str | Path) -> Robot:
     )
 
 
-def open_robot_file(path: str | Path) -> RobotFile:
+def open_robot_file(path: str | Path, *, markers_only: bool = False) -> RobotFile:
     """Reads a robot file, its model and its parameters.
+
+    Args:
+        path: Path of the file.
+        markers_only: Read what tracking takes: the model, its markers and what a trial is. Hooks and [policy] are
+            passed over, and so is a parameter that doesn't fit the model, whose numbers then stay the model's own.
 
     Raises:
         RobotError: One can't be read, or a parameter doesn't fit the model.
@@ -128,14 +147,32 @@ def open_robot_file(path: str | Path) -> RobotFile:
     place = Path(path)
     content = read_content(place)
     where = f"robot file '{place}'"
-    table = check(RobotTable, content, where, RobotError)
+    table = check(RobotTable, _for_markers(content) if markers_only else content, where, RobotError)
     spec = _base(table, place.parent, where)
-    calibrated = tuple(_calibrated(entry, i, spec, where) for i, entry in enumerate(table.parameters))
-    names = [entry.parameter.name for entry in calibrated]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise RobotError(f"{where}: two parameters are named '{twice}'; give each its own name")
-    return RobotFile(place, where, table, spec, calibrated)
+    calibrated: dict[str, CalibratedParameter] = {}
+    for i, entry in enumerate(table.parameters):
+        try:
+            parameter = _calibrated(entry, i, spec, where)
+            name = parameter.parameter.name
+            if name in calibrated:
+                raise RobotError(f"{where}: two parameters are named '{name}'; give each its own name")
+        except RobotError:
+            if not markers_only:
+                raise
+            continue
+        calibrated[name] = parameter
+    return RobotFile(place, where, table, spec, tuple(calibrated.values()))
+
+
+def _for_markers(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What a file says, without what only calibrations and policies take."""
+    kept = {key: value for key, value in content.items() if key != "policy"}
+    if isinstance(kept.get("swims"), Mapping):
+        kept["swims"] = {key: value for key, value in kept["swims"].items() if key not in ("response", "fit_plan")}
+    parameters = kept.get("parameters")
+    listed = [entry for entry in parameters if isinstance(entry, Mapping)] if isinstance(parameters, list) else []
+    kept["parameters"] = listed or [{}]  # none that fits is enough
+    return kept
 
 
 def read_mjcf(path: Path, where: str = "") -> mujoco.MjSpec:
@@ -157,9 +194,12 @@ def read_mjcf(path: Path, where: str = "") -> mujoco.MjSpec:
 class _Builder:
     """Makes specs for parameter values."""
 
-    def __init__(self, file: RobotFile, space: ParameterSpace, markers: Mapping[str, str], prefix: str) -> None:
+    def __init__(
+        self, file: RobotFile, space: ParameterSpace, markers: Mapping[str, str], prefix: str, markers_only: bool
+    ) -> None:
         base = file.spec
-        self._base, self._space, self._calibrated, self._path = base, space, file.calibrated, file.path.resolve()
+        self._base, self._space, self._calibrated = base, space, file.calibrated
+        self._path, self._markers_only = file.path.resolve(), markers_only
         if not prefix:  # only the markers' own
             for sensor in list(base.sensors):
                 base.delete(sensor)
@@ -171,7 +211,7 @@ class _Builder:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A spec can't go to another process; the file is read again there."""
-        return _builder_of, (self._path,)
+        return _builder_of, (self._path, self._markers_only)
 
     def build(self, values: Values) -> mujoco.MjSpec:
         """A spec ready to compile.
@@ -191,8 +231,8 @@ class _Builder:
         return spec
 
 
-def _builder_of(path: Path) -> _Builder:
-    return robot_from_file(path).build.__self__  # type: ignore[attr-defined]
+def _builder_of(path: Path, markers_only: bool) -> _Builder:
+    return robot_from_file(path, markers_only=markers_only).build.__self__  # type: ignore[attr-defined]
 
 
 def _base(table: RobotTable, folder: Path, where: str) -> mujoco.MjSpec:
