@@ -1,0 +1,100 @@
+"""The films that trackers are measured on: their truth is right, and the same numbers give the same film."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from lattice_camera import Body, Box, Camera, Glare, Occluder, Scene, drawn, planned, write
+from lattice_scenes import random_film
+
+from swim2real.video import VideoReader
+
+WHITE, BLACK = (230, 230, 230), (20, 20, 20)
+CAMERA = Camera(320, 240, fps=50, shutter=0.8, bend=0.08, softness=2.0, electrons=1e6, read_noise=1.0, uneven=0.0,
+                texture=0.0, background=WHITE, quality=12, seed=3)  # fmt: skip
+
+
+def scene(speed=(400.0, -150.0), turning=3.0, **options):
+    """A plate with two markers that slides [px/s] and turns [rad/s]."""
+    plate = Body((Box((0.0, 0.0), (60.0, 15.0), 4.0),), np.array([[-40.0, 0.0], [40.0, 0.0]]), WHITE)
+
+    def poses(times):
+        return np.column_stack([90 + speed[0] * times, 170 + speed[1] * times, turning * times])[:, None]
+
+    return Scene((plate,), None, (), poses, BLACK, radius=8.0, seconds=0.2, squares=False, **options)
+
+
+def centroid(image, place, reach, gamma):
+    """Of darkness around a place [px]; the picture is made linear first."""
+    left, top = np.round(place).astype(int) - reach
+    patch = (image[top : top + 2 * reach + 1, left : left + 2 * reach + 1].mean(axis=2) / 255) ** gamma
+    dark = np.clip(np.median(patch) - patch, 0, None)
+    dark[dark < 0.05 * dark.max()] = 0
+    rows, columns = np.mgrid[: len(patch), : len(patch)]
+    return np.array([left + (columns * dark).sum() / dark.sum(), top + (rows * dark).sum() / dark.sum()])
+
+
+def film(path=Path("none.mp4"), camera=CAMERA, **options):
+    return planned("plate", scene(**options), camera, path)
+
+
+@pytest.mark.parametrize("squares", [False, True])
+def test_markers_are_drawn_where_the_truth_has_them(squares):
+    made = film(turning=1.0)
+    made = replace(made, scene=replace(made.scene, squares=squares))
+    assert made.speed.max() > 8  # blurred
+    assert np.abs(CAMERA.picture(made.scene.plane(made.times)) - made.scene.plane(made.times)).max() > 2  # and bent
+    for image, places in zip(drawn(made), made.places, strict=True):
+        found = [centroid(image, place, 22, CAMERA.gamma) for place in places]
+        assert np.abs(np.array(found) - places).max() < 0.2
+
+
+def test_a_film_is_read_back_as_it_was_drawn(tmp_path):
+    for camera, name in ((CAMERA, "film.mp4"), (replace(CAMERA, codec="mjpeg", quality=2), "film.mkv")):
+        made = film(tmp_path / name, camera)
+        write(made)
+        with VideoReader(made.path, threads=1) as reader:
+            frames = [(frame.time, frame.image) for frame in reader]
+        np.testing.assert_allclose([time for time, _ in frames], made.times, atol=2e-3)
+        for (_, image), original in zip(frames, drawn(made), strict=True):
+            assert np.abs(image.astype(int) - original).mean() < 4
+
+
+def test_the_same_seed_gives_the_same_film(tmp_path):
+    first, again, other = (random_film(5, index, tmp_path) for index in (0, 0, 1))
+    np.testing.assert_array_equal(first.places, again.places)
+    assert first.camera == again.camera
+    assert other.camera != first.camera
+    np.testing.assert_array_equal(next(drawn(film())), next(drawn(film())))
+    assert (next(drawn(film())) != next(drawn(film(camera=replace(CAMERA, seed=4))))).any()
+
+
+def test_the_first_frames_are_at_rest_and_speed_is_that_of_the_markers(tmp_path):
+    made = random_film(5, 2, tmp_path)
+    rest = made.times < 0.2
+    assert np.ptp(made.places[rest], axis=0).max() == 0
+    assert made.speed[0].max() == 0
+    assert np.linalg.norm(made.picks - made.places[0], axis=1) == pytest.approx(1.0)
+    steps = np.linalg.norm(np.diff(made.places, axis=0), axis=2).max()
+    assert made.speed.max() == pytest.approx(steps, rel=0.15)
+
+
+def test_covered_markers_are_known():
+    still = {"speed": (0.0, 0.0), "turning": 0.0}
+    assert (film(**still).covered == 0).all()
+    left, right = film(**still).places[0]
+    covers = (Occluder(0.05, 0.1, Box(tuple(left), (12.0, 12.0), 2.0), BLACK),
+              Glare(0.12, 0.2, tuple(right), (40.0, 40.0), 2.0))  # fmt: skip
+    made = film(**still, covers=covers)
+    occluded, glaring = (made.times >= 0.05) & (made.times <= 0.1), made.times >= 0.12
+    np.testing.assert_array_equal(made.visible, np.column_stack([~occluded, ~glaring]))
+    for image, visible, places in zip(drawn(made), made.visible, made.places, strict=True):
+        for seen, place in zip(visible, places, strict=True):
+            x, y = np.round(place).astype(int)
+            contrast = float(image[y, x + 13].mean()) - float(image[y, x].mean())
+            assert (contrast > 100) == seen
