@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from swim2real.cli import tables
 from swim2real.cli.film import quality
 from swim2real.errors import ArgumentError
 from swim2real.robots import load_robot
@@ -110,3 +111,33 @@ def test_controls_of_another_clock_are_refused_and_those_that_end_early_told(tmp
     text = said(capsys)
     assert "trial 'epoch': its controls don't drive it: its rows are from 1700000000 s to 1700000001 s" in text
     assert "short: its controls end at 0.5 s, its frames at 1 s; the last value is held from there on" in text
+
+
+# robots of many markers
+
+NAMES = tuple(f"row{row}_dot{dot}" for row in range(4) for dot in range(7))
+
+
+def lost_in(shares: dict[str, float]) -> list[float]:
+    return [shares.get(name, 0.0) for name in NAMES]
+
+
+@pytest.mark.parametrize("width", ["60", "120"])
+def test_a_table_of_many_markers_names_the_ten_worst_and_no_header_breaks(capsys, monkeypatch, width):
+    monkeypatch.setattr(tables.console, "_width", int(width))
+    shares = {name: 0.5 - 0.02 * i for i, name in enumerate(NAMES[:13])}
+    rows = [(("one",), lost_in(shares), ("no",)), (("none",), lost_in({}), ("yes",))]
+    tables.by_marker("Lost [%]", NAMES, ("trial",), ("usable as it is",), rows, tables.percent)
+    out = capsys.readouterr().out
+    text = " ".join(out.split())
+    assert "Lost [%], the 10 worst of 28 (all of them with --json)" in text
+    assert all(word in out for word in ("trial", "worst first", "usable"))
+    assert [name for name in NAMES if name in text] == list(NAMES[:10])
+    assert "and 3 more" in text
+    assert max(map(len, out.splitlines())) <= int(width)
+
+
+def test_few_markers_have_a_column_each(capsys):
+    tables.by_marker("Lost [%]", NAMES[:3], ("trial",), (), [(("one",), [0.0, 0.25, None], ())], tables.percent)
+    assert "trial row0_dot0 row0_dot1 row0_dot2" in (text := said(capsys))
+    assert text.endswith("one – 25 –")

@@ -1,4 +1,5 @@
 import json
+import re
 import sys
 from dataclasses import dataclass, replace
 
@@ -143,6 +144,13 @@ def test_lengths_that_disagree_are_told_with_each_one_s_estimate():
         "M0–M1 1.0000, M0–M2 0.9615, M1–M2 0.9377; used is 0.9615; measure a length in the pool and add it to the "
         "camera file"
     ]
+
+
+def test_of_many_lengths_that_disagree_the_least_and_the_greatest_are_told():
+    estimates = tuple((f"length{i}", 1e-3 * (1 + 0.01 * i)) for i in range(28))
+    (sentence,) = Scale(1.1e-3, 0.25, estimates).findings()
+    listed = re.findall(r"length\d+|\d+ between", sentence)
+    assert listed == [*(f"length{i}" for i in range(5)), "18 between", *(f"length{i}" for i in range(23, 28))]
 
 
 def test_lengths_in_the_pool_go_before_the_robot_s():

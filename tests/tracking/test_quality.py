@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from swim2real.robots.fish import FISH
-from swim2real.tracking import check_track
+from swim2real.tracking import check_confidence, check_track
 from swim2real.tracking.quality import REASONS
 from swim2real.trials import MarkerTrack
 from swimmers import REST, Swimmer
@@ -257,3 +257,20 @@ def test_every_published_track_keeps_its_head_and_its_tail(tracks):
     for trial in tracks:
         quality = check_track(trial.track, REST)
         assert np.all(quality.lost_share[[0, 1, 8]] < 0.1), trial.name
+
+
+def test_of_many_lost_markers_the_worst_are_named_in_one_sentence():
+    positions = np.zeros((100, 28, 2)) + np.arange(28)[:, None]
+    for m in range(12):
+        positions[: 2 * m + 1, m] = np.nan
+    names = tuple(f"dot{m}" for m in range(28))
+    track = MarkerTrack(np.arange(100) / 60, positions)
+    (sentence,) = check_confidence(track).findings(names)
+    assert sentence == (
+        "12 of 28 markers are lost in some frames; the worst: dot11 in 23 % of frames, dot10 21 %, dot9 19 %, "
+        "dot8 17 %, dot7 15 %, dot6 13 %, dot5 11 %, dot4 9 %, dot3 7 %, dot2 5 %; of all, marker-frames: missing 144"
+    )
+    positions[:, :2] = 0.0
+    ten = check_confidence(MarkerTrack(track.times, positions)).findings(names)
+    assert len(ten) == 10
+    assert ten[0] == "dot2 is lost in 5 % of frames (missing 5)"

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from swim2real.calibration import Outcome
     from swim2real.cli.progress import RunCallbacks
 
+MOST_LINES = 10  # on lost tracks, before they are told in a line for each trial
+
 
 def calibrate(
     reference: Positional[Path], settings: CalibrationSettings, access: VlmAccess, *, out: Path,
@@ -136,9 +138,14 @@ def _finished(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path
 def _print(outcome: Mapping[str, Any]) -> None:
     from swim2real.cli import tables
 
-    lost = [(name, line) for name, t in outcome["trials"].items() for line in t["findings"] if not t["usable"]]
-    if lost:
-        tables.table("Lost tracks (left out by weights)", ("trial", "finding"), lost)
+    lost = {name: t for name, t in outcome["trials"].items() if not t["usable"]}
+    lines = [(name, line) for name, t in lost.items() for line in t["findings"]]
+    if len(lines) > MOST_LINES:
+        title = "Lost tracks (left out by weights): frames for which each marker is lost [%]"
+        rows = [((name,), t["lost_share"], ()) for name, t in lost.items()]
+        tables.by_marker(title, outcome["marker_names"], ("trial",), (), rows, tables.percent)
+    elif lines:
+        tables.table("Lost tracks (left out by weights)", ("trial", "finding"), lines)
     tables.figures(outcome["fit"], "Fitted trials")
     if outcome["held_out"]:
         tables.figures(outcome["held_out"], "Held-out trials")

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from swim2real.trials import MarkerTrack, TrialSet
 
 AUTO = "auto"
+LOST = "Frames for which each marker is lost [%]"
+MOST_REFUSED = 10  # markers of a trial that a refusal names
 Findings = dict[str, dict[str, Any]]  # of the trials, by name
 
 
@@ -305,14 +307,15 @@ def _print_tracked(reports: Findings, robot: Robot) -> None:
 
     rows = [
         (
-            name, str(report["frames"]), f"{1e3 * report['meters_per_pixel']:.4f}",
-            *("–" if share == 0 else f"{100 * share:.1f}" for share in report["lost_share"]),
-            "yes" if report["usable"] else "no",
+            (name, str(report["frames"]), f"{1e3 * report['meters_per_pixel']:.4f}"), report["lost_share"],
+            ("yes" if report["usable"] else "no",),
         )
         for name, report in reports.items()
     ]  # fmt: skip
-    columns = ("trial", "frames", "mm/px", *robot.marker_names, "usable as it is")
-    tables.table("Frames for which each marker is lost [%]", columns, rows)
+    tables.by_marker(
+        LOST, robot.marker_names, ("trial", "frames", "mm/px"), ("usable as it is",), rows,
+        lambda share: f"{100 * share:.1f}" if share else "–",
+    )  # fmt: skip
     findings = [(name, line) for name, report in reports.items() for line in report["findings"]]
     if findings:
         tables.table("What to know", ("trial", "finding"), findings)
@@ -350,16 +353,12 @@ def _print_quality(findings: Findings, robot: Robot) -> None:
             ],
         )  # fmt: skip
     lengths = {"head_spread": "head ±%", "body_spread": "body ±%"} if swims else {}
-    tables.table(
-        "Frames for which each marker is lost [%]",
-        ("trial", *robot.marker_names, *lengths.values(), "usable as it is"),
-        [
-            (
-                name, *("–" if share == 0 else f"{100 * share:.0f}" for share in t["lost_share"]),
-                *(f"{100 * t[key]:.1f}" for key in lengths), "yes" if t["usable"] else "no",
-            )
-            for name, t in findings.items()
-        ],
+    rows = [
+        ((name,), t["lost_share"], (*(f"{100 * t[key]:.1f}" for key in lengths), "yes" if t["usable"] else "no"))
+        for name, t in findings.items()
+    ]
+    tables.by_marker(
+        LOST, robot.marker_names, ("trial",), (*lengths.values(), "usable as it is"), rows, tables.percent
     )  # fmt: skip
     for name, t in findings.items():
         for line in t["findings"]:
@@ -368,10 +367,13 @@ def _print_quality(findings: Findings, robot: Robot) -> None:
 
 def _refusal(refused: Mapping[str, Mapping[str, float]], allowed: float) -> str:
     """Which trials and markers are refused, and what to do."""
-    listed = [
-        f"{trial} ({', '.join(f'{name} {100 * share:.0f} %' for name, share in shares.items())})"
-        for trial, shares in refused.items()
-    ]
+    listed: list[str] = []
+    for trial, shares in refused.items():
+        named = list(shares)
+        if more := max(0, len(named) - MOST_REFUSED):
+            named = sorted(named, key=lambda name: -shares[name])[:MOST_REFUSED]
+        markers = ", ".join(f"{name} {100 * shares[name]:.0f} %" for name in named)
+        listed.append(f"{trial} ({markers}{f' and {more} more' if more else ''})")
     enough = math.ceil(100 * max(max(shares.values()) for shares in refused.values())) / 100
     return (
         f"Not to be used as they are, markers lost in more than {100 * allowed:g} % of frames: {'; '.join(listed)}. "

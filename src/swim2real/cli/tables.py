@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -12,7 +12,9 @@ from rich.markup import escape
 from rich.table import Table
 
 console = Console(highlight=False)
-_TEXTS = ("driven by", "finding")  # columns of words
+MOST_COLUMNS = 10  # markers with a column each; of more only the worst are named
+_WORST = "worst first"
+_TEXTS = ("driven by", "finding", _WORST)  # columns of words
 
 
 def progress_console() -> Console:
@@ -33,6 +35,11 @@ def millimeters(value: float | None) -> str:
 def degrees(value: float | None) -> str:
     """An angle in degrees, a dash for None."""
     return "–" if value is None else f"{math.degrees(value):.1f}"
+
+
+def percent(share: float | None) -> str:
+    """A share in hundredths, a dash for None and 0."""
+    return f"{100 * share:.0f}" if share else "–"
 
 
 def number(value: float | None) -> str:
@@ -84,6 +91,38 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
     console.print(out)
 
 
+def by_marker(
+    title: str, names: Sequence[str], before: Sequence[str], after: Sequence[str],
+    rows: Sequence[tuple[Sequence[str], Sequence[float | None], Sequence[str]]], shown: Callable[[float | None], str],
+) -> None:  # fmt: skip
+    """Prints a table with a number for each marker: a column each, or, of more than ten, the ten largest in words.
+
+    Args:
+        title: What the numbers are.
+        names: Names of the M markers.
+        before: Headers of the columns before the markers'.
+        after: Headers of the columns after them.
+        rows: Cells before the markers', a number for each marker, None where there is none, and the cells after them.
+        shown: A number as it is shown.
+    """
+    if len(names) <= MOST_COLUMNS:
+        columns = (*before, *names, *after)
+        table(title, columns, [(*first, *map(shown, numbers), *last) for first, numbers, last in rows])
+        return
+
+    def worst(numbers: Sequence[float | None]) -> str:
+        there = {name: number for name, number in zip(names, numbers, strict=True) if number}
+        order = sorted(there, key=lambda name: -there[name])
+        more = len(order) - MOST_COLUMNS
+        text = ", ".join(f"{name} {shown(there[name])}" for name in order[:MOST_COLUMNS])
+        return f"{text}, and {more} more" if more > 0 else text or "–"
+
+    table(
+        f"{title}, the {MOST_COLUMNS} worst of {len(names)} (all of them with --json)", (*before, _WORST, *after),
+        [(*first, worst(numbers), *last) for first, numbers, last in rows],
+    )  # fmt: skip
+
+
 def figures(content: Mapping[str, Any], title: str) -> None:
     """Prints every figure of `evaluate`, overall and per trial, where the trials have it."""
     trials: Mapping[str, Mapping[str, Any]] = content["trials"]
@@ -127,11 +166,8 @@ def figures(content: Mapping[str, Any], title: str) -> None:
 
 def marker_errors(content: Mapping[str, Any], names: Sequence[str]) -> None:
     """Prints what each marker adds to the loss."""
-    rows = [
-        (name, *(millimeters(error) for error in trial["aligned_marker_errors"]))
-        for name, trial in content["trials"].items()
-    ]
-    table("Aligned error per marker [mm]", ("trial", *names), rows)
+    rows = [((name,), trial["aligned_marker_errors"], ()) for name, trial in content["trials"].items()]
+    by_marker("Aligned error per marker [mm]", names, ("trial",), (), rows, millimeters)
 
 
 def sensitivities(found: Sequence[Mapping[str, Any]]) -> None:

@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
 from swim2real.tracking.camera_file import CameraFile, Lens
-from swim2real.tracking.plane import LEVEL, Scale, fit_plane, local_scale, make_scale, marker_estimates, project
+from swim2real.tracking.plane import (
+    LEVEL,
+    MOST_LISTED,
+    Scale,
+    fit_plane,
+    local_scale,
+    make_scale,
+    marker_estimates,
+    project,
+)
 from swim2real.trials import frames
 from swim2real.trials.trial import MarkerTrack
 
@@ -271,7 +280,8 @@ def height_note(
         rigid: Indices of markers that keep their distances.
     """
     raised = np.flatnonzero(np.abs(above) > LEVEL)
-    which = " and ".join(names[m] for m in raised.tolist())
+    few = len(raised) <= MOST_LISTED
+    which = " and ".join(names[m] for m in raised.tolist()) if few else f"{len(raised)} of {len(names)} markers"
     nearer = f"{1e3 * above[raised].max():.0f} mm nearer to the camera than {names[0]}"
     begin = f"{which} stand up to {nearer} and seem to lie"
     advice = "give camera_height in the camera file to correct it"

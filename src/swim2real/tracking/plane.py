@@ -14,6 +14,7 @@ from swim2real.errors import TrackingError
 Array = NDArray[np.float64]
 
 DISAGREEMENT = 0.02  # of the scale, by which known lengths may differ before a person is told
+MOST_LISTED = 10  # estimates of a scale that are listed
 LEVEL = 1e-3  # m, heights that count as the same
 _FLATTEST = 1e-3  # of the fit's singular values, below which the points are (nearly) on a line
 
@@ -106,11 +107,15 @@ class Scale:
         """A sentence when the estimates disagree by more than 2 %."""
         if self.spread <= DISAGREEMENT:
             return []
-        listed = ", ".join(f"{name} {1e3 * value:.4f}" for name, value in self.estimates)
+        listed = [f"{name} {1e3 * value:.4f}" for name, value in self.estimates]
+        if len(listed) > MOST_LISTED:
+            ordered = [listed[i] for i in np.argsort([value for _, value in self.estimates])]
+            half = MOST_LISTED // 2
+            listed = [*ordered[:half], f"{len(listed) - 2 * half} between", *ordered[-half:]]
         meaning = f" (1 % is {10 * self.body_length:.0f} mm at the last marker)" if self.body_length > 0 else ""
         return [
             f"the scale is doubtful: known lengths disagree by {100 * self.spread:.1f} %{meaning}; "
-            f"mm per pixel by {listed}; used is {1e3 * self.meters_per_pixel:.4f}; "
+            f"mm per pixel by {', '.join(listed)}; used is {1e3 * self.meters_per_pixel:.4f}; "
             f"measure a length in the pool and add it to the camera file"
         ]
 

@@ -31,6 +31,7 @@ FREEZE_TIME = 0.15  # s without moving at all
 FREEZE_TRAVEL = 0.01  # m that the other markers moved meanwhile
 GAP_TIME = 0.1  # s between two losses that is counted as lost as well
 HEAD_SPREAD = 0.05  # of the head's length, above which its scale is doubtful
+MOST_NAMED = 10  # lost markers with a sentence each; of more the worst are named in one
 USABLE_SHARE = 0.05  # of frames that a marker may be lost for in a trial that is used without a second thought
 
 
@@ -72,14 +73,19 @@ class LostMarkers:
 
     def findings(self, names: tuple[str, ...]) -> list[str]:
         """A sentence for each thing that a person should know."""
-        sentences: list[str] = []
-        for m, share in enumerate(self.lost_share):
-            if share > 0:
-                parts = [
-                    f"{reason} {count}" for reason, count in zip(REASONS, self.reasons[:, m], strict=True) if count
-                ]
-                sentences.append(f"{names[m]} is lost in {_percent(share)} of frames ({', '.join(parts)})")
-        return sentences
+        shares: list[float] = self.lost_share.tolist()
+        lost = [m for m, share in enumerate(shares) if share > 0]
+        if len(lost) <= MOST_NAMED:
+            return [
+                f"{names[m]} is lost in {_percent(shares[m])} of frames ({_listed(self.reasons[:, m])})" for m in lost
+            ]
+        first, *others = sorted(lost, key=lambda m: -shares[m])
+        named = [f"{names[m]} {_percent(shares[m])}" for m in others[: MOST_NAMED - 1]]
+        return [
+            f"{len(lost)} of {len(names)} markers are lost in some frames; the worst: {names[first]} in "
+            f"{_percent(shares[first])} of frames, {', '.join(named)}; of all, marker-frames: "
+            f"{_listed(self.reasons.sum(axis=1))}"
+        ]
 
 
 @dataclass(frozen=True)
@@ -106,6 +112,11 @@ class TrackQuality(LostMarkers):
         if self.head_spread > HEAD_SPREAD:
             sentences.append(f"the head's length varies by {100 * self.head_spread:.1f} %: the scale is doubtful")
         return sentences
+
+
+def _listed(counts: NDArray[np.int64]) -> str:
+    """Reasons and how often each applies. Shape (6,)."""
+    return ", ".join(f"{reason} {count}" for reason, count in zip(REASONS, counts, strict=True) if count)
 
 
 def _percent(share: float) -> str:
