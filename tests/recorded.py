@@ -64,6 +64,22 @@ FLOATER_XML = """
 </mujoco>
 """
 
+RINGING_XML = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="low" pos="0 0 0.2">
+      <joint name="lower" type="slide" axis="1 0 0" stiffness="{low_stiffness}" damping="{damping}"/>
+      <geom type="box" size="0.1 0.02 0.005" mass="0.5"/><site name="left" pos="-0.05 0 0"/>
+      <body name="high" pos="0 0 0.2">
+        <joint name="upper" type="slide" axis="1 0 0" stiffness="{high_stiffness}" damping="{damping}"/>
+        <geom type="box" size="0.1 0.02 0.005" mass="0.5"/><site name="top" pos="0.05 0 0"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
 PENDULUM_SPACE = ParameterSpace(
     (
         Parameter("shoulder_damping", "N·m·s/rad", 0.0005, 0.02, "Damping of the shoulder.", 0.002, log_offset=0.0),
@@ -76,6 +92,15 @@ FLOATER_SPACE = ParameterSpace(
         Parameter("bend_stiffness", "N·m/rad", 0.003, 0.3, "Stiffness of the front joint.", 0.03, log_offset=0.0),
         Parameter("flap_damping", "N·m·s/rad", 0.0003, 0.03, "Damping of the rear joint.", 0.003, log_offset=0.0),
         Parameter("drag", "-", 0.1, 5.0, "Drag of the links at right angles.", 1.0, log_offset=0.1),
+    )
+)
+
+
+RINGING_SPACE = ParameterSpace(
+    (
+        Parameter("low_stiffness", "N/m", 500.0, 5000.0, "Stiffness of the lower columns.", 1700.0, log_offset=0.0),
+        Parameter("high_stiffness", "N/m", 500.0, 5000.0, "Stiffness of the upper columns.", 1700.0, log_offset=0.0),
+        Parameter("damping", "N·s/m", 0.1, 5.0, "Damping of all columns.", 1.0, log_offset=0.0),
     )
 )
 
@@ -95,6 +120,10 @@ def build_pendulum(values: Mapping[str, float]) -> mujoco.MjSpec:
 
 def build_floater(values: Mapping[str, float]) -> mujoco.MjSpec:
     return with_markers(FLOATER_XML.format(**FLOATER_SPACE.check(values)), ("nose", "neck", "waist", "tail"))
+
+
+def build_ringing(values: Mapping[str, float]) -> mujoco.MjSpec:
+    return with_markers(RINGING_XML.format(**RINGING_SPACE.check(values)), ("left", "top"))
 
 
 def rest_of(spec: mujoco.MjSpec, plane: tuple[int, int]) -> np.ndarray:
@@ -126,6 +155,10 @@ FLOATER = make_robot(
     Recordings({"bender": Sine(0.5), "flapper": Sine(0.4, -1.2)}, (), "rest", (0, 1), True),
     ("nose", "neck", "waist", "tail"), (0, 1),
 )  # fmt: skip
+RINGING = make_robot(
+    "ringing", RINGING_SPACE, build_ringing, Recordings({}, (), "fitted"), ("left", "top"), (0, 2)
+)  # a frame of two floors, the first mode at about 6 Hz
+RINGING_HIDDEN = {"low_stiffness": 1860.0, "high_stiffness": 2000.0, "damping": 0.6}
 PENDULUM_HIDDEN = {"shoulder_damping": 0.004, "elbow_damping": 0.0006, "lower_mass": 0.06}
 FLOATER_HIDDEN = {"bend_stiffness": 0.06, "flap_damping": 0.002, "drag": 2.0}
 
@@ -153,7 +186,7 @@ def recorded(
     robot: Robot, values: Mapping[str, float], blanks: list[Trial], noise: float = 0.0, seed: int = 0
 ) -> TrialSet:
     """What a robot of these values does in recordings, seen with noise [m]."""
-    placed = telling(robot, start="rest") if robot.recordings.start == "markers" else robot
+    placed = telling(robot, start="rest") if robot.recordings.start in ("markers", "fitted") else robot
     player = PlaybackSimulator(placed, threads=2)
     rng = np.random.default_rng(seed)
     found = player.simulate(values, [player.request(one) for one in blanks])
@@ -182,3 +215,16 @@ def pendulum_reference(noise: float = 0.0) -> TrialSet:
 def floater_reference(noise: float = 0.0) -> TrialSet:
     blanks = [blank(FLOATER, name, 2.0, 50.0, nominal_frequency=f) for name, f in (("slow", 1.0), ("fast", 1.6))]
     return recorded(FLOATER, FLOATER_HIDDEN, blanks, noise)
+
+
+def ringing_reference(fps: float, noise: float = 0.0) -> TrialSet:
+    """Two ring-downs of 3 s, cut out of longer ones a while after the frame was let go of."""
+    ways = {"pulled": {"lower": 0.02, "upper": 0.012}, "bent": {"lower": 0.015, "upper": -0.01}}
+    blanks = [blank(RINGING, name, 3.1, 400.0, start=start) for name, start in ways.items()]
+    whole = recorded(RINGING, RINGING_HIDDEN, blanks, noise)
+    cut = []
+    for trial in whole:
+        shown = slice(23, 23 + 3 * 400, round(400 / fps))
+        times = trial.track.times[shown] - trial.track.times[shown][0]
+        cut.append(replace(trial, start={}, track=MarkerTrack(times, trial.track.positions[shown])))
+    return TrialSet(tuple(cut), whole.marker_names)

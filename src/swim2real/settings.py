@@ -124,12 +124,15 @@ class EvaluationSettings:
             takes about half as long again. speed: at the real speed. By default at rest under protocol motion, and at
             the real speed under aligned.
         horizon: Seconds of each trial that are compared; 0 for all of it.
+        pieces: Cut each recording into pieces of so many seconds, each simulated from a fitted start of its own. For
+            chaotic motion, and for oscillations over many periods. By default a recording is simulated in one.
         threads: Trials simulated at a time; 0 for all cores. Results don't depend on it.
     """
 
     protocol: ProtocolName = "motion"
     start: Start | None = None
     horizon: float | None = HORIZON
+    pieces: float | None = None
     threads: int | None = None
 
     def __post_init__(self) -> None:
@@ -137,6 +140,8 @@ class EvaluationSettings:
         if self.start is not None:
             _choice("start", self.start, get_args(Start))
         object.__setattr__(self, "horizon", _horizon(self.horizon))
+        if self.pieces is not None:
+            _finite("pieces", self.pieces, above=0.0, unit=" s")
         object.__setattr__(self, "threads", all_cores(self.threads))
 
 

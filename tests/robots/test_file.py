@@ -385,7 +385,7 @@ def test_the_keys_of_version_0_1_mean_the_same(tmp_path):
         ('"tip"]', '"tip"]\nlinks = [["tip", "toe"]]', ["'links' is 'toe'", "base, elbow, tip"]),
         ("[recordings]", "", ["[recordings]", "[swims]", "neither"]),
         ("[recordings]", SWIMS + "[recordings]", ["[recordings]", "[swims]", "both"]),
-        ("[recordings]", '[recordings]\nstart = "left"', ["'start' is 'left'", "rest, markers, up, down"]),
+        ("[recordings]", '[recordings]\nstart = "left"', ["'start' is 'left'", "rest, markers, fitted, up, down"]),
         ("[recordings]", '[recordings]\nframe = ["tip", "tip"]', ["'frame'", "two different markers"]),
         ("[recordings]", "[recordings]\nscore_progress = true", ["'score_progress'", "needs 'frame'"]),
         ("[recordings]", "[recordings]\nscore_progress = 1", ["'recordings.score_progress' is 1", "true or false"]),

@@ -78,8 +78,9 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
         )
     fitted, _ = reference.split(tuple(settings["hold_out"]))
     problem = Problem(
-        robot, fitted, settings["protocol"], settings["horizon"], start=settings.get("start", "speed"), threads=threads
-    )
+        robot, fitted, settings["protocol"], settings["horizon"], start=settings.get("start", "speed"),
+        pieces=settings.get("pieces"), threads=threads,
+    )  # fmt: skip
     note = problem.engine.difference(settings.get("engine") or {})
     if note:
         raise RunError(f"run '{folder.path}' was {note}; losses can't be compared, so make a new run")

@@ -31,7 +31,8 @@ class Problem:
 
     def __init__(
         self, robot: Robot, reference: TrialSet, protocol: ProtocolName | Protocol[Any] = "motion",
-        horizon: float | None = HORIZON, *, start: Start | None = None, threads: int | None = None,
+        horizon: float | None = HORIZON, *, start: Start | None = None, pieces: float | None = None,
+        threads: int | None = None,
         simulator: ForwardModel[Any] | None = None,
     ) -> None:  # fmt: skip
         """Poses the problem of calibrating a robot against a reference.
@@ -42,6 +43,8 @@ class Problem:
             protocol: How trials are compared, by name or itself.
             horizon: Seconds of each trial that are compared, None for all.
             start: Start of steady swims under the protocols `motion` and `aligned`; None for the protocol's own.
+            pieces: Length of the pieces into which recordings are cut, each with a fitted start of its own [s]; None
+                doesn't cut them.
             threads: Trials simulated at a time, None for all cores.
             simulator: What simulates the robot's trials; None makes the protocol's own.
 
@@ -52,7 +55,9 @@ class Problem:
         if horizon is not None and not horizon > 0:
             raise TrialError(f"horizon is {horizon} s; it must be above 0")
         self.robot, self.horizon = robot, horizon
-        self.protocol: Protocol[Any] = protocol_for(robot, protocol, start) if isinstance(protocol, str) else protocol
+        self.protocol: Protocol[Any] = (
+            protocol_for(robot, protocol, start, pieces) if isinstance(protocol, str) else protocol
+        )
         self.simulator: Any = simulator or self.protocol.simulator(robot, threads)
         self.prepared = self.protocol.prepare(reference, robot, self.simulator, horizon)
 
@@ -66,7 +71,8 @@ class Problem:
             settings: How trials are compared.
         """
         return cls(
-            robot, reference, settings.protocol, settings.horizon, start=settings.start, threads=settings.threads
+            robot, reference, settings.protocol, settings.horizon, start=settings.start, pieces=settings.pieces,
+            threads=settings.threads,
         )  # fmt: skip
 
     def of(self, reference: TrialSet) -> Problem:

@@ -22,6 +22,7 @@ from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import ProtocolName, Start, chooses_start, start_of
 from swim2real.simulation import ForwardModel, PlaybackSimulator, Simulator
+from swim2real.simulation.start import too_fast
 from swim2real.tracking import Beat, LostMarkers, TrackQuality, check_confidence, check_track, identify_beat
 from swim2real.trials import Actuation, Trial, TrialSet
 
@@ -220,10 +221,18 @@ class Paper(_Steady):
         return Actuation(swim.trial.nominal_frequency)
 
 
+@dataclass(frozen=True)
 class Playback(Protocol[PlaybackSimulator]):
-    """Recordings, simulated from their own start under their own controls and compared at the same times."""
+    """Recordings, simulated from their own start under their own controls and compared at the same times.
+
+    Attributes:
+        pieces: Length of the pieces into which they are cut, each with a fitted start of its own [s]; None for whole
+            recordings.
+    """
 
     name: ClassVar[ProtocolName] = "playback"
+
+    pieces: float | None = None
 
     def simulator(self, robot: Robot, threads: int | None = None) -> PlaybackSimulator:
         return PlaybackSimulator(robot, threads)
@@ -255,16 +264,22 @@ class Playback(Protocol[PlaybackSimulator]):
         summary = _summary(trial, recorded, lost, {}, robot.marker_names)
         if "table" in trials.controls.values():
             summary["findings"] += _uncommanded(trial)
-        return PreparedTrial(trial, target, simulator.request(cut, weights), cut.track.duration, summary)
+        request = simulator.request(cut, weights, self.pieces)
+        if request.first is not None and request.stretch is None:
+            summary["findings"] += too_fast(cut, weights)
+        return PreparedTrial(trial, target, request, cut.track.duration, summary)
 
 
-def protocol_for(robot: Robot, name: ProtocolName, start: Start | None = None) -> Protocol[Any]:
+def protocol_for(
+    robot: Robot, name: ProtocolName, start: Start | None = None, pieces: float | None = None
+) -> Protocol[Any]:
     """The protocol of a name, for the trials of a robot; all but `paper` mean `playback` where trials are recordings.
 
     Args:
         robot: The robot that is calibrated.
         name: Name of the protocol.
         start: Start of steady swims under the protocols `motion` and `aligned`; None for the protocol's own.
+        pieces: Length of the pieces into which recordings are cut [s]; None for whole recordings.
 
     Raises:
         ArgumentError: The robot's trials can't be compared like that.
@@ -277,13 +292,18 @@ def protocol_for(robot: Robot, name: ProtocolName, start: Start | None = None) -
                 f"compared by protocol {' or '.join(allowed)}"
             )
         name = allowed[0]
+    if pieces is not None and name != "playback":
+        raise ArgumentError(
+            f"pieces is {pieces:g} s, which is for recordings; the trials of robot '{robot.name}' are "
+            f"{robot.trials.description}"
+        )
     if chooses_start(name):
         return (Motion if name == "motion" else Aligned)(start_of(name, start))
     if start == "rest":
         raise ArgumentError(
             f"start is '{start}', which is for steady swims under protocol motion or aligned, not {name}"
         )
-    return Paper() if name == "paper" else Playback()
+    return Paper() if name == "paper" else Playback(pieces)
 
 
 def _summary(

@@ -18,7 +18,7 @@ SETTINGS, RECORD, OUTCOME, TRIALS = "settings.json", "record.jsonl", "outcome.js
 
 # settings that may differ when a run goes on
 _FREE = ("budget", "threads")
-ADDED = {"start": "speed", "probes": 0, "give_up": None}  # settings that earlier versions didn't write
+ADDED = {"start": "speed", "probes": 0, "give_up": None, "pieces": None}  # settings that earlier versions didn't write
 _FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 from rich.markup import escape
 
 from swim2real.cli.tables import millimeters, say, table
@@ -15,10 +16,11 @@ from swim2real.robots import ROBOTS, load_robot, robot_file
 from swim2real.robots.effects import why_no_effect
 from swim2real.robots.file import PLANES, RobotFile, open_robot_file
 from swim2real.robots.robot import Control, Robot, Sine
-from swim2real.simulation.misfits import misfits, misplaced
+from swim2real.simulation.fitted_start import STRETCH
+from swim2real.simulation.misfits import hasty, misfits, misplaced, starts
 from swim2real.simulation.pose import MarkerView
 from swim2real.simulation.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
-from swim2real.trials import load_reference
+from swim2real.trials import TrialSet, load_reference
 
 
 def check_robot(name: str, reference_folder: Path | None, out: Path | None, threads: int | None) -> bool:
@@ -46,6 +48,7 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
     for sentence in (*wrong, *_notes(probes)):
         say(sentence)
     if reference is not None and not wrong:
+        _starts(robot, reference)
         far = misplaced(robot, reference)
         if far is not None:
             say(f"Warning: {far}.")
@@ -92,6 +95,26 @@ def _markers(robot: Robot) -> None:
         ("marker", f"{right} to the right", f"{up} up", "height"),
         rows,
     )
+
+
+def _starts(robot: Robot, reference: TrialSet) -> None:
+    """How each recording starts, and what may be wrong with it."""
+    rows: list[tuple[str, ...]] = []
+    for one in starts(robot, reference):
+        ways = np.linalg.norm(one.first, axis=1)
+        if not np.isfinite(ways).any():
+            rows.append((one.name, "–", "–", "no marker is seen", f"{1e3 * one.stretch:.2g}"))
+            continue
+        worst = int(np.nanargmax(ways))
+        largest = f"{1e3 * ways[worst]:.2g}"
+        rows.append(
+            (one.name, f"{1e3 * np.nanmean(ways):.2g}", largest, robot.marker_names[worst], f"{1e3 * one.stretch:.2g}")
+        )
+    if rows:
+        columns = ("trial", "mean", "largest", "of marker", f"mean of the first {STRETCH:g} s")
+        table("Simulated markers, values of the file, from the real ones of the first frame [mm]", columns, rows)
+    for line in hasty(robot, reference):
+        say(f"Warning: {line}.")
 
 
 def _side(robot: Robot) -> str:

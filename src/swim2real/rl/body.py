@@ -16,7 +16,7 @@ from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
 from swim2real.robots.robot import CommandLimits, PolicySetup, Recordings, Robot, SteadySwims
 from swim2real.simulation.batch import Batch
 from swim2real.simulation.playback import sensor_address
-from swim2real.simulation.start import MARKERS, REST, start_at_keyframe
+from swim2real.simulation.start import STARTS, start_at_keyframe
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -214,7 +214,7 @@ class Bodies:
 
     def _start(self, model: mujoco.MjModel) -> Array:
         data, trials = mujoco.MjData(model), self.robot.trials
-        if isinstance(trials, Recordings) and trials.start not in (REST, MARKERS):
+        if isinstance(trials, Recordings) and trials.start not in STARTS:
             start_at_keyframe(model, data, trials.start)
         return data.qpos.copy()
 

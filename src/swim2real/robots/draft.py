@@ -91,9 +91,11 @@ class Draft:
 
     def _trials(self) -> str:
         keys = [key.name for key in self.spec.keys if key.name]
-        starts = "rest, markers (the pose that fits the markers of the first frames)"
+        starts = (
+            "fitted (pose and speed that fit the first stretch best), markers (a line through the first frames), rest"
+        )
         starts += f" or a keyframe: {', '.join(keys)}" if keys else ""
-        lines = ["[recordings]", f"# {starts}", 'start = "markers"']
+        lines = ["[recordings]", f"# {starts}", 'start = "fitted"']
         if self.frame is None:
             lines += ["# compare in the frame of two markers; left out: in the world", f"# {self._frame(self.markers)}"]
         else:

@@ -347,7 +347,7 @@ def _recordings(file: RobotFile, table: RecordingsTable, markers: tuple[str, ...
     actuators = [actuator.name for actuator in spec.actuators]
     for name in table.controls:
         _known(where, "controls", name, "an actuator of the model", actuators)
-    _known(where, "start", table.start, "one of", ["rest", "markers", *(key.name for key in spec.keys)])
+    _known(where, "start", table.start, "one of", ["rest", "markers", "fitted", *(key.name for key in spec.keys)])
     return Recordings(
         {name: _control(entry) for name, entry in table.controls.items()},
         _sensors(file, table),

@@ -169,7 +169,8 @@ class Recordings:
         controls: Control of each actuator by its name; an actuator that isn't named gets 0.
         sensors: Sensors that are compared beside the markers.
         start: `rest`: the model's own pose, at rest. `markers`: the pose that fits the markers best at the trial's
-            first frames, and their speed. Anything else is the name of a keyframe. A trial's own start goes first.
+            first frames, and their speed. `fitted`: the pose and speed that fit the first stretch best, found with the
+            model of each candidate. Anything else is the name of a keyframe. A trial's own start goes first.
         frame: Indices of the two markers that make the frame of comparison, origin at the first, x toward the second;
             None compares in the world.
         score_progress: Whether the robot goes somewhere and how far it comes is compared: along the line from the
@@ -198,7 +199,12 @@ class Recordings:
 
     def summary(self, marker_names: tuple[str, ...]) -> str:
         """What a trial is, in a sentence."""
-        start = {"rest": "at rest", "markers": "where the markers are"}.get(self.start, f"in keyframe '{self.start}'")
+        starts = {
+            "rest": "at rest",
+            "markers": "where the markers are",
+            "fitted": "where their first stretch fits best",
+        }
+        start = starts.get(self.start, f"in keyframe '{self.start}'")
         pair = "" if self.frame is None else " and ".join(marker_names[i] for i in self.frame)
         frame = f"the frame of {pair}" if pair else "the world"
         progress = ", progress included" if self.score_progress else ""

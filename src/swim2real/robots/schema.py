@@ -10,7 +10,7 @@ markers = ["base", "knuckle", "tip"]   sites, in the order in which they are tra
 links = [["base", "knuckle"]]          lines of pictures; by default from each marker to the next
 
 [recordings]                           or [swims], for a motor that turns at a constant speed
-start = "markers"                      rest, markers or the name of a keyframe
+start = "fitted"                       rest, markers, fitted or the name of a keyframe
 frame = ["base", "knuckle"]            compare in the frame of two markers; left out: in the world
 score_progress = false                 whether how far it comes is compared, too
 [recordings.controls]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import Swim2RealError, TrialError
 from swim2real.robots.robot import Recordings, Robot
+from swim2real.simulation.fitted_start import STRETCH
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.pose import MarkerView
-from swim2real.simulation.start import MARKERS
+from swim2real.simulation.start import FITTED, MARKERS, too_fast
 from swim2real.trials import Trial, TrialSet
 
 _FAR = 1 / 3  # of the robot's size
@@ -30,6 +33,54 @@ def misfits(robot: Robot, reference: TrialSet) -> list[str]:
         return []
     simulator = PlaybackSimulator(robot)
     return [sentence for trial in reference for sentence in _of(simulator, robot.trials, trial)]
+
+
+@dataclass(frozen=True)
+class StartOff:
+    """How far the simulation of a recording, with the parameters as published, is from it where it starts.
+
+    Attributes:
+        name: Name of the trial.
+        first: Simulated minus real markers at the first frame, NaN where one isn't seen [m]. Shape (M, 2).
+        stretch: Mean distance in the first quarter of a second [m].
+    """
+
+    name: str
+    first: NDArray[np.float64]
+    stretch: float
+
+
+def starts(robot: Robot, reference: TrialSet) -> list[StartOff]:
+    """How recordings start; nothing of swims, and of recordings whose place in the world is of no importance.
+
+    Raises:
+        TrialError: A trial can't be played back.
+        EngineError: The robot itself can't be simulated.
+    """
+    about = robot.trials
+    if not isinstance(about, Recordings) or (about.frame is not None and about.start not in (MARKERS, FITTED)):
+        return []
+    simulator, made = PlaybackSimulator(robot), list[StartOff]()
+    for trial in reference:
+        request, begun = simulator.request(trial), trial.cut(STRETCH)
+        played = simulator.simulate(robot.space.published, [replace(request, trial=begun)])[trial.name]
+        off = played.track.positions - begun.track.positions
+        ways = np.linalg.norm(off, axis=2)
+        mean = float(ways[np.isfinite(ways)].mean()) if np.isfinite(ways).any() else np.nan
+        made.append(StartOff(trial.name, off[0], mean))
+    return made
+
+
+def hasty(robot: Robot, reference: TrialSet) -> list[str]:
+    """A warning for each recording that moves too fast for a start by straight lines through its first frames."""
+    if not isinstance(robot.trials, Recordings) or robot.trials.start != MARKERS:
+        return []
+    lines: list[str] = []
+    for trial in reference:
+        if not trial.start and not trial.start_velocities:
+            warnings = too_fast(trial, np.ones(trial.track.confidence.shape))
+            lines += [f"trial '{trial.name}': {warning}" for warning in warnings]
+    return lines
 
 
 def misplaced(robot: Robot, reference: TrialSet) -> str | None:
@@ -62,7 +113,7 @@ def misplaced(robot: Robot, reference: TrialSet) -> str | None:
     distance, (right, up) = far[worst][0], 1e3 * far[worst][1]
     first, second = ("xyz"[axis] for axis in robot.plane)
     others = f" (and {len(far) - 1} more)" if len(far) > 1 else ""
-    start = "" if about.start == MARKERS else ', or take start = "markers" in the robot file'
+    start = "" if about.start in (MARKERS, FITTED) else ', or take start = "fitted" in the robot file'
     return (
         f"trial '{worst}'{others} begins {1e3 * distance:.0f} mm from where its simulation starts "
         f"({first} {right:+.0f} mm, {second} {up:+.0f} mm); check the camera file's "

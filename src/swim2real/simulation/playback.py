@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -14,20 +15,24 @@ from swim2real.errors import EngineError, TrialError
 from swim2real.parameters import Values
 from swim2real.robots.robot import Control, Robot, Sine
 from swim2real.simulation.engine import Engine
+from swim2real.simulation.fitted_start import UNIT_TIME, Attempt, State, Stretch, fitted_start
 from swim2real.simulation.forward_model import all_of, each_of, thread_count
 from swim2real.simulation.pose import PoseFit
 from swim2real.simulation.start import (
+    FITTED,
     MARKERS,
-    REST,
+    STARTS,
     FirstFrames,
     start_at_joints,
     start_at_keyframe,
     start_at_markers,
 )
-from swim2real.simulation.stepper import roll
+from swim2real.simulation.stepper import physics_state, roll, roll_each
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 
 Array = NDArray[np.float64]
+
+_ROUNDING = 1e-9  # s
 
 
 @dataclass(frozen=True)
@@ -38,11 +43,18 @@ class Rollout:
         trial: Recording whose time stamps, controls and start are played back.
         first: What its first frames show, where the playback starts by its markers; else None.
         guess: A pose near that start. Shape (nq,).
+        stretch: What the start is fitted to; None where it isn't.
+        pieces: Parts of the recording, each played back from a start of its own; empty for one that is played in one.
+            Each begins with the frame that ends the one before it.
+        whole: The recording that this one is a piece of; None for none.
     """
 
     trial: Trial
     first: FirstFrames | None = None
     guess: Array | None = None
+    stretch: Stretch | None = None
+    pieces: tuple[Rollout, ...] = ()
+    whole: Trial | None = None
 
 
 class PlaybackSimulator:
@@ -73,20 +85,22 @@ class PlaybackSimulator:
         self._published = robot.build(robot.space.published).compile()
         self._markers = len(robot.marker_names)
         self._sensors = {sensor.name: sensor_address(self._published, sensor.name) for sensor in self._about.sensors}
-        if self._about.start not in (REST, MARKERS):
+        if self._about.start not in STARTS:
             start_at_keyframe(self._published, mujoco.MjData(self._published), self._about.start)
 
-    def request(self, trial: Trial, weights: Array | None = None) -> Rollout:
+    def request(self, trial: Trial, weights: Array | None = None, pieces: float | None = None) -> Rollout:
         """Checks that a recording can be played back, and looks for its start.
 
         Args:
             trial: Real trial.
             weights: Weights for the start, 0 where a marker isn't believed; None believes all that are seen.
                 Shape (T, M).
+            pieces: Length of the pieces into which it is cut, each with a fitted start of its own [s]; None doesn't
+                cut it.
 
         Raises:
-            TrialError: It lacks a control, its controls are on another clock, its start is another model's, or no
-                marker shows where it starts.
+            TrialError: It lacks a control, its controls are on another clock, its start is another model's, no
+                marker shows where it starts, or pieces are shorter than the time between frames.
             EngineError: The model has no such actuator.
         """
         times = trial.track.times
@@ -97,11 +111,26 @@ class PlaybackSimulator:
             except TrialError as error:
                 raise TrialError(f"trial '{trial.name}': its controls don't drive it: {error}") from error
         start_at_joints(self._published, mujoco.MjData(self._published), trial)
-        if self._about.start != MARKERS or trial.start or trial.start_velocities:
+        believed = np.ones(trial.track.confidence.shape) if weights is None else weights
+        if pieces is not None:
+            return Rollout(trial, pieces=tuple(self._piece(trial, believed, part) for part in cut(trial, pieces)))
+        if self._about.start not in (MARKERS, FITTED) or trial.start or trial.start_velocities:
             return Rollout(trial)
-        first = FirstFrames(trial, np.ones(trial.track.confidence.shape) if weights is None else weights)
-        fit = PoseFit(self._published, self._markers, self.robot.plane)
-        return Rollout(trial, first, fit.first(first.places, first.known).qpos)
+        return self._shown(trial, believed, self._about.start == FITTED)
+
+    def _shown(self, trial: Trial, weights: Array, fitted: bool) -> Rollout:
+        """A recording whose markers show its start."""
+        first = FirstFrames(trial, weights, 2) if fitted else FirstFrames(trial, weights)
+        guess = PoseFit(self._published, self._markers, self.robot.plane).first(first.places, first.known).qpos
+        scales = {sensor.name: sensor.meters_per_unit for sensor in self._about.sensors}
+        return Rollout(trial, first, guess, Stretch.of(trial, weights, scales) if fitted else None)
+
+    def _piece(self, trial: Trial, weights: Array, part: slice) -> Rollout:
+        """A part of a recording, from one frame to another."""
+        track = trial.track
+        frames = MarkerTrack(track.times[part], track.positions[part], track.confidence[part])
+        own = replace(trial, track=frames, start={}, start_velocities={})
+        return replace(self._shown(own, weights[part], fitted=True), whole=trial)
 
     def simulate(self, values: Values, rollouts: Sequence[Rollout]) -> TrialSet:
         """Simulated trials for one candidate, in the order of the recordings."""
@@ -143,35 +172,88 @@ class PlaybackSimulator:
         trial, track = rollout.trial, rollout.trial.track
         if isinstance(model, str):
             return self._diverged(trial, model)
-        step, names = float(model.opt.timestep), tuple(self._sensors)
-        samples = track.times
+        names, samples = tuple(self._sensors), track.times
         if trial.sensors is not None and names:
             samples = trial.sensors.between(track.times[0], track.times[-1]).times
+        parts = rollout.pieces or (rollout,)
+        markers: list[Array] = []
+        readings: list[Array] = []
+        for part in parts:
+            frames, end = part.trial.track.times, part.trial.track.times[-1]
+            if part is not parts[-1]:  # the last frame is the next one's first
+                frames, end = frames[:-1], end - 2 * _ROUNDING
+            read = samples[(samples >= frames[0] - _ROUNDING) & (samples <= end + _ROUNDING)]
+            played = self._played(model, part, frames, read)
+            if isinstance(played, str):
+                return self._diverged(trial, played)
+            markers.append(played[0])
+            readings.append(played[1])
+        return Trial(
+            trial.name, MarkerTrack(track.times, np.concatenate(markers)), trial.nominal_frequency,
+            provenance=self.engine.name, sensors=Signals(samples, names, np.concatenate(readings)) if names else None,
+        )  # fmt: skip
+
+    def _played(
+        self, model: mujoco.MjModel, rollout: Rollout, frames: Array, samples: Array
+    ) -> tuple[Array, Array] | str:
+        """Markers and readings at given times, or why there are none. Shapes (T, M, 2) and (R, S)."""
+        step, begun = float(model.opt.timestep), rollout.trial.track.times[0]
         data, controls = self.begin(model, rollout)
         made = roll(model, data, controls)
         if made.failed_at is not None:
-            return self._diverged(trial, f"the simulation diverged {made.failed_at:.3f} s after its start")
-        markers = self._in_plane(sampled(made.sensors[:, -3 * self._markers :], step, track.times - track.times[0]))
-        readings = sampled(made.sensors[:, list(self._sensors.values())], step, samples - track.times[0])
-        return Trial(
-            trial.name, MarkerTrack(track.times, markers), trial.nominal_frequency, provenance=self.engine.name,
-            sensors=Signals(samples, names, readings) if names else None,
-        )  # fmt: skip
+            return f"the simulation diverged {made.failed_at:.3f} s after its start"
+        return self._read(made.sensors, step, frames - begun, samples - begun)
+
+    def _read(self, sensors: Array, step: float, frames: Array, samples: Array) -> tuple[Array, Array]:
+        """Markers in the plane and compared sensors at times since the start. Shapes (T, M, 2) and (R, S)."""
+        markers = self._in_plane(sampled(sensors[:, -3 * self._markers :], step, frames))
+        return markers, sampled(sensors[:, list(self._sensors.values())], step, samples)
 
     def begin(self, model: mujoco.MjModel, rollout: Rollout) -> tuple[mujoco.MjData, Array]:
         """Where a playback begins, and the controls of its every step. Shape (N, nu)."""
         track, step = rollout.trial.track, float(model.opt.timestep)
         times = track.times[0] + step * np.arange(int(np.ceil(track.duration / step - 1e-9)) + 1)
-        controls = driven(model, self._about.controls, rollout.trial, times)
+        controls = driven(model, self._about.controls, rollout.whole or rollout.trial, times)
         data = mujoco.MjData(model)
-        if self._about.start not in (REST, MARKERS):
+        if self._about.start not in STARTS:
             start_at_keyframe(model, data, self._about.start)
         start_at_joints(model, data, rollout.trial)
         if rollout.first is not None and rollout.guess is not None:
             fit = PoseFit(model, self._markers, self.robot.plane)
-            simulated = partial(self._first_frames, model, mujoco.MjData(model), controls, rollout.first.times)
-            data.qpos[:], data.qvel[:] = start_at_markers(fit, rollout.first, rollout.guess, simulated)
+            if rollout.stretch is None:
+                simulated = partial(self._first_frames, model, mujoco.MjData(model), controls, rollout.first.times)
+                data.qpos[:], data.qvel[:] = start_at_markers(fit, rollout.first, rollout.guess, simulated)
+            else:
+                qpos = fit.pose(rollout.first.places, rollout.first.known, rollout.guess).qpos
+                qvel = fit.velocities(qpos, rollout.first.velocities, rollout.first.known)
+                data.qpos[:], data.qvel[:] = self._fitted(model, fit, (qpos, qvel), controls, rollout.stretch)
         return data, controls
+
+    def _fitted(self, model: mujoco.MjModel, fit: PoseFit, guess: State, controls: Array, stretch: Stretch) -> State:
+        """The start that fits the first stretch best."""
+        step, free, data = float(model.opt.timestep), fit.free(guess[0]), mujoco.MjData(model)
+        unknowns = free.shape[1]
+        driving = controls[: int(np.ceil(stretch.seconds / step - 1e-9)) + 1]
+
+        def move(start: State, change: Array) -> State:
+            turned, faster = free @ change[:unknowns], free @ change[unknowns:]
+            return fit.moved(start[0], turned), start[1] + faster / UNIT_TIME
+
+        def simulate(starts: Sequence[State]) -> list[Attempt]:
+            states: list[Array] = []
+            for data.qpos[:], data.qvel[:] in starts:
+                states.append(physics_state(model, data))
+            rolled = roll_each(model, np.array(states), driving)
+            return [self._attempt(start, sensors, step, stretch) for start, sensors in zip(starts, rolled, strict=True)]
+
+        return fitted_start(guess, stretch.room, move, 2 * unknowns, simulate)
+
+    def _attempt(self, start: State, sensors: Array | None, step: float, stretch: Stretch) -> Attempt:
+        if sensors is None:
+            return Attempt(start, None, np.inf)
+        markers = self._in_plane(sampled(sensors[:, -3 * self._markers :], step, stretch.times))
+        readings = [sampled(sensors[:, [self._sensors[one.name]]], step, one.times)[:, 0] for one in stretch.sensors]
+        return Attempt(start, stretch.residual(markers, readings), stretch.off(markers))
 
     def _first_frames(
         self, model: mujoco.MjModel, data: mujoco.MjData, controls: Array, times: Array, qpos: Array, qvel: Array
@@ -191,6 +273,23 @@ class PlaybackSimulator:
     def _diverged(self, trial: Trial, why: str) -> Trial:
         nowhere = np.full(trial.track.positions.shape, np.nan)
         return Trial(trial.name, MarkerTrack(trial.track.times, nowhere), provenance="diverged", divergence=why)
+
+
+def cut(trial: Trial, seconds: float) -> list[slice]:
+    """Frames of the pieces of a recording, as long as asked for or a little shorter; they share the frames at cuts.
+
+    Raises:
+        TrialError: Fewer than three frames would be in a piece.
+    """
+    times = trial.track.times
+    count = max(int(np.ceil((times[-1] - times[0]) / seconds - 1e-9)), 1)
+    cuts = np.searchsorted(times, np.linspace(times[0], times[-1], count + 1) - _ROUNDING)
+    if np.diff(cuts).min() < 2:
+        raise TrialError(
+            f"trial '{trial.name}': pieces of {seconds:g} s would have fewer than three of its frames, "
+            f"{1 / trial.fps:.3g} s apart; cut it into longer ones"
+        )
+    return [slice(first, last + 1) for first, last in pairwise(cuts)]
 
 
 def sampled(values: Array, interval: float, times: Array) -> Array:

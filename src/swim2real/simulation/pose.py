@@ -88,6 +88,7 @@ Mask = NDArray[np.bool_]
 SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))  # joints of one coordinate
 _PULL = 1e-6  # toward the model's own pose, relative to the markers' pull: for what they don't show
 _GAP_WEIGHT = 10.0  # of equality constraints, relative to markers
+_TIED = 1e-6  # of the largest, from which on a constraint ties joints
 _ITERATIONS = 60
 _STILL = 1e-7  # rad or m: a step that is no step
 _STARTS = 8
@@ -131,7 +132,7 @@ class PoseFit:
         damping = 1e-3
         for _ in range(_ITERATIONS):
             step = self._step(qpos, residual, slopes, damping)
-            moved = self._moved(qpos, step)
+            moved = self.moved(qpos, step)
             moved_view = self._view.at(moved)
             problem = self._problem(moved, moved_view, wanted, known, pull)
             if problem[0] @ problem[0] < residual @ residual:
@@ -156,6 +157,20 @@ class PoseFit:
         view = self._view.at(qpos)
         return view.markers, view.slopes @ qvel
 
+    def moved(self, qpos: Array, step: Array) -> Array:
+        """The pose that is a step of the joints' velocities farther, within the joints' limits. Shape (nv,)."""
+        moved = qpos.copy()
+        mujoco.mj_integratePos(self._model, moved, step, 1.0)
+        return np.clip(moved, self._lower, self._upper)
+
+    def free(self, qpos: Array) -> Array:
+        """Directions that equality constraints leave to the joints in a pose. Shape (nv, at most nv)."""
+        slopes = self._view.at(qpos).gap_slopes
+        if not len(slopes):
+            return np.eye(self._model.nv)
+        _, sizes, rows = np.linalg.svd(slopes)
+        return rows[int((sizes > _TIED * sizes.max(initial=0.0)).sum()) :].T
+
     def first(self, wanted: Array, known: Mask) -> Pose:
         """The pose from the model's own on, or from one at random where that fits much better."""
         best = self.pose(wanted, known, self._model.qpos0.copy())
@@ -165,7 +180,7 @@ class PoseFit:
             if best.error < 0.01 * spread:
                 break
             step = rng.uniform(-np.pi, np.pi, self._model.nv)
-            other = self.pose(wanted, known, self._moved(self._model.qpos0, step))
+            other = self.pose(wanted, known, self.moved(self._model.qpos0, step))
             if other.error < _BETTER * best.error:
                 best = other
         return best
@@ -196,8 +211,3 @@ class PoseFit:
         step = np.zeros(len(gradient))
         step[free] = -np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
         return step
-
-    def _moved(self, qpos: Array, step: Array) -> Array:
-        moved = qpos.copy()
-        mujoco.mj_integratePos(self._model, moved, step, 1.0)
-        return np.clip(moved, self._lower, self._upper)

@@ -16,7 +16,7 @@ from swim2real.robots.effects import ModelEffect, model_effects
 from swim2real.robots.robot import Recordings, Robot
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.simulator import Simulator, Swim
-from swim2real.simulation.start import MARKERS, REST
+from swim2real.simulation.start import FITTED, MARKERS, REST
 from swim2real.trials import Actuation, MarkerTrack, Signals, Trial, TrialSet
 
 NOISE = 1e-9  # m, by which markers may move where a parameter has no effect
@@ -33,6 +33,7 @@ _SWING = 0.25  # of an actuator's range
 _POSITION = 0.5  # rad or m, of a position servo without a range
 _ANGLE = 0.3  # rad
 _SHIFT = 0.1  # of the robot's size
+_SHOWN = (MARKERS, FITTED)  # starts in any pose
 _EDGE = 0.1  # of a joint's range, which the start keeps away from its ends
 
 Simulate = Callable[[Sequence[Values]], list[TrialSet]]
@@ -116,7 +117,7 @@ def made_up_motion(robot: Robot) -> str:
     if not isinstance(robot.trials, Recordings):
         return f"by its motor at {FREQUENCY:g} Hz, from rest"
     by = f"by what drives a trial, at {FREQUENCY:g} Hz and with sines for tables, " if robot.trials.controls else ""
-    return by + ("from a pose off its rest" if robot.trials.start == MARKERS else "from where trials start")
+    return by + ("from a pose off its rest" if robot.trials.start in _SHOWN else "from where trials start")
 
 
 def moved(robot: Robot, threads: int | None = None) -> TrialSet:
@@ -142,7 +143,7 @@ def _begun(robot: Robot, reference: TrialSet | None, threads: int | None) -> tup
 def _excited(robot: Robot, recordings: Recordings, threads: int | None) -> tuple[TrialSet, Simulate]:
     """The same for made-up recordings, as strong as the robot bears."""
     # a start off the rest pose is in the trial itself
-    starting = replace(recordings, start=REST) if recordings.start == MARKERS else recordings
+    starting = replace(recordings, start=REST) if recordings.start in _SHOWN else recordings
     simulator = PlaybackSimulator(replace(robot, trials=starting), threads)
     rollouts = [simulator.request(excitation(robot, strength)) for strength in _STRENGTHS]
     simulations = [partial(simulator.simulate_many, rollouts=[rollout]) for rollout in rollouts]
@@ -204,7 +205,7 @@ def excitation(robot: Robot, strength: float) -> Trial:
     """A trial whose controls and start move a robot.
 
     Actuators that trials give a table for swing within their ranges, one after the other. Where trials start in any
-    pose (start `markers`), the joints are off their rest and moving; elsewhere the start is the robot's own.
+    pose (start `markers` or `fitted`), the joints are off their rest and moving; elsewhere the start is the robot's.
 
     Args:
         robot: Whose trials are recordings.
@@ -214,7 +215,7 @@ def excitation(robot: Robot, strength: float) -> Trial:
     times = np.arange(round(SECONDS * _RATE) + 1) / _RATE
     names = [name for name, control in robot.recordings.controls.items() if control == "table"]
     columns = [_swing(model, name, times, i, strength) for i, name in enumerate(names)]
-    start, velocities = _start(model, strength) if robot.recordings.start == MARKERS else ({}, {})
+    start, velocities = _start(model, strength) if robot.recordings.start in _SHOWN else ({}, {})
     nowhere = np.zeros((len(times), len(robot.marker_names), 2))
     return Trial(
         "excitation",

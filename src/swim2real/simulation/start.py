@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import detrend
 
 from swim2real.errors import EngineError, TrialError
 from swim2real.simulation.pose import SCALAR, PoseFit
@@ -18,8 +19,12 @@ Mask = NDArray[np.bool_]
 WINDOW = 0.1  # s of first frames that show how a recording starts
 _FRAMES = 5  # at least
 _TRIES = 6
+_WINDOWS = 10  # of first frames that show how fast a recording moves
+_MOTION = 0.9  # of the motion's power, above noise
 _STILL = 1e-6  # m: a correction that is none
-REST, MARKERS = "rest", "markers"
+REST, MARKERS, FITTED = "rest", "markers", "fitted"
+STARTS = (REST, MARKERS, FITTED)
+"""What a start may be, beside a keyframe."""
 
 
 class FirstFrames:
@@ -32,19 +37,20 @@ class FirstFrames:
         velocities: Velocities of the markers [m/s]. Shape (M, 2).
     """
 
-    def __init__(self, trial: Trial, weights: Array) -> None:
+    def __init__(self, trial: Trial, weights: Array, least: int = _FRAMES) -> None:
         """Takes the frames of a trial that count.
 
         Args:
             trial: Real trial.
             weights: Weights, 0 where a marker isn't believed. Shape (T, M).
+            least: Frames that it takes at least.
 
         Raises:
             TrialError: No marker is seen twice.
         """
         track = trial.track
         since = track.times - track.times[0]
-        count = max(int(np.searchsorted(since, WINDOW, side="right")), min(_FRAMES, len(since)))
+        count = max(int(np.searchsorted(since, WINDOW, side="right")), min(least, len(since)))
         positions = track.positions[:count]
         self.times = since[:count]
         self._counted = (weights[:count] > 0) & np.isfinite(positions).all(axis=2)
@@ -75,7 +81,7 @@ def start_at_keyframe(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> 
     """
     names = [model.key(i).name for i in range(model.nkey)]
     if name not in names:
-        raise EngineError(f"start is '{name}'; it must be one of {', '.join((REST, MARKERS, *names))}")
+        raise EngineError(f"start is '{name}'; it must be one of {', '.join((*STARTS, *names))}")
     mujoco.mj_resetDataKeyframe(model, data, names.index(name))
     data.time = 0.0
 
@@ -159,3 +165,49 @@ def _scalar(model: mujoco.MjModel, trial: Trial, given: Mapping[str, float]) -> 
                 f"joints ({', '.join(names) or 'none'})"
             )
     return given
+
+
+def too_fast(trial: Trial, weights: Array) -> list[str]:
+    """A warning where first frames take longer than a quarter of the period of the fastest motion; else nothing.
+
+    Args:
+        trial: Recording whose start is shown by its markers.
+        weights: Weights, 0 where a marker isn't believed. Shape (T, M).
+    """
+    window = float(FirstFrames(trial, weights).times[-1])
+    fastest = fastest_frequency(trial, weights, _WINDOWS * window)
+    if fastest is None or window <= 1 / (4 * fastest):
+        return []
+    return [
+        f"its start is a straight line through its first {window:.2g} s, more than a quarter of the period of its "
+        f'motion ({fastest:.2g} Hz), so it may be wrong; say start = "fitted" in the robot file'
+    ]
+
+
+def fastest_frequency(trial: Trial, weights: Array, seconds: float) -> float | None:
+    """Frequency below which nine tenths of the markers' motion are [Hz]; None where it is too short or mostly noise.
+
+    Args:
+        trial: A recording.
+        weights: Weights, 0 where a marker isn't believed. Shape (T, M).
+        seconds: How much of it is looked at, from its first frame on [s].
+    """
+    track = trial.track
+    count = int(np.searchsorted(track.times - track.times[0], seconds, side="right"))
+    if count < 2 * _FRAMES:
+        return None
+    times = track.times[:count]
+    even = np.linspace(times[0], times[-1], count)
+    power = np.zeros(count // 2 + 1)
+    for marker in range(track.marker_count):
+        counted = weights[:count, marker] > 0
+        for axis in range(2):
+            known = counted & np.isfinite(track.positions[:count, marker, axis])
+            if 2 * known.sum() > count:
+                way = np.interp(even, times[known], track.positions[:count, marker, axis][known])
+                power += np.square(np.abs(np.fft.rfft(detrend(way) * np.hanning(count))))
+    above = np.maximum(power - 2 * np.median(power), 0.0)
+    if not above.sum() > power.sum() / 2:
+        return None
+    frequencies = np.fft.rfftfreq(count, float(even[1] - even[0]))
+    return float(frequencies[np.searchsorted(np.cumsum(above), _MOTION * above.sum())])

@@ -62,6 +62,24 @@ def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array) -> Rolled:
     return Rolled(qpos, before[:, 1 + model.nq : 1 + model.nq + model.nv], sensors, failed_at)
 
 
+def roll_each(model: mujoco.MjModel, starts: Array, controls: Array) -> list[Array | None]:
+    """Sensors before each step, from several states under the same controls; None where the simulation failed.
+
+    Args:
+        model: Compiled.
+        starts: States, as `physics_state` has them. Shape (K, n).
+        controls: Controls of every step. Shape (N, nu).
+
+    Returns:
+        K arrays of shape (N, nsensordata).
+    """
+    data = mujoco.MjData(model)
+    states, sensors = rollout.rollout(model, data, starts, controls[None], nstep=len(controls))
+    before = np.concatenate([starts[:, :1], states[:, :-1, 0]], axis=1)
+    stepped = states[:, :, 0] > before
+    return [one if stepped[i].all() and np.isfinite(one).all() else None for i, one in enumerate(sensors)]
+
+
 @dataclass(frozen=True)
 class Chunk:
     """What a stretch of simulation gave.

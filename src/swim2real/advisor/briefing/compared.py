@@ -15,6 +15,7 @@ PAPER = (
 _STARTS = {
     "rest": "at rest in the model's own pose",
     "markers": "in the pose and at the speed that its first frames show",
+    "fitted": "in the pose and at the speed with which it meets the first quarter of a second best",
 }
 _AXES = "xyz"
 

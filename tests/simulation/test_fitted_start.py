@@ -1,0 +1,213 @@
+"""Starts that are fitted with the model, of whole recordings and of pieces."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from recorded import (
+    FLOATER,
+    FLOATER_HIDDEN,
+    PENDULUM,
+    PENDULUM_HIDDEN,
+    RINGING,
+    RINGING_HIDDEN,
+    blank,
+    floater_reference,
+    pendulum_reference,
+    recorded,
+    ringing_reference,
+    telling,
+    torque_table,
+    with_markers,
+)
+from swim2real.calibration import Problem
+from swim2real.errors import ArgumentError, TrialError
+from swim2real.robots.fish import FISH
+from swim2real.robots.robot import Recordings
+from swim2real.settings import EvaluationSettings
+from swim2real.simulation import PlaybackSimulator
+from swim2real.simulation.misfits import hasty, starts
+from swim2real.simulation.playback import cut
+from swim2real.simulation.start import fastest_frequency
+from swim2real.trials import MarkerTrack, Signals, TrialSet
+
+NOISE = 3e-4
+
+
+def loss(robot, reference, values, **options):
+    return Problem(robot, reference, threads=2, **options).evaluate(values).loss
+
+
+@pytest.fixture(scope="module")
+def ringing():
+    return ringing_reference(20.0, NOISE)
+
+
+def test_a_slow_camera_shows_how_a_fast_motion_starts(ringing):
+    """Of 6 Hz at 20 frames a second, lines through the first frames tell nothing; the fit is as good as the noise."""
+    floor = NOISE * np.sqrt(np.pi / 2)
+    assert loss(RINGING, ringing, RINGING_HIDDEN) < 1.1 * floor
+    assert loss(telling(RINGING, start="markers"), ringing, RINGING_HIDDEN) > 2 * floor
+
+
+@pytest.mark.parametrize(
+    ("robot", "make", "hidden"),
+    [(PENDULUM, pendulum_reference, PENDULUM_HIDDEN), (FLOATER, floater_reference, FLOATER_HIDDEN)],
+)
+def test_it_is_at_least_as_good_as_lines_through_the_first_frames(robot, make, hidden):
+    reference = make(5e-4)
+    fitted, lines = (loss(telling(robot, start=start), reference, hidden) for start in ("fitted", "markers"))
+    assert fitted < 1.05 * lines
+
+
+def test_it_depends_on_nothing_but_the_candidate(ringing):
+    player = PlaybackSimulator(RINGING, 2)
+    rollouts = [player.request(trial) for trial in ringing]
+    other = RINGING.space.published
+    first, _, again = player.simulate_many([RINGING_HIDDEN, other, RINGING_HIDDEN], rollouts)
+    for a, b in zip(first, again, strict=True):
+        assert np.array_equal(a.track.positions, b.track.positions)
+
+
+def test_a_start_stays_near_the_first_frames(ringing):
+    """Of a far too stiff frame no start fits; the one that is taken isn't thrown about."""
+    player = PlaybackSimulator(RINGING, 1)
+    stiff = {**RINGING_HIDDEN, "low_stiffness": 4000.0, "high_stiffness": 4000.0}
+    for trial in ringing:
+        found = player.simulate(stiff, [player.request(trial)])[trial.name]
+        ways = np.linalg.norm(np.diff(trial.track.positions[:8], axis=0), axis=2).max()
+        off = np.linalg.norm(found.track.positions - trial.track.positions, axis=2)[:2]
+        assert off.max() <= 2 * ways + 1e-9
+
+
+def test_lost_markers_dont_count():
+    trial = pendulum_reference()["b"]
+    positions = trial.track.positions.copy()
+    positions[2:9, 2] += 0.05
+    weights = np.ones(trial.track.confidence.shape)
+    weights[2:9, 2] = 0
+    positions[:, 0] = np.nan
+    spoiled = replace(trial, track=MarkerTrack(trial.track.times, positions))
+    player = PlaybackSimulator(telling(PENDULUM, start="fitted"), 1)
+    found = player.simulate(PENDULUM_HIDDEN, [player.request(spoiled, weights)])["b"]
+    assert np.abs(found.track.positions - trial.track.positions)[:30].max() < 1e-3
+
+
+def test_joints_that_are_tied_stay_tied():
+    xml = """
+    <mujoco>
+      <worldbody>
+        <body name="l"><joint name="left" axis="0 0 1" stiffness="0.5"/>
+          <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.01"/><site name="tip" pos="0.2 0 0"/></body>
+        <body name="r"><joint name="right" axis="0 0 1"/><geom size="0.01" pos="0.1 0 0"/></body>
+      </worldbody>
+      <equality><joint joint1="right" joint2="left" polycoef="0 -1 0 0 0"/></equality>
+    </mujoco>
+    """
+    robot = replace(
+        FLOATER, build=lambda values: with_markers(xml, ("tip",)), marker_names=("tip",),
+        trials=Recordings({}, (), "fitted"),
+    )  # fmt: skip
+    times = np.arange(31) / 60
+    angles = 0.5 * np.cos(6 * times)
+    track = MarkerTrack(times, 0.2 * np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None])
+    player = PlaybackSimulator(robot, 1)
+    model = robot.build({}).compile()
+    data, _ = player.begin(model, player.request(replace(blank(robot, "a", 0.5), track=track)))
+    assert data.qpos[1] == pytest.approx(-data.qpos[0], abs=1e-3)
+    assert data.qvel[1] == pytest.approx(-data.qvel[0], abs=1e-3)
+    assert abs(data.qpos[0]) > 0.4
+
+
+# pieces
+
+
+@pytest.fixture(scope="module")
+def chaotic():
+    """A double pendulum that is let go of from far up, without a motor's help."""
+    still = Signals([0.0], ["torque"], [[0.0]])
+    blanks = [blank(PENDULUM, "a", 4.0, controls=still, start={"shoulder": 2.6, "elbow": 1.0})]
+    free = recorded(PENDULUM, PENDULUM_HIDDEN, blanks, NOISE)
+    return TrialSet(tuple(replace(trial, start={}) for trial in free), free.marker_names)
+
+
+def test_pieces_share_the_frames_at_which_a_recording_is_cut():
+    trial = blank(PENDULUM, "a", 1.0, controls=torque_table(1.0))
+    parts = cut(trial, 0.3)
+    assert [part.start for part in parts[1:]] == [part.stop - 1 for part in parts[:-1]]
+    assert (parts[0].start, parts[-1].stop, len(parts)) == (0, trial.track.frame_count, 4)
+    assert cut(trial, 5.0) == [slice(0, trial.track.frame_count)]
+    with pytest.raises(
+        TrialError, match=r"trial 'a': pieces of 0.01 s would have fewer than three of its frames, 0.01"
+    ):
+        cut(trial, 0.01)
+
+
+def test_pieces_of_a_chaotic_recording_are_as_good_as_the_noise_near_the_truth(chaotic):
+    near = {**PENDULUM_HIDDEN, "lower_mass": 1.02 * PENDULUM_HIDDEN["lower_mass"]}
+    whole, pieces = (loss(PENDULUM, chaotic, near, pieces=length) for length in (None, 0.5))
+    assert whole > 3 * pieces
+    assert pieces < 1e-3
+    assert loss(PENDULUM, chaotic, PENDULUM_HIDDEN, pieces=0.5) < pieces
+
+
+def test_pieces_make_a_wide_basin_of_many_periods(ringing):
+    """Off by a twentieth, a whole ring-down is out of phase within a second, and pieces aren't."""
+    off = {name: 1.1 * value if "stiffness" in name else value for name, value in RINGING_HIDDEN.items()}
+    assert loss(RINGING, ringing, off) > 2 * loss(RINGING, ringing, off, pieces=0.5)
+
+
+def test_sensors_and_controls_go_on_over_the_pieces():
+    trial = floater_reference()["fast"]
+    player = PlaybackSimulator(FLOATER, 1)
+    pieces = player.simulate(FLOATER_HIDDEN, [player.request(trial, pieces=0.4)])["fast"]
+    assert np.abs(pieces.track.positions - trial.track.positions).max() < 2e-4  # the sines keep their phase
+    driven = pendulum_reference()["a"]
+    player = PlaybackSimulator(PENDULUM, 1)
+    found = player.simulate(PENDULUM_HIDDEN, [player.request(driven, pieces=0.4)])["a"]
+    within = driven.sensors.between(driven.track.times[0], driven.track.times[-1])
+    assert np.array_equal(found.sensors.times, within.times)
+    assert np.abs(found.sensors.values - within.values).max() < 0.05 * np.ptp(within.values)
+
+
+def test_pieces_are_for_recordings():
+    with pytest.raises(
+        ArgumentError, match=r"pieces is 0.5 s, which is for recordings; the trials of robot 'fish' are"
+    ):
+        Problem(FISH, pendulum_reference(), pieces=0.5)
+    with pytest.raises(ArgumentError, match="pieces is 0"):
+        EvaluationSettings(pieces=0.0)
+
+
+# what is told of starts
+
+
+def test_a_motion_too_fast_for_its_frames_is_told(ringing):
+    lines = telling(RINGING, start="markers")
+    sentences = hasty(lines, ringing)
+    assert len(sentences) == len(ringing)
+    assert "more than a quarter of the period of its motion (6" in sentences[0]
+    assert 'say start = "fitted" in the robot file' in sentences[0]
+    assert sentences[0].removeprefix("trial 'pulled': ") in Problem(lines, ringing).examinations()["pulled"]["findings"]
+    assert hasty(RINGING, ringing) == []
+    assert hasty(lines, ringing_reference(200.0, NOISE)) != []  # 0.1 s are more than half a period, too
+    assert hasty(telling(FLOATER, start="markers"), floater_reference(NOISE)) == []
+
+
+def test_noise_and_short_recordings_have_no_frequency():
+    rng = np.random.default_rng(0)
+    times = np.arange(60) / 60
+    still = replace(blank(PENDULUM, "a", 1.0), track=MarkerTrack(times, rng.normal(0, NOISE, (60, 3, 2))))
+    assert fastest_frequency(still, np.ones((60, 3)), 1.0) is None
+    assert fastest_frequency(still, np.ones((60, 3)), 0.1) is None
+
+
+def test_how_far_recordings_are_from_their_starts(ringing):
+    rings = replace(RINGING, space=RINGING.space)
+    for one, trial in zip(starts(rings, ringing), ringing, strict=True):
+        assert one.name == trial.name
+        assert np.linalg.norm(one.first, axis=1).max() < 2e-3
+        assert one.stretch < 5e-3
+    assert starts(FISH, ringing) == []
+    assert starts(FLOATER, floater_reference()) == []  # somewhere in the world, at rest
