@@ -215,7 +215,7 @@ def test_a_keyframe_and_a_trials_own_start():
 
 def test_wrong_starts_are_named():
     assert refusal(PlaybackSimulator, telling(PENDULUM, start="lying")) == (
-        "start is 'lying'; it must be one of rest, markers, raised"
+        "start is 'lying'; it must be one of rest, markers, fitted, raised"
     )
     trial = blank(PENDULUM, "a", 0.5, controls=torque_table(1.0), start={"hip": 0.0})
     assert refusal(PlaybackSimulator(PENDULUM, 1).request, trial) == (
