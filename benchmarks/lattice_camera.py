@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Color = tuple[float, float, float]
 
-STEP = 0.25  # of a radius: how far markers go between two moments of an exposure
-MOST_MOMENTS = 40
+MOST_MOMENTS = 48  # of an exposure
 NOISE_BANK = 1 << 22
 QP_TO_LAMBDA = 118  # FFmpeg's FF_QP2LAMBDA
 _RINGS = np.array([[0.0, 0.0]] + [[f * np.cos(a), f * np.sin(a)] for f, n in ((0.55, 6), (0.9, 8))
@@ -290,7 +289,7 @@ def drawn(film: Film) -> Iterator[NDArray[np.uint8]]:
         for b, body in enumerate(scene.bodies):
             pose = poses[:, b] if np.ptp(poses[:, b], axis=0).max() > 0 else poses[:1, b]
             for box in body.boxes:
-                _draw(picture, light, camera, lens, pose[:: 1 + (len(pose) > 8)], box, shades[b], over=True)
+                _draw(picture, light, camera, lens, pose[:: 1 + (len(pose) > 24)], box, shades[b], over=True)
             for x, y in body.markers:
                 size, rounding = (scene.radius, scene.radius), 0.0 if scene.squares else scene.radius
                 _draw(picture, light, camera, lens, pose, Box((x, y), size, rounding), contrast[b], over=False)
@@ -309,7 +308,7 @@ def _moments(film: Film, index: int) -> Array:
     """Moments of an exposure, evenly spread [s]. Shape (S,)."""
     camera = film.camera
     way = float(film.speed[index].max()) * camera.shutter
-    count = int(np.clip(np.ceil(way / (STEP * film.radius)), 1, MOST_MOMENTS))
+    count = int(np.clip(np.ceil(way / camera.softness), 1, MOST_MOMENTS))  # no gap between two edges
     return film.times[index] + ((np.arange(count) + 0.5) / count - 0.5) * camera.shutter / camera.fps
 
 

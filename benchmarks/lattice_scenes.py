@@ -8,9 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from lattice_camera import Array, Body, Box, Camera, Color, Film, Scene, planned
+from lattice_camera import Array, Body, Box, Camera, Color, Film, Glare, Occluder, Scene, planned
+from numba import njit
+from scipy.interpolate import CubicSpline
 
-SCENES = ("lattice", "lattice", "lattice", "lattice", "mild lattice")  # film k shows the (k mod 5)th
+_TEN = ("lattice", "arm", "lattice", "sheet", "lattice", "pendulum", "lattice", "mild lattice", "lattice", "mild sheet")
+SCENES = (*_TEN, *("puck" if kind == "pendulum" else kind for kind in _TEN))  # film k shows the (k mod 20)th
+COVERED = 0.3  # share of the films, but for mild ones, with an occluder or glare
 REST = 0.2  # s at the start of each film
 MILD = (2.0, 7.5)  # px a frame at most, in mild films
 FAST = (3.0, 60.0)  # in the others
@@ -46,10 +50,12 @@ def random_film(seed: int, index: int, folder: Path) -> Film:
         camera, colors = _camera(rng)
         try:
             scene = _MAKERS[kind.split()[-1]](rng, camera, colors, speed)
-            film = planned(f"{kind} {seed}/{index}", scene, camera, folder)
-            _check(film)
+            _check(planned("", scene, camera, folder))
         except _DoesNotFitError:
             continue
+        if not kind.startswith("mild") and rng.random() < COVERED:
+            scene = replace(scene, covers=(_cover(rng, camera, scene, colors),))
+        film = planned(f"{kind} {seed}/{index}", scene, camera, folder)
         suffix = ".mkv" if camera.codec == "mjpeg" else ".mp4"
         return replace(film, path=folder / f"{film.name.replace(' ', '-').replace('/', '-')}-{_settings(film)}{suffix}")
 
@@ -86,40 +92,34 @@ def _check(film: Film) -> None:
     if (film.places < film.radius + 2).any() or (film.places > edge).any():
         raise _DoesNotFitError
     used = np.ptp(film.places.reshape(-1, 2), axis=0) / edge
-    if used.max() < 0.4:  # nobody films from so far away
+    if used.max() < (0.4 if len(film.bodies) > 2 else 0.1):  # nobody films from so far away
         raise _DoesNotFitError
     for places in film.places:
         apart = np.linalg.norm(places[:, None] - places[None], axis=2) + 1e9 * np.eye(len(places))
         if apart.min() < 2.6 * film.radius:
             raise _DoesNotFitError
-    if (film.covered > 0).mean() > 0.02 or (film.covered[0] > 0).any():
+    if (film.covered > 0).mean() > 0.05 or (film.covered[0] > 0).any():
         raise _DoesNotFitError
 
 
-def _released(shape: Shape, markers: Callable[[Array], Array], fps: float, speed: float, phases: float) -> Shape:
+def _released(shape: Shape, bodies: tuple[Body, ...], fps: float, speed: float, phases: float) -> Shape:
     """Poses in time [s]: at rest as at phase 0, then on, so fast that the fastest marker goes `speed` px a frame.
 
     Args:
         shape: Poses by phase; a phase of 1 is about a period.
-        markers: From poses to places of all markers [px]. Shapes (N, B, 3) to (N, M, 2).
+        bodies: Which move.
         fps: Frames a second.
         speed: Wanted [px a frame].
         phases: How many are looked at.
     """
     fine = np.linspace(0, phases, int(400 * phases))
-    fastest = np.linalg.norm(np.diff(markers(shape(fine)), axis=0), axis=2).max() / fine[1]
+    places = Scene(bodies, None, (), shape, (0, 0, 0), False, 1.0, 0.0).plane(fine)
+    fastest = np.linalg.norm(np.diff(places, axis=0), axis=2).max() / fine[1]
     period = fastest / speed  # frames
     if not SHORTEST_PERIOD <= period <= LONGEST_PERIOD:
         raise _DoesNotFitError
     rate = fps / period
     return lambda times: shape(rate * np.maximum(times - REST, 0.0))
-
-
-def _markers_of(bodies: tuple[Body, ...]) -> Callable[[Array], Array]:
-    def places(poses: Array) -> Array:
-        return Scene(bodies, None, (), lambda _: poses, (0, 0, 0), False, 1.0, 0.0).plane(np.zeros(len(poses)))
-
-    return places
 
 
 def _row(count: int, spacing: float, radius: float, color: Color) -> Body:
@@ -166,17 +166,180 @@ def _lattice(rng: np.random.Generator, camera: Camera, colors: Colors, speed: fl
         angle = turn + fade * twist * np.cos(twisting * wave)
         return np.stack([middle[0] + cos * x - sin * y, middle[1] + sin * x + cos * y, angle], axis=2)
 
-    poses = _released(shape, _markers_of(bodies), camera.fps, speed, 2.0)
-    return _scene(rng, camera, bodies, fixed, (), poses, colors, False, radius)
+    poses = _released(shape, bodies, camera.fps, speed, 2.0)
+    return Scene(bodies, fixed, (), poses, colors[0], False, radius, _seconds(rng, camera))
 
 
-def _scene(
-    rng: np.random.Generator, camera: Camera, bodies: tuple[Body, ...], fixed: int | None,
-    hinges: tuple[tuple[int, int, tuple[float, float]], ...], poses: Shape, colors: Colors, squares: bool,
-    radius: float,
-) -> Scene:  # fmt: skip
-    seconds = (np.ceil(REST * camera.fps) + int(rng.integers(60, 100))) / camera.fps
-    return Scene(bodies, fixed, hinges, poses, colors[0], squares, radius, float(seconds))
+def _arm(rng: np.random.Generator, camera: Camera, colors: Colors, speed: float) -> Scene:
+    """A base that is fixed, and two or three links in a chain, pulled aside and released."""
+    links, radius = int(rng.integers(2, 4)), float(rng.uniform(6, 13))
+    bodies: list[Body] = []
+    lengths: list[float] = []
+    for link in range(links + 1):
+        count, spacing = int(rng.integers(2, 5)), radius * float(rng.uniform(3.5, 7))
+        markers = 3.3 * radius + spacing * np.arange(count)
+        lengths.append(float(markers[-1] + 3.3 * radius))
+        half = (0.5 * lengths[-1] + 1.8 * radius, 1.8 * radius)
+        side = -1 if link == 0 else 1  # the base lies behind the first hinge
+        box = Box((side * 0.5 * lengths[-1], 0.0), half, 1.75 * radius)
+        bodies.append(Body((box,), np.column_stack([side * markers, np.zeros(count)]), colors[1]))
+    lengths[0] = 0.0
+    hinge = camera.center + rng.uniform(-0.3, 0.3, 2) * (camera.width, camera.height)
+    rest = rng.uniform(-0.6, 0.6, links + 1)
+    pull = rng.uniform(-1.0, 1.0, links + 1) * np.exp(rng.uniform(np.log(0.15), 0))
+    rest[0], pull[0] = rng.uniform(-np.pi, np.pi), 0.0
+    tempo, decay = np.append(1.0, rng.uniform(0.8, 2.0, links)), rng.uniform(1.5, 6)
+
+    def shape(phase: Array) -> Array:
+        wave = np.exp(-phase / decay)[:, None] * np.cos(2 * np.pi * tempo * phase[:, None])
+        angles = np.cumsum(rest + pull * wave, axis=1)
+        ways = np.array(lengths)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=2)
+        origins = hinge + np.cumsum(ways, axis=1) - ways
+        return np.concatenate([origins, angles[..., None]], axis=2)
+
+    poses = _released(shape, tuple(bodies), camera.fps, speed, 2.0)
+    start = poses(np.zeros(1))[0]
+    hinges = tuple((k, k + 1, (float(start[k + 1, 0]), float(start[k + 1, 1]))) for k in range(links))
+    return Scene(tuple(bodies), 0, hinges, poses, colors[0], False, radius, _seconds(rng, camera))
 
 
-_MAKERS: dict[str, Callable[[np.random.Generator, Camera, Colors, float], Scene]] = {"lattice": _lattice}
+def _sheet(rng: np.random.Generator, camera: Camera, colors: Colors, speed: float) -> Scene:
+    """A plate that turns within a few frames, lies still, and slides. Mild: slowly, up to the speed."""
+    radius, count = float(rng.uniform(6, 14)), int(rng.integers(3, 7))
+    half = rng.uniform(0.14, 0.26, 2) * min(camera.width, camera.height)
+    markers = rng.uniform(-1, 1, (count, 2)) * (half - 2 * radius)
+    apart = np.linalg.norm(markers[:, None] - markers[None], axis=2) + 1e9 * np.eye(count)
+    if apart.min() < 4 * radius:
+        raise _DoesNotFitError
+    angle = np.deg2rad(rng.uniform(15, 40)) * rng.choice([-1, 1])
+    heading, way = rng.uniform(0, 2 * np.pi), rng.uniform(0.1, 0.35) * camera.width
+    slide = way * np.array([np.cos(heading), np.sin(heading)])
+    turning = float(rng.uniform(4, 8))  # frames
+    if speed < MILD[1]:  # 1.5 times the mean speed is the highest
+        turning = 1.5 * abs(angle) * np.linalg.norm(markers, axis=1).max() / speed
+    sliding = 1.5 * way / speed
+    still = float(rng.uniform(0.6, 0.9)) * camera.fps
+    first, place = rng.uniform(-np.pi, np.pi), camera.center + rng.uniform(-0.2, 0.2, 2) * camera.width
+
+    def poses(times: Array) -> Array:
+        frames = (times - REST) * camera.fps - 1
+        turned, slid = _smooth(frames / turning), _smooth((frames - turning - still) / sliding)
+        return np.column_stack([place + slid[:, None] * slide, first + angle * turned])[:, None]
+
+    plate = Body((Box((0.0, 0.0), (half[0], half[1]), float(radius)),), markers, colors[1])
+    seconds = (np.ceil(REST * camera.fps) + turning + still + min(sliding, 60.0) + 20) / camera.fps
+    return Scene((plate,), None, (), poses, colors[0], bool(rng.random() < 0.8), radius, float(seconds))
+
+
+def _smooth(share: Array) -> Array:
+    """From 0 to 1, at rest before 0 and after 1."""
+    inside = np.clip(share, 0, 1)
+    return inside * inside * (3 - 2 * inside)
+
+
+def _pendulum(rng: np.random.Generator, camera: Camera, colors: Colors, speed: float) -> Scene:
+    """A double pendulum with a marker on each bob, and perhaps one on the pivot."""
+    radius = float(rng.uniform(6, 13))
+    lengths = rng.uniform(0.12, 0.2, 2) * min(camera.width, camera.height)
+    if lengths.min() < 6 * radius:
+        raise _DoesNotFitError
+    bodies: list[Body] = []
+    for length in lengths:
+        rod = Box(((length + 1.9 * radius) / 2, 0.0), ((length - 1.9 * radius) / 2, 0.6 * radius), 0.0)
+        bodies.append(Body((rod, _disc(length, 1.8 * radius)), np.array([[length, 0.0]]), colors[1]))
+    marked = rng.random() < 0.5
+    pivot = Body((_disc(0.0, 1.8 * radius),), np.zeros((1, 2)), colors[1])
+    start = rng.uniform(-1.8, 1.8, 2) * np.exp(rng.uniform(np.log(0.1), 0))
+    swing = CubicSpline(*_double_pendulum(start, lengths / lengths.mean()))
+    place = camera.center + rng.uniform(-0.1, 0.1, 2) * camera.width
+
+    def shape(phase: Array) -> Array:
+        angles = np.pi / 2 - swing(phase)  # from straight down to the x axis of a rod
+        bob = place + lengths[0] * np.stack([np.cos(angles[:, 0]), np.sin(angles[:, 0])], axis=1)
+        first = np.column_stack([np.broadcast_to(place, bob.shape), angles[:, 0]])
+        second = np.column_stack([bob, angles[:, 1]])
+        still = np.broadcast_to([*place, 0.0], first.shape)
+        return np.stack([still, first, second] if marked else [first, second], axis=1)
+
+    every = (pivot, *bodies) if marked else tuple(bodies)
+    poses = _released(shape, every, camera.fps, speed, 5.0)
+    elbow = poses(np.zeros(1))[0, -1]
+    hinges = [(len(every) - 2, len(every) - 1, (float(elbow[0]), float(elbow[1])))]
+    if marked:
+        hinges.insert(0, (0, 1, (float(place[0]), float(place[1]))))
+    fixed = 0 if marked else None
+    return Scene(every, fixed, tuple(hinges), poses, colors[0], False, radius, _seconds(rng, camera))
+
+
+def _double_pendulum(start: Array, lengths: Array) -> tuple[Array, Array]:
+    """Equal bobs on massless rods. Times, in periods of a small swing of length 1; and angles from straight down."""
+    step, count = 1 / 200, 2400
+    states = np.empty((count, 4))
+    _integrate(states, float(lengths[0]), float(lengths[1]), step, (float(start[0]), float(start[1]), 0.0, 0.0))
+    return step * np.arange(count), states[:, :2]
+
+
+@njit(cache=True)
+def _integrate(states, p, q, step, state):
+    for k in range(len(states)):
+        states[k] = state
+        total = np.zeros(4)
+        slope = np.zeros(4)
+        for reach, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):  # Runge-Kutta of order 4
+            a, b, u, v = states[k] + reach * step * slope
+            c, s, gravity = np.cos(a - b), np.sin(a - b), 4 * np.pi**2
+            f, g = -q * v * v * s - 2 * gravity * np.sin(a), p * u * u * s - gravity * np.sin(b)
+            slope = np.array([u, v, (f - c * g) / (p * (2 - c * c)), (2 * g - c * f) / (q * (2 - c * c))])
+            total += weight * slope
+        after = states[k] + step / 6 * total
+        state = (after[0], after[1], after[2], after[3])
+
+
+def _puck(rng: np.random.Generator, camera: Camera, colors: Colors, speed: float) -> Scene:
+    """A disc with one marker slides on a table, is slowed down by friction, and bounces off its edges."""
+    radius = float(rng.uniform(6, 16))
+    low = np.array([0.06, 0.06]) * (camera.width, camera.height) + 3 * radius
+    high = np.array([camera.width, camera.height]) - 1 - low
+    place, heading, friction = rng.uniform(low, high), rng.uniform(0, 2 * np.pi), rng.uniform(25, 120)
+    spin = rng.uniform(-0.1, 0.1)
+
+    def poses(times: Array) -> Array:
+        frames = np.maximum(times - REST, 0) * camera.fps
+        way = speed * friction * (1 - np.exp(-frames / friction)) * _smooth(frames / 6)
+        straight = place + way[:, None] * np.array([np.cos(heading), np.sin(heading)]) - low
+        folded = np.abs((straight + (high - low)) % (2 * (high - low)) - (high - low)) + low
+        return np.column_stack([folded, spin * way / radius])[:, None]
+
+    puck = Body((_disc(0.0, 2.2 * radius),), np.zeros((1, 2)), colors[1])
+    return Scene((puck,), None, (), poses, colors[0], False, radius, _seconds(rng, camera))
+
+
+def _disc(x: float, radius: float) -> Box:
+    return Box((x, 0.0), (radius, radius), radius)
+
+
+def _cover(rng: np.random.Generator, camera: Camera, scene: Scene, colors: Colors) -> Occluder | Glare:
+    """Something over one of the markers, for a part of the film."""
+    start = float(rng.uniform(REST + 2 / camera.fps, 0.8 * scene.seconds))
+    end = start + float(rng.uniform(4, 15)) / camera.fps
+    markers = scene.plane(np.array([(start + end) / 2]))[0]
+    place = markers[int(rng.integers(len(markers)))]
+    x, y = float(place[0]), float(place[1])
+    if rng.random() < 0.5:
+        half = scene.radius * rng.uniform(2, 9, 2)
+        return Glare(start, end, (x, y), (float(half[0]), float(half[1])), float(rng.uniform(0.5, 3)))
+    speed = rng.normal(0, 0.1, 2) * camera.width
+    half = (scene.radius * float(rng.uniform(1.5, 4)), 0.3 * camera.height)
+    way = speed * (end - start) / 2
+    box = Box((x - float(way[0]), y - float(way[1])), half, scene.radius, float(rng.uniform(0, np.pi)))
+    skin = (190.0, 145.0, 120.0)
+    return Occluder(start, end, box, skin if rng.random() < 0.5 else colors[1], (float(speed[0]), float(speed[1])))
+
+
+def _seconds(rng: np.random.Generator, camera: Camera) -> float:
+    return float((np.ceil(REST * camera.fps) + int(rng.integers(60, 100))) / camera.fps)
+
+
+_MAKERS: dict[str, Callable[[np.random.Generator, Camera, Colors, float], Scene]] = {
+    "lattice": _lattice, "arm": _arm, "sheet": _sheet, "pendulum": _pendulum, "puck": _puck,
+}  # fmt: skip
