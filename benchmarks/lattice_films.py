@@ -1,7 +1,8 @@
 """Measures trackers of equal markers on rigid bodies: films of a laboratory that nobody chose, whose truth is known.
 
 Run with the package installed: `python benchmarks/lattice_films.py`. `--help` lists the options. Films are drawn by
-`lattice_camera.py`, which shares nothing with the pool camera that the tracker was developed with.
+`lattice_camera.py`, which shares nothing with the pool camera that the tracker was developed with; their truth is in
+`lattice_truth.py`, and the numbers are drawn in `lattice_scenes.py`.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from lattice_camera import Array, Film, write
+from lattice_camera import write
 from lattice_scenes import SCENES, random_film
+from lattice_truth import Array, Film
 from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
