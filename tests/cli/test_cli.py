@@ -28,7 +28,7 @@ from swim2real.simulation import Engine
 from swim2real.trials import save_reference
 
 COMMANDS = (
-    "calibrate", "check", "compare", "demo", "deploy", "ensemble", "evaluate", "export-commands", "export-model",
+    "calibrate", "check", "compare", "cut", "demo", "deploy", "ensemble", "evaluate", "export-commands", "export-model",
     "export-sysid", "fetch", "identify", "import-sysid", "import-tracks", "init", "overlay", "pick", "quality",
     "report", "rollout", "simulate", "track", "train",
 )  # fmt: skip

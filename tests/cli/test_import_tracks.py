@@ -131,3 +131,18 @@ def test_tables_that_were_recorded_beside_the_tracks_go_with_them(tmp_path, caps
     assert trials["swim"].sensors is None
     with pytest.raises(ArgumentError, match="--sensors has 1 values for 2 tables; give one for each, or none"):
         imported(tmp_path, *tracks, sensors=tuple(commands[:1]))
+
+
+def test_a_stretch_of_a_table_becomes_a_trial_from_time_0(tmp_path):
+    film(tmp_path / "swim.csv")
+    (tmp_path / "first.csv").write_text("time_s,motor\n0,1\n0.4,2\n", encoding="utf-8")
+    imported(tmp_path, tmp_path / "swim.csv")
+    (whole,) = load_reference(tmp_path / "reference")
+    options = {"begin": (0.5,), "until": (1.5,), "controls": (tmp_path / "first.csv",)}
+    imported(tmp_path, tmp_path / "swim.csv", to=tmp_path / "cut", **options)
+    (cut,) = load_reference(tmp_path / "cut")
+    np.testing.assert_allclose(cut.track.times, np.arange(61) / 60, atol=1e-9)
+    moved = cut.track.positions / cut.meters_per_pixel - whole.track.positions[30:91] / whole.meters_per_pixel
+    assert np.ptp(moved.reshape(-1, 2), axis=0).max() < 1e-6
+    assert (cut.controls.times.tolist(), cut.controls.values.tolist()) == ([0.0], [[2.0]])
+    assert cut.provenance == "pose table swim.csv, 60 fps, from 0.5 s to 1.5 s"

@@ -87,6 +87,77 @@ def test_without_points_and_camera_markers_are_found_and_findings_are_told(progr
     assert load_reference(tmp_path).names == ("f1_25",)
 
 
+# a stretch of a film
+
+
+def test_a_stretch_of_a_film_becomes_a_trial_from_time_0(program, clip, tmp_path):
+    table = tmp_path / "driven.csv"
+    table.write_text("time_s,motor\n0,1\n0.05,2\n0.15,3\n", encoding="utf-8")
+    places = clip.filmed.truth.positions[3]
+    points = tmp_path / "there.json"
+    about = {"format": 1, "width": 640, "height": 360, "frame": 3}
+    points.write_text(json.dumps({**about, "markers": dict(zip(NAMES, places.tolist(), strict=True))}))
+    command = [
+        "track", clip.video, "--markers", points, "--camera", clip.camera, "--to", tmp_path / "reference",
+        "--from", 0.1, "--until", 0.17, "--controls", table,
+    ]  # fmt: skip
+    program(*command).done()
+    assert "frame 1 of 3" in program.err
+    (trial,) = load_reference(tmp_path / "reference")
+    np.testing.assert_allclose(trial.track.times, np.arange(3) / 30, atol=1e-9)
+    off = trial.track.positions / trial.meters_per_pixel * [1, -1] - clip.filmed.truth.positions[3:6]
+    assert np.ptp(off[:, 0], axis=0).max() < 1  # it moves as it does from 0.1 s on, the camera's height aside
+    assert (trial.video_begin, trial.provenance[:35]) == (0.1, "video f1_25.mp4, from 0.1 s to 0.17")
+    np.testing.assert_allclose(trial.controls.times, [0, 0.05])
+    np.testing.assert_array_equal(trial.controls.values[:, 0], [2, 3])
+    assert program(*command).done().err == "f1_25: done before\n"
+    program(*command[:-2], "--until", 0.2).done()
+    assert load_reference(tmp_path / "reference")["f1_25"].track.frame_count == 4
+    wrong = program(*command[:8])
+    assert "were picked in frame 3 of the video; tracking begins with frame 0" in wrong.err
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--from", 2], "video '{}' ends at 0.233 s; --from is 2 s, so give a time before the end"),
+        (["--from", 0.1, "--until", 1], "video '{}' ends at 0.233 s; --until is 1 s, so give a time before the end"),
+        (["--from", 0.11, "--until", 0.12], "video '{}' has no frame from 0.11 s to 0.12 s; make the stretch longer"),
+        (["--from", 0.1, "--until", 0.12], "'{}' has one frame only from 0.1 s to 0.12 s; a trial needs at least 2"),
+    ],
+)
+def test_a_stretch_outside_of_the_film_is_refused(program, clip, tmp_path, options, says):
+    plain = tmp_path / "points.json"
+    plain.write_text(json.dumps(clip.filmed.truth.positions[3].tolist()))
+    program("track", clip.video, "--markers", plain, "--to", tmp_path / "reference", "--quiet", *options)
+    assert (program.code, program.err) == (1, f"swim2real: {says.format(clip.video)}\n")
+
+
+def test_pick_shows_the_frame_at_which_tracking_begins(program, clip, tmp_path):
+    program("pick", clip.video, "--out", tmp_path / "page.html", "--from", 0.1).done()
+    assert '"number": 3' in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert program.out.endswith("--to REFERENCE --from 0.1\n")
+    refused = program("pick", clip.video, "--out", tmp_path / "page.html", "--from", 9).sentence(1)
+    assert refused.startswith(f"'{clip.video}' ends at 0.200 s; there is no frame from ")
+
+
+def test_cut_makes_shorter_trials_in_another_reference(program, pendulum_folder, tmp_path):
+    tracks = pendulum_folder / "tracks"
+    program("cut", tracks, "--to", tmp_path / "short", "--from", 3, "--until", 3.5, "--trials", "b").done()
+    whole, (short,) = load_reference(tracks)["b"], load_reference(tmp_path / "short")
+    there = (whole.track.times >= 3 - 1e-3) & (whole.track.times <= 3.5 + 1e-3)
+    np.testing.assert_array_equal(short.track.positions, whole.track.positions[there])
+    np.testing.assert_array_equal(
+        short.controls.held("torque", short.track.times), whole.controls.held("torque", whole.track.times[there])
+    )
+    assert program.out == f"b: {there.sum()} of {whole.track.frame_count} frames, {short.track.duration:.3f} s\n"
+    program("calibrate", tmp_path / "short", "--robot", pendulum_folder / "pendulum.toml", "--out", tmp_path / "run",
+            "--method", "random", "--budget", 1, "--quiet").done()  # fmt: skip
+    assert "is the reference itself" in program("cut", tracks, "--to", tracks, "--from", 1).sentence(2)
+    assert "trial 'a' ends at" in program("cut", tracks, "--to", tmp_path / "no", "--from", 60).sentence(1)
+    assert not (tmp_path / "no").exists()
+
+
 # several videos
 
 

@@ -133,7 +133,9 @@ def test_two_points_on_the_same_spot(file):
 def test_picked_on_another_video(file):
     message = refusal(file(), width=480, height=640)
     assert "were picked on a frame of 640 x 480 px; the video's is 480 x 640 px; pick the points again" in message
-    assert "'frame' is 7; it must be 0" in refusal(file(frame=7))
+    assert "were picked in frame 7 of the video; tracking begins with frame 0" in refusal(file(frame=7))
+    load_points(file(frame=7), NAMES, 640, 480, frame=7)
+    assert "'frame' is -1" in refusal(file(frame=-1))
     assert "'format' is 2; it must be 1" in refusal(file(format=2))
     load_points(file(format=None, width=None, height=None, frame=None), NAMES, 640, 480)
 

@@ -1,4 +1,4 @@
-"""`fetch`, `pick`, `track`, `import-tracks` and `quality`: from published tables, videos or tracks to a reference."""
+"""`fetch`, `pick`, `track`, `import-tracks`, `cut`, `quality`: from published tables, videos, tracks to a reference."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ if TYPE_CHECKING:
     from swim2real.tracking.camera import Camera
     from swim2real.tracking.camera_file import CameraFile
     from swim2real.trials import MarkerTrack, TrialSet
+    from swim2real.trials.span import Span
 
 AUTO = "auto"
 LOST = "Frames for which each marker is lost [%]"
 MOST_REFUSED = 10  # markers of a trial that a refusal names
+From = Annotated[tuple[float, ...], tyro.conf.arg(name="from")]  # which Python doesn't take as a name
 Findings = dict[str, dict[str, Any]]  # of the trials, by name
 
 
@@ -43,7 +45,9 @@ def fetch(*, to: Path, source: Annotated[str | None, tyro.conf.arg(name="from")]
     return 0
 
 
-def pick(videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str = "fish") -> int:
+def pick(
+    videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str = "fish", begin: From = ()
+) -> int:  # fmt: skip
     """Write a page for each video on which the markers of its first frame are clicked.
 
     One self-contained HTML file: open it in a browser, click the markers in order, download NAME.points.json.
@@ -52,6 +56,8 @@ def pick(videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot
         videos: Videos whose first frames are shown.
         out: Page to write, for one video; by default beside each video.
         robot: Whose markers they are: fish, or a robot file (.toml).
+        begin: Show the first frame from this time on, with which `track --from` begins [s]; one for all videos, or one
+            for each.
     """
     if not videos:
         raise ArgumentError("no video was given")
@@ -60,17 +66,21 @@ def pick(videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot
     from swim2real.cli.tables import say
     from swim2real.robots import load_robot
     from swim2real.tracking.points import write_pick_page
+    from swim2real.trials.span import ROUNDING, spans
     from swim2real.video import first_frame
 
+    begins = [span.begin for span in spans(begin, (), len(videos), "videos")]
     body = load_robot(robot, markers_only=True)
     names = body.marker_names
-    for video in videos:
+    for video, since in zip(videos, begins, strict=True):
         page = out or video.with_name(f"{video.stem}.pick.html")
-        write_pick_page(first_frame(video).image, names, video.name, page, body.rest_markers)
+        frame = first_frame(video, max(0.0, since - ROUNDING))
+        write_pick_page(frame.image, names, video.name, page, body.rest_markers, frame.index)
         say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {video.stem}.points.json")
     points = " ".join(f"{video.stem}.points.json" for video in videos)
+    later = f" --from {' '.join(f'{time:g}' for time in begin)}" if begin else ""
     say(
-        f"Next: swim2real track {' '.join(map(str, videos))} --markers {points} --to REFERENCE{for_robot(robot)}"
+        f"Next: swim2real track {' '.join(map(str, videos))} --markers {points} --to REFERENCE{for_robot(robot)}{later}"
     )  # fmt: skip
     return 0
 
@@ -78,7 +88,8 @@ def pick(videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot
 def track(
     videos: Positional[tuple[Path, ...]], settings: TrackingSettings, *, to: Path, markers: tuple[str, ...],
     robot: str = "fish", frequency: tuple[float, ...] = (), controls: tuple[Path, ...] = (),
-    sensors: tuple[Path, ...] = (), workers: int = 0, json: bool = False, quiet: bool = False,
+    sensors: tuple[Path, ...] = (), begin: From = (), until: tuple[float, ...] = (), workers: int = 0,
+    json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Find the markers in videos and make trials of them.
 
@@ -100,6 +111,9 @@ def track(
         controls: Tables of what drove the robot in each video, in order: time_s on the video's clock, then one an
             actuator.
         sensors: Tables of what was measured in each video, in order: time_s, then a column a sensor.
+        begin: Track from this time of the video on [s], which becomes time 0 of the trial and of its tables; one for
+            all videos, or one for each. The points are those of the frame there: `pick --from`.
+        until: Track up to this time of the video [s]; one for all videos, or one for each.
         workers: Videos tracked at a time; 0 for as many as there are cores.
         json: Print what was found as JSON.
         quiet: Print no progress.
@@ -118,14 +132,17 @@ def track(
     from swim2real.cli.tables import say
     from swim2real.pipeline import TRACKS, TrackedVideo, track_videos
     from swim2real.robots import load_robot
+    from swim2real.trials.span import spans
 
+    stretches = spans(begin, until, count, "videos")
     points = [AUTO] * count if markers == (AUTO,) else list(markers)
     body = load_robot(robot, markers_only=True)
     try:
         with films_shown(quiet or json) as (on_progress, on_done):
             results = track_videos(
                 videos, points, body, settings, to, frequencies=frequency or None, controls=controls or None,
-                sensors=sensors or None, workers=workers or None, on_progress=on_progress, on_done=on_done,
+                sensors=sensors or None, spans=stretches, workers=workers or None, on_progress=on_progress,
+                on_done=on_done,
             )  # fmt: skip
     except KeyboardInterrupt:
         print("swim2real: interrupted; the same command goes on with the videos that aren't done", file=sys.stderr)
@@ -148,6 +165,7 @@ def track(
 def import_tracks(
     tables: Positional[tuple[Path, ...]], *, to: Path, fps: float, robot: str = "fish", camera: Path | None = None,
     frequency: tuple[float, ...] = (), controls: tuple[Path, ...] = (), sensors: tuple[Path, ...] = (),
+    begin: From = (), until: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
     """Make trials of tracks that other programs wrote: DeepLabCut's CSV tables, which SLEAP and movement write too.
 
@@ -160,6 +178,9 @@ def import_tracks(
         frequency: What was asked of the motor in each trial [Hz].
         controls: Tables of what drove the robot in each trial, in order: time_s, then one an actuator.
         sensors: Tables of what was measured in each trial, in order: time_s, then a column a sensor.
+        begin: Take the track from this time on [s], which becomes time 0 of the trial and of its tables; one for all
+            tables, or one for each.
+        until: Take the track up to this time [s]; one for all tables, or one for each.
     """
     for option, values in (("frequency", frequency), ("controls", controls), ("sensors", sensors)):
         one_each(option, values, len(tables), "tables")
@@ -171,20 +192,27 @@ def import_tracks(
     from swim2real.trials import Trial
     from swim2real.trials.reference import add_trial, nominal_frequency
     from swim2real.trials.signals import read_signals
+    from swim2real.trials.span import spans
 
+    stretches = spans(begin, until, len(tables), "tables")
     body = load_robot(robot, markers_only=True)
     known = None if camera is None else read_camera(camera)
     # all tables are read before anything is written
-    read = {_trial_name(path): (path, *_read_track(path, fps, known, body)) for path in tables}
+    read = {
+        _trial_name(path): (path, span, *_read_track(path, fps, known, body, span))
+        for path, span in zip(tables, stretches, strict=True)
+    }
     if len(read) < len(tables):
         raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(read)}); rename one")
     driven, measured = ([read_signals(path) for path in paths] for paths in (controls, sensors))
-    for i, (name, (path, pixels, scale, notes)) in enumerate(read.items()):
-        trial = Trial(
-            name, scale.to_meters(pixels), frequency[i] if frequency else nominal_frequency(name),
-            scale.scale.meters_per_pixel,
-            f"pose table {path.name}, {fps:g} fps" + ("" if camera is None else f", camera {camera.name}"),
-            controls=driven[i] if driven else None, sensors=measured[i] if measured else None,
+    for i, (name, (path, span, pixels, scale, notes)) in enumerate(read.items()):
+        trial = span.of_trial(
+            Trial(
+                name, scale.to_meters(pixels), frequency[i] if frequency else nominal_frequency(name),
+                scale.scale.meters_per_pixel,
+                f"pose table {path.name}, {fps:g} fps" + ("" if camera is None else f", camera {camera.name}"),
+                controls=driven[i] if driven else None, sensors=measured[i] if measured else None,
+            )
         )  # fmt: skip
         add_trial(to, trial, body.marker_names)
         mm_per_pixel = 1e3 * scale.scale.meters_per_pixel
@@ -192,6 +220,44 @@ def import_tracks(
         for line in (*notes, *scale.findings()):
             say(f"{name}: {line}")
     say(f"{to}: check the tracks with: swim2real quality {to}{for_robot(robot)}")
+    return 0
+
+
+def cut(
+    reference: Positional[Path], *, to: Path, begin: From = (), until: tuple[float, ...] = (),
+    trials: tuple[str, ...] = (),
+) -> int:  # fmt: skip
+    """Cut a stretch out of recordings: their tracks, controls and sensors, with times from 0.
+
+    Reads a reference and adds the cut trials to another one.
+
+    Args:
+        reference: Folder with the real trials.
+        to: Reference folder to add the cut trials to.
+        begin: Where the stretch begins on the trial's clock [s]; one for all trials, or one for each.
+        until: Where it ends [s]; one for all trials, or one for each.
+        trials: Which trials; by default all, in the order of their names.
+    """
+    from swim2real.cli.tables import say
+    from swim2real.trials import load_reference
+    from swim2real.trials.reference import add_trial
+    from swim2real.trials.span import spans
+
+    if to.resolve() == reference.resolve():
+        raise ArgumentError(
+            f"--to '{to}' is the reference itself, whose whole trials would be lost; give another folder"
+        )
+    whole = load_reference(reference)
+    chosen = [whole[name] for name in trials or whole.names]
+    stretches = spans(begin, until, len(chosen), "trials")
+    pieces = [span.of_trial(trial) for trial, span in zip(chosen, stretches, strict=True)]  # before any is written
+    for trial, piece in zip(chosen, pieces, strict=True):
+        add_trial(to, piece, whole.marker_names)
+        say(
+            f"{piece.name}: {piece.track.frame_count} of {trial.track.frame_count} frames, {piece.track.duration:.3f} s"
+        )
+    if any(piece.start != trial.start for trial, piece in zip(chosen, pieces, strict=True)):
+        say('The start that was known is cut off; start = "fitted" in the robot file finds the new one')
     return 0
 
 
@@ -252,15 +318,16 @@ def _trial_name(path: Path) -> str:
 
 
 def _read_track(
-    path: Path, fps: float, known: CameraFile | None, robot: Robot
+    path: Path, fps: float, known: CameraFile | None, robot: Robot, span: Span
 ) -> tuple[MarkerTrack, Camera, list[str]]:
-    """The track in pixels with the robot's markers in order, its camera, and what to tell of it."""
+    """A stretch of a track in pixels with the robot's markers in order, its camera, and what to tell of it."""
     from swim2real.robots.compiled import rigid_markers
     from swim2real.tracking.camera import camera_for
     from swim2real.trials import MarkerTrack
     from swim2real.trials.pose_tables import read_dlc
 
     track, names = read_dlc(path, fps)
+    track = span.of_track(track, str(path))
     notes: list[str] = []
     if set(names) == set(robot.marker_names):
         order = [names.index(name) for name in robot.marker_names]

@@ -19,7 +19,7 @@ from swim2real import __version__
 from swim2real.cli.calibrate import calibrate, demo
 from swim2real.cli.compare import compare
 from swim2real.cli.deploy import deploy
-from swim2real.cli.film import fetch, import_tracks, pick, quality, track
+from swim2real.cli.film import cut, fetch, import_tracks, pick, quality, track
 from swim2real.cli.policy import export_commands, rollout, train
 from swim2real.cli.results import evaluate, overlay, report, simulate
 from swim2real.cli.robot import check, export_model, init
@@ -31,7 +31,8 @@ Command = Callable[..., int]
 COMMANDS: dict[str, dict[str, Command]] = {
     "A first look": {"demo": demo},
     "Real trials": {
-        "fetch": fetch, "pick": pick, "track": track, "import-tracks": import_tracks, "quality": quality,
+        "fetch": fetch, "pick": pick, "track": track, "import-tracks": import_tracks, "cut": cut,
+        "quality": quality,
     },
     "A robot of your own": {"init": init, "check": check},
     "Calibration": {"calibrate": calibrate, "compare": compare},

@@ -82,7 +82,8 @@ def calibrate(
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }  # fmt: skip
     _check_replay(settings.advisor, resolved)
-    videos = {trial.name: trial.video for trial in fitted if trial.video is not None}
+    # an advisor is shown films on the clock of their trials
+    videos = {trial.name: trial.video for trial in fitted if trial.video is not None and not trial.video_begin}
     context = AdvisorContext(
         folder.path, problem.evaluate, problem.speeds_from_rest, videos, settings.briefing, access or VlmAccess(),
         on_advisor,

@@ -40,6 +40,7 @@ from swim2real.trials import MarkerTrack, Trial
 from swim2real.trials.pose_tables import write_dlc
 from swim2real.trials.reference import add_trial, check_folder, load_reference, nominal_frequency
 from swim2real.trials.signals import read_signals
+from swim2real.trials.span import WHOLE, Span
 from swim2real.video import Frame, VideoReader
 
 Array = NDArray[np.float64]
@@ -134,7 +135,8 @@ class TrackedVideo:
 
 def track_video(
     video: str | Path, points: str | Path, robot: Robot, settings: TrackingSettings, folder: str | Path, *,
-    frequency: float | None = None, controls: Path | None = None, sensors: Path | None = None, threads: int = 0,
+    frequency: float | None = None, controls: Path | None = None, sensors: Path | None = None, span: Span = WHOLE,
+    threads: int = 0,
     on_progress: Callable[[FrameProgress], None] = lambda progress: None,
 ) -> TrackedVideo:  # fmt: skip
     """Tracks a video and adds it to a reference folder as a trial of the video's name.
@@ -149,6 +151,7 @@ def track_video(
         frequency: Frequency that the motor was commanded to turn at [Hz]; None takes it from a name such as f1_50.
         controls: Path of a table of what drove the robot, on the video's clock.
         sensors: Path of a table of what was measured, on the video's clock.
+        span: Stretch of the video that is tracked. The trial's time is 0 at its first frame, in which the points are.
         threads: Number of threads that decode the video; 0 for as many as the machine has cores.
         on_progress: Called after every frame.
 
@@ -161,14 +164,17 @@ def track_video(
     name = source.stem
     report_path = out / TRACKS / f"{name}.json"
     with VideoReader(source, threads) as reader:
-        frames = iter(reader)
-        first = next(frames)
         info = reader.info
         size = (info.width, info.height)
-        start = _labeled(first, robot) if points == AUTO else load_points(points, robot.marker_names, *size)
+        frames = _within(reader, span)
+        first = next(frames)
+        begin = first.time
+        start = (
+            _labeled(first, robot) if points == AUTO else load_points(points, robot.marker_names, *size, first.index)
+        )
         camera_file = None if settings.camera is None else read_camera(settings.camera)
         commands, readings = (None if table is None else read_signals(table) for table in (controls, sensors))
-        fingerprint = _fingerprint(source, start, settings, robot, frequency, (controls, sensors))
+        fingerprint = _fingerprint(source, start, settings, robot, frequency, (controls, sensors), span)
         before = _finished(report_path, fingerprint, out, name)
         if before is not None:
             return TrackedVideo(name, before, True)
@@ -176,7 +182,7 @@ def track_video(
         _make_folder(report_path.parent)
         tracker: Tracker = DetectionTracker() if settings.tracker == "detection" else CsrtTracker()
         began = time.monotonic()
-        seen = _follow(reader, first, frames, start, tracker, settings, report_path, robot, on_progress)
+        seen = _follow(reader, first, frames, start, tracker, settings, report_path, robot, span, on_progress)
         notes = list(reader.notes)
     seconds = time.monotonic() - began
     pixels = fill_gaps(smooth(seen) if settings.smooth else seen)
@@ -185,10 +191,17 @@ def track_video(
     )
     track = camera.to_meters(pixels)
     quality = check_lost(track, robot)
+    made = f"{size[0]}x{size[1]}, {info.codec}, {settings.tracker} tracker, swim2real {__version__}"
+    if not span.whole:
+        end = begin + float(track.times[-1])
+        if span.until is not None and span.until - end > 2 / info.fps:
+            notes.append(f"the last frame is at {end:.3f} s, before --until, {span.until:g} s")
+        commands = None if commands is None else commands.cut(begin, end, held=True)
+        readings = None if readings is None else readings.cut(begin, end)
     trial = Trial(
         name, track, nominal_frequency(name) if frequency is None else frequency, camera.scale.meters_per_pixel,
-        f"video {source.name}, {size[0]}x{size[1]}, {info.codec}, {settings.tracker} tracker, swim2real {__version__}",
-        video=source, controls=commands, sensors=readings,
+        ", ".join(filter(None, (f"video {source.name}", span.words, made))),
+        video=source, video_begin=begin, controls=commands, sensors=readings,
     )  # fmt: skip
     report_path.unlink(missing_ok=True)  # it is of the track that is replaced now
     write_dlc(seen, robot.marker_names, report_path.with_suffix(".pixels.csv"))
@@ -231,13 +244,14 @@ def _labeled(first: Frame, robot: Robot) -> Array:
 
 def _follow(
     reader: VideoReader, first: Frame, frames: Iterator[Frame], start: Array, tracker: Tracker,
-    settings: TrackingSettings, report_path: Path, robot: Robot, on_progress: Callable[[FrameProgress], None],
+    settings: TrackingSettings, report_path: Path, robot: Robot, span: Span,
+    on_progress: Callable[[FrameProgress], None],
 ) -> MarkerTrack:  # fmt: skip
-    """Tracks all frames in pixels and writes the overlay meanwhile."""
+    """Tracks frames in pixels, the first at time 0, and writes the overlay meanwhile."""
     times: list[float] = []
     positions: list[Array] = []
     confidences: list[Array] = []
-    info = reader.info
+    info, total = reader.info, _total(reader, span)
     with ExitStack() as stack:
         overlay = None
         if settings.overlay:
@@ -245,24 +259,56 @@ def _follow(
             overlay = stack.enter_context(TrackOverlay(target, info.width, info.height, info.fps, robot.marker_names))
         frame: Frame | None = first
         while frame is not None:
+            time = frame.time - first.time
             if positions:
-                position, confidence = tracker.follow(frame.image, frame.time)
+                position, confidence = tracker.follow(frame.image, time)
             else:
-                position, confidence = tracker.start(frame.image, start, frame.time)
+                position, confidence = tracker.start(frame.image, start, time)
             if not frame.intact:  # predicted from a broken one: what it shows may be of another time
                 confidence = np.minimum(confidence, SMEARED)
-            times.append(frame.time)
+            times.append(time)
             positions.append(position)
             confidences.append(confidence)
             if overlay is not None:
                 small = frame.scaled(overlay.width)
-                overlay.add(small, overlay.width / info.width, frame.time, position, confidence, detail=frame.image)
+                overlay.add(small, overlay.width / info.width, time, position, confidence, detail=frame.image)
             lost = int(np.count_nonzero(confidence <= 0))
-            on_progress(FrameProgress(report_path.stem, len(times), info.frame_count, lost))
+            on_progress(FrameProgress(report_path.stem, len(times), total, lost))
             frame = next(frames, None)
         if len(times) < 2:
-            raise TrackingError(f"'{info.path}' has one frame only; a trial needs at least 2")
+            where = f" {span.words}" if span.words else ""
+            raise TrackingError(f"'{info.path}' has one frame only{where}; a trial needs at least 2")
     return MarkerTrack(times, np.array(positions), np.array(confidences))
+
+
+def _within(reader: VideoReader, span: Span) -> Iterator[Frame]:
+    """The frames of a video within a stretch of it, one at least.
+
+    Raises:
+        TrialError: The stretch isn't within the video, as far as the file says how long it is, or holds no frame.
+    """
+    info, last, found = reader.info, 0.0, False
+    what = f"video '{info.path}'"
+    if info.duration is not None:  # before hours of film are decoded
+        span.check(info.duration, what)
+    for frame in reader:
+        last = frame.time
+        if span.after(last):
+            break
+        if not span.before(last):
+            found = True
+            yield frame
+    if not found:
+        span.check(last, what)
+        raise TrialError(f"{what} has no frame {span.words}; make the stretch longer")
+
+
+def _total(reader: VideoReader, span: Span) -> int | None:
+    """The number of frames in a stretch of a video, as far as the file says it."""
+    info = reader.info
+    if span.until is not None:
+        return round((span.until - span.begin) * info.fps) + 1
+    return None if info.frame_count is None else max(1, info.frame_count - round(span.begin * info.fps))
 
 
 def _filled_share(seen: MarkerTrack, pixels: MarkerTrack) -> Array:
@@ -272,7 +318,7 @@ def _filled_share(seen: MarkerTrack, pixels: MarkerTrack) -> Array:
 
 def _fingerprint(
     video: Path, start: Array, settings: TrackingSettings, robot: Robot, frequency: float | None,
-    tables: tuple[Path | None, ...],
+    tables: tuple[Path | None, ...], span: Span,
 ) -> str:  # fmt: skip
     digest = hashlib.sha256()
     with video.open("rb") as file:
@@ -283,6 +329,8 @@ def _fingerprint(
     about = [
         size, start.tolist(), settings.tracker, settings.smooth, settings.overlay, robot.name, frequency, __version__
     ]  # fmt: skip
+    if not span.whole:  # so that older tracks stay done
+        about += [span.begin, span.until]
     digest.update(json.dumps(about).encode())
     for file in (settings.camera, *tables):
         digest.update(b"\0" if file is None else file.read_bytes())

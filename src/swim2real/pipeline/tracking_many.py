@@ -15,6 +15,7 @@ from swim2real.pipeline.tracking import FrameProgress, TrackedVideo, track_video
 from swim2real.processes import ProcessDiedError, ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
+from swim2real.trials.span import WHOLE, Span
 
 _POLL_INTERVAL = 0.2  # s between two looks at what the processes report
 _progress: Any = None  # a process's end of the queue
@@ -24,7 +25,7 @@ def track_videos(
     videos: Sequence[str | Path], points: Sequence[str | Path], robot: Robot, settings: TrackingSettings,
     folder: str | Path, *, frequencies: Sequence[float | None] | None = None,
     controls: Sequence[Path | None] | None = None, sensors: Sequence[Path | None] | None = None,
-    workers: int | None = None,
+    spans: Sequence[Span] | None = None, workers: int | None = None,
     on_progress: Callable[[FrameProgress], None] = lambda progress: None,
     on_done: Callable[[str, TrackedVideo | Swim2RealError], None] = lambda name, result: None,
 ) -> list[TrackedVideo | Swim2RealError]:  # fmt: skip
@@ -39,6 +40,7 @@ def track_videos(
         frequencies: Frequency that the motor was commanded to turn at in each video [Hz], None where it isn't known.
         controls: Table of what drove the robot in each video, None where there is none.
         sensors: Table of what was measured in each video, None where there is none.
+        spans: Stretch of each video that is tracked; None for all of all.
         workers: Number of processes at a time; None for as many as there are cores and videos.
         on_progress: Called now and then with the state of a video.
         on_done: Called when a video is done or has failed.
@@ -60,7 +62,7 @@ def track_videos(
         raise ArgumentError(f"workers is {workers}; it must be at least 1")
     known: dict[str, Sequence[Any]] = {
         "points": points, "frequency": frequencies or [None] * count, "controls": controls or [None] * count,
-        "sensors": sensors or [None] * count,
+        "sensors": sensors or [None] * count, "span": spans or [WHOLE] * count,
     }  # fmt: skip
     for key, values in known.items():
         if len(values) != count:

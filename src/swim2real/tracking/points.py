@@ -42,7 +42,7 @@ class _Content(BaseModel):
     format: Literal[1] = 1
     width: int | None = None
     height: int | None = None
-    frame: Literal[0] = 0
+    frame: Annotated[int, Field(ge=0, strict=True)] | None = None
     markers: dict[str, Pair] | None = None
     points: list[Pair] | None = None
 
@@ -52,7 +52,7 @@ class _Content(BaseModel):
         return {"points": content} if isinstance(content, list) else content
 
 
-def load_points(path: str | Path, names: Sequence[str], width: int, height: int) -> Array:
+def load_points(path: str | Path, names: Sequence[str], width: int, height: int, frame: int = 0) -> Array:
     """Reads a points file and checks it against the robot and the video.
 
     Args:
@@ -60,6 +60,7 @@ def load_points(path: str | Path, names: Sequence[str], width: int, height: int)
         names: Names of the robot's markers, head first.
         width: Width of the video's upright frame [px].
         height: Height of the video's upright frame [px].
+        frame: Number of the frame that tracking begins with.
 
     Returns:
         Points in the order of `names` [px]. Shape (M, 2).
@@ -73,6 +74,11 @@ def load_points(path: str | Path, names: Sequence[str], width: int, height: int)
         raise TrackingError(
             f"points '{path}' were picked on a frame of {size[0]} x {size[1]} px; "
             f"the video's is {width} x {height} px; {PICK_AGAIN} on this video"
+        )
+    if content.frame not in (None, frame):
+        raise TrackingError(
+            f"points '{path}' were picked in frame {content.frame} of the video; tracking begins with frame {frame}; "
+            f"begin with the same one (--from of `swim2real pick` and of `swim2real track`)"
         )
     if content.markers is not None:
         pairs = _in_order(path, content.markers, names)
@@ -121,16 +127,18 @@ def save_points(path: str | Path, points: Array, names: Sequence[str], video: st
 
 
 def write_pick_page(
-    frame_image: Image, names: Sequence[str], video_name: str, path: str | Path, rest_markers: Array | None = None
-) -> Path:
+    frame_image: Image, names: Sequence[str], video_name: str, path: str | Path, rest_markers: Array | None = None,
+    frame: int = 0,
+) -> Path:  # fmt: skip
     """Writes the page to click markers on. What it lets a person download is what `load_points` reads.
 
     Args:
-        frame_image: First frame, upright, RGB. Shape (H, W, 3).
+        frame_image: The frame, upright, RGB. Shape (H, W, 3).
         names: Names of the robot's markers, head first.
         video_name: Name of the video, shown on the page and written into the points file.
         path: Path of the page.
         rest_markers: Marker positions of the robot in its rest pose, for a sketch of it [m]. Shape (M, 2).
+        frame: Number of the frame.
 
     Returns:
         The path.
@@ -141,7 +149,7 @@ def write_pick_page(
     """
     height, width = _size(frame_image)
     data = {
-        "names": list(names), "video": video_name, "width": width, "height": height,
+        "names": list(names), "video": video_name, "width": width, "height": height, "number": frame,
         "places": _places(len(names), rest_markers),
     }  # fmt: skip
     parts = {

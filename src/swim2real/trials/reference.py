@@ -42,6 +42,7 @@ class TrialEntry(BaseModel):
         meters_per_pixel: Scale of the video [m].
         provenance: Where the trial comes from, in words.
         video: Path of its video, from the folder.
+        video_begin_s: Time of that video at which the trial's time is 0 [s].
         controls: File with the commands that drove the robot, in the same folder.
         sensors: File with what sensors measured, in the same folder.
         start: Positions of joints at the first time stamp [m or rad].
@@ -57,6 +58,7 @@ class TrialEntry(BaseModel):
     meters_per_pixel: Positive | None = None
     provenance: str = ""
     video: str | None = None
+    video_begin_s: Number = 0.0
     controls: str | None = None
     sensors: str | None = None
     start: dict[str, Number] = Field(default_factory=dict)
@@ -183,7 +185,7 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
     """Adds a trial to a reference folder, in place of one of the same name; makes the folder if it isn't there.
 
     What was recorded beside the replaced trial's track stays, if the new one brings nothing like it: a video that is
-    tracked again keeps its controls, sensors and start.
+    tracked again from the same time on keeps its controls, sensors and start.
 
     Files are replaced at once and the index last, so that a reader never sees half of one, and processes that add
     trials at the same time wait for one another.
@@ -207,7 +209,7 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
             entries = _entries(path, marker_names, table)
             entry = _entry(trial, path)
             old = next((other for other in entries if other.name == trial.name), None)
-            if old is not None:
+            if old is not None and old.video_begin_s == entry.video_begin_s:
                 kept = [key for key in _RECORDED if key in old.model_fields_set - entry.model_fields_set]
                 entry = entry.model_copy(update={key: getattr(old, key) for key in kept})
             entries = [*(other for other in entries if other is not old), entry]
@@ -255,6 +257,7 @@ def _entry(trial: Trial, folder: Path) -> TrialEntry:
     """What the index says of a trial; keys of what it doesn't have aren't set."""
     optional: dict[str, Any] = {
         "video": None if trial.video is None else path_from(folder, trial.video),
+        "video_begin_s": round(trial.video_begin, 9),
         **{kind: _signals_file(trial, kind) for kind in _signals(trial)},
         "start": dict(trial.start),
         "start_velocities": dict(trial.start_velocities),
@@ -310,6 +313,7 @@ def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
         meters_per_pixel=entry.meters_per_pixel,
         provenance=entry.provenance,
         video=None if entry.video is None else folder / entry.video,
+        video_begin=entry.video_begin_s,
         controls=_load_signals(folder, entry, "controls", entry.controls),
         sensors=_load_signals(folder, entry, "sensors", entry.sensors),
         start=entry.start,

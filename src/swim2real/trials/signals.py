@@ -111,6 +111,34 @@ class Signals:
             )
         return Signals(self.times[kept], self.names, self.values[kept])
 
+    def cut(self, first: float, last: float, *, held: bool = False) -> Signals:
+        """The rows from one time to another, both included, with their times counted from the first.
+
+        Args:
+            first: Where the rows begin [s].
+            last: Where they end [s].
+            held: Whether each value holds until the next one; what holds at the beginning then has a row there.
+
+        Raises:
+            TrialError: There is no such row.
+        """
+        begun = self.times <= first + _ROUNDING
+        if not (held and begun.any()):
+            self.check_clock(first, last)
+        kept = (self.times >= first - _ROUNDING) & (self.times <= last + _ROUNDING)
+        if held and begun.any():
+            known = [column[begun & np.isfinite(column)] for column in self.values.T]
+            now = [column[-1] if column.size else np.nan for column in known]
+            kept &= ~begun
+            times, values = np.append(0.0, self.times[kept] - first), np.vstack([now, self.values[kept]])
+        else:
+            times, values = self.times[kept] - first, self.values[kept]
+        if not times.size:
+            raise TrialError(
+                f"there is no row between {first:g} s and {last:g} s; cut off less, or leave the table out"
+            )
+        return Signals(times, self.names, values)
+
 
 def read_signals(table: Path) -> Signals:
     """Reads a CSV table with the header `time_s,NAME,…`; empty cells are NaN.

@@ -138,6 +138,7 @@ class Trial:
         provenance: Where the trial comes from, in words.
         divergence: Why and when a simulation failed; None if it didn't.
         video: Video that the trial was tracked in; None without one. The file may have been moved since.
+        video_begin: Time of that video at which the trial's time is 0 [s].
         controls: Commands that drove the robot, one column per actuator; each row holds until the next.
         sensors: Readings that were recorded beside the markers.
         start: Positions of joints at the first time stamp [m or rad]; empty if they aren't known.
@@ -152,6 +153,7 @@ class Trial:
     provenance: str = ""
     divergence: str | None = None
     video: Path | None = None
+    video_begin: float = 0.0
     controls: Signals | None = None
     sensors: Signals | None = None
     start: Mapping[str, float] = field(default_factory=dict[str, float])

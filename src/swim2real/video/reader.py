@@ -155,14 +155,23 @@ class VideoReader:
         return self._pass.notes()
 
 
-def first_frame(path: str | Path) -> Frame:
-    """The first frame of a video.
+def first_frame(path: str | Path, since: float = 0.0) -> Frame:
+    """The first frame of a video, or the first from a time on.
+
+    Args:
+        path: Path of the video.
+        since: Time since its first frame [s].
 
     Raises:
-        VideoError: The file can't be read, or not one frame can be decoded.
+        VideoError: The file can't be read, not one frame can be decoded, or it ends before that time.
     """
     with VideoReader(path, threads=1) as reader:
-        return next(iter(reader))
+        last = 0.0
+        for frame in reader:
+            if frame.time >= since:
+                return frame
+            last = frame.time
+    raise VideoError(f"'{path}' ends at {last:.3f} s; there is no frame from {since:g} s on")
 
 
 class _Pass:
