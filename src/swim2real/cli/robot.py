@@ -91,5 +91,7 @@ def export_model(parameters: Positional[Path], *, out: Path) -> int:
     except ValueError as error:
         raise RobotError(f"MuJoCo can't read its own '{out}' back: {error}") from error
     exact = "all numbers read back the same" if not gap else f"numbers read back within {gap:.1g}, relative ({name})"
-    say(f"{out}: robot '{robot.name}', {exact}")
+    late = [f"{name} = {values[name]:g} s" for name in robot.delays]
+    told = f"; delays are no part of a model, so these aren't in it: {', '.join(late)}" if late else ""
+    say(f"{out}: robot '{robot.name}', {exact}{told}")
     return 0

@@ -61,7 +61,7 @@ def _parameters(file: RobotFile, probes: list[Probe]) -> None:
     rows: list[tuple[str, ...]] = []
     for one, calibrated in zip(probes, file.calibrated, strict=True):
         p = one.parameter
-        name = escape("\n  ".join([p.name, *map(str, calibrated.targets)]))
+        name = escape("\n  ".join([p.name, *map(str, (*calibrated.targets, *calibrated.delays))]))
         rows.append((name, p.unit, f"{p.lower:g} to {p.upper:g}", f"{p.published:.4g}",
                      _cell(one.lower), _cell(one.upper)))  # fmt: skip
     columns = ("parameter, what it writes", "unit", "bounds", "value", "lower mm", "upper mm")
@@ -158,7 +158,11 @@ def _wrong(file: RobotFile, robot: Robot, one: Probe) -> Iterator[str]:
     refused = [why for why in (one.effect.lower, one.effect.upper) if why is not None]
     yield from refused
     if not refused and one.idle:
-        what = "moves no marker" if one.effect.changes else "changes nothing of the model"
+        what = (
+            "moves no marker"
+            if one.parameter.name in robot.delays or one.effect.changes
+            else "changes nothing of the model"
+        )
         why = why_no_effect(file, robot, one.parameter.name)
         yield f"{one.parameter.name} {what}{f': {why}' if why else ''}"
 

@@ -114,6 +114,7 @@ class Draft:
                 "# {amplitude = 1.0, phase = 0.0, offset = 0.0} (a sine at the trial's frequency)",
                 *(f'{_key(name)} = "table"' for name in driven),
             ]  # fmt: skip
+            lines.append("# a delay of commands can be calibrated, in s: targets = 'control \"*\" delay'")
         sensors = list(_sensor_lines(self.spec))
         if sensors:
             lines += ["", "# what is compared beside the markers: an error of one unit counts as `meters_per_unit`"]

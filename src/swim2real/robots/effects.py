@@ -68,6 +68,8 @@ def why_no_effect(file: RobotFile, robot: Robot, name: str) -> str | None:
     """
     position = [entry.parameter.name for entry in file.calibrated].index(name)
     entry = file.calibrated[position]
+    if entry.delays:
+        return "what it delays doesn't change in these trials"
     for later in file.calibrated[position + 1 :]:
         if _numbers(file.spec, entry) <= _numbers(file.spec, later, absolute=True):
             return f"parameter '{later.parameter.name}' writes to the same place after it"

@@ -9,7 +9,7 @@ import importlib
 import importlib.util
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from swim2real.checking import check
 from swim2real.errors import ParameterError, RobotError
 from swim2real.parameters import Parameter, ParameterSpace, Values
 from swim2real.robots.compiled import compiled, one_line
+from swim2real.robots.delays import Delay
 from swim2real.robots.robot import (
     CommandLimits,
     Control,
@@ -52,11 +53,13 @@ class CalibratedParameter:
 
     Attributes:
         parameter: Its published value is the model's own, or what the file says.
-        targets: Places in the model that it sets, one at least.
+        targets: Places in the model that it sets.
+        delays: What it delays; of the two there is one at least.
     """
 
     parameter: Parameter
     targets: tuple[Target, ...]
+    delays: tuple[Delay, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,7 @@ def _robot(file: RobotFile, markers_only: bool) -> Robot:
         plane=plane,
         links=tuple((i, i + 1) for i in range(len(names) - 1)) if links is None else links,
         policy=_policy(file),
+        delays={entry.parameter.name: entry.delays for entry in file.calibrated if entry.delays},
         source=file.path,
     )
 
@@ -149,10 +153,13 @@ def open_robot_file(path: str | Path, *, markers_only: bool = False) -> RobotFil
     where = f"robot file '{place}'"
     table = check(RobotTable, _for_markers(content) if markers_only else content, where, RobotError)
     spec = _base(table, place.parent, where)
+    signals = None
+    if table.recordings is not None:
+        signals = {"control": list(table.recordings.controls), "sensor": list(table.recordings.sensors)}
     calibrated: dict[str, CalibratedParameter] = {}
     for i, entry in enumerate(table.parameters):
         try:
-            parameter = _calibrated(entry, i, spec, where)
+            parameter = _calibrated(entry, i, spec, signals, where)
             name = parameter.parameter.name
             if name in calibrated:
                 raise RobotError(f"{where}: two parameters are named '{name}'; give each its own name")
@@ -404,15 +411,21 @@ def _check_sensor(where: str, name: str, sizes: Mapping[str, int]) -> None:
         raise RobotError(f"{where}: sensor '{stem}' has {size} values, from [0]; there is no [{index}]")
 
 
-def _calibrated(entry: Mapping[str, Any], number: int, spec: mujoco.MjSpec, where: str) -> CalibratedParameter:
+def _calibrated(
+    entry: Mapping[str, Any], number: int, spec: mujoco.MjSpec, signals: Mapping[str, Sequence[str]] | None, where: str
+) -> CalibratedParameter:
     label = f"{where}, parameter {entry.get('name', number + 1)!r}"
     table = check(ParameterTable, entry, label, RobotError)
-    targets = tuple(Target(to.to, to.factor, to.offset, to.relative) for to in table.targets)
     try:
+        delays = tuple(_delays(table, signals))
+        lines = {delay.line for delay in delays}
+        targets = tuple(
+            Target(to.to, to.factor, to.offset, to.relative) for to in table.targets if to.to.strip() not in lines
+        )
         for target in targets:
             for bound in (table.lower, table.upper):
                 target.check_bound(spec, bound)
-        value = _current(targets, spec) if table.value is None else table.value
+        value = _current(targets, delays, spec) if table.value is None else table.value
         parameter = Parameter(
             table.name, table.unit, table.lower, table.upper, " ".join(table.meaning.split()), value,
             table.log_offset if table.scale == "log" else None,
@@ -420,7 +433,21 @@ def _calibrated(entry: Mapping[str, Any], number: int, spec: mujoco.MjSpec, wher
         _check_value(parameter, own=table.value is None)
     except (RobotError, ParameterError) as error:
         raise RobotError(f"{label}: {error}") from error
-    return CalibratedParameter(parameter, targets)
+    return CalibratedParameter(parameter, targets, delays)
+
+
+def _delays(table: ParameterTable, signals: Mapping[str, Sequence[str]] | None) -> Iterator[Delay]:
+    """What a parameter delays of recordings, whose controls and sensors are given by kind; None for swims."""
+    for to in table.targets:
+        delay = Delay.parse(to.to, to.factor, to.offset)
+        if delay is None:
+            continue
+        if signals is None:
+            raise RobotError(f"'{delay.line}': delays are of recordings, and the trials of this robot are steady swims")
+        if to.relative:
+            raise RobotError(f"'{delay.line}': a delay is in seconds, so it can't be relative")
+        delay.check(signals)
+        yield delay
 
 
 def _check_value(parameter: Parameter, own: bool) -> None:
@@ -431,9 +458,10 @@ def _check_value(parameter: Parameter, own: bool) -> None:
         raise RobotError(f"{error}; this is the model's own value, so {remedy}" if own else str(error)) from error
 
 
-def _current(targets: tuple[Target, ...], spec: mujoco.MjSpec) -> float:
-    """The value at which the model stays as it is."""
+def _current(targets: tuple[Target, ...], delays: tuple[Delay, ...], spec: mujoco.MjSpec) -> float:
+    """The value at which the model stays as it is, and nothing is delayed."""
     values = [number for target in targets for number in target.current(spec)]
+    values += [-delay.offset / delay.factor + 0.0 for delay in delays]
     if not np.isfinite(values).all():
         raise RobotError("the model sets no number there, so the parameter needs value = …")
     if not np.allclose(values, values[0], rtol=1e-9, atol=0.0):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
 from swim2real.parameters import ParameterSpace, Values
+from swim2real.robots.delays import Delay, Delays
 from swim2real.settings import ProtocolName
 
 
@@ -266,6 +267,7 @@ class Robot:
         plane: Axes of the world that the camera sees, to its right and up: (0, 1) from above, (0, 2) from the side.
         links: Pairs of markers that a picture joins by a line.
         policy: What a policy commands and sees; None where nobody has said.
+        delays: What parameters delay in recordings, by the parameter's name.
         source: File that describes the robot; None for one of Python's.
     """
 
@@ -280,7 +282,12 @@ class Robot:
     plane: tuple[int, int] = (0, 1)
     links: tuple[tuple[int, int], ...] = ()
     policy: PolicySetup | None = None
+    delays: Mapping[str, tuple[Delay, ...]] = field(default_factory=dict[str, tuple[Delay, ...]])
     source: Path | None = None
+
+    def delays_of(self, values: Values) -> Delays:
+        """The delays of recordings for parameter values."""
+        return Delays(self.delays, values)
 
     @property
     def swims(self) -> SteadySwims:

@@ -7,7 +7,7 @@ They begin where the first frames, or joint sensors, say, and may not leave the 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -86,6 +86,13 @@ class Stretch:
                 for name, scale in meters_per_unit.items() if name in trial.sensors.names
             ]  # fmt: skip
         return cls(since[:count], np.nan_to_num(positions), np.where(seen, weights[:count], 0.0), tuple(sensors))
+
+    def read_late(self, delays: Mapping[str, float]) -> Stretch:
+        """The same with readings dated earlier, by the delays of sensors [s]."""
+        if not any(delays.values()):
+            return self
+        sensors = tuple(replace(one, times=one.times - delays.get(one.name, 0.0)) for one in self.sensors)
+        return replace(self, sensors=sensors)
 
     @property
     def seconds(self) -> float:

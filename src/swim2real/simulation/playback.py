@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import EngineError, TrialError
 from swim2real.parameters import Values
+from swim2real.robots.delays import Delays
 from swim2real.robots.robot import Control, Robot, Sine
 from swim2real.simulation.engine import Engine
 from swim2real.simulation.fitted_start import UNIT_TIME, Attempt, State, Stretch, fitted_start
@@ -33,6 +34,7 @@ from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # s
+NONE_LATE = Delays({}, {})
 
 
 @dataclass(frozen=True)
@@ -146,9 +148,9 @@ class PlaybackSimulator:
             One set a candidate: markers in the plane of the camera [m] at the recordings' time stamps, sensors at those
             of the recordings' sensors that lie within the track, or at the track's.
         """
-        models = [self._model(values) for values in candidates]
-        jobs = [partial(self._simulate, model, rollout) for model in models for rollout in rollouts]
-        seconds = [rollout.trial.track.duration for rollout in rollouts] * len(models)
+        made = [(self._model(values), values) for values in candidates]
+        jobs = [partial(self._simulate, model, values, rollout) for model, values in made for rollout in rollouts]
+        seconds = [rollout.trial.track.duration for rollout in rollouts] * len(made)
         trials, count = all_of(jobs, seconds, self._threads), len(rollouts)
         sets = [tuple(trials[c * count : (c + 1) * count]) for c in range(len(candidates))]
         return [TrialSet(each, self.robot.marker_names) for each in sets]
@@ -159,7 +161,7 @@ class PlaybackSimulator:
         Closing the generator gives up the rest.
         """
         model = self._model(values)
-        yield from each_of([partial(self._simulate, model, rollout) for rollout in rollouts], self._threads)
+        yield from each_of([partial(self._simulate, model, values, rollout) for rollout in rollouts], self._threads)
 
     def _model(self, values: Values) -> mujoco.MjModel | str:
         """The compiled robot, or why there is none."""
@@ -168,7 +170,7 @@ class PlaybackSimulator:
         except (ValueError, mujoco.FatalError) as error:
             return f"the model can't be made: {' '.join(str(error).split())}"
 
-    def _simulate(self, model: mujoco.MjModel | str, rollout: Rollout) -> Trial:
+    def _simulate(self, model: mujoco.MjModel | str, values: Values, rollout: Rollout) -> Trial:
         trial, track = rollout.trial, rollout.trial.track
         if isinstance(model, str):
             return self._diverged(trial, model)
@@ -183,7 +185,7 @@ class PlaybackSimulator:
             if part is not parts[-1]:  # the last frame is the next one's first
                 frames, end = frames[:-1], end - 2 * _ROUNDING
             read = samples[(samples >= frames[0] - _ROUNDING) & (samples <= end + _ROUNDING)]
-            played = self._played(model, part, frames, read)
+            played = self._played(model, values, part, frames, read)
             if isinstance(played, str):
                 return self._diverged(trial, played)
             markers.append(played[0])
@@ -194,26 +196,39 @@ class PlaybackSimulator:
         )  # fmt: skip
 
     def _played(
-        self, model: mujoco.MjModel, rollout: Rollout, frames: Array, samples: Array
+        self, model: mujoco.MjModel, values: Values, rollout: Rollout, frames: Array, samples: Array
     ) -> tuple[Array, Array] | str:
         """Markers and readings at given times, or why there are none. Shapes (T, M, 2) and (R, S)."""
         step, begun = float(model.opt.timestep), rollout.trial.track.times[0]
-        data, controls = self.begin(model, rollout)
+        data, controls = self.begin(model, rollout, values)
         made = roll(model, data, controls)
         if made.failed_at is not None:
             return f"the simulation diverged {made.failed_at:.3f} s after its start"
-        return self._read(made.sensors, step, frames - begun, samples - begun)
+        markers = self._in_plane(sampled(made.sensors[:, -3 * self._markers :], step, frames - begun))
+        readings = np.empty((len(samples), len(self._sensors)))
+        delays = self.robot.delays_of(values)
+        for column, (name, address) in zip(readings.T, self._sensors.items(), strict=True):
+            late = delays.sensor(name, rollout.trial.name)
+            column[:] = sampled(made.sensors[:, [address]], step, samples - begun - late)[:, 0]
+        return markers, readings
 
-    def _read(self, sensors: Array, step: float, frames: Array, samples: Array) -> tuple[Array, Array]:
-        """Markers in the plane and compared sensors at times since the start. Shapes (T, M, 2) and (R, S)."""
-        markers = self._in_plane(sampled(sensors[:, -3 * self._markers :], step, frames))
-        return markers, sampled(sensors[:, list(self._sensors.values())], step, samples)
+    def begin(
+        self, model: mujoco.MjModel, rollout: Rollout, values: Values | None = None
+    ) -> tuple[mujoco.MjData, Array]:
+        """Where a playback begins, and the controls of its every step.
 
-    def begin(self, model: mujoco.MjModel, rollout: Rollout) -> tuple[mujoco.MjData, Array]:
-        """Where a playback begins, and the controls of its every step. Shape (N, nu)."""
+        Args:
+            model: Compiled with these values.
+            rollout: What is to be played back.
+            values: Values of the parameters, some of which may be delays; None for the published ones.
+
+        Returns:
+            The engine's data, and controls of shape (N, nu).
+        """
         track, step = rollout.trial.track, float(model.opt.timestep)
         times = track.times[0] + step * np.arange(int(np.ceil(track.duration / step - 1e-9)) + 1)
-        controls = driven(model, self._about.controls, rollout.whole or rollout.trial, times)
+        delays = self.robot.delays_of(self.robot.space.published if values is None else values)
+        controls = driven(model, self._about.controls, rollout.whole or rollout.trial, times, delays)
         data = mujoco.MjData(model)
         if self._about.start not in STARTS:
             start_at_keyframe(model, data, self._about.start)
@@ -224,9 +239,11 @@ class PlaybackSimulator:
                 simulated = partial(self._first_frames, model, mujoco.MjData(model), controls, rollout.first.times)
                 data.qpos[:], data.qvel[:] = start_at_markers(fit, rollout.first, rollout.guess, simulated)
             else:
+                name = rollout.trial.name
+                stretch = rollout.stretch.read_late({one: delays.sensor(one, name) for one in self._sensors})
                 qpos = fit.pose(rollout.first.places, rollout.first.known, rollout.guess).qpos
                 qvel = fit.velocities(qpos, rollout.first.velocities, rollout.first.known)
-                data.qpos[:], data.qvel[:] = self._fitted(model, fit, (qpos, qvel), controls, rollout.stretch)
+                data.qpos[:], data.qvel[:] = self._fitted(model, fit, (qpos, qvel), controls, stretch)
         return data, controls
 
     def _fitted(self, model: mujoco.MjModel, fit: PoseFit, guess: State, controls: Array, stretch: Stretch) -> State:
@@ -322,14 +339,18 @@ def sensor_address(model: mujoco.MjModel, name: str) -> int:
     return int(sensors[base].adr[0]) + int(index)
 
 
-def driven(model: mujoco.MjModel, controls: Mapping[str, Control], trial: Trial, times: Array) -> Array:
-    """Controls at given times; what isn't named gets 0.
+def driven(
+    model: mujoco.MjModel, controls: Mapping[str, Control], trial: Trial, times: Array, delays: Delays = NONE_LATE
+) -> Array:
+    """Controls of steps that begin at given times; what isn't named gets 0.
 
     Args:
         model: Compiled model of the robot.
         controls: Control of each actuator, by its name.
         trial: Trial whose table and frequency drive it.
         times: Times on the trial's clock [s]. Shape (N,).
+        delays: By how much controls arrive late. Where a parameter says so, a step gets the mean of a table's commands
+            during it, so that the loss is a smooth function of the delay.
 
     Returns:
         Shape (N, nu).
@@ -346,7 +367,11 @@ def driven(model: mujoco.MjModel, controls: Mapping[str, Control], trial: Trial,
                 f"actuator '{name}' is to be driven; the model has {', '.join(names) or 'no actuators'}; "
                 f"name one of these"
             )
-        out[:, names.index(name)] = _one(name, control, trial, times)
+        late = delays.control(name, trial.name)
+        if late is not None and control == "table":
+            out[:, names.index(name)] = _held(name, trial, times - late, float(model.opt.timestep))
+        else:
+            out[:, names.index(name)] = _one(name, control, trial, times - (late or 0.0))
     return out
 
 
@@ -361,13 +386,15 @@ def _one(name: str, control: Control, trial: Trial, times: Array) -> Array | flo
     return float(control)
 
 
-def _held(name: str, trial: Trial, times: Array) -> Array:
+def _held(name: str, trial: Trial, times: Array, mean_over: float | None = None) -> Array:
     if trial.controls is None:
         raise TrialError(
             f"trial '{trial.name}' has no controls; actuator '{name}' needs a table with a column of its name"
         )
     try:
-        return trial.controls.held(name, times)
+        if mean_over is None:
+            return trial.controls.held(name, times)
+        return trial.controls.mean(name, times, mean_over)
     except TrialError as error:
         raise TrialError(f"trial '{trial.name}': the controls don't drive actuator '{name}': {error}") from error
 

@@ -92,10 +92,12 @@ def trajectories(problem: Problem, values: Values) -> list[Trajectory]:
         name, track = prepared.trial.name, prepared.trial.track
         positions = begin.positions if begin.simulated is None else _placed(name, begin.positions, begin.simulated)
         times, readings = begin.times, _marker_readings(robot, model, positions)
+        late = robot.delays_of(values)
         for sensor in prepared.target.sensors:
             column = np.full((len(sensor.times), model.nsensordata), np.nan)
             column[:, sensor_address(model, sensor.name)] = sensor.readings
-            times, readings = _merged(times, readings, sensor.times - track.times[0], column)
+            read = sensor.times - track.times[0] - late.sensor(sensor.name, name)
+            times, readings = _merged(times, readings, read[read >= 0], column[read >= 0])
         made.append(Trajectory(name, begin.state, begin.controls, times, readings))
     return made
 
@@ -103,7 +105,7 @@ def trajectories(problem: Problem, values: Values) -> list[Trajectory]:
 def _beginnings(problem: Problem, model: mujoco.MjModel, values: Values) -> Sequence[_Beginning]:
     match problem.protocol.name:
         case "playback":
-            return [_of_recording(problem, model, prepared.request, prepared.target) for prepared in problem.prepared]
+            return [_of_recording(problem, model, values, one.request, one.target) for one in problem.prepared]
         case "motion" | "aligned":
             comparison = problem.evaluate(values)
             if comparison.divergence:
@@ -117,10 +119,12 @@ def _beginnings(problem: Problem, model: mujoco.MjModel, values: Values) -> Sequ
             raise ArgumentError(f"protocol is '{other}'; swims for the toolbox need 'motion' or 'aligned'")
 
 
-def _of_recording(problem: Problem, model: mujoco.MjModel, rollout: Rollout, target: Target) -> _Beginning:
+def _of_recording(
+    problem: Problem, model: mujoco.MjModel, values: Values, rollout: Rollout, target: Target
+) -> _Beginning:
     robot, track = problem.robot, rollout.trial.track
     simulator: Any = problem.simulator
-    data, controls = simulator.begin(model, rollout)
+    data, controls = simulator.begin(model, rollout, values)
     data.time = 0.0
     state = physics_state(model, data)
     rolled = roll(model, data, controls)

@@ -78,6 +78,30 @@ class Signals:
         rows = np.searchsorted(self.times[known], times + _ROUNDING, side="right") - 1
         return values[known][np.maximum(rows, 0)]
 
+    def mean(self, name: str, times: Array, seconds: float) -> Array:
+        """Means of a column over a time from any times on, its values holding as `held` has it.
+
+        Args:
+            name: Name of the column.
+            times: Times [s]. Shape (N,).
+            seconds: How long after each the mean is taken [s], above 0.
+
+        Raises:
+            TrialError: There is no such column, or no value in it.
+        """
+        values = self.column(name)
+        known = np.isfinite(values)
+        if not known.any():
+            raise TrialError(f"column '{name}' has no value")
+        rows, levels = self.times[known], values[known]
+        sums = np.concatenate([[0.0], np.cumsum(levels[:-1] * np.diff(rows))])
+
+        def integral(until: Array) -> Array:
+            at = np.clip(np.searchsorted(rows, until, side="right") - 1, 0, len(rows) - 1)
+            return sums[at] + levels[at] * (until - rows[at])
+
+        return (integral(times + seconds) - integral(times)) / seconds
+
     def check_clock(self, first: float, last: float) -> None:
         """Checks that the rows overlap a track in time, as they do when they are on its clock.
 

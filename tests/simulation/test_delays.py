@@ -1,0 +1,156 @@
+"""Delays of controls, sensors and trials as parameters of recordings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made_robots import DAMPING, RECORDINGS, ROBOT, made
+from recorded import PENDULUM, PENDULUM_HIDDEN, blank, build_pendulum, recorded, telling, torque_table
+from swim2real.calibration import Problem
+from swim2real.errors import RobotError
+from swim2real.parameters import Parameter, ParameterSpace
+from swim2real.robots import load_robot
+from swim2real.robots.delays import Delay, Delays
+from swim2real.simulation import PlaybackSimulator
+from swim2real.sysid.trajectory import trajectories
+from swim2real.trials import Signals
+
+LATE = Parameter("late", "s", -0.05, 0.1, "How late.", 0.0)
+
+
+def late(line: str, start: str = "rest"):
+    """The pendulum with a delay."""
+    space = ParameterSpace((*PENDULUM.space, LATE))
+
+    def build(values):
+        return build_pendulum({name: values[name] for name in PENDULUM.space.names})
+
+    delay = Delay.parse(line)
+    assert delay is not None
+    return replace(telling(PENDULUM, start=start), space=space, build=build, delays={"late": (delay,)})
+
+
+def played(robot, trial, seconds):
+    player = PlaybackSimulator(robot, 1)
+    return player.simulate({**PENDULUM_HIDDEN, "late": seconds}, [player.request(trial)]).trials[0]
+
+
+def trial_of(begin=0.0):
+    table = torque_table(1.0)
+    return blank(PENDULUM, "a", 1.0, 500, controls=Signals(table.times + begin, table.names, table.values))
+
+
+def test_a_late_control_is_a_table_of_later_rows():
+    found = played(late('control "torque" delay'), trial_of(), 0.03)
+    expected = played(late('control "torque" delay'), trial_of(0.03), 0.0)
+    assert np.abs(found.track.positions - expected.track.positions).max() < 1e-9
+    assert (
+        np.abs(found.track.positions - played(late('control "torque" delay'), trial_of(), 0.0).track.positions).max()
+        > 1e-3
+    )
+
+
+def test_without_a_delay_a_table_drives_as_ever():
+    plain = PlaybackSimulator(telling(PENDULUM, start="rest"), 1)
+    trial = trial_of()
+    expected = plain.simulate(PENDULUM_HIDDEN, [plain.request(trial)]).trials[0]
+    for line in ('sensor "gyro[1]" delay', 'control "t*" delay'):
+        found = played(late(line), trial, 0.0)
+        assert np.allclose(found.track.positions, expected.track.positions, atol=1e-9)
+        assert np.allclose(found.sensors.values, expected.sensors.values, atol=1e-9)
+
+
+def test_a_loss_is_smooth_over_fractions_of_a_step():
+    """The engine steps by 2 ms; a tenth of that moves the markers a tenth as far."""
+    robot, trial = late('control "torque" delay'), trial_of()
+    base, tenth, whole = (played(robot, trial, x).track.positions for x in (0.0101, 0.0103, 0.0121))
+    assert np.abs(10 * (tenth - base) - (whole - base)).max() < 0.2 * np.abs(whole - base).max()
+
+
+def test_a_late_sensor_shows_what_was():
+    now, before = (played(late('sensor "gyro*" delay'), trial_of(), x) for x in (0.0, 0.02))
+    assert np.array_equal(now.track.positions, before.track.positions)
+    assert np.allclose(before.sensors.values[10:], now.sensors.values[:-10], atol=1e-9)
+
+
+def test_a_trial_whose_tables_are_behind():
+    """Commands come later on the film's clock, and a reading shows what happens later."""
+    found = played(late('trial "a" delay'), trial_of(), 0.03)
+    controls = played(late('control "*" delay'), trial_of(), 0.03)
+    assert np.array_equal(found.track.positions, controls.track.positions)
+    assert np.allclose(found.sensors.values[:-15], controls.sensors.values[15:], atol=1e-9)
+    other = played(late('trial "b*" delay'), trial_of(), 0.03)
+    assert not np.allclose(found.track.positions, other.track.positions)
+
+
+@pytest.mark.parametrize("line", ['control "torque" delay', 'sensor "gyro*" delay'])
+@pytest.mark.parametrize("start", ["rest", "fitted"])
+def test_the_hidden_delay_explains_a_recording(line, start):
+    robot = late(line, start)
+    hidden = {**PENDULUM_HIDDEN, "late": 0.024}
+    blanks = [blank(PENDULUM, name, 2.0, 100, controls=torque_table(2.0, seed)) for seed, name in enumerate("ab")]
+    problem = Problem(robot, recorded(robot, hidden, blanks), threads=1)
+    at, off = problem.evaluate_many([hidden, {**hidden, "late": 0.03}])
+    assert at.loss < 1e-4
+    assert off.loss > 3 * at.loss
+
+
+def test_the_toolbox_gets_readings_at_the_times_that_they_show():
+    robot = late('sensor "gyro*" delay')
+    values = {**PENDULUM_HIDDEN, "late": 0.02}
+    problem = Problem(robot, recorded(robot, values, [trial_of()]), threads=1)
+    (made_of,) = trajectories(problem, values)
+    shown = made_of.times[np.isfinite(made_of.readings[:, 1])]
+    assert shown[0] == pytest.approx(0.0, abs=1e-9)
+    assert shown[-1] == pytest.approx(0.98)
+
+
+# lines of a robot file
+
+
+def test_delays_add_up():
+    delays = {"a": (Delay("", "control", ("w*",), 2.0, 0.01),), "b": (Delay("", "trial", ("one",)),)}
+    found = Delays(delays, {"a": 0.1, "b": 0.02})
+    assert found.control("winch", "one") == pytest.approx(0.23)
+    assert found.control("winch", "two") == pytest.approx(0.21)
+    assert found.control("servo", "two") is None
+    assert found.sensor("pull", "one") == pytest.approx(-0.02)
+    assert str(Delay('control "w*" delay', "control", ("w*",), 2.0, 0.01)) == 'control "w*" delay = 2 x +0.01'
+
+
+def file_with(folder, target, **more):
+    options = "".join(f"{key} = {value}\n" for key, value in more.items())
+    return made(
+        folder, ROBOT, RECORDINGS + "[recordings.controls]\nservo = 'table'\n", DAMPING,
+        f"[[parameters]]\nname = 'late'\nlower = 0.0\nupper = 0.1\nmeaning = 'm'\ntargets = {target}\n{options}",
+    )  # fmt: skip
+
+
+def test_a_file_says_what_is_late(tmp_path):
+    robot = load_robot(file_with(tmp_path, "'control \"*\" delay'"))
+    assert robot.space.published["late"] == 0.0
+    assert robot.delays["late"][0].names == ("*",)
+    values = {**robot.space.published, "late": 0.05}
+    assert robot.delays_of(values).control("servo", "any") == 0.05
+
+
+@pytest.mark.parametrize(
+    ("target", "parts"),
+    [
+        ("'control \"lfit\" delay'", ["'control \"lfit\" delay'", "recordings have no control 'lfit'; there are"]),
+        ("'sensor \"pull\" delay'", ["recordings have no sensor 'pull'"]),
+        ("'control \"*\" gain'", ["a control has a delay and nothing else that could be calibrated"]),
+        ("{to = 'control \"*\" delay', relative = true}", ["a delay is in seconds, so it can't be relative"]),
+    ],
+)
+def test_what_cant_be_late_is_refused(tmp_path, target, parts):
+    with pytest.raises(RobotError) as caught:
+        load_robot(file_with(tmp_path, target))
+    assert [part for part in parts if part not in str(caught.value)] == []
+    assert "parameter 'late'" in str(caught.value)
+
+
+def test_a_mean_of_commands_over_a_step():
+    table = Signals([0.0, 1.0, 2.0], ["u"], [[1.0], [3.0], [-1.0]])
+    assert table.mean("u", np.array([-2.0, 0.5, 0.75, 1.0, 5.0]), 1.0) == pytest.approx([1.0, 2.0, 2.5, 3.0, -1.0])
