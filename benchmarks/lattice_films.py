@@ -36,7 +36,7 @@ WARM_UP = 2  # frames of a film that aren't timed: compiled code is loaded
 DOUBTFUL = 0.5  # confidence below which a position is doubtful, as for `quality`
 FAR = 10.0  # px: what `benchmarks/tracking.py` calls a silent error
 SLOW = 5.0  # px a frame, below which a marker that isn't covered is plainly visible
-BANDS = (0.0, 5.0, 10.0, 20.0, 40.0, 60.0)  # px a frame
+BANDS = (0.0, 5.0, 10.0, 20.0, 40.0, 60.0, np.inf)  # px a frame
 TRACKERS: dict[str, Callable[[Film], Tracker]] = {
     "detection": lambda film: DetectionTracker(),
     "csrt": lambda film: CsrtTracker(box=max(8, round(4 * film.radius))),
@@ -177,7 +177,8 @@ def summary(name: str, results: list[Result], refused: int) -> None:
         return sum(int(of(r).sum()) for r in results)
 
     if not results:
-        print(f"\n{name}: {refused} films refused")
+        if refused:
+            print(f"\n{name}: {refused} films refused")
         return
     sure, visible = total(lambda r: r.sure), total(lambda r: r.film.visible)
     errors = np.concatenate([r.errors[r.sure & r.film.visible] for r in results])
@@ -194,7 +195,8 @@ def summary(name: str, results: list[Result], refused: int) -> None:
     for low, high in pairwise(BANDS):
         seen = sum(int((_band(r, low, high) & r.film.visible).sum()) for r in results)
         lost = sum(int((_band(r, low, high) & r.lost).sum()) for r in results)
-        print(f"  - at {low:g} to {high:g} px a frame {lost} of {seen} ({100 * _share(lost, seen):.1f} %)")
+        if seen:
+            print(f"  - at {low:g} to {high:g} px a frame {lost} of {seen} ({100 * _share(lost, seen):.1f} %)")
     slowest = max(results, key=lambda r: r.longest)
     print(f"- in plain sight and lost for {slowest.longest:.2f} s at most, in '{slowest.film.name}'; for more "
           f"than 0.5 s in {sum(r.longest > 0.5 for r in results)} films")  # fmt: skip
@@ -225,7 +227,7 @@ def run(films: list[Film], names: list[str]) -> None:
     for name in names:
         every = results[name]
         for kind in dict.fromkeys(SCENES):
-            summary(f"{name}, {kind}", [r for r in every if r.film.name.startswith(kind)], 0)
+            summary(f"{name}, {kind}", [r for r in every if r.film.name.startswith(kind)], refused=0)
         summary(f"{name}, all", every, refused[name])
 
 

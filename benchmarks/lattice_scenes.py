@@ -205,7 +205,7 @@ def _arm(rng: np.random.Generator, camera: Camera, colors: Colors, speed: float)
 
 def _sheet(rng: np.random.Generator, camera: Camera, colors: Colors, speed: float) -> Scene:
     """A plate that turns within a few frames, lies still, and slides. Mild: slowly, up to the speed."""
-    radius, count = float(rng.uniform(6, 14)), int(rng.integers(3, 7))
+    radius, count = float(rng.uniform(6, 14)), int(rng.choice([3, 3, 3, 4, 5, 6]))
     half = rng.uniform(0.14, 0.26, 2) * min(camera.width, camera.height)
     markers = rng.uniform(-1, 1, (count, 2)) * (half - 2 * radius)
     apart = np.linalg.norm(markers[:, None] - markers[None], axis=2) + 1e9 * np.eye(count)
@@ -214,7 +214,7 @@ def _sheet(rng: np.random.Generator, camera: Camera, colors: Colors, speed: floa
     angle = np.deg2rad(rng.uniform(15, 40)) * rng.choice([-1, 1])
     heading, way = rng.uniform(0, 2 * np.pi), rng.uniform(0.1, 0.35) * camera.width
     slide = way * np.array([np.cos(heading), np.sin(heading)])
-    turning = float(rng.uniform(4, 8))  # frames
+    turning = float(rng.uniform(3, 7))  # frames
     if speed < MILD[1]:  # 1.5 times the mean speed is the highest
         turning = 1.5 * abs(angle) * np.linalg.norm(markers, axis=1).max() / speed
     sliding = 1.5 * way / speed

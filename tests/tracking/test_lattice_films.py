@@ -10,6 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from lattice_camera import drawn, write
+from lattice_films import Result
 from lattice_scenes import random_film
 from lattice_truth import Body, Box, Camera, Glare, Occluder, Scene, planned
 
@@ -99,3 +100,20 @@ def test_covered_markers_are_known():
             x, y = np.round(place).astype(int)
             contrast = float(image[y, x + 13].mean()) - float(image[y, x].mean())
             assert (contrast > 100) == seen
+
+
+def test_swaps_doubts_and_losses_are_told_apart():
+    made = film(speed=(0.0, 0.0), turning=0.0)
+    found, confidence = made.places.copy(), np.ones(made.places.shape[:2])
+    found[1] = found[1, ::-1]  # swapped
+    found[2, 0, 1] += 9.0  # wrong, but its own
+    found[3, 0, 1] += 9.0
+    confidence[3, 0] = 0.4  # wrong, with a doubt
+    found[4:7, 1], confidence[4:7, 1] = np.nan, 0.0
+    result = Result(made, found, confidence, track_time=0.0, decode_time=0.0)
+    assert np.argwhere(result.silent).tolist() == [[1, 0], [1, 1], [2, 0]]
+    assert np.argwhere(result.swapped).tolist() == [[1, 0], [1, 1]]
+    assert np.argwhere(result.wrong & ~result.sure).tolist() == [[3, 0]]
+    assert np.argwhere(result.lost).tolist() == [[3, 0], [4, 1], [5, 1], [6, 1]]
+    assert result.longest == pytest.approx(3 / made.fps)
+    assert result.worst == pytest.approx(80.0, abs=5.0)  # the markers' distance
