@@ -28,7 +28,7 @@ ScaleChoice = Literal["auto", "log", "linear"]
 Show = Literal["both", "numbers", "pictures"]
 MediaKind = Literal["auto", "video", "images"]
 DetailName = Literal["low", "medium", "high"]
-TrackerName = Literal["detection", "csrt"]
+TrackerName = Literal["detection", "csrt", "aruco"]
 
 HORIZON = 4.0  # s of each trial that are compared
 REPLY_TOKENS = 16_384  # thinking included
@@ -266,13 +266,16 @@ class TrackingSettings:
     """How markers are tracked in videos.
 
     Attributes:
-        tracker: detection: finds all markers anew in every frame. csrt: the paper's, for comparison.
+        tracker: detection: finds all markers anew in every frame. csrt: the paper's, for comparison. aruco:
+            ArUco and AprilTag markers, each told by its number; needs the extra opencv.
+        tags: Dictionary that the tags of --tracker aruco are of, as OpenCV names it: 4X4_50, APRILTAG_36h11 and others.
         camera: JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it.
         smooth: Smooth the track over time; at 60 frames a second 98 % of a beat of 2.25 Hz and its harmonic are left.
         overlay: Write the overlay video.
     """
 
     tracker: TrackerName = "detection"
+    tags: str = "4X4_50"
     camera: Path | None = None
     smooth: bool = False
     overlay: bool = True

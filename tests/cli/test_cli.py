@@ -28,9 +28,9 @@ from swim2real.simulation import Engine
 from swim2real.trials import save_reference
 
 COMMANDS = (
-    "calibrate", "check", "compare", "cut", "demo", "deploy", "ensemble", "evaluate", "export-commands", "export-model",
-    "export-sysid", "fetch", "identify", "import-sysid", "import-tracks", "init", "overlay", "pick", "quality",
-    "report", "rollout", "simulate", "track", "train",
+    "board", "calibrate", "check", "compare", "cut", "demo", "deploy", "ensemble", "evaluate", "export-commands",
+    "export-model", "export-sysid", "fetch", "identify", "import-sysid", "import-tracks", "init", "overlay", "pick",
+    "quality", "report", "rollout", "simulate", "track", "train",
 )  # fmt: skip
 SPEC_FIGURES = {  # of the interface's `evaluate --json`
     "marker_error", "aligned_marker_error", "shape_error", "static_offset", "velocity_error", "left_out_share",

@@ -5,11 +5,15 @@ import shutil
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
 from program import process
 
 from swim2real.calibration import RunFolder
 from swim2real.calibration.run_folder import still_falling
+from swim2real.tracking.camera_file import CameraFile, Length, write_camera
+from swim2real.trials import load_reference
+from swim2real.video import VideoWriter
 
 
 @pytest.fixture(scope="module")
@@ -79,3 +83,28 @@ def test_tracking_and_its_check_take_a_robot_file_that_calibrate_refuses(program
     points.write_text("[[200, 180], [250, 180]]")
     program("track", clip.video, "--robot", robot, "--markers", points, "--to", tmp_path / "new")
     assert "hold 2 points; expected are 3" in program.err
+
+
+def test_a_film_of_tags_becomes_a_trial_without_a_click(program, pendulum_folder, tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_50)
+    corners = np.array([[40, 30], [120, 60], [200, 90]])
+    with VideoWriter(tmp_path / "pull.mp4", 320, 200, 30) as writer:
+        for frame in range(6):
+            picture = np.full((200, 320, 3), 220, np.uint8)
+            for number, (x, y) in zip((4, 9, 2), corners + [3 * frame, frame], strict=True):  # noqa: RUF005
+                picture[y : y + 35, x : x + 35] = cv2.aruco.generateImageMarker(dictionary, number, 35)[:, :, None]
+            writer.write(picture, frame / 30)
+    length = Length("tape", np.array([[0, 0], [100.0, 0]]), 0.1)
+    write_camera(tmp_path / "camera.json", CameraFile(lengths=(length,)))
+    command = [
+        "track", tmp_path / "pull.mp4", "--robot", pendulum_folder / "pendulum.toml", "--tracker", "aruco", "--tags",
+        "5X5_50", "--markers", "auto", "--camera", tmp_path / "camera.json", "--to", tmp_path / "to", "--no-overlay",
+    ]  # fmt: skip
+    program(*command).done()
+    (trial,) = load_reference(tmp_path / "to")
+    np.testing.assert_array_equal(trial.track.confidence, 1)
+    pixels = trial.track.positions / 1e-3 * [1, -1]
+    np.testing.assert_allclose(pixels[5], corners[[2, 0, 1]] + 17 + [15, 5], atol=0.3)  # 2, 4, 9
+    program(*command[:6], "--tags", "APRILTAG_16h5", *command[8:])
+    assert "the first frame shows 0 tags of APRILTAG_16h5 (none); there must be 3" in program.err

@@ -11,12 +11,14 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from PIL import Image
 from program import process
 
 from films import Shot, contents, named, parts, tables
 from swim2real.robots.fish import FISH
 from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.trials import load_reference
+from swim2real.video import VideoWriter
 
 NAMES = FISH.marker_names
 
@@ -414,3 +416,35 @@ def test_import_tracks_refuses_wrong_arguments_and_tables(program, tmp_path):
     assert program(*command, "--fps", 0).sentence(2) == "--fps is 0; it must be finite and above 0"
     assert str(table) in program(*command, "--fps", 30).sentence(1)
     assert not (tmp_path / "reference").exists()
+
+
+# the chessboard
+
+
+@pytest.mark.parametrize("ending", ["png", "mp4"])
+def test_a_chessboard_makes_a_camera_file(program, tmp_path, ending):
+    pytest.importorskip("cv2")
+    picture = np.full((360, 480, 3), 255, np.uint8)
+    for i in range(6):
+        for j in range(9):
+            if (i + j) % 2 == 0:
+                picture[60 + 40 * i : 100 + 40 * i, 60 + 40 * j : 100 + 40 * j] = 0
+    path, camera = tmp_path / f"board.{ending}", tmp_path / "camera.json"
+    if ending == "png":
+        Image.fromarray(picture).save(path)
+    else:
+        with VideoWriter(path, 480, 360, 30) as writer:
+            writer.write(np.full_like(picture, 255), 0.0)
+            writer.write(picture, 0.1)
+    write_camera(camera, CameraFile(camera_height=2.0))
+    command = ["board", path, "--squares", "9x6", "--square-size", 0.02, "--to", camera]
+    program(*command, *([] if ending == "png" else ["--from", 0.1])).done()
+    assert re.search(r"40 corners, 0\.50\d\d mm per pixel at the board, off a plane by 0\.\d\d mm", program.out)
+    content = json.loads(camera.read_text())
+    assert (len(content["points"]), content["camera_height"]) == (40, 2.0)
+    before = camera.read_bytes()
+    command[3] = "9"
+    assert program(*command).sentence(2) == "--squares is '9'; write the squares along both sides, such as 9x6"
+    command[3] = "7x5"
+    assert program(*command).sentence(1).startswith("no chessboard of 7 x 5 squares is in the picture")
+    assert camera.read_bytes() == before

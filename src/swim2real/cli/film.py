@@ -66,7 +66,7 @@ def pick(
     from swim2real.cli.tables import say
     from swim2real.robots import load_robot
     from swim2real.tracking.points import write_pick_page
-    from swim2real.trials.span import ROUNDING, spans
+    from swim2real.trials.span import spans
     from swim2real.video import first_frame
 
     begins = [span.begin for span in spans(begin, (), len(videos), "videos")]
@@ -74,7 +74,7 @@ def pick(
     names = body.marker_names
     for video, since in zip(videos, begins, strict=True):
         page = out or video.with_name(f"{video.stem}.pick.html")
-        frame = first_frame(video, max(0.0, since - ROUNDING))
+        frame = first_frame(video, since)
         write_pick_page(frame.image, names, video.name, page, body.rest_markers, frame.index)
         say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {video.stem}.points.json")
     points = " ".join(f"{video.stem}.points.json" for video in videos)
@@ -104,7 +104,7 @@ def track(
         settings: How they are tracked.
         to: Reference folder to add the trials to.
         markers: points.json of each video, in order (`swim2real pick` makes them), or auto to let the markers be found,
-            which fails where glare or shadows leave a doubt.
+            which fails where glare or shadows leave a doubt; tags are taken in the order of their numbers.
         robot: Whose markers they are: fish, or a robot file (.toml).
         frequency: What was asked of the motor in each video [Hz], where the names don't say it. Only protocol paper
             needs it.

@@ -16,6 +16,7 @@ from typing import Any, get_type_hints
 import tyro
 
 from swim2real import __version__
+from swim2real.cli.board import board
 from swim2real.cli.calibrate import calibrate, demo
 from swim2real.cli.compare import compare
 from swim2real.cli.deploy import deploy
@@ -31,7 +32,7 @@ Command = Callable[..., int]
 COMMANDS: dict[str, dict[str, Command]] = {
     "A first look": {"demo": demo},
     "Real trials": {
-        "fetch": fetch, "pick": pick, "track": track, "import-tracks": import_tracks, "cut": cut,
+        "fetch": fetch, "board": board, "pick": pick, "track": track, "import-tracks": import_tracks, "cut": cut,
         "quality": quality,
     },
     "A robot of your own": {"init": init, "check": check},

@@ -35,6 +35,7 @@ from swim2real.tracking.detection import DetectionTracker
 from swim2real.tracking.labeling import label_markers
 from swim2real.tracking.points import load_points
 from swim2real.tracking.quality import LostMarkers, check_confidence, check_track
+from swim2real.tracking.tags import TagTracker
 from swim2real.tracking.tracker import CsrtTracker, Tracker
 from swim2real.trials import MarkerTrack, Trial
 from swim2real.trials.pose_tables import write_dlc
@@ -169,8 +170,11 @@ def track_video(
         frames = _within(reader, span)
         first = next(frames)
         begin = first.time
+        tracker = _tracker(settings)
         start = (
-            _labeled(first, robot) if points == AUTO else load_points(points, robot.marker_names, *size, first.index)
+            _labeled(first, robot, tracker)
+            if points == AUTO
+            else load_points(points, robot.marker_names, *size, first.index)
         )
         camera_file = None if settings.camera is None else read_camera(settings.camera)
         commands, readings = (None if table is None else read_signals(table) for table in (controls, sensors))
@@ -180,7 +184,6 @@ def track_video(
             return TrackedVideo(name, before, True)
         check_folder(out, name, robot.marker_names)
         _make_folder(report_path.parent)
-        tracker: Tracker = DetectionTracker() if settings.tracker == "detection" else CsrtTracker()
         began = time.monotonic()
         seen = _follow(reader, first, frames, start, tracker, settings, report_path, robot, span, on_progress)
         notes = list(reader.notes)
@@ -232,8 +235,16 @@ def check_lost(track: MarkerTrack, robot: Robot) -> LostMarkers:
     return check_confidence(track)
 
 
-def _labeled(first: Frame, robot: Robot) -> Array:
+def _tracker(settings: TrackingSettings) -> Tracker:
+    if settings.tracker == "aruco":
+        return TagTracker(settings.tags)
+    return DetectionTracker() if settings.tracker == "detection" else CsrtTracker()
+
+
+def _labeled(first: Frame, robot: Robot, tracker: Tracker) -> Array:
     """Where the markers are in a first frame, found without a click [px]. Shape (M, 2)."""
+    if isinstance(tracker, TagTracker):
+        return tracker.points(first.image, len(robot.marker_names))
     if not robot.trials.nearly_straight:
         raise TrackingError(
             f"the markers of robot '{robot.name}' can't be found by themselves: that takes a straight swimmer, and its "
@@ -329,6 +340,8 @@ def _fingerprint(
     about = [
         size, start.tolist(), settings.tracker, settings.smooth, settings.overlay, robot.name, frequency, __version__
     ]  # fmt: skip
+    if settings.tracker == "aruco":
+        about.append(settings.tags)
     if not span.whole:  # so that older tracks stay done
         about += [span.begin, span.until]
     digest.update(json.dumps(about).encode())

@@ -275,10 +275,11 @@ def find_board(image: NDArray[np.uint8], squares: tuple[int, int], square_size: 
     cv2 = _opencv("a chessboard")
     gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     columns, rows = squares[0] - 1, squares[1] - 1
-    seen, corners = cv2.findChessboardCornersSB(
-        gray, (columns, rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
-    )
-    if not seen:
+    for flags in (cv2.CALIB_CB_NORMALIZE_IMAGE, 0):  # a picture of full contrast may be lost by more of it
+        seen, corners = cv2.findChessboardCornersSB(gray, (columns, rows), flags=flags | cv2.CALIB_CB_ACCURACY)
+        if seen:
+            break
+    else:
         raise TrackingError(
             f"no chessboard of {squares[0]} x {squares[1]} squares is in the picture; count its squares (not its "
             f"corners), and let all of it be seen with a white border"

@@ -22,6 +22,7 @@ from swim2real.video.decoding import Decoder, open_stream
 Image = NDArray[np.uint8]
 
 USUAL_RATE = Fraction(30)  # frames a second, where a file doesn't say
+ROUNDING = 5e-4  # s, of a time that a person gives
 SOUND_SLACK = 0.5  # s by which sound may outlast the pictures
 
 
@@ -160,7 +161,7 @@ def first_frame(path: str | Path, since: float = 0.0) -> Frame:
 
     Args:
         path: Path of the video.
-        since: Time since its first frame [s].
+        since: Time since its first frame, to a millisecond [s].
 
     Raises:
         VideoError: The file can't be read, not one frame can be decoded, or it ends before that time.
@@ -168,7 +169,7 @@ def first_frame(path: str | Path, since: float = 0.0) -> Frame:
     with VideoReader(path, threads=1) as reader:
         last = 0.0
         for frame in reader:
-            if frame.time >= since:
+            if frame.time >= since - ROUNDING:
                 return frame
             last = frame.time
     raise VideoError(f"'{path}' ends at {last:.3f} s; there is no frame from {since:g} s on")
