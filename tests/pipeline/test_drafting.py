@@ -1,5 +1,6 @@
 """Robot files that are begun for models of several kinds: they load, and every parameter shows."""
 
+import re
 import tomllib
 
 import mujoco
@@ -12,6 +13,8 @@ from swim2real.robots import load_robot
 from swim2real.robots.candidates import candidates
 from swim2real.robots.robot import Recordings
 from swim2real.simulation.probing import FAINT, probe
+
+ENCODERS = '<sensor><jointpos name="angle" joint="shoulder"/></sensor>'
 
 
 @pytest.fixture
@@ -178,9 +181,18 @@ def test_a_model_without_sites_is_told_where_to_put_them(tmp_path):
     with pytest.raises(RobotError) as caught:
         draft_robot(model)
     assert str(caught.value) == (
-        f"model '{model}' has no named site, so it has no markers; add one a marker to the body that carries it, such "
-        f'as <site name="M0" pos="0 0 0"/>; the bodies are: arm'
+        f"model '{model}' has no named site, so it has no markers, and no sensor; add a site for each marker to the "
+        f'body that carries it, such as <site name="M0" pos="0 0 0"/>, or the sensors that are recorded, such as '
+        f'<jointpos joint="…"/>; the bodies are: arm'
     )
+
+
+def test_a_model_with_sensors_and_no_sites_is_recorded_without_a_camera(begun):
+    draft, out = begun(re.sub(r"<site [^>]*/>", "", PENDULUM).replace("</mujoco>", ENCODERS + "</mujoco>"))
+    written = tomllib.loads(out.read_text())
+    assert (draft.markers, written["markers"], written["recordings"]["start"]) == ((), [], "fitted")
+    assert written["recordings"]["sensors"] == {"angle": {"unit": "rad", "meters_per_unit": 0.01}}
+    assert load_robot(out).marker_names == ()
 
 
 def test_models_that_cannot_be_begun_with_are_told(tmp_path):

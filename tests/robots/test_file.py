@@ -379,7 +379,7 @@ def test_the_keys_of_version_0_1_mean_the_same(tmp_path):
         ('"arm.xml"', '"python:arm"', ["'model' is 'python:arm'", "python:MODULE:FUNCTION"]),
         ('"tip"]', '"toe"]', ["'markers' is 'toe'", "base, elbow, tip"]),
         ('"tip"]', '"base"]', ["'markers' has 'base' twice"]),
-        ('["base", "elbow", "tip"]', "[]", ["'markers' is []", "at least 1"]),
+        ('["base", "elbow", "tip"]', "[]", ["there are neither 'markers' nor [recordings.sensors]"]),
         ('"tip"]', '{site = "tip", rest = [1, "2"]}]', ["'markers[2].rest[1]' is \"2\"", "a number"]),
         ('"tip"]', '"tip"]\nlinks = [["tip"]]', ["'links[0]'", "at least 2"]),
         ('"tip"]', '"tip"]\nlinks = [["tip", "toe"]]', ["'links' is 'toe'", "base, elbow, tip"]),

@@ -71,6 +71,7 @@ def pick(
 
     begins = [span.begin for span in spans(begin, (), len(videos), "videos")]
     body = load_robot(robot, markers_only=True)
+    body.check_markers("pick")
     names = body.marker_names
     for video, since in zip(videos, begins, strict=True):
         page = out or video.with_name(f"{video.stem}.pick.html")
@@ -137,6 +138,7 @@ def track(
     stretches = spans(begin, until, count, "videos")
     points = [AUTO] * count if markers == (AUTO,) else list(markers)
     body = load_robot(robot, markers_only=True)
+    body.check_markers("track")
     try:
         with films_shown(quiet or json) as (on_progress, on_done):
             results = track_videos(
@@ -196,6 +198,7 @@ def import_tracks(
 
     stretches = spans(begin, until, len(tables), "tables")
     body = load_robot(robot, markers_only=True)
+    body.check_markers("import")
     known = None if camera is None else read_camera(camera)
     # all tables are read before anything is written
     read = {
@@ -379,7 +382,8 @@ def _print_tracked(reports: Findings, robot: Robot) -> None:
         )
         for name, report in reports.items()
     ]  # fmt: skip
-    tables.by_marker(
+    if robot.marker_names:
+        tables.by_marker(
         LOST, robot.marker_names, ("trial", "frames", "mm/px"), ("usable as it is",), rows,
         lambda share: f"{100 * share:.1f}" if share else "–",
     )  # fmt: skip

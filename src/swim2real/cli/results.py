@@ -67,6 +67,7 @@ def overlay(
     from swim2real.pipeline.overlays import write_overlays
 
     problem, values = problem_of(parameters, reference, settings)
+    problem.robot.check_markers("draw")
     write_overlays(problem.evaluate(values), problem.robot, out, fps, width, lambda path: say(str(path)))
     return 0
 

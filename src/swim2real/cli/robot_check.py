@@ -40,12 +40,13 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
     reference = None if reference_folder is None else load_reference(reference_folder)
     wrong = [] if reference is None else misfits(robot, reference)
     probes = probe(robot, None if wrong else reference, threads)
-    _parameters(file, probes)
+    _parameters(file, probes, bool(robot.marker_names))
     _moved(robot, None if wrong or reference is None else reference.names[:TRIALS])
-    _markers(robot)
+    if robot.marker_names:
+        _markers(robot)
     _trials(robot)
     wrong += [sentence for result in probes for sentence in _wrong(file, robot, result)]
-    for sentence in (*wrong, *_notes(probes)):
+    for sentence in (*wrong, *_notes(probes, bool(robot.marker_names))):
         say(sentence)
     if reference is not None and not wrong:
         _starts(robot, reference)
@@ -53,11 +54,12 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
         if far is not None:
             say(f"Warning: {far}.")
         say(f"All trials of '{reference_folder}' fit: {', '.join(reference.names)}.")
-    _draw(robot, out or _beside(name))
+    if robot.marker_names:
+        _draw(robot, out or _beside(name))
     return not wrong
 
 
-def _parameters(file: RobotFile, probes: list[Probe]) -> None:
+def _parameters(file: RobotFile, probes: list[Probe], markers: bool) -> None:
     rows: list[tuple[str, ...]] = []
     for one, calibrated in zip(probes, file.calibrated, strict=True):
         p = one.parameter
@@ -65,7 +67,8 @@ def _parameters(file: RobotFile, probes: list[Probe]) -> None:
         rows.append((name, p.unit, f"{p.lower:g} to {p.upper:g}", f"{p.published:.4g}",
                      _cell(one.lower), _cell(one.upper)))  # fmt: skip
     columns = ("parameter, what it writes", "unit", "bounds", "value", "lower mm", "upper mm")
-    table("Parameters, and how far each bound moves the markers on average", columns, rows)
+    moved = "moves the markers" if markers else "changes the sensors, in their meters_per_unit,"
+    table(f"Parameters, and how far each bound {moved} on average", columns, rows)
 
 
 def _cell(shift: Shift) -> str:
@@ -158,16 +161,13 @@ def _wrong(file: RobotFile, robot: Robot, one: Probe) -> Iterator[str]:
     refused = [why for why in (one.effect.lower, one.effect.upper) if why is not None]
     yield from refused
     if not refused and one.idle:
-        what = (
-            "moves no marker"
-            if one.parameter.name in robot.delays or one.effect.changes
-            else "changes nothing of the model"
-        )
+        shown = "moves no marker" if robot.marker_names else "changes no sensor"
+        what = shown if one.parameter.name in robot.delays or one.effect.changes else "changes nothing of the model"
         why = why_no_effect(file, robot, one.parameter.name)
         yield f"{one.parameter.name} {what}{f': {why}' if why else ''}"
 
 
-def _notes(probes: list[Probe]) -> Iterator[str]:
+def _notes(probes: list[Probe], markers: bool) -> Iterator[str]:
     """What is worth knowing of the others."""
     for one in probes:
         p = one.parameter
@@ -175,7 +175,8 @@ def _notes(probes: list[Probe]) -> Iterator[str]:
             if refused is None and shift.failure is not None:
                 yield f"{p.name} = {bound:g}: {shift.failure}"
         if not one.idle and one.distance < FAINT:
-            yield f"{p.name} hardly shows: it moves the markers by less than {1e3 * FAINT:g} mm on average"
+            moved = "moves the markers" if markers else "changes the sensors"
+            yield f"{p.name} hardly shows: it {moved} by less than {1e3 * FAINT:g} mm on average"
 
 
 def _beside(robot: str) -> Path:

@@ -105,6 +105,8 @@ def by_marker(
         rows: Cells before the markers', a number for each marker, None where there is none, and the cells after them.
         shown: A number as it is shown.
     """
+    if not names:
+        return
     if len(names) <= MOST_COLUMNS:
         columns = (*before, *names, *after)
         table(title, columns, [(*first, *map(shown, numbers), *last) for first, numbers, last in rows])
@@ -130,7 +132,8 @@ def figures(content: Mapping[str, Any], title: str) -> None:
     sensors = list(known.get("sensor_errors") or {})
     rows: list[tuple[str, str]] = []
     if sensors:
-        rows.append(("playback error (markers and sensors)", millimeters(content["loss"]) + " mm"))
+        of = "markers and sensors" if "left_out_share" in content else "sensors"
+        rows.append((f"playback error ({of})", millimeters(content["loss"]) + " mm"))
     rows += [(label, millimeters(content[key]) + " mm") for label, key in _OVERALL if key in content]
     if "unweighted_error" in content:
         added = content["unweighted_error"] - content["aligned_marker_error"] + 0.0
@@ -142,16 +145,19 @@ def figures(content: Mapping[str, Any], title: str) -> None:
     if "heading_error" in content:
         rows.append(("heading error", degrees(content["heading_error"]) + " deg"))
     rows += [(f"{name} (own unit)", number(content["sensor_errors"][name])) for name in sensors]
-    rows.append(("left out (lost markers)", f"{100 * content['left_out_share']:.1f} %"))
+    filmed = "left_out_share" in content
+    if filmed:
+        rows.append(("left out (lost markers)", f"{100 * content['left_out_share']:.1f} %"))
     table(title, ("figure", "value"), rows)
     columns = [column for column in _PER_TRIAL if column[1] in known]
     table(
         "Per trial [mm, mm/s]",
-        ("trial", *(header for header, _, _ in columns), *sensors, "out"),
+        ("trial", *(header for header, _, _ in columns), *sensors, *(["out"] if filmed else [])),
         [
             (
                 name, *(shown(t[key]) for _, key, shown in columns),
-                *(number(t["sensor_errors"][sensor]) for sensor in sensors), f"{100 * t['left_out_share']:.0f} %",
+                *(number(t["sensor_errors"][sensor]) for sensor in sensors),
+                *([f"{100 * t['left_out_share']:.0f} %"] if filmed else []),
             )
             for name, t in trials.items()
         ],

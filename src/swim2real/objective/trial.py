@@ -269,8 +269,8 @@ class ComparedTrial:
 
     @property
     def left_out_share(self) -> float:
-        """Share of marker positions that don't count."""
-        return float(1 - np.mean(self.weights > 0))
+        """Share of marker positions that don't count; 0 where there are no markers."""
+        return float(1 - np.mean(self.weights > 0)) if self.weights.size else 0.0
 
     def marker_errors(self, kind: Literal["motion", "marker", "aligned", "shape"]) -> Array:
         """Mean error of each marker [m], NaN for a marker that never counts. Shape (M,).
@@ -299,7 +299,8 @@ class ComparedTrial:
         figures: dict[str, Any] = self._recoil()
         if self.swim_residual is not None:
             figures["marker_error"] = self.marker_error
-        figures["aligned_marker_error"] = self.aligned_marker_error
+        if self.weights.size:
+            figures["aligned_marker_error"] = self.aligned_marker_error
         if self.frame is not None:
             figures["shape_error"] = self.shape_error
         if self.progress_real is not None:
@@ -316,7 +317,8 @@ class ComparedTrial:
             figures["sensor_errors"] = {sensor.name: sensor.error for sensor in self.sensors}
         if self.frequency is not None:
             figures["frequency"], figures["phase"] = self.frequency, self.phase
-        figures["left_out_share"], figures["unweighted_error"] = self.left_out_share, self.unweighted_error
+        if self.weights.size:
+            figures["left_out_share"], figures["unweighted_error"] = self.left_out_share, self.unweighted_error
         return {**figures, "loss": self.loss, "divergence": self.divergence}
 
     def evidence(self) -> dict[str, Any]:

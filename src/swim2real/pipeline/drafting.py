@@ -37,8 +37,10 @@ def draft_robot(path: Path, threads: int | None = None) -> Draft:
     spec = read_mjcf(path)
     model = compiled(spec.copy(), f"model '{path}'")
     draft = _first(path, spec, model)
-    draft = replace(draft, camera=_camera(_loaded(draft, path), threads))
-    wrong = {one.parameter.name: why for one in probe(_loaded(draft, path), threads=threads) if (why := _unfit(one))}
+    if draft.markers:
+        draft = replace(draft, camera=_camera(_loaded(draft, path), threads))
+    probes, markers = probe(_loaded(draft, path), threads=threads), bool(draft.markers)
+    wrong = {one.parameter.name: why for one in probes if (why := _unfit(one, markers))}
     if len(wrong) < len(draft.calibrated):  # else a person must see to it; `check` says what is wrong
         draft = replace(draft, aside={**draft.aside, **wrong})
     return draft
@@ -59,11 +61,12 @@ def write_draft(draft: Draft, model: Path, out: Path) -> None:
 def _first(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> Draft:
     """What the model alone tells."""
     sites = [site.name for site in spec.sites if site.name]
-    if not sites:
+    if not sites and not spec.sensors:
         bodies = ", ".join(body.name for body in spec.bodies if body.name not in ("", "world")) or "none with a name"
         raise RobotError(
-            f"model '{path}' has no named site, so it has no markers; add one a marker to the body that carries it, "
-            f'such as <site name="M0" pos="0 0 0"/>; the bodies are: {bodies}'
+            f"model '{path}' has no named site, so it has no markers, and no sensor; add a site for each marker to the "
+            f'body that carries it, such as <site name="M0" pos="0 0 0"/>, or the sensors that are recorded, such as '
+            f'<jointpos joint="…"/>; the bodies are: {bodies}'
         )
     wraps = zip(model.wrap_type, model.wrap_objid, strict=True)
     routed = {model.site(int(i)).name for kind, i in wraps if kind == mujoco.mjtWrap.mjWRAP_SITE}
@@ -115,13 +118,13 @@ def _camera(robot: Robot, threads: int | None) -> str:
     return max(PLANES, key=lambda name: round(float(np.sum(spread[list(PLANES[name])])), 9))
 
 
-def _unfit(one: Probe) -> str | None:
+def _unfit(one: Probe, markers: bool) -> str | None:
     """Why a parameter is only suggested; None where it shows."""
     failure = one.refused or one.lower.failure or one.upper.failure
     if failure is not None:
         return f"at a bound the model can't be simulated; choose other bounds ({failure})"
     if one.distance < FAINT:
-        return f"it moves the markers by less than {1e3 * FAINT:g} mm"
+        return f"it moves the markers by less than {1e3 * FAINT:g} mm" if markers else "it hardly changes the sensors"
     return None
 
 

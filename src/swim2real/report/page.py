@@ -91,13 +91,15 @@ def trial_charts(trials: Sequence[ComparedTrial], run: ReportedRun) -> dict[str,
     ranges, path_ranges = common_ranges(trials), common_ranges(trials, path_markers_of(trials, names))
     charts: dict[str, Any] = {}
     for i, trial in enumerate(trials):
-        charts[f"paths-{i}"] = partial(paths, trial, names, run.robot, path_ranges)
+        if names:
+            charts[f"paths-{i}"] = partial(paths, trial, names, run.robot, path_ranges)
         if trial.frequency is not None:
             charts[f"envelope-{i}"] = partial(envelope, trial, ranges)
             charts[f"tail-{i}"] = partial(tail_tip, trial, names, ranges)
         if trial.divergence is not None:
             continue
-        charts[f"off-{i}"] = partial(errors_over_time, trial, names)
+        if names:
+            charts[f"off-{i}"] = partial(errors_over_time, trial, names)
         if trial.progress_real is not None:
             charts[f"progress-{i}"] = partial(progress_over_time, trial)
         for j, sensor in enumerate(trial.sensors):

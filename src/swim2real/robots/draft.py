@@ -75,6 +75,15 @@ class Draft:
             "",
             "# sites that carry a marker, in the order in which they are tracked",
         ]
+        if not self.markers:
+            return "\n".join(
+                [
+                    *lines[:-1],
+                    "# the model has no named sites: nothing is filmed, sensors are compared",
+                    "markers = []",
+                    "",
+                ]
+            )
         if self.routing:
             lines.append(f"# tendons run through these sites, so they are left out: {', '.join(self.routing)}")
         lines += [f"markers = {_list(self.markers)}", "# lines of pictures; left out: from each marker to the next"]
@@ -87,7 +96,8 @@ class Draft:
         parts = [f"A robot of {len(self.spec.bodies) - 1} bodies" + _named(bodies)]
         parts.append(f"{len(self.spec.joints)} joints" + _named(joints))
         parts.append(f"{len(driven)} actuators" + _named(driven) if driven else "no actuator")
-        return f"{parts[0]}, {parts[1]} and {parts[2]}. Its markers are {_spoken(self.markers)}."
+        shown = f"Its markers are {_spoken(self.markers)}." if self.markers else "Its sensors are recorded, no camera."
+        return f"{parts[0]}, {parts[1]} and {parts[2]}. {shown}"
 
     def _trials(self) -> str:
         keys = [key.name for key in self.spec.keys if key.name]
@@ -96,9 +106,9 @@ class Draft:
         )
         starts += f" or a keyframe: {', '.join(keys)}" if keys else ""
         lines = ["[recordings]", f"# {starts}", 'start = "fitted"']
-        if self.frame is None:
+        if self.frame is None and self.markers:
             lines += ["# compare in the frame of two markers; left out: in the world", f"# {self._frame(self.markers)}"]
-        else:
+        elif self.frame is not None:
             lines += [
                 "# compare in the frame of two markers; it travels from the second toward the first, or swap them"
             ]
@@ -117,8 +127,9 @@ class Draft:
             lines.append("# a delay of commands can be calibrated, in s: targets = 'control \"*\" delay'")
         sensors = list(_sensor_lines(self.spec))
         if sensors:
-            lines += ["", "# what is compared beside the markers: an error of one unit counts as `meters_per_unit`"]
-            lines += ["# [recordings.sensors]", *(f"# {line}" for line in sensors)]
+            beside, mark = (" beside the markers", "# ") if self.markers else ("", "")
+            lines += ["", f"# what is compared{beside}: an error of one unit counts as `meters_per_unit`"]
+            lines += [f"{mark}[recordings.sensors]", *(f"{mark}{line}" for line in sensors)]
         return "\n".join([*lines, ""])
 
     def _frame(self, markers: tuple[str, ...]) -> str:

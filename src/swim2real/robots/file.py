@@ -113,9 +113,9 @@ def _robot(file: RobotFile, markers_only: bool) -> Robot:
     model = compiled(builder.build(space.published), file.where)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    positions = np.array([data.site(site).xpos for site in markers.values()])
-    given_rest = np.array([marker.rest or [np.nan, np.nan] for marker in table.markers])
-    rest = positions[:, plane] - positions[0, plane]
+    positions = np.array([data.site(site).xpos for site in markers.values()]).reshape(-1, 3)
+    given_rest = np.array([marker.rest or [np.nan, np.nan] for marker in table.markers]).reshape(-1, 2)
+    rest = positions[:, plane] - positions[:1, plane]
     rest = np.where(np.isfinite(given_rest), given_rest, rest)
     right, up = np.eye(3)[list(plane)]
     heights = positions @ np.cross(right, up)  # toward the camera

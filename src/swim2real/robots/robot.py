@@ -209,6 +209,8 @@ class Recordings:
         pair = "" if self.frame is None else " and ".join(marker_names[i] for i in self.frame)
         frame = f"the frame of {pair}" if pair else "the world"
         progress = ", progress included" if self.score_progress else ""
+        if not marker_names:
+            return f"Trials are recordings without a camera that start {start} and are compared by their sensors."
         return f"Trials are recordings that start {start} and are compared in {frame}{progress}."
 
 
@@ -284,6 +286,21 @@ class Robot:
     policy: PolicySetup | None = None
     delays: Mapping[str, tuple[Delay, ...]] = field(default_factory=dict[str, tuple[Delay, ...]])
     source: Path | None = None
+
+    def check_markers(self, what: str) -> None:
+        """Refuses a robot that is recorded without a camera.
+
+        Args:
+            what: What one would do with its markers, as a verb.
+
+        Raises:
+            ArgumentError: It has no markers.
+        """
+        if not self.marker_names:
+            raise ArgumentError(
+                f"robot '{self.name}' has no markers, so there is nothing to {what}; its trials are tables of sensors, "
+                f"which calibrate, evaluate and identify take as they are"
+            )
 
     def delays_of(self, values: Values) -> Delays:
         """The delays of recordings for parameter values."""

@@ -222,7 +222,7 @@ class RobotTable(_Table):
     description: Text
     model: Text
     camera: Literal["above", "side", "front"] = "above"
-    markers: Annotated[list[Annotated[MarkerTable, BeforeValidator(_site)]], Field(min_length=1)]
+    markers: list[Annotated[MarkerTable, BeforeValidator(_site)]] = []
     links: list[Pair] | None = None
     recordings: RecordingsTable | None = None
     swims: SwimsTable | None = None
@@ -236,6 +236,15 @@ class RobotTable(_Table):
             raise ValueError(
                 f"there must be [recordings], for trials that are played back, or [swims], for a motor that turns at "
                 f"a constant speed; the file has {given}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _something_to_compare(self) -> RobotTable:
+        if not self.markers and not (self.recordings is not None and self.recordings.sensors):
+            raise ValueError(
+                "there are neither 'markers' nor [recordings.sensors]; name the sites that carry markers, or the "
+                "sensors that were recorded"
             )
         return self
 

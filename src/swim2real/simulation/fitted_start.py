@@ -10,9 +10,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.simulation.start import WINDOW
 from swim2real.trials import Trial
 
 Array = NDArray[np.float64]
@@ -27,6 +29,7 @@ _DIFFERENCE = 1e-4  # rad or m of a joint, or so much within the time below
 UNIT_TIME = 0.05  # s, that makes ways of velocities
 _PULL = 1e-6  # toward the first guess, relative to what is seen: for joints that nothing shows
 _ROUNDING = 1e-9  # s
+_OF_JOINTS = (int(mujoco.mjtSensor.mjSENS_JOINTPOS), int(mujoco.mjtSensor.mjSENS_JOINTVEL))
 _ROOM = 2.0  # of the largest way between two frames, by which a start may be off its first two frames
 
 
@@ -185,3 +188,31 @@ def _slopes(
     made = simulate([move(base.start, step) for step in _DIFFERENCE * np.eye(unknowns)])
     none = np.zeros_like(residual)
     return np.array([none if one.residual is None else (one.residual - residual) / _DIFFERENCE for one in made])
+
+
+def sensed_start(model: mujoco.MjModel, start: State, stretch: Stretch) -> State:
+    """A start whose joints are where their sensors say, by straight lines through the first readings.
+
+    Joints without a sensor of their own stay as they are.
+
+    Args:
+        model: Compiled.
+        start: What is known of the others.
+        stretch: First stretch of a recording.
+    """
+    qpos, qvel = start[0].copy(), start[1].copy()
+    for one in stretch.sensors:
+        first = np.isfinite(one.readings) & (one.times <= max(WINDOW, float(one.times[min(1, len(one.times) - 1)])))
+        sensor = model.sensor(one.name.partition("[")[0])
+        joint, kind = int(sensor.objid[0]), int(sensor.type[0])
+        if not first.any() or kind not in _OF_JOINTS:
+            continue
+        times, readings = one.times[first] - one.times[0], one.readings[first]
+        if kind == _OF_JOINTS[1]:
+            qvel[model.jnt_dofadr[joint]] = readings[0]
+            continue
+        qpos[model.jnt_qposadr[joint]] = readings[0]
+        if len(times) > 1:
+            slope, place = np.polyfit(times, readings, 1)
+            qpos[model.jnt_qposadr[joint]], qvel[model.jnt_dofadr[joint]] = place, slope
+    return qpos, qvel

@@ -60,6 +60,8 @@ def starts(robot: Robot, reference: TrialSet) -> list[StartOff]:
     about = robot.trials
     if not isinstance(about, Recordings) or (about.frame is not None and about.start not in (MARKERS, FITTED)):
         return []
+    if not robot.marker_names:
+        return []
     simulator, made = PlaybackSimulator(robot), list[StartOff]()
     for trial in reference:
         request, begun = simulator.request(trial), trial.cut(STRETCH)
@@ -94,7 +96,9 @@ def misplaced(robot: Robot, reference: TrialSet) -> str | None:
         EngineError: The robot itself can't be simulated.
     """
     about = robot.trials
-    if not isinstance(about, Recordings) or about.frame is not None or reference.marker_names != robot.marker_names:
+    if not isinstance(about, Recordings) or about.frame is not None:
+        return None
+    if reference.marker_names != robot.marker_names or not robot.marker_names:
         return None
     simulator, model = PlaybackSimulator(robot), robot.build(robot.space.published).compile()
     view = MarkerView(model, len(robot.marker_names), robot.plane)

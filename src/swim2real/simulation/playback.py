@@ -16,7 +16,7 @@ from swim2real.parameters import Values
 from swim2real.robots.delays import Delays
 from swim2real.robots.robot import Control, Robot, Sine
 from swim2real.simulation.engine import Engine
-from swim2real.simulation.fitted_start import UNIT_TIME, Attempt, State, Stretch, fitted_start
+from swim2real.simulation.fitted_start import UNIT_TIME, Attempt, State, Stretch, fitted_start, sensed_start
 from swim2real.simulation.forward_model import all_of, each_of, thread_count
 from swim2real.simulation.pose import PoseFit
 from swim2real.simulation.start import (
@@ -121,10 +121,17 @@ class PlaybackSimulator:
         return self._shown(trial, believed, self._about.start == FITTED)
 
     def _shown(self, trial: Trial, weights: Array, fitted: bool) -> Rollout:
-        """A recording whose markers show its start."""
+        """A recording whose markers, or joint sensors, show its start."""
+        scales = {sensor.name: sensor.meters_per_unit for sensor in self._about.sensors}
+        if not self._markers:
+            if not fitted:
+                raise TrialError(
+                    f"trial '{trial.name}' has no markers, and start is '{self._about.start}'; say "
+                    f'start = "fitted" in the robot file'
+                )
+            return Rollout(trial, stretch=Stretch.of(trial, weights, scales))
         first = FirstFrames(trial, weights, 2) if fitted else FirstFrames(trial, weights)
         guess = PoseFit(self._published, self._markers, self.robot.plane).first(first.places, first.known).qpos
-        scales = {sensor.name: sensor.meters_per_unit for sensor in self._about.sensors}
         return Rollout(trial, first, guess, Stretch.of(trial, weights, scales) if fitted else None)
 
     def _piece(self, trial: Trial, weights: Array, part: slice) -> Rollout:
@@ -204,12 +211,13 @@ class PlaybackSimulator:
         made = roll(model, data, controls)
         if made.failed_at is not None:
             return f"the simulation diverged {made.failed_at:.3f} s after its start"
-        markers = self._in_plane(sampled(made.sensors[:, -3 * self._markers :], step, frames - begun))
+        markers = self._in_plane(
+            sampled(made.sensors[:, made.sensors.shape[1] - 3 * self._markers :], step, frames - begun)
+        )
         readings = np.empty((len(samples), len(self._sensors)))
-        delays = self.robot.delays_of(values)
+        late = self._late(self.robot.delays_of(values), rollout.trial)
         for column, (name, address) in zip(readings.T, self._sensors.items(), strict=True):
-            late = delays.sensor(name, rollout.trial.name)
-            column[:] = sampled(made.sensors[:, [address]], step, samples - begun - late)[:, 0]
+            column[:] = sampled(made.sensors[:, [address]], step, samples - begun - late[name])[:, 0]
         return markers, readings
 
     def begin(
@@ -233,18 +241,28 @@ class PlaybackSimulator:
         if self._about.start not in STARTS:
             start_at_keyframe(model, data, self._about.start)
         start_at_joints(model, data, rollout.trial)
-        if rollout.first is not None and rollout.guess is not None:
-            fit = PoseFit(model, self._markers, self.robot.plane)
-            if rollout.stretch is None:
-                simulated = partial(self._first_frames, model, mujoco.MjData(model), controls, rollout.first.times)
-                data.qpos[:], data.qvel[:] = start_at_markers(fit, rollout.first, rollout.guess, simulated)
-            else:
-                name = rollout.trial.name
-                stretch = rollout.stretch.read_late({one: delays.sensor(one, name) for one in self._sensors})
-                qpos = fit.pose(rollout.first.places, rollout.first.known, rollout.guess).qpos
-                qvel = fit.velocities(qpos, rollout.first.velocities, rollout.first.known)
-                data.qpos[:], data.qvel[:] = self._fitted(model, fit, (qpos, qvel), controls, stretch)
+        fit = PoseFit(model, self._markers, self.robot.plane)
+        if rollout.stretch is not None:
+            stretch = rollout.stretch.read_late(self._late(delays, rollout.trial))
+            guess = self._guess(fit, model, data, rollout, stretch)
+            data.qpos[:], data.qvel[:] = self._fitted(model, fit, guess, controls, stretch)
+        elif rollout.first is not None and rollout.guess is not None:
+            simulated = partial(self._first_frames, model, mujoco.MjData(model), controls, rollout.first.times)
+            data.qpos[:], data.qvel[:] = start_at_markers(fit, rollout.first, rollout.guess, simulated)
         return data, controls
+
+    def _late(self, delays: Delays, trial: Trial) -> dict[str, float]:
+        """How old the readings of a trial's sensors are [s]."""
+        return {name: delays.sensor(name, trial.name) for name in self._sensors}
+
+    def _guess(
+        self, fit: PoseFit, model: mujoco.MjModel, data: mujoco.MjData, rollout: Rollout, stretch: Stretch
+    ) -> State:
+        """Where a fit of the start begins: where the markers are; without any, where joint sensors say."""
+        if rollout.first is None or rollout.guess is None:
+            return sensed_start(model, (data.qpos.copy(), data.qvel.copy()), stretch)
+        qpos = fit.pose(rollout.first.places, rollout.first.known, rollout.guess).qpos
+        return qpos, fit.velocities(qpos, rollout.first.velocities, rollout.first.known)
 
     def _fitted(self, model: mujoco.MjModel, fit: PoseFit, guess: State, controls: Array, stretch: Stretch) -> State:
         """The start that fits the first stretch best."""
@@ -268,7 +286,7 @@ class PlaybackSimulator:
     def _attempt(self, start: State, sensors: Array | None, step: float, stretch: Stretch) -> Attempt:
         if sensors is None:
             return Attempt(start, None, np.inf)
-        markers = self._in_plane(sampled(sensors[:, -3 * self._markers :], step, stretch.times))
+        markers = self._in_plane(sampled(sensors[:, sensors.shape[1] - 3 * self._markers :], step, stretch.times))
         readings = [sampled(sensors[:, [self._sensors[one.name]]], step, one.times)[:, 0] for one in stretch.sensors]
         return Attempt(start, stretch.residual(markers, readings), stretch.off(markers))
 
@@ -281,7 +299,7 @@ class PlaybackSimulator:
         made = roll(model, data, controls[: int(np.ceil(times[-1] / step - 1e-9)) + 1])
         if made.failed_at is not None:
             return None
-        return self._in_plane(sampled(made.sensors[:, -3 * self._markers :], step, times))
+        return self._in_plane(sampled(made.sensors[:, made.sensors.shape[1] - 3 * self._markers :], step, times))
 
     def _in_plane(self, positions: Array) -> Array:
         """Shape (T, 3 M) to (T, M, 2)."""

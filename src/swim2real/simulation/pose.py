@@ -56,7 +56,10 @@ class MarkerView:
             places.append(point.copy())
         gaps = slice(0, data.ne)
         return View(
-            np.array(places)[:, self._plane], slopes[:, self._plane], data.efc_pos[gaps].copy(), self._rows()[gaps]
+            np.array(places).reshape(-1, 3)[:, self._plane],
+            slopes[:, self._plane],
+            data.efc_pos[gaps].copy(),
+            self._rows()[gaps],
         )
 
     def _rows(self) -> Array:

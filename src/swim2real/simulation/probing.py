@@ -176,13 +176,13 @@ def _size(robot: Robot) -> float:
     """Length of the robot, or of its markers where those are farther apart [m]."""
     model = robot.build(robot.space.published).compile()
     apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2)
-    return float(max(model.stat.extent, apart.max()))
+    return float(max(model.stat.extent, apart.max(initial=0.0)))
 
 
 def _reached(trial: Trial) -> float:
     """How far a marker gets from where it starts [m]."""
     positions = trial.track.positions
-    return float(np.linalg.norm(positions - positions[0], axis=2).max())
+    return float(np.linalg.norm(positions - positions[0], axis=2).max(initial=0.0))
 
 
 def _shift(robot: Robot, nominal: TrialSet, made: TrialSet) -> Shift:
@@ -193,7 +193,8 @@ def _shift(robot: Robot, nominal: TrialSet, made: TrialSet) -> Shift:
 
 
 def _distance(robot: Robot, nominal: Trial, made: Trial) -> float:
-    moved = float(np.linalg.norm(made.track.positions - nominal.track.positions, axis=2).mean())
+    ways = np.linalg.norm(made.track.positions - nominal.track.positions, axis=2)
+    moved = float(ways.mean()) if ways.size else 0.0
     if made.sensors is None or nominal.sensors is None:
         return moved
     apart = np.abs(made.sensors.values - nominal.sensors.values).mean(axis=0)

@@ -184,9 +184,10 @@ def _marker_readings(robot: Robot, model: mujoco.MjModel, positions: Array) -> A
         Shape (T, nsensordata).
     """
     readings = np.full((len(positions), model.nsensordata), np.nan)
-    markers = readings[:, -3 * len(robot.marker_names) :].reshape(len(positions), -1, 3)
+    count = len(robot.marker_names)
+    markers = np.full((len(positions), count, 3), np.nan)
     markers[:, :, list(robot.plane)] = positions
-    readings[:, -3 * len(robot.marker_names) :] = markers.reshape(len(positions), -1)
+    readings[:, model.nsensordata - 3 * count :] = markers.reshape(len(positions), 3 * count)
     return readings
 
 

@@ -59,8 +59,8 @@ class LostMarkers:
 
     @property
     def left_out_share(self) -> float:
-        """Share of all marker-frames that is left out."""
-        return float(self.lost.mean())
+        """Share of all marker-frames that is left out; 0 where there are no markers."""
+        return float(self.lost.mean()) if self.lost.size else 0.0
 
     def lost_markers(self, allowed: float = USABLE_SHARE) -> tuple[int, ...]:
         """Indices of the markers that are lost for more than the allowed share of frames."""

@@ -1,7 +1,9 @@
 """Reference folders and the published tracks, read and written.
 
 A reference folder holds `reference.json` and a table a trial (`time_s`, then `M0_x_m, M0_y_m, M0_confidence, …`), and
-where they were recorded tables of controls and sensors (`time_s`, then a column each).
+where they were recorded tables of controls and sensors (`time_s`, then a column each). Where nothing was filmed there
+are no tracks: `NAME.sensors.csv`, with `NAME.controls.csv` where something was commanded, is a trial, and
+`reference.json` may be left out.
 A folder of the prior work's raw CSVs (pixels, two columns a marker, 60 fps, no header) is read as well.
 """
 
@@ -26,6 +28,7 @@ INDEX = "reference.json"
 PUBLISHED_FPS = 60.0
 PUBLISHED_MARKERS = 9
 PUBLISHED_HEAD_LENGTH = 0.142  # m, distance of the first two markers on the robot
+_SENSORS, _CONTROLS = ".sensors.csv", ".controls.csv"  # after the name of a trial that wasn't filmed
 _LOCK_TIMEOUT = 60  # s, longer than anybody writes a trial
 _PUBLISHED_NAME = re.compile(r"(?:markers_)?(f(\d+)_(\d+))$")
 _RECORDED = ("controls", "sensors", "start", "start_velocities")  # kept when the video is tracked again
@@ -36,7 +39,7 @@ class TrialEntry(BaseModel):
 
     Attributes:
         name: Name of the trial.
-        table: File with its track, in the same folder; by default `NAME.csv`.
+        table: File with its track, in the same folder; by default `NAME.csv`. A reference without markers has none.
         nominal_frequency_hz: Frequency that the motor was commanded to turn at [Hz].
         fps: Frames a second, for a person who reads the file.
         meters_per_pixel: Scale of the video [m].
@@ -67,7 +70,8 @@ class TrialEntry(BaseModel):
     @property
     def tables(self) -> set[str]:
         """Names of the trial's files in the folder."""
-        return {self.table or f"{self.name}.csv", *(name for name in (self.controls, self.sensors) if name)}
+        track = self.table or f"{self.name}.csv"
+        return {track, *(name for name in (self.controls, self.sensors) if name)}
 
 
 class Index(BaseModel):
@@ -100,11 +104,20 @@ def load_reference(folder: str | Path) -> TrialSet:
     if (path / INDEX).is_file():
         return _load_folder(path, _read_index(path))
     tables = sorted(path.glob("*.csv"))
+    readings = [table for table in tables if table.name.endswith(_SENSORS)]
+    if readings and all(table.name.endswith((_SENSORS, _CONTROLS)) for table in tables):
+        return TrialSet(tuple(_unfilmed(path, table.name.removesuffix(_SENSORS)) for table in readings))
     if not tables:
         raise TrialError(
             f"reference '{path}' holds neither {INDEX} nor any .csv; `swim2real fetch --to {path}` gets one"
         )
     return TrialSet(tuple(read_published(table) for table in tables))
+
+
+def _unfilmed(folder: Path, name: str) -> Trial:
+    """A trial of nothing but tables of sensors and, where there is one, of controls."""
+    controls = f"{name}{_CONTROLS}" if (folder / f"{name}{_CONTROLS}").is_file() else None
+    return _load_trial(folder, TrialEntry(name=name, controls=controls, sensors=f"{name}{_SENSORS}"), [])
 
 
 def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
@@ -256,6 +269,7 @@ def _check_files(entry: TrialEntry, entries: list[TrialEntry], path: Path) -> No
 def _entry(trial: Trial, folder: Path) -> TrialEntry:
     """What the index says of a trial; keys of what it doesn't have aren't set."""
     optional: dict[str, Any] = {
+        "table": f"{trial.name}.csv" if trial.track.marker_count else None,
         "video": None if trial.video is None else path_from(folder, trial.video),
         "video_begin_s": round(trial.video_begin, 9),
         **{kind: _signals_file(trial, kind) for kind in _signals(trial)},
@@ -263,8 +277,8 @@ def _entry(trial: Trial, folder: Path) -> TrialEntry:
         "start_velocities": dict(trial.start_velocities),
     }
     return TrialEntry(
-        name=trial.name, table=f"{trial.name}.csv", nominal_frequency_hz=trial.nominal_frequency,
-        fps=round(trial.fps, 6), meters_per_pixel=trial.meters_per_pixel, provenance=trial.provenance,
+        name=trial.name, nominal_frequency_hz=trial.nominal_frequency, fps=round(trial.fps, 6),
+        meters_per_pixel=trial.meters_per_pixel, provenance=trial.provenance,
         **{key: value for key, value in optional.items() if value},
     )  # fmt: skip
 
@@ -293,7 +307,36 @@ def _load_folder(path: Path, index: Index) -> TrialSet:
 
 
 def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
-    table = _file(folder, entry, "table", entry.table or f"{entry.name}.csv")
+    controls = _load_signals(folder, entry, "controls", entry.controls)
+    sensors = _load_signals(folder, entry, "sensors", entry.sensors)
+    if not markers:
+        table, track = _file(folder, entry, "sensors", entry.sensors or f"{entry.name}{_SENSORS}"), _no_track(sensors)
+    else:
+        table = _file(folder, entry, "table", entry.table or f"{entry.name}.csv")
+        track = _read_track(table, markers)
+    trial = Trial(
+        name=entry.name,
+        track=track,
+        nominal_frequency=entry.nominal_frequency_hz,
+        meters_per_pixel=entry.meters_per_pixel,
+        provenance=entry.provenance,
+        video=None if entry.video is None else folder / entry.video,
+        video_begin=entry.video_begin_s,
+        controls=controls,
+        sensors=sensors,
+        start=entry.start,
+        start_velocities=entry.start_velocities,
+    )
+    return _check_motion(trial, table)
+
+
+def _no_track(sensors: Signals | None) -> MarkerTrack:
+    """Time stamps of sensors, without markers."""
+    times = np.zeros(0) if sensors is None else sensors.times
+    return MarkerTrack(times, np.zeros((len(times), 0, 2)))
+
+
+def _read_track(table: Path, markers: list[str]) -> MarkerTrack:
     lines = read_lines(table)
     columns = _columns(markers)
     header = next(csv.reader(lines[:1]), [])
@@ -303,23 +346,9 @@ def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
     _check_table(table, rows, len(columns), f"{len(columns)} columns, as the header")
     cells = rows[:, 1:].reshape(len(rows), len(markers), 3)
     try:
-        track = MarkerTrack(rows[:, 0], cells[:, :, :2], np.nan_to_num(cells[:, :, 2]))
+        return MarkerTrack(rows[:, 0], cells[:, :, :2], np.nan_to_num(cells[:, :, 2]))
     except TrialError as error:
         raise TrialError(f"{table}: {error}") from error
-    trial = Trial(
-        name=entry.name,
-        track=track,
-        nominal_frequency=entry.nominal_frequency_hz,
-        meters_per_pixel=entry.meters_per_pixel,
-        provenance=entry.provenance,
-        video=None if entry.video is None else folder / entry.video,
-        video_begin=entry.video_begin_s,
-        controls=_load_signals(folder, entry, "controls", entry.controls),
-        sensors=_load_signals(folder, entry, "sensors", entry.sensors),
-        start=entry.start,
-        start_velocities=entry.start_velocities,
-    )
-    return _check_motion(trial, table)
 
 
 def _load_signals(folder: Path, entry: TrialEntry, kind: str, name: str | None) -> Signals | None:
@@ -340,7 +369,8 @@ def _columns(markers: tuple[str, ...] | list[str]) -> list[str]:
 
 def _write_tables(folder: Path, trial: Trial, markers: tuple[str, ...]) -> None:
     """Writes the trial's tables, each whole or not at all."""
-    _write_track(folder / f"{trial.name}.csv", trial.track, markers)
+    if markers:
+        _write_track(folder / f"{trial.name}.csv", trial.track, markers)
     for kind, signals in _signals(trial).items():
         write_signals(signals, folder / _signals_file(trial, kind))
 
@@ -365,6 +395,11 @@ def _check_table(table: Path, rows: NDArray[np.float64], width: int, wanted: str
 
 def _check_motion(trial: Trial, table: Path) -> Trial:
     positions = trial.track.positions
+    if not trial.track.marker_count:
+        assert trial.sensors is not None  # whose time stamps the trial has
+        if not np.any(np.nanmax(trial.sensors.values, axis=0) > np.nanmin(trial.sensors.values, axis=0)):
+            raise TrialError(f"{table}: no reading changes; is this the right file?")
+        return trial
     highest = np.where(np.isnan(positions), -np.inf, positions).max(axis=0)
     lowest = np.where(np.isnan(positions), np.inf, positions).min(axis=0)
     if not np.any(highest > lowest):

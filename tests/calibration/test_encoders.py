@@ -1,0 +1,126 @@
+"""A robot with encoders and without a camera: its sensors alone pose the problem, and start its trials."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from recorded import (
+    PENDULUM,
+    PENDULUM_HIDDEN,
+    PENDULUM_SPACE,
+    PENDULUM_XML,
+    blank,
+    recorded,
+    torque_table,
+    with_markers,
+)
+from swim2real.calibration import Problem
+from swim2real.calibration.finished_run import reopen
+from swim2real.calibration.identifiability import identify
+from swim2real.errors import ArgumentError, TrialError
+from swim2real.objective import evidence
+from swim2real.pipeline import calibrate
+from swim2real.report import write_report
+from swim2real.robots.robot import Recordings, Sensor
+from swim2real.settings import CalibrationSettings, IdentifiabilitySettings
+from swim2real.simulation import PlaybackSimulator
+from swim2real.simulation.fitted_start import Reading, Stretch, sensed_start
+from swim2real.simulation.misfits import misfits, misplaced, starts
+from swim2real.simulation.probing import probe
+from swim2real.sysid.trajectory import trajectories
+from swim2real.trials import MarkerTrack, TrialSet
+
+XML = PENDULUM_XML.replace("</sensor>", '<jointpos name="bend" joint="elbow"/></sensor>')
+SENSORS = (Sensor("encoder", "rad", 0.3), Sensor("bend", "rad", 0.15))
+
+
+def build(values):
+    return with_markers(XML.format(**PENDULUM_SPACE.check(values)), ())
+
+
+ROBOT = replace(
+    PENDULUM, build=build, marker_names=(), rest_markers=np.zeros((0, 2)), marker_heights=np.zeros(0), links=(),
+    trials=Recordings({"torque": "table"}, SENSORS, "fitted"),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """Two recordings that begin in motion, read 100 times a second with the steps of an encoder."""
+    blanks = [blank(ROBOT, name, 2.5, 100.0, controls=torque_table(3.0, seed)) for seed, name in enumerate("ab")]
+    cut = []
+    for trial in recorded(ROBOT, PENDULUM_HIDDEN, blanks):
+        table = trial.sensors.between(0.9, 2.5)
+        counted = replace(table, times=table.times, names=table.names, values=np.round(table.values, 3))
+        track = MarkerTrack(table.times, np.zeros((len(table.times), 0, 2)))
+        cut.append(replace(trial, track=track, sensors=counted))
+    return TrialSet(tuple(cut), ())
+
+
+@pytest.fixture(scope="module")
+def problem(reference):
+    return Problem(ROBOT, reference, threads=2)
+
+
+def test_the_loss_is_what_the_sensors_errors_count_as(problem):
+    hidden, other = problem.evaluate_many([PENDULUM_HIDDEN, ROBOT.space.published])
+    assert hidden.loss < 3e-4
+    assert other.loss > 5 * hidden.loss
+    figures = other.figures()
+    errors = figures["sensor_errors"]
+    assert other.loss == pytest.approx(0.3 * errors["encoder"] + 0.15 * errors["bend"])
+    assert not {"aligned_marker_error", "left_out_share"} & figures.keys()
+    assert evidence(other)["loss"] == pytest.approx(other.loss)
+    vector = other.residual_vector()
+    assert vector.size == sum(rows * columns for rows, columns in problem.blocks())
+    assert np.isfinite(vector).all()
+
+
+def test_joint_sensors_tell_where_a_fit_of_the_start_begins():
+    model = build(ROBOT.space.published).compile()
+    times = np.arange(20) / 100
+    readings = (Reading("encoder", times, 0.3 + 2 * times, 1.0), Reading("gyro[1]", times, times, 1.0))
+    stretch = Stretch(times, np.zeros((20, 0, 2)), np.zeros((20, 0)), readings)
+    qpos, qvel = sensed_start(model, (np.array([0.0, 0.7]), np.zeros(2)), stretch)
+    assert qpos == pytest.approx([0.3, 0.7])
+    assert qvel == pytest.approx([2.0, 0.0])
+
+
+def test_lines_through_markers_are_refused(reference):
+    robot = replace(ROBOT, trials=replace(ROBOT.recordings, start="markers"))
+    with pytest.raises(TrialError, match=r"trial 'a' has no markers, and start is 'markers'; say start = \"fitted\""):
+        Problem(robot, reference)
+
+
+def test_what_a_check_says(reference):
+    assert misfits(ROBOT, reference) == []
+    assert (misplaced(ROBOT, reference), starts(ROBOT, reference)) == (None, [])
+    assert not any(one.idle for one in probe(ROBOT, reference, 2))
+    with pytest.raises(
+        ArgumentError, match="robot 'pendulum' has no markers, so there is nothing to track; its trials"
+    ):
+        ROBOT.check_markers("track")
+
+
+def test_pieces_of_encoders(reference):
+    player = PlaybackSimulator(ROBOT, 1)
+    found = player.simulate(PENDULUM_HIDDEN, [player.request(reference["a"], pieces=0.5)])["a"]
+    assert np.abs(found.sensors.values[:, 0] - reference["a"].sensors.column("encoder")).max() < 3e-3
+
+
+def test_the_toolbox_gets_the_readings(problem):
+    one, _ = trajectories(problem, PENDULUM_HIDDEN)
+    assert np.isfinite(one.readings).sum() == 2 * len(one.times)
+
+
+def test_it_is_calibrated_reported_and_identified(reference, tmp_path):
+    settings = CalibrationSettings(method="least-squares", budget=6, horizon=0.6, threads=2)
+    outcome = calibrate(reference, ROBOT, settings, tmp_path / "run").to_json()
+    assert outcome["fit"]["loss"] < outcome["fit"]["trials"]["a"]["sensor_errors"]["encoder"]
+    page = write_report(tmp_path / "run", ROBOT).read_text(encoding="utf-8")
+    assert "encoder" in page
+    assert "Paths, the first chart" not in page
+    run = reopen(tmp_path / "run", reference, ROBOT, 2)
+    found = identify(run, IdentifiabilitySettings(steps=0, polish=1))
+    assert found["profiles"]["lower_mass"]["verdict"] == "identified"
