@@ -1,6 +1,6 @@
 """The films of docs/tracking.md: made, damaged, judged against the truth, labeled.
 
-python experiments/tracking_films.py make | damage | judge TRACKED | label | gaps TRACKS
+python experiments/tracking_films.py make | damage | judge TRACKED | scattered | label | gaps TRACKS
 """
 
 import random
@@ -24,6 +24,9 @@ from swim2real.tracking.labeling import label_markers
 from swim2real.tracking.points import save_points
 from swim2real.trials import MarkerTrack, load_reference
 from swim2real.trials.pose_tables import read_dlc
+from swim2real.video import VideoReader
+from swim2real.video.damage import marked
+from swim2real.video.decoding import Picture
 
 CAMERA = PoolCamera(width=1280, height=720, glints=2.0)
 KINDS = {
@@ -60,18 +63,62 @@ def make():
     write_camera("camera.json", CameraFile(camera_height=CAMERA.camera_height - FISH.marker_heights[0].item()))
 
 
+def noisy(name, chosen, noise):
+    """A film as bytes, the middle of some pictures replaced by noise."""
+    with av.open(f"films/{name}.mp4") as file:
+        packets = [(packet.pos, packet.size) for packet in file.demux(video=0) if packet.size]
+    content = bytearray(Path(f"films/{name}.mp4").read_bytes())
+    for place, size in [packets[number] for number in chosen]:
+        start, end = place + int(0.3 * size), place + int(0.7 * size)
+        content[start:end] = noise.randbytes(end - start)
+    return content
+
+
 def damage():
     """The middle of five pictures becomes noise, half a second apart."""
     Path("damaged").mkdir()
     for name in ("plain", "hevc", "mjpeg"):
-        with av.open(f"films/{name}.mp4") as file:
-            packets = [(packet.pos, packet.size) for packet in file.demux(video=0) if packet.size]
-        content, noise = bytearray(Path(f"films/{name}.mp4").read_bytes()), random.Random(1)
-        for place, size in packets[30:151:30]:
-            start, end = place + int(0.3 * size), place + int(0.7 * size)
-            content[start:end] = noise.randbytes(end - start)
-        Path(f"damaged/{name}.mp4").write_bytes(content)
+        Path(f"damaged/{name}.mp4").write_bytes(noisy(name, range(30, 151, 30), random.Random(1)))
         shutil.copy(f"films/{name}.json", f"damaged/{name}.json")
+
+
+def scattered():
+    """Five pictures at other places, eight times: which of those that change, for one frame or longer, are doubted."""
+
+    def frames(path):
+        with VideoReader(path) as reader:
+            for frame in reader:
+                yield round(frame.time * 60), frame.intact, frame.image.mean(axis=2, dtype=np.float32)
+
+    for name in ("hevc", "mjpeg"):
+        whole = {number: image for number, _, image in frames(f"films/{name}.mp4")}
+        count, stretches = Counter(), []
+        for seed in range(1, 9):
+            noise = random.Random(seed)
+            chosen = sorted(noise.sample(range(12, len(whole) - 8, 12), 5))
+            Path("scattered.mp4").write_bytes(noisy(name, chosen, noise))
+            before = False
+            for number, intact, image in frames("scattered.mp4"):
+                off = np.abs(image - whole[number]).reshape(45, 16, 80, 16).mean(axis=(1, 3)).max()
+                if off > 8:  # gray levels, in the mean of a block
+                    if not before:
+                        stretches.append([])
+                    stretches[-1].append(not intact)
+                count["frames"] += 1
+                count["unharmed but doubted"] += off <= 8 and not intact
+                before = off > 8
+        single = [found[0] for found in stretches if len(found) == 1]
+        longer = [found for found in stretches if len(found) > 1]
+        print(
+            f"{name}: {dict(count)}; harmed for one frame {len(single)}, doubted {sum(single)}; for longer "
+            f"{len(longer)} times, {sum(map(len, longer))} frames, doubted {sum(map(sum, longer))}"
+        )
+    count = Counter()
+    for path in sorted(Path("films").glob("*.mp4")):
+        with av.open(path) as file:
+            stored = (Picture(picture, picture.pts, True, 0) for picture in file.decode(video=0))
+            count.update("doubted" if picture.odd else "not doubted" for picture in marked(stored))
+    print(f"undamaged frames of all films, whatever their codec: {dict(count)}")
 
 
 def judge(folder):
@@ -128,4 +175,4 @@ def gaps(folder):
 
 
 command, *given = sys.argv[1:]
-{"make": make, "damage": damage, "judge": judge, "label": label, "gaps": gaps}[command](*given)
+{"make": make, "damage": damage, "judge": judge, "scattered": scattered, "label": label, "gaps": gaps}[command](*given)

@@ -4,10 +4,13 @@ from functools import cache
 import av
 import numpy as np
 import pytest
+from av import VideoFrame
 from clips import FPS, clip, cut, damage, error, noisy, packets, raw, read
 
 from swim2real.errors import VideoError
 from swim2real.video import VideoReader
+from swim2real.video.damage import marked
+from swim2real.video.decoding import Picture
 
 QUIET = {"x265-params": "log-level=none"}
 OPTIONS = {"libx264": {}, "libx265": QUIET, "mjpeg": {}}
@@ -200,3 +203,60 @@ def test_a_file_without_time_stamps_is_placed_by_its_frame_rate(tmp_path):
         f"36 frames without a time stamp, from 0.000 to {35 / info.fps:.3f} s; "
         f"placed by the frame rate of {info.fps:.2f} a second"
     ]
+
+
+# what no decoder reports
+
+
+def drifting(index: int, speed: int = 37) -> np.ndarray:
+    """A textured ground that drifts by 1 px a frame, and a bar that moves by more than its width [px a frame]."""
+    grain = np.random.default_rng(0).normal(0, 1, (140, 260))
+    smooth = sum(np.roll(grain, (i, j), (0, 1)) for i in range(-3, 4) for j in range(-3, 4)) * 3 + 120
+    image = smooth[20:116, 40 + index : 200 + index].clip(0, 255).astype(np.uint8)
+    left = 20 + speed * index % 120
+    image[30:60, left : left + 10] = 250
+    return np.repeat(image[:, :, None], 3, axis=2)
+
+
+def judged(images, stamps=None) -> list[int]:
+    """Numbers of the pictures that look damaged."""
+    pictures = (
+        Picture(VideoFrame.from_ndarray(image, format="rgb24").reformat(format="yuv420p"), stamp, True, 0)
+        for image, stamp in zip(images, stamps or range(len(images)), strict=True)
+    )
+    found = list(marked(pictures))
+    assert [picture.stamp for picture in found] == list(stamps or range(len(images)))
+    return [i for i, picture in enumerate(found) if picture.odd]
+
+
+@pytest.mark.parametrize("harm", ["gray", "earlier"])
+def test_a_picture_that_differs_from_both_its_neighbors_is_odd(harm):
+    assert judged([drifting(i) for i in range(24)]) == []  # however fast the bar is
+    images = [drifting(i, 0) for i in range(24)]
+    assert judged(images) == []
+    images[12][48:96] = 128 if harm == "gray" else images[4][48:96]
+    assert judged(images) == [12]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 9])
+def test_every_picture_of_a_short_video_comes(count):
+    assert judged([drifting(i) for i in range(count)]) == []
+
+
+def test_motion_that_sets_in_and_a_step_in_time_are_no_damage():
+    still = [drifting(0)] * 12
+    assert judged([*still, *(drifting(i) for i in range(1, 13))]) == []
+    jumps = [drifting(i) for i in [*range(8), *range(12, 22)]]  # four are missing
+    assert judged(jumps, [*range(8), *range(12, 22)]) == []
+
+
+def test_what_looks_damaged_is_not_intact_and_told(tmp_path):
+    path = tmp_path / "swim.avi"
+    raw(path, "mjpeg", pixels="yuvj420p", colors=5)
+    frames, notes, _ = read(damage(path, 20))
+    whole, _, _ = read(raw(tmp_path / "whole.avi", "mjpeg", pixels="yuvj420p", colors=5))
+    shown = {round(time * FPS): (image, intact) for time, image, intact in frames}
+    wrong = [i for i, (image, _) in shown.items() if error(image, whole[i][1]) > 3]
+    assert all(not shown[i][1] for i in wrong)
+    assert all(intact for i, (_, intact) in shown.items() if i not in wrong)
+    assert (20 not in shown) or any("1 frame that may be damaged, by what they show, at 0.667 s" in n for n in notes)

@@ -104,12 +104,14 @@ class Picture:
         stamp: Time stamp in units of the stream's time base; None if the file has none.
         intact: Whether all pictures since the last key frame that are stored before this one are whole.
         lost: Number of pictures without a stamp that were left out just before.
+        odd: Whether it looks damaged although the decoder reports nothing.
     """
 
     stored: VideoFrame
     stamp: int | None
     intact: bool
     lost: int
+    odd: bool = False
 
 
 class Decoder:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import VideoError
 from swim2real.video.clock import Clock, Tally, frames
+from swim2real.video.damage import REPORTED, marked
 from swim2real.video.decoding import Decoder, open_stream
 
 Image = NDArray[np.uint8]
@@ -59,7 +60,7 @@ class Frame:
         index: Number of the frame among those that are delivered, from 0.
         time: Time since the first frame, strictly rising [s].
         intact: False after a broken frame, up to the next key frame: the picture may be smeared, since it was
-            predicted from one that isn't there.
+            predicted from one that isn't there. False also where a picture looks damaged.
     """
 
     index: int
@@ -195,6 +196,8 @@ class _Pass:
         self._clock = Clock(1 / rate)
         self._decoder = Decoder(self._container, stream)
         self._pictures = self._decoder.pictures()
+        if stream.codec_context.codec.canonical_name not in REPORTED:
+            self._pictures = marked(self._pictures)
         self._first = next(self._pictures, None)
         if self._first is None:
             self._container.close()
@@ -209,7 +212,7 @@ class _Pass:
         self._closed = False
         self._delivered = 0
         self._end: float | None = None  # time of the last frame, once all are through
-        self._smeared = Tally()
+        self._smeared, self._odd = Tally(), Tally()
         self._resized = Tally()
         self.info = self._describe(path, rate, stream)
 
@@ -226,10 +229,12 @@ class _Pass:
             for _ in range(picture.lost):
                 self._clock.skip()
             time = self._clock.tick(self._seconds(picture.stamp))
-            stored, intact = picture.stored, picture.intact
+            stored, intact = picture.stored, picture.intact and not picture.odd
             if (stored.width, stored.height) != self._size:
                 self._resized.add(time)
-            if not intact:
+            if picture.odd:
+                self._odd.add(time)
+            elif not intact:
                 self._smeared.add(time)
             self._delivered += 1
             yield Frame(self._delivered - 1, time, intact, stored, self._size, self.info.rotation)
@@ -275,6 +280,8 @@ class _Pass:
             notes.append(f"{frames(self._decoder.unstamped)} broken and left out")
         if self._smeared.count:
             notes.append(f"{frames(self._smeared.count)} after a broken one may be smeared, {self._smeared.when}")
+        if self._odd.count:
+            notes.append(f"{frames(self._odd.count)} that may be damaged, by what they show, {self._odd.when}")
         if self._decoder.failure:
             notes.append(self._decoder.failure)
         return notes + self._end_notes()
