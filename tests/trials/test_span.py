@@ -91,3 +91,11 @@ def test_a_reference_remembers_where_in_its_video_a_trial_begins(tmp_path):
     add_trial(tmp_path, plain, ("A", "B"))
     (again,) = load_reference(tmp_path)
     assert (again.video_begin, again.controls) == (0.0, None)  # the controls were on another clock
+
+
+def test_a_recording_without_markers_is_cut_likewise(tmp_path):
+    unfilmed = Trial("pull", MarkerTrack(TIMES, np.empty((101, 0, 2))), controls=CONTROLS, sensors=SENSORS)
+    add_trial(tmp_path, Span(2.0, 3.0).of_trial(unfilmed), ())
+    (read,) = load_reference(tmp_path)
+    np.testing.assert_allclose(read.sensors.times, np.arange(11) / 10)
+    assert read.controls.held("b", np.array([0.0, 0.6])).tolist() == [5.0, 8.0]
