@@ -23,6 +23,7 @@ METHODS: tuple[Method, ...] = get_args(Method)
 ADVISED: tuple[Method, ...] = ("line-search", "warm-start")  # by an advisor
 ProtocolName = Literal["motion", "aligned", "paper", "playback"]
 Start = Literal["speed", "rest"]
+First = Literal["auto", "model", "random"]
 Scale = Literal["log", "linear"]
 ScaleChoice = Literal["auto", "log", "linear"]
 Show = Literal["both", "numbers", "pictures"]
@@ -158,6 +159,8 @@ class CalibrationSettings(EvaluationSettings):
             run's replies, without a network; what isn't given is as that run had it.
         budget: Simulation evaluations, the first included.
         seed: Decides the first point and every random choice.
+        first: First point. model: the values that the robot's model has. random: anywhere within the bounds, by the
+            seed. auto: the model's for recordings with seed 0, random for other seeds and for swims.
         scale: Scale of the parameters; auto: linear for protocol paper, log otherwise.
         max_steps: Steps of the line search; 1 is the ablation without it.
         early_stop: Stop a step's evaluation once it is certain to be rejected. The advisor then sees less of rejected
@@ -173,6 +176,7 @@ class CalibrationSettings(EvaluationSettings):
     advisor: str = PHYSICS
     budget: int = 40
     seed: int = 0
+    first: First = "auto"
     scale: ScaleChoice = "auto"
     max_steps: int = 3
     early_stop: bool = False
@@ -187,6 +191,7 @@ class CalibrationSettings(EvaluationSettings):
         check_advisor(self.advisor)
         _least("budget", self.budget, 1)
         _seed(self.seed)
+        _choice("first", self.first, get_args(First))
         _choice("scale", self.scale, get_args(ScaleChoice))
         _least("max_steps", self.max_steps, 1)
         if self.early_stop and self.method != "line-search":

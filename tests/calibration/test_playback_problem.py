@@ -262,3 +262,36 @@ def test_what_the_markers_dont_show_isnt_told(pendulum):
     deaf = replace(robot, build=lambda values: PENDULUM.build({**values, "shoulder_damping": 0.004}))
     found = sensitivities(Problem(deaf, pendulum, threads=2), deaf.space, PENDULUM_HIDDEN)
     assert {one.name: one.verdict for one in found}["shoulder_damping"] == "not identified"
+
+
+# what the trials don't tell
+
+
+class Told(RandomSearch):
+    """Keeps what it is told."""
+
+    needs_residual = True
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.heard = []
+
+    def _learn(self, evaluation):
+        self.heard.append(evaluation)
+
+
+def test_optimizers_are_told_the_way_from_the_models_values_and_losses_arent(problem, tmp_path):
+    space, runs = PENDULUM.space, {}
+    prior = space.to_cube(space.published)
+    for name, given in (("plain", None), ("prior", prior)):
+        optimizer = Told(len(space), streams(0)[1])
+        folder = RunFolder(tmp_path / name)
+        with folder.locked():
+            folder.begin({"budget": 3})
+            minimize(problem, space, optimizer, 3, folder, prior=given)
+        runs[name] = optimizer.heard
+    length = np.linalg.norm(runs["plain"][0].residual)
+    for plain, drawn in zip(runs["plain"], runs["prior"], strict=True):
+        assert drawn.loss == plain.loss
+        assert np.array_equal(drawn.residual[:-3], plain.residual)
+        assert np.allclose(drawn.residual[-3:], 0.01 * length * (drawn.candidate.point - prior))

@@ -8,7 +8,7 @@ import pytest
 from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, PENDULUM_HIDDEN, floater_reference, pendulum_reference, recorded
 from swim2real.calibration import RunFolder, load_trials
 from swim2real.cli import tables
-from swim2real.errors import ArgumentError
+from swim2real.errors import ArgumentError, RunError
 from swim2real.optimizers import ScriptedAdvisor
 from swim2real.parameters import read_parameters
 from swim2real.pipeline import calibrate
@@ -120,3 +120,37 @@ def test_a_simulated_recording_is_a_reference(tmp_path):
     made = recorded(FLOATER, FLOATER_HIDDEN, list(floater_reference()))
     save_reference(made, tmp_path)
     assert load_reference(tmp_path).names == ("slow", "fast")
+
+
+# where a run begins
+
+
+def first_values(path) -> dict[str, float]:
+    return RunFolder(path).record()[0]["values"]
+
+
+def test_recordings_begin_at_the_models_own_values_unless_another_seed_is_given(reference, tmp_path):
+    runs = {
+        "own": {}, "other": {"seed": 1}, "any": {"first": "random"}, "chosen": {"first": "model", "seed": 1},
+    }  # fmt: skip
+    for name, options in runs.items():
+        calibrate(reference, FLOATER, settings("least-squares", 1, **options), tmp_path / name)
+    own = FLOATER.space.published
+    begun = {name: first_values(tmp_path / name) for name in runs}
+    assert begun["own"] == pytest.approx(own)
+    assert begun["chosen"] == pytest.approx(own)
+    assert begun["other"] != pytest.approx(own, rel=0.1)
+    assert begun["any"] != pytest.approx(own, rel=0.1)
+    assert [RunFolder(tmp_path / name).settings()["first"] for name in runs] == ["model", "random", "random", "model"]
+
+
+def test_a_run_of_an_earlier_version_goes_on_where_it_began(reference, tmp_path):
+    calibrate(reference, FLOATER, settings("least-squares", 2, first="random"), tmp_path / "run")
+    written = json.loads((tmp_path / "run" / "settings.json").read_text())
+    del written["first"], written["pieces"]  # which 0.1 didn't know
+    (tmp_path / "run" / "settings.json").write_text(json.dumps(written))
+    calibrate(reference, FLOATER, settings("least-squares", 3), tmp_path / "run", resume=True)
+    calibrate(reference, FLOATER, settings("least-squares", 3, first="random"), tmp_path / "whole")
+    assert without_seconds(tmp_path / "run") == without_seconds(tmp_path / "whole")
+    with pytest.raises(RunError, match='first was "random" and is now "model"'):
+        calibrate(reference, FLOATER, settings("least-squares", 4, first="model"), tmp_path / "run", resume=True)

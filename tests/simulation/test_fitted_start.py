@@ -27,7 +27,7 @@ from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Recordings
 from swim2real.settings import EvaluationSettings
 from swim2real.simulation import PlaybackSimulator
-from swim2real.simulation.misfits import hasty, starts
+from swim2real.simulation.misfits import hasty, long_swings, starts
 from swim2real.simulation.playback import cut
 from swim2real.simulation.start import fastest_frequency
 from swim2real.trials import MarkerTrack, Signals, TrialSet
@@ -193,6 +193,16 @@ def test_a_motion_too_fast_for_its_frames_is_told(ringing):
     assert hasty(RINGING, ringing) == []
     assert hasty(lines, ringing_reference(200.0, NOISE)) != []  # 0.1 s are more than half a period, too
     assert hasty(telling(FLOATER, start="markers"), floater_reference(NOISE)) == []
+
+
+def test_a_long_ring_down_is_told_to_be_cut(ringing):
+    sentences = long_swings(RINGING, ringing, 4.0)
+    assert len(sentences) == 2
+    assert sentences[0].startswith("trial 'pulled' swings freely 1")
+    assert "add --pieces 0.5" in sentences[0]
+    assert long_swings(RINGING, ringing, 0.5) == []
+    assert long_swings(PENDULUM, pendulum_reference(), None) == []  # it is driven
+    assert long_swings(FISH, ringing, None) == []
 
 
 def test_noise_and_short_recordings_have_no_frequency():

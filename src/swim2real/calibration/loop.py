@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import RunFolder
@@ -21,6 +22,8 @@ from swim2real.errors import RunError
 from swim2real.objective import Comparison, evidence
 from swim2real.optimizers import Candidate, Evaluation, Optimizer
 from swim2real.parameters import ParameterSpace, Values, write_parameters
+
+_PRIOR = 0.01  # of the first residual's length: what the way over a parameter's whole range adds
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class Progress:
 
 def minimize(
     problem: Problem, space: ParameterSpace, optimizer: Optimizer, budget: int, folder: RunFolder,
-    on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_progress: Callable[[Progress], None] = lambda progress: None, prior: NDArray[np.float64] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Runs or goes on with a calibration until the budget is spent.
 
@@ -63,6 +66,9 @@ def minimize(
         budget: Simulation evaluations, those on record included.
         folder: Locked by the caller, with settings written.
         on_progress: Called after every evaluation.
+        prior: Point of the unit cube near which parameters that the trials don't tell are to stay: optimizers that take
+            residuals are told the way from it as well, a whole range as a hundredth of the first residual. Losses
+            don't know of it. Shape (d,).
 
     Returns:
         The record's entry of the incumbent.
@@ -75,7 +81,7 @@ def minimize(
     folder.drop_cut_line()
     best: dict[str, Any] | None = None
     started, fresh = time.monotonic(), 0
-    recorded = folder.record()
+    recorded, scale = folder.record(), None
     for index in range(max(budget, len(recorded))):
         replayed = index < len(recorded)
         candidate = optimizer.ask()
@@ -97,6 +103,9 @@ def minimize(
             write_best(folder, problem, best)
         bound = bool(entry.get("lower_bound"))
         residual = comparison.residual_vector() if comparison is not None and optimizer.needs_residual else None
+        if residual is not None and prior is not None:
+            scale = scale or (_PRIOR * float(np.linalg.norm(residual)) if not entry["failed"] else None)
+            residual = np.concatenate([residual, (scale or 0.0) * (candidate.point - prior)])
         optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"], bound, residual))
         left = (time.monotonic() - started) / max(fresh, 1) * (budget - index - 1)
         on_progress(

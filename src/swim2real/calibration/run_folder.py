@@ -18,7 +18,13 @@ SETTINGS, RECORD, OUTCOME, TRIALS = "settings.json", "record.jsonl", "outcome.js
 
 # settings that may differ when a run goes on
 _FREE = ("budget", "threads")
-ADDED = {"start": "speed", "probes": 0, "give_up": None, "pieces": None}  # settings that earlier versions didn't write
+ADDED = {
+    "start": "speed",
+    "probes": 0,
+    "give_up": None,
+    "pieces": None,
+    "first": "random",
+}  # settings that earlier versions didn't write
 _FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
 
 
@@ -81,9 +87,10 @@ class RunFolder:
         recorded = self.settings()
         wanted = json.loads(json.dumps(dict(settings)))
         for key, value in wanted.items():
-            if key not in _FREE and recorded.get(key, ADDED.get(key)) != value:
+            before = recorded.get(key, ADDED.get(key))
+            if key not in _FREE and before != value:
                 raise RunError(
-                    f"run '{self.path}' can't go on: {key} was {shown(recorded.get(key))} and is now {shown(value)}; "
+                    f"run '{self.path}' can't go on: {key} was {shown(before)} and is now {shown(value)}; "
                     f"use the same settings and reference, or begin a new run"
                 )
         if wanted["budget"] > recorded.get("budget", 0):

@@ -46,7 +46,7 @@ def calibrate(
     """
     from swim2real import pipeline
     from swim2real.robots import load_robot
-    from swim2real.simulation.misfits import hasty, misplaced
+    from swim2real.simulation.misfits import hasty, long_swings, misplaced
     from swim2real.trials import load_reference
 
     settings = pipeline.as_replayed(settings)
@@ -55,7 +55,7 @@ def calibrate(
     if far is not None:
         print(f"swim2real: warning: {far}", file=sys.stderr)
     if settings.pieces is None:
-        for line in hasty(body, trials):
+        for line in (*hasty(body, trials), *long_swings(body, trials, settings.horizon)):
             print(f"swim2real: warning: {line}", file=sys.stderr)
 
     def work(callbacks: RunCallbacks) -> Outcome:

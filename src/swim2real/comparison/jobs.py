@@ -16,7 +16,7 @@ from filelock import FileLock, Timeout
 
 from swim2real.advisor import asks_a_vlm
 from swim2real.calibration import Progress, RunFolder
-from swim2real.calibration.run_folder import SETTINGS
+from swim2real.calibration.run_folder import ADDED, SETTINGS
 from swim2real.comparison.cluster import SessionEnded, check_session
 from swim2real.comparison.plan import Job
 from swim2real.errors import RunError, Swim2RealError
@@ -140,7 +140,7 @@ def is_finished(job: Job, basis: Mapping[str, Any]) -> bool:
         "briefing": briefing, **basis,
     }  # fmt: skip
     for key, value in wanted.items():
-        if key not in ("budget", "threads") and recorded.get(key) != value:
+        if key not in ("budget", "threads") and recorded.get(key, ADDED.get(key)) != value:
             raise RunError(
                 f"'{job.folder}' was run with another setting of {key}: {recorded.get(key)!r}, and now it is "
                 f"{value!r}; remove it, or use another folder for the comparison"

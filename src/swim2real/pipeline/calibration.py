@@ -28,7 +28,7 @@ from swim2real.optimizers import Advice, recorded_advice
 from swim2real.pipeline.methods import make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
-from swim2real.settings import ADVISED, CalibrationSettings, VlmAccess
+from swim2real.settings import ADVISED, CalibrationSettings, First, VlmAccess
 from swim2real.store import path_from
 from swim2real.trials import TrialSet
 
@@ -64,6 +64,7 @@ def calibrate(
     fitted, unseen = reference.split(settings.hold_out)
     problem = Problem.with_settings(robot, fitted, settings)
     held_out = None if unseen is None else problem.of(unseen)
+    first = _first(settings, problem.protocol.name, folder if resume else None)
     resolved = {
         "robot": robot.name,
         **({} if robot.source is None else {"robot_fingerprint": fingerprint(robot.source)}),
@@ -71,6 +72,7 @@ def calibrate(
         "protocol": problem.protocol.name,
         "start": problem.protocol.start,
         "scale": settings.resolved_scale,
+        "first": first,
         "briefing": asdict(settings.briefing) if asks_a_vlm(settings.advisor) else None,
         "hold_out": sorted(out.name for out in unseen or ()),
         "reference_fingerprint": reference_fingerprint(reference),
@@ -104,11 +106,22 @@ def calibrate(
             folder.begin({**resolved, **about})
         optimizer = make_optimizer(
             settings.method, robot, space, settings.seed, settings.budget, advisor, _recorded_advice(folder),
-            max_steps=settings.max_steps, early_stop=settings.early_stop, give_up=settings.give_up,
+            from_model=first == "model", max_steps=settings.max_steps, early_stop=settings.early_stop,
+            give_up=settings.give_up,
         )  # fmt: skip
-        best = minimize(problem, space, optimizer, settings.budget, folder, on_progress)
+        prior = space.to_cube(space.published) if first == "model" else None
+        best = minimize(problem, space, optimizer, settings.budget, folder, on_progress, prior)
         effects = sensitivities(problem, space, best["values"]) if sensitivity else None
         return conclude(folder, problem, held_out, best["values"], effects)
+
+
+def _first(settings: CalibrationSettings, protocol: str, begun: RunFolder | None) -> First:
+    """Where a run begins; one that goes on, where it began, unless another first point is asked for."""
+    if settings.first != "auto":
+        return settings.first
+    if begun is not None:
+        return begun.settings().get("first", ADDED["first"])
+    return "model" if protocol == "playback" and settings.seed == 0 else "random"
 
 
 def _recorded_advice(folder: RunFolder) -> list[Advice]:
@@ -123,6 +136,7 @@ _TAKEN = (
     "protocol",
     "start",
     "seed",
+    "first",
     "budget",
     "scale",
     "max_steps",
@@ -130,6 +144,7 @@ _TAKEN = (
     "give_up",
     "probes",
     "horizon",
+    "pieces",
     "hold_out",
 )
 _REPLAYED = (
@@ -148,6 +163,7 @@ def as_replayed(settings: CalibrationSettings) -> CalibrationSettings:
     if source is None:
         return settings
     there, default = RunFolder(source).settings(), CalibrationSettings()
+    there.setdefault("first", ADDED["first"])
     taken = {
         name: there[name] for name in _TAKEN if name in there and getattr(settings, name) == getattr(default, name)
     }

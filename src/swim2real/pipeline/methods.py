@@ -32,10 +32,13 @@ from swim2real.sysid import least_squares
 
 Array = NDArray[np.float64]
 
+_INSIDE = 0.02  # of a parameter's range
+
 
 def make_optimizer(
     method: Method, robot: Robot, space: ParameterSpace, seed: int, budget: int, advisor: Advisor | None = None,
-    advice: Sequence[Advice] = (), *, max_steps: int = 3, early_stop: bool = False, give_up: float | None = None,
+    advice: Sequence[Advice] = (), *, from_model: bool = False, max_steps: int = 3, early_stop: bool = False,
+    give_up: float | None = None,
 ) -> Optimizer:  # fmt: skip
     """The optimizer of a name, fresh.
 
@@ -47,6 +50,8 @@ def make_optimizer(
         budget: Budget of the run, which stages are planned by.
         advisor: Who proposes, where the method is advised.
         advice: On record, which isn't asked for again.
+        from_model: Whether the first point is the model's own values; else it is random, by the seed. Where a method
+            draws a population, it doesn't begin there.
         max_steps: Largest number of steps tried in a round of the line search.
         early_stop: Whether the line search lets evaluations stop once a step is certain to be rejected.
         give_up: When the line search leaves a direction after its full step; None never.
@@ -56,7 +61,7 @@ def make_optimizer(
         MissingExtraError: A library that the method needs isn't installed.
     """
     dimension = len(space)
-    first = first_point(dimension, seed)
+    first = _of_model(space) if from_model else first_point(dimension, seed)
     _, rng, _ = streams(seed)
     match method:
         case "random":
@@ -80,6 +85,11 @@ def make_optimizer(
     if method == "warm-start":
         return WarmStart(advisor, first, RandomSearch(dimension, rng))
     return BacktrackingLineSearch(advisor, first, max_steps=max_steps, early_stop=early_stop, give_up=give_up)
+
+
+def _of_model(space: ParameterSpace) -> Array:
+    """The model's own values, a little off the bounds, where differences can be taken both ways. Shape (d,)."""
+    return np.clip(space.to_cube(space.published), _INSIDE, 1 - _INSIDE)
 
 
 def _staged(robot: Robot, space: ParameterSpace, first: Array, rng: np.random.Generator, budget: int) -> Staged:

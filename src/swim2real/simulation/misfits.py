@@ -12,9 +12,12 @@ from swim2real.robots.robot import Recordings, Robot
 from swim2real.simulation.fitted_start import STRETCH
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.pose import MarkerView
-from swim2real.simulation.start import FITTED, MARKERS, too_fast
+from swim2real.simulation.start import FITTED, MARKERS, fastest_frequency, too_fast
 from swim2real.trials import Trial, TrialSet
 
+_SWINGS = 5.0  # in which a parameter that is off by a tenth puts a swing out of phase
+_PIECE = 3.0  # swings of a piece
+_SHORTEST = 0.3  # s, of a piece
 _FAR = 1 / 3  # of the robot's size
 
 
@@ -82,6 +85,29 @@ def hasty(robot: Robot, reference: TrialSet) -> list[str]:
         if not trial.start and not trial.start_velocities:
             warnings = too_fast(trial, np.ones(trial.track.confidence.shape))
             lines += [f"trial '{trial.name}': {warning}" for warning in warnings]
+    return lines
+
+
+def long_swings(robot: Robot, reference: TrialSet, horizon: float | None) -> list[str]:
+    """A warning for each recording that nothing drives and that swings too often to be simulated in one.
+
+    Args:
+        robot: The robot.
+        reference: Real trials.
+        horizon: Seconds of each trial that are compared; None for all.
+    """
+    if not isinstance(robot.trials, Recordings) or robot.trials.controls:
+        return []
+    lines: list[str] = []
+    for trial in reference:
+        compared = trial.cut(horizon)
+        fastest = fastest_frequency(compared, np.ones(compared.track.confidence.shape), compared.track.duration)
+        if fastest is not None and fastest * compared.track.duration > _SWINGS:
+            lines.append(
+                f"trial '{trial.name}' swings freely {fastest * compared.track.duration:.0f} times; a frequency that "
+                f"is a little off is out of phase by then, and hardly a method finds the way down: add --pieces "
+                f"{max(_PIECE / fastest, _SHORTEST):.1g}"
+            )
     return lines
 
 
