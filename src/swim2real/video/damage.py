@@ -23,8 +23,8 @@ from swim2real.video.decoding import Picture
 REPORTED = ("h264",)  # codecs whose decoder reports what is damaged
 BLOCK = 16  # px, of a macroblock
 BLOCKS = 5  # that a picture is judged by: those that differ most
-RATIO = 3.0  # by which damage stands out of the pictures around it
-LEAST = 6.0  # gray levels by which they differ in the mean, at least
+RATIO = 5.0  # by which damage stands out of the pictures around it
+LEAST = 10.0  # gray levels by which they differ in the mean, at least
 EACH = 3.0  # and each of them
 LONG = 1.5  # times the shortest step in time around: a picture is missing
 NEAR = 4  # pictures on each side that damage stands out of; those right beside it are touched by it
@@ -64,7 +64,7 @@ def _judged(picture: Picture, scores: Sequence[Score | None]) -> Picture:
     """A picture with the scores around it, its own in the middle."""
     own = scores[NEAR]
     apart = [score.mean for i, score in enumerate(scores) if abs(i - NEAR) > 1 and score is not None]
-    if own is None or len(apart) < NEAR - 1:
+    if own is None or len(apart) <= NEAR:
         return picture  # there is too little to compare it with
     odd = own.mean > max(LEAST, RATIO * max(apart)) and own.least > EACH
     return replace(picture, odd=True) if odd else picture
