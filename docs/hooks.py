@@ -30,6 +30,7 @@ SOURCES = {
     "changelog.md": "CHANGELOG.md",
     "examples/finger.md": "examples/finger/README.md",
     "examples/snake.md": "examples/snake/README.md",
+    "examples/arm.md": "examples/arm/README.md",
 }
 COMMANDS = "reference/commands.md"  # what it has by hand comes first, then a section for each command
 LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
