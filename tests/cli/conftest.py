@@ -14,7 +14,7 @@ model = "pendulum.xml"
 camera = "side"
 markers = ["pivot", "middle", "end"]
 [recordings]
-start = "markers"
+start = "fitted"
 [recordings.controls]
 torque = "table"
 [recordings.sensors]
