@@ -186,7 +186,7 @@ def test_a_recording_that_begins_elsewhere_is_told(robot_of):
     told = misplaced(robot, TrialSet((near, far, farther), robot.marker_names))
     assert told == (
         "trial 'farther' (and 1 more) begins 1000 mm from where its simulation starts (x -600 mm, z +800 mm); check "
-        "the camera file's origin and axes, which must be the model's, or take start = \"markers\" in the robot file"
+        "the camera file's origin and axes, which must be the model's, or take start = \"fitted\" in the robot file"
     )
     alone = TrialSet((far,), robot.marker_names)
     fitted = replace(robot, trials=replace(robot.recordings, start="markers"))
