@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from swim2real.robots.fish import FISH
-from swim2real.tracking import check_confidence, check_track
+from swim2real.tracking import check_bodies, check_track
 from swim2real.tracking.quality import REASONS
 from swim2real.trials import MarkerTrack
 from swimmers import REST, Swimmer
@@ -265,12 +265,49 @@ def test_of_many_lost_markers_the_worst_are_named_in_one_sentence():
         positions[: 2 * m + 1, m] = np.nan
     names = tuple(f"dot{m}" for m in range(28))
     track = MarkerTrack(np.arange(100) / 60, positions)
-    (sentence,) = check_confidence(track).findings(names)
+    (sentence,) = check_bodies(track, range(28)).findings(names)
     assert sentence == (
         "12 of 28 markers are lost in some frames; the worst: dot11 in 23 % of frames, dot10 21 %, dot9 19 %, "
         "dot8 17 %, dot7 15 %, dot6 13 %, dot5 11 %, dot4 9 %, dot3 7 %, dot2 5 %; of all, marker-frames: missing 144"
     )
     positions[:, :2] = 0.0
-    ten = check_confidence(MarkerTrack(track.times, positions)).findings(names)
+    ten = check_bodies(MarkerTrack(track.times, positions), range(28)).findings(names)
     assert len(ten) == 10
     assert ten[0] == "dot2 is lost in 5 % of frames (missing 5)"
+
+
+def row_of_five(frames=60):
+    """A row of five markers, 30 mm apart, that swings by 0.1 m at 2 Hz; it tilts, which shortens it by a fifth."""
+    times = np.arange(frames) / 60
+    along = 0.03 * np.arange(5) * (1 - 0.1 * (1 - np.cos(2 * np.pi * times)))[:, None]
+    swing = 0.1 * np.sin(4 * np.pi * times)[:, None]
+    return times, np.stack([along + swing, 0 * along], axis=2)
+
+
+def test_a_swinging_and_tilting_row_is_in_order():
+    times, positions = row_of_five()
+    assert not check_bodies(MarkerTrack(times, positions), [3] * 5).lost.any()
+
+
+def test_markers_that_took_their_neighbors_places_are_misplaced():
+    times, positions = row_of_five()
+    wrong = positions.copy()
+    wrong[30:34, :2] = positions[30:34, 1:3]
+    lost = check_bodies(MarkerTrack(times, wrong), [3] * 5).lost
+    assert np.argwhere(lost).tolist() == [[t, m] for t in range(30, 34) for m in (0, 1)]
+
+
+def test_a_row_that_moved_on_by_one_place_jumps():
+    times, positions = row_of_five()
+    wrong = positions.copy()
+    wrong[30:34, :, 0] += 0.03
+    quality = check_bodies(MarkerTrack(times, wrong), [3] * 5)
+    assert np.flatnonzero(quality.lost.all(axis=1)).tolist() == [30, 31, 32, 33]
+    assert quality.findings(("a", "b", "c", "d", "e"))[0] == "a is lost in 7 % of frames (jumped 4)"
+
+
+def test_a_push_is_no_jump():
+    times, positions = row_of_five()
+    pushed = np.concatenate([np.repeat(positions[:1], 20, axis=0), positions[:40]])
+    pushed[20:, :, 0] += 0.025 * np.arange(40)[:, None]
+    assert not check_bodies(MarkerTrack(times, pushed), [3] * 5).lost.any()

@@ -19,11 +19,12 @@ from swim2real.errors import ArgumentError, TrialError
 from swim2real.objective import ComparedTrial, Target, compare_playback, compare_steady, playback_target, steady_target
 from swim2real.objective.comparison import rounded
 from swim2real.parameters import Values
+from swim2real.robots.compiled import marker_bodies
 from swim2real.robots.robot import Robot
 from swim2real.settings import ProtocolName, Start, chooses_start, start_of
 from swim2real.simulation import ForwardModel, PlaybackSimulator, Simulator
 from swim2real.simulation.start import too_fast
-from swim2real.tracking import Beat, LostMarkers, TrackQuality, check_confidence, check_track, identify_beat
+from swim2real.tracking import Beat, LostMarkers, TrackQuality, check_bodies, check_track, identify_beat
 from swim2real.trials import Actuation, Trial, TrialSet
 
 Model = TypeVar("Model", bound=ForwardModel[Any])
@@ -253,7 +254,7 @@ class Playback(Protocol[PlaybackSimulator]):
     def _prepared(
         self, trial: Trial, robot: Robot, simulator: PlaybackSimulator, horizon: float | None
     ) -> PreparedTrial:
-        trials, lost, cut = robot.trials, check_confidence(trial.track), trial.cut(horizon)
+        trials, lost, cut = robot.trials, check_bodies(trial.track, marker_bodies(robot)), trial.cut(horizon)
         weights = lost.weights[: cut.track.frame_count]
         scales = {sensor.name: sensor.meters_per_unit for sensor in trials.sensors}
         target = playback_target(cut, weights, trials.frame, trials.score_progress, scales)

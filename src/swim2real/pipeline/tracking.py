@@ -24,17 +24,18 @@ from swim2real import __version__
 from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.objective.comparison import rounded
 from swim2real.rendering.overlay import TrackOverlay
-from swim2real.robots.compiled import rigid_markers
+from swim2real.robots.compiled import marker_bodies, rigid_markers
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
 from swim2real.store import read_json, write_json
+from swim2real.tracking.bodies import BodyTracker
 from swim2real.tracking.camera import camera_for
 from swim2real.tracking.camera_file import read_camera
 from swim2real.tracking.cleaning import fill_gaps, smooth
 from swim2real.tracking.detection import DetectionTracker
 from swim2real.tracking.labeling import label_markers
 from swim2real.tracking.points import load_points
-from swim2real.tracking.quality import LostMarkers, check_confidence, check_track
+from swim2real.tracking.quality import LostMarkers, check_bodies, check_track
 from swim2real.tracking.tags import TagTracker
 from swim2real.tracking.tracker import CsrtTracker, Tracker
 from swim2real.trials import MarkerTrack, Trial
@@ -170,7 +171,7 @@ def track_video(
         frames = _within(reader, span)
         first = next(frames)
         begin = first.time
-        tracker = _tracker(settings)
+        tracker = _tracker(settings, robot)
         start = (
             _labeled(first, robot, tracker)
             if points == AUTO
@@ -229,16 +230,19 @@ def track_video(
 
 
 def check_lost(track: MarkerTrack, robot: Robot) -> LostMarkers:
-    """Finds the lost markers of a real track: of a swimmer, which bends little, also by their spacing."""
+    """Finds the lost markers of a real track: of a swimmer by its spacing, of other robots by their rigid bodies."""
     if robot.trials.nearly_straight:
         return check_track(track, robot.rest_markers)
-    return check_confidence(track)
+    return check_bodies(track, marker_bodies(robot))
 
 
-def _tracker(settings: TrackingSettings) -> Tracker:
+def _tracker(settings: TrackingSettings, robot: Robot) -> Tracker:
+    """The tracker that is asked for; a straight swimmer and other robots are detected by what keeps their shape."""
     if settings.tracker == "aruco":
         return TagTracker(settings.tags)
-    return DetectionTracker() if settings.tracker == "detection" else CsrtTracker()
+    if settings.tracker == "csrt":
+        return CsrtTracker()
+    return DetectionTracker() if robot.trials.nearly_straight else BodyTracker(marker_bodies(robot), fixed=0)
 
 
 def _labeled(first: Frame, robot: Robot, tracker: Tracker) -> Array:

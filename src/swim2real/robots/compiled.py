@@ -65,12 +65,17 @@ def largest_difference(first: mujoco.MjModel, second: mujoco.MjModel) -> tuple[s
     return largest
 
 
-def rigid_markers(robot: Robot) -> tuple[int, ...]:
-    """Indices of the first marker and of those on its body, or on bodies that are welded to it.
+def marker_bodies(robot: Robot) -> tuple[int, ...]:
+    """Number of the rigid body that carries each marker, 0 for the world: bodies that are welded together are one.
 
-    They keep their distances as the robot moves, so the scale of a video can be told from them.
+    Markers of one body keep their distances as the robot moves, and those of the world don't move.
     """
     model = robot.build(robot.space.published).compile()
-    sensors = [model.sensor(i) for i in range(model.nsensor)][-len(robot.marker_names) :]
-    bodies = [int(model.body_weldid[model.site_bodyid[int(sensor.objid[0])]]) for sensor in sensors]
+    sensors = [model.sensor(i) for i in range(model.nsensor - len(robot.marker_names), model.nsensor)]
+    return tuple(int(model.body_weldid[model.site_bodyid[int(sensor.objid[0])]]) for sensor in sensors)
+
+
+def rigid_markers(robot: Robot) -> tuple[int, ...]:
+    """Indices of the first marker and of those on its body: the scale of a video can be told from their distances."""
+    bodies = marker_bodies(robot)
     return tuple(m for m, body in enumerate(bodies) if body == bodies[0])

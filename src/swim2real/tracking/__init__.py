@@ -1,6 +1,6 @@
 """From what a camera saw to what can be trusted: track quality and what drove a trial."""
 
 from swim2real.tracking.beat import Beat, identify_beat
-from swim2real.tracking.quality import LostMarkers, TrackQuality, check_confidence, check_track
+from swim2real.tracking.quality import LostMarkers, TrackQuality, check_bodies, check_track
 
-__all__ = ["Beat", "LostMarkers", "TrackQuality", "check_confidence", "check_track", "identify_beat"]
+__all__ = ["Beat", "LostMarkers", "TrackQuality", "check_bodies", "check_track", "identify_beat"]

@@ -22,6 +22,7 @@ BITS = 6  # of each color that the table of coverage keeps
 SURROUNDINGS = 3.0  # radii around a marker that its color is told apart from
 FORGET = 0.9  # of what was learned, at each relearning
 KEEP_FIRST = 0.5  # share of the first frame in what is known, for good
+LONE_GAP = 80.0  # px to the next marker that is assumed where there is none: it tells how large one may be
 UNKNOWN_COLOR = 25.0  # squared distance (Mahalanobis) from the colors seen, above which a color is unknown
 SURE_CONTRAST = 0.8  # below it on average, the first guess of the radius is doubted
 LEAST_CONTRAST = 0.35  # coverage of a marker's inside above its surroundings
@@ -84,7 +85,8 @@ def _edge_radius(image: Image, table: Table, points: Array, radius: float) -> fl
 
 
 def _typical_gap(points: Array) -> float:
-    return float(np.median(gaps_of(points)))
+    gap = float(np.median(gaps_of(points)))
+    return gap if np.isfinite(gap) else LONE_GAP
 
 
 def _cut(image: Image, point: Array, reach: int) -> tuple[Image, NDArray[np.int64]]:

@@ -8,6 +8,7 @@ from the trial itself, since markers are placed by hand, and checked against the
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,9 @@ FREEZE_TRAVEL = 0.01  # m that the other markers moved meanwhile
 GAP_TIME = 0.1  # s between two losses that is counted as lost as well
 HEAD_SPREAD = 0.05  # of the head's length, above which its scale is doubtful
 MOST_NAMED = 10  # lost markers with a sentence each; of more the worst are named in one
+SWAP_SHARE = 0.6  # of the distance to the next marker on a body, by which a distance can't change from frame to frame
+SUDDEN = 8.0  # times the usual change of a body's step, above which it jumped
+_START_FRAMES = 5
 USABLE_SHARE = 0.05  # of frames that a marker may be lost for in a trial that is used without a second thought
 
 
@@ -123,12 +127,66 @@ def _percent(share: float) -> str:
     return "under 1 %" if share < 0.01 else f"{100 * share:.0f} %"
 
 
-def check_confidence(track: MarkerTrack) -> LostMarkers:
-    """Finds the markers of any robot that the tracker itself reports as lost or doubtful, by its confidence."""
+def check_bodies(track: MarkerTrack, bodies: Sequence[int]) -> LostMarkers:
+    """Checks the track of a robot of rigid bodies: confidence, and markers that took another one's place.
+
+    Markers of one body keep their distances, or change them slowly where it tilts; where one suddenly differs by a good
+    part of the distance to the next marker, as few markers as possible are misplaced. A body of which all markers moved
+    on by one place jumps.
+
+    Args:
+        track: Track of a recording; NaN is legal.
+        bodies: Number of the rigid body that carries each marker. Shape (M,).
+    """
     missing, doubtful = _missing_and_doubtful(track)
-    kinds = {"missing": missing, "doubtful": doubtful}
+    positions = np.where((missing | doubtful)[:, :, None], np.nan, track.positions)
+    misplaced, jumped = np.zeros_like(missing), np.zeros_like(missing)
+    for body in set(bodies):
+        markers = np.flatnonzero(np.asarray(bodies) == body)
+        if len(markers) > 1:
+            misplaced[:, markers] = _swapped(positions[:, markers])
+            jumped[:, markers] = _jumped_together(positions[:, markers])[:, None]
+    jumped &= ~(missing | doubtful | misplaced)
+    kinds = {"missing": missing, "doubtful": doubtful, "misplaced": misplaced, "jumped": jumped}
     reasons = [kinds[reason].sum(axis=0) if reason in kinds else np.zeros(track.marker_count) for reason in REASONS]
-    return LostMarkers(missing | doubtful, np.array(reasons, dtype=np.int64))
+    return LostMarkers(missing | doubtful | misplaced | jumped, np.array(reasons, dtype=np.int64))
+
+
+def _swapped(positions: Array) -> Mask:
+    """Markers of one body whose distances from the others changed suddenly. Shape (T, M)."""
+    distances = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=3)  # (T, M, M)
+    last = _median(distances[:_START_FRAMES])
+    limit = SWAP_SHARE * np.nanmin(np.where(np.eye(len(last), dtype=bool), np.inf, last))
+    out = np.zeros(positions.shape[:2], dtype=bool)
+    for t, now in enumerate(distances):
+        with np.errstate(invalid="ignore"):
+            wrong = np.abs(now - last) > limit
+        while wrong.any():
+            worst = int(np.argmax(wrong.sum(axis=1)))
+            out[t, worst] = True
+            wrong[worst], wrong[:, worst] = False, False
+        known = np.isfinite(now) & ~out[t] & ~out[t][:, None]
+        last = np.where(known, now, last)
+    return out
+
+
+def _jumped_together(positions: Array) -> Mask:
+    """Frames in which a whole body is away by about the distance of two markers, from jump to jump. Shape (T,)."""
+    first = _median(positions[:_START_FRAMES])
+    apart = np.linalg.norm(first[:, None] - first, axis=2)
+    limit = SWAP_SHARE * float(np.nanmin(np.where(np.eye(len(first), dtype=bool), np.inf, apart)))
+    out = np.zeros(len(positions), dtype=bool)
+    steps = _median(
+        np.diff(positions, axis=0).swapaxes(0, 1)
+    )  # of the markers that are seen in both frames, (T - 1, 2)
+    change = np.linalg.norm(np.diff(steps, axis=0), axis=1)  # (T - 2,)
+    with np.errstate(invalid="ignore"):
+        sudden = np.flatnonzero(change > max(limit, SUDDEN * float(np.nan_to_num(_median(change))))) + 2
+    # one that is pushed goes on; one that only seems to jump changes its step twice
+    begins = [int(t) for t in sudden if t + 1 in sudden and t - 1 not in sudden]
+    for start, stop in zip(begins[::2], begins[1::2], strict=False):
+        out[start:stop] = True
+    return out
 
 
 def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:

@@ -1,0 +1,381 @@
+"""Finds marker-colored spots in a picture: round where a marker is still, a streak where it moved during the exposure.
+
+A pixel's coverage is the share of light in it that a marker contributes: how far its color lies on the way from what is
+around that marker to the marker's own, in linear light. A blurred marker covers as much as a sharp one, so the coverage
+that is connected, summed, counts the markers in a spot, and its centroid is the place in the middle of the exposure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit  # pyright: ignore[reportMissingTypeStubs]
+from numpy.typing import NDArray
+
+from swim2real.tracking.tracker import Array, Image
+
+LEAST_COVERAGE = 0.2  # of a pixel that belongs to a spot
+MOST_ASIDE = 0.4  # of the difference of the two colors by which a pixel may be off the way between them
+LEAST_AREA, MOST_AREA = 0.5, 1.6  # of one marker's
+LEAST_FILL = 0.45  # of the coverage that a streak of this length should have
+MOST_MARKERS = 12  # in one spot; what is larger is no marker
+MOST_STREAK = 10.0  # radii
+DETAIL = 5.0  # pixels are joined to blocks while a marker's radius is as many blocks
+LEARN_RATE = 0.3  # of the colors around a marker, in each frame
+LEAST_RING = 12  # pixels that tell what is around a marker
+LIGHT = np.linspace(0, 1, 256) ** 2.2  # linear light of the levels of a picture
+RISE = 0.08  # of coverage on the way from a summit that is noise
+MOST_RIM = 0.4  # share of a spot's rim beyond which coverage rises again
+MOST_CLIMB = 8  # steps of half a radius
+_LLOYD_ROUNDS = 10
+
+
+@dataclass(frozen=True)
+class Spots:
+    """Spots of a picture.
+
+    Attributes:
+        centers: Centroids [px]. Shape (P, 2).
+        areas: Coverage of each as a share of one marker's. Shape (P,).
+        streaks: How far the marker moved during the exposure, or the other way [px]. Shape (P, 2).
+        fills: How evenly each is covered: 1 for a disc or streak, less for what only resembles one. Shape (P,).
+    """
+
+    centers: Array
+    areas: Array
+    streaks: Array
+    fills: Array
+
+    def __len__(self) -> int:
+        return len(self.centers)
+
+
+class SpotFinder:
+    """Finds spots of the markers' colors and size.
+
+    Attributes:
+        markers: Color of each marker, linear light of red, green and blue. Shape (M, 3).
+        around: Color of what is around each. Shape (M, 3).
+        radius: Radius of the markers [px].
+    """
+
+    def __init__(self, image: Image, points: Array, radius: float) -> None:
+        """Learns the colors from the first frame.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            points: Centers of the markers [px]. Shape (M, 2).
+            radius: Their radius [px].
+        """
+        self.radius = radius
+        self.markers, self.around = _first_colors(image, points, radius)
+        self._block = max(1, int(radius / DETAIL))
+        height, width = image.shape[0] // self._block, image.shape[1] // self._block
+        self._marks = np.zeros((height, width), dtype=np.int32)
+        self._pictures = 0
+        area = np.pi * radius**2 + 2 * radius * MOST_STREAK * radius
+        self._pixels = np.empty((int(MOST_MARKERS * area / self._block**2), 2), dtype=np.int32)
+
+    def find(self, image: Image, boxes: NDArray[np.int64]) -> Spots:
+        """The spots of each marker's color that lie in its box, or reach into it.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            boxes: Left, top, right, bottom; the last two are outside [px]. Shape (M, 4).
+        """
+        self._pictures += 1
+        block = self._block
+        measured = _spots(
+            image, self.markers, self.around, boxes // block, block, self.radius / block, self._marks,
+            3 * self._pictures, self._pixels,
+        )  # fmt: skip
+        centers = measured[:, :2] * block + (block - 1) / 2
+        return Spots(centers, measured[:, 2], measured[:, 3:5] * block, measured[:, 5])
+
+    def learn(self, image: Image, positions: Array, streaks: Array) -> None:
+        """Takes in how the light is where the markers are now.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            positions: NaN for markers that aren't seen [px]. Shape (M, 2).
+            streaks: How far each moved during the exposure [px]. Shape (M, 2).
+        """
+        _learn(image, positions, streaks, self.radius, self.markers, self.around)
+
+
+@njit(cache=True, nogil=True)
+def _first_colors(image: Image, points: Array, radius: float) -> tuple[Array, Array]:
+    """Mean color of each marker's inside, and median color of the ring around it where no other marker is."""
+    height, width = image.shape[0], image.shape[1]
+    markers, around = np.zeros((len(points), 3)), np.zeros((len(points), 3))
+    reach = int(1.9 * radius + 3)
+    ring = np.empty(((2 * reach + 1) ** 2, 3))
+    for m in range(len(points)):
+        x, y = points[m]
+        inside = count = 0
+        for i in range(max(int(y) - reach, 0), min(int(y) + reach + 1, height)):
+            for j in range(max(int(x) - reach, 0), min(int(x) + reach + 1, width)):
+                away = np.sqrt((j - x) ** 2 + (i - y) ** 2)
+                if away <= max(0.5 * radius, 0.8):
+                    for k in range(3):
+                        markers[m, k] += LIGHT[image[i, j, k]]
+                    inside += 1
+                elif 1.3 * radius + 1 <= away <= 1.9 * radius + 2:
+                    free = True
+                    for other in range(len(points)):
+                        if (j - points[other, 0]) ** 2 + (i - points[other, 1]) ** 2 < (1.3 * radius + 1) ** 2:
+                            free = False
+                    if free:
+                        for k in range(3):
+                            ring[count, k] = LIGHT[image[i, j, k]]
+                        count += 1
+        for k in range(3):
+            markers[m, k] /= max(inside, 1)
+            if count:
+                around[m, k] = np.median(ring[:count, k])
+    return markers, around
+
+
+@njit(cache=True, nogil=True)
+def _learn(image: Image, positions: Array, streaks: Array, radius: float, markers: Array, around: Array) -> None:
+    height, width = image.shape[0], image.shape[1]
+    for m in range(len(positions)):
+        x, y = positions[m]
+        if not (np.isfinite(x) and np.isfinite(y)):
+            continue
+        sx, sy = streaks[m] / 2
+        length = max(np.sqrt(sx * sx + sy * sy), 1e-9)
+        reach = int(1.9 * radius + 3 + length)
+        way = markers[m] - around[m]
+        square = max((way * way).sum(), 1e-9)
+        total, count = np.zeros(3), 0
+        inside, number = np.zeros(3), 0
+        for i in range(max(int(y) - reach, 0), min(int(y) + reach + 1, height)):
+            for j in range(max(int(x) - reach, 0), min(int(x) + reach + 1, width)):
+                along = ((j - x) * sx + (i - y) * sy) / length
+                along = min(max(along, -length), length)
+                away = np.sqrt((j - x - along * sx / length) ** 2 + (i - y - along * sy / length) ** 2)
+                if away <= max(0.5 * radius, 0.8):
+                    for k in range(3):
+                        inside[k] += LIGHT[image[i, j, k]]
+                    number += 1
+                if not 1.3 * radius + 1 <= away <= 1.9 * radius + 2:
+                    continue
+                covered = aside = 0.0
+                for k in range(3):
+                    covered += (LIGHT[image[i, j, k]] - around[m, k]) * way[k]
+                covered /= square
+                for k in range(3):
+                    aside += (LIGHT[image[i, j, k]] - around[m, k] - covered * way[k]) ** 2
+                if abs(covered) < LEAST_COVERAGE and aside < MOST_ASIDE**2 * square:
+                    for k in range(3):
+                        total[k] += LIGHT[image[i, j, k]]
+                    count += 1
+        if count >= LEAST_RING:
+            around[m] += LEARN_RATE * (total / count - around[m])
+        if number and length < 0.25 * radius:
+            markers[m] += LEARN_RATE * (inside / number - markers[m])
+
+
+@njit(cache=True, nogil=True)
+def _coverage(image: Image, row: int, column: int, block: int, around: Array, way: Array) -> float:
+    """Coverage of a block of pixels; 0 where its color isn't one between the two."""
+    light = np.zeros(3)
+    for i in range(row * block, (row + 1) * block):
+        for j in range(column * block, (column + 1) * block):
+            for k in range(3):
+                light[k] += LIGHT[image[i, j, k]]
+    covered = square = aside = 0.0
+    for k in range(3):
+        light[k] = light[k] / (block * block) - around[k]
+        covered += light[k] * way[k]
+        square += way[k] * way[k]
+    covered /= square
+    if covered < LEAST_COVERAGE:
+        return 0.0
+    covered = min(covered, 1.0)
+    for k in range(3):
+        aside += (light[k] - covered * way[k]) ** 2
+    return covered if aside < MOST_ASIDE**2 * square else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _spots(
+    image: Image, markers: Array, around: Array, boxes: NDArray[np.int64], block: int, radius: float,
+    marks: NDArray[np.int32], todo: int, pixels: NDArray[np.int32],
+) -> Array:  # fmt: skip
+    """Center, area, streak and fill of every spot, in blocks. Shape (P, 6).
+
+    What lies in a box is marked as to do; a pixel that was looked at with the next number if it is in a spot, else with
+    the one after that.
+    """
+    height, width = marks.shape
+    for box in range(len(boxes)):
+        left, top, right, bottom = boxes[box]
+        for i in range(max(top, 0), min(bottom, height)):
+            for j in range(max(left, 0), min(right, width)):
+                marks[i, j] = todo
+    disc = np.pi * radius * radius
+    step = max(1, int(0.6 * radius))
+    out = np.empty((64, 6))
+    count = 0
+    weights, lowest = np.empty(len(pixels)), np.empty(len(pixels))
+    for box in range(len(boxes)):
+        left, top, right, bottom = boxes[box]
+        way = markers[box] - around[box]
+        for i in range(max(top, 0), min(bottom, height), step):
+            for j in range(max(left, 0), min(right, width), step):
+                if marks[i, j] != todo or _coverage(image, i, j, block, around[box], way) == 0.0:
+                    continue
+                row, column = _summit(image, block, around[box], way, i, j, radius, marks, todo)
+                if marks[row, column] != todo:
+                    continue
+                size, rim = _flooded(image, block, around[box], way, row, column, marks, todo, pixels, weights, lowest)
+                if size == len(pixels) or rim > MOST_RIM:  # more than markers: glare, a wall, its texture
+                    continue
+                total = weights[:size].sum()
+                if total < LEAST_AREA * disc:
+                    continue
+                number = max(1, int(total / disc + 0.5)) if total > MOST_AREA * disc else 1
+                if number > MOST_MARKERS:
+                    continue
+                while count + number > len(out):
+                    out = np.concatenate((out, np.empty_like(out)))
+                _measured(pixels[:size], weights[:size], number, radius, out[count : count + number])
+                for n in range(count, count + number):
+                    if out[n, 5] >= LEAST_FILL and out[n, 2] >= LEAST_AREA:
+                        out[count] = out[n]
+                        count += 1
+    return out[:count]
+
+
+@njit(cache=True, nogil=True)
+def _summit(
+    image: Image, block: int, around: Array, way: Array, row: int, column: int, radius: float,
+    marks: NDArray[np.int32], todo: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Where coverage is largest, uphill of a pixel."""
+    height, width = marks.shape
+    reach = max(1, int(0.5 * radius))
+    best = _coverage(image, row, column, block, around, way)
+    for _ in range(MOST_CLIMB):
+        at_row, at_column = row, column
+        for i in range(max(at_row - reach, 0), min(at_row + reach + 1, height)):
+            for j in range(max(at_column - reach, 0), min(at_column + reach + 1, width)):
+                if marks[i, j] == todo:
+                    weight = _coverage(image, i, j, block, around, way)
+                    if weight > best:
+                        best, row, column = weight, i, j
+        if (row, column) == (at_row, at_column):
+            break
+    return row, column
+
+
+@njit(cache=True, nogil=True)
+def _flooded(
+    image: Image, block: int, around: Array, way: Array, row: int, column: int, marks: NDArray[np.int32],
+    todo: int, pixels: NDArray[np.int32], weights: Array, lowest: Array,
+) -> tuple[int, float]:  # fmt: skip
+    """Number of the covered pixels that are downhill of a summit, or as many as there is room for.
+
+    Where coverage rises again another marker begins, or what is beyond the edge of a body. The share of the rim where
+    it does, or where nobody looked, is given as well.
+    """
+    height, width = marks.shape
+    marks[row, column] = todo + 1
+    pixels[0, 0], pixels[0, 1] = column, row
+    weights[0] = lowest[0] = _coverage(image, row, column, block, around, way)
+    size, done = 1, 0
+    while done < size:
+        x, y = pixels[done]
+        done += 1
+        for k in range(4):
+            j, i = x + (k == 0) - (k == 1), y + (k == 2) - (k == 3)
+            if not (0 <= i < height and 0 <= j < width) or marks[i, j] != todo:
+                continue
+            weight = _coverage(image, i, j, block, around, way)
+            if weight > lowest[done - 1] + RISE:
+                continue
+            marks[i, j] = todo + (1 if weight > 0.0 else 2)
+            if weight == 0.0:
+                continue
+            if size == len(pixels):
+                return size, 0.0
+            pixels[size, 0], pixels[size, 1] = j, i
+            weights[size] = weight
+            lowest[size] = min(weight, lowest[done - 1])
+            size += 1
+    higher = free = 0
+    for n in range(size):
+        x, y = pixels[n]
+        for k in range(4):
+            j, i = x + (k == 0) - (k == 1), y + (k == 2) - (k == 3)
+            if not (0 <= i < height and 0 <= j < width) or marks[i, j] == todo + 1:
+                continue
+            if marks[i, j] == todo + 2:
+                free += 1
+            else:
+                higher += 1
+    return size, higher / max(higher + free, 1)
+
+
+@njit(cache=True, nogil=True)
+def _measured(pixels: NDArray[np.int32], weights: Array, number: int, radius: float, out: Array) -> None:
+    """Splits a spot into as many markers as it has the area of, and measures each."""
+    nearest = np.zeros(len(pixels), dtype=np.int64)
+    if number > 1:
+        x, y, _, sx, sy = _moments(pixels, weights, nearest, 0, radius)
+        for n in range(number):  # along its longest extent, then each moves to the middle of what is nearest to it
+            share = (n + 0.5) / number - 0.5
+            out[n, 0], out[n, 1] = x + share * sx, y + share * sy
+        for _ in range(_LLOYD_ROUNDS):
+            for p in range(len(pixels)):
+                best = np.inf
+                for n in range(number):
+                    away = (pixels[p, 0] - out[n, 0]) ** 2 + (pixels[p, 1] - out[n, 1]) ** 2
+                    if away < best:
+                        best, nearest[p] = away, n
+            for n in range(number):
+                x, y, total, _, _ = _moments(pixels, weights, nearest, n, radius)
+                if total > 0:
+                    out[n, 0], out[n, 1] = x, y
+    disc = np.pi * radius * radius
+    for n in range(number):
+        x, y, total, sx, sy = _moments(pixels, weights, nearest, n, radius)
+        length = np.sqrt(sx * sx + sy * sy)
+        square = 0.0
+        for p in range(len(pixels)):
+            if nearest[p] == n:
+                square += weights[p] * weights[p]
+        expected = disc / (disc + 2 * radius * length)
+        fill = square / max(total, 1e-9) / expected
+        out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4], out[n, 5] = x, y, total / disc, sx, sy, fill
+
+
+@njit(cache=True, nogil=True)
+def _moments(
+    pixels: NDArray[np.int32], weights: Array, nearest: NDArray[np.int64], n: int, radius: float
+) -> tuple[float, float, float, float, float]:
+    """Centroid, sum and streak of the pixels that are nearest to one place: a disc has a variance of r²/4."""
+    total = x = y = 0.0
+    for p in range(len(pixels)):
+        if nearest[p] == n:
+            total += weights[p]
+            x += weights[p] * pixels[p, 0]
+            y += weights[p] * pixels[p, 1]
+    if total <= 0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    x, y = x / total, y / total
+    xx = xy = yy = 0.0
+    for p in range(len(pixels)):
+        if nearest[p] == n:
+            dx, dy = pixels[p, 0] - x, pixels[p, 1] - y
+            xx += weights[p] * dx * dx
+            xy += weights[p] * dx * dy
+            yy += weights[p] * dy * dy
+    xx, xy, yy = xx / total, xy / total, yy / total
+    half = np.sqrt(((xx - yy) / 2) ** 2 + xy * xy)  # of the difference of the two principal variances
+    length = np.sqrt(12 * 2 * half)  # of an even streak
+    angle = np.arctan2(xy, (xx - yy) / 2) / 2
+    return x, y, total, length * np.cos(angle), length * np.sin(angle)

@@ -1,0 +1,127 @@
+"""The tracker of rigid bodies, on rows of equal dots that are drawn with the light of a whole exposure."""
+
+import numpy as np
+import pytest
+
+from swim2real.errors import TrackingError
+from swim2real.tracking.bodies import LEAD, BodyTracker
+from swim2real.tracking.rigid import Expected, label, pairs_of
+
+WIDTH, HEIGHT, RADIUS, SPACING, FPS = 420, 240, 6, 32, 60
+MOMENTS = 8  # of an exposure
+ROW = np.stack([60 + SPACING * np.arange(7.0), np.full(7, 60.0)], axis=1)
+FIXED = ROW + np.array([0, 120])
+
+
+def drawn(places, shutter=0.5, seed=0):
+    """Pictures of dark dots on white; `places` gives them at a time in frames. Shape (M, 2)."""
+    rng = np.random.default_rng(seed)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+
+    def picture(frame):
+        coverage = np.zeros((HEIGHT, WIDTH))
+        for moment in (np.arange(MOMENTS) + 0.5) / MOMENTS - 0.5:
+            for x, y in places(frame + shutter * moment):
+                part = np.s_[max(int(y) - 9, 0) : max(int(y) + 10, 0), max(int(x) - 9, 0) : max(int(x) + 10, 0)]
+                disc = np.hypot(columns[part] - x, rows[part] - y)
+                coverage[part] += np.clip(RADIUS + 0.5 - disc, 0, 1) / MOMENTS
+        light = 0.75 * (1 - coverage) + 0.02 * coverage + rng.normal(0, 0.01, coverage.shape)
+        return np.repeat((255 * np.clip(light, 0, 1) ** (1 / 2.2)).astype(np.uint8)[..., None], 3, axis=2)
+
+    return picture
+
+
+def followed(tracker, picture, picks, frames):
+    """Positions (T, M, 2) and confidence (T, M)."""
+    found = [tracker.start(picture(0), picks, 0.0)]
+    found += [tracker.follow(picture(frame), frame / FPS) for frame in range(1, frames)]
+    return tuple(np.array(part) for part in zip(*found, strict=True))
+
+
+def swinging(amplitude):
+    """A row that swings along itself from frame 5 on, above one that stays."""
+
+    def places(frame):
+        phase = max(frame - 5, 0) * 2 * np.pi / 20
+        return np.concatenate(
+            [ROW + np.array([amplitude * (1 - np.cos(phase)), 0.3 * amplitude * np.sin(phase)]), FIXED]
+        )
+
+    return places
+
+
+@pytest.mark.parametrize("amplitude", [20, 60])  # 6 and 19 px a frame
+def test_rows_of_equal_dots_are_followed(amplitude):
+    places = swinging(amplitude)
+    tracker = BodyTracker([1] * 7 + [0] * 7, fixed=0)
+    found, confidence = followed(tracker, drawn(places), places(0) + 0.8, 30)
+    truth = np.array([places(frame) for frame in range(30)])
+    off = np.linalg.norm(found - truth, axis=2)
+    assert (confidence > 0.5).mean() > 0.98
+    assert np.nanmax(off) < 1.5  # a streak's middle isn't where the marker is in the middle of the exposure
+
+
+def test_a_push_by_most_of_a_spacing_is_never_mistaken_silently():
+    """The row's two ends are hidden, so it might as well have gone the other way, and not as far."""
+
+    def truth(frame):
+        return np.concatenate([ROW + np.array([20.0 if frame > 7.5 else 0, 0]), FIXED])
+
+    def places(frame):
+        return np.concatenate([truth(frame)[1 if frame > 3.5 else 0 : 6 if frame > 3.5 else 7], FIXED])
+
+    tracker = BodyTracker([1] * 7 + [0] * 7, fixed=0)
+    found, confidence = followed(tracker, drawn(places, shutter=0.1), truth(0), 14)
+    off = np.linalg.norm(found - np.array([truth(frame) for frame in range(14)]), axis=2)
+    assert (confidence[:8, 1:6] > 0.5).all()
+    assert (confidence[:, 7:] > 0.5).all()
+    assert not ((off > 1) & (confidence >= 0.5)).any()
+    assert (confidence[8:, 1:6] < 0.5).all()
+
+
+def test_equal_places_have_no_lead():
+    """Two markers of three on a row: the third is to the left or to the right."""
+    shape, right = np.array([[100.0, 50.0], [130.0, 50.0], [160.0, 50.0]]), np.array([15.0, 0.0])
+    body = Expected(shape + right, pairs_of(shape), 20.0, 20.0, 0.1, 60.0, 60.0, 3.0, False)
+    both = label([body], shape[:2] + 2 * right, np.ones(2), (WIDTH, HEIGHT))
+    assert np.count_nonzero(both.spots[0] >= 0) == 2
+    assert both.leads[0] < LEAD
+    three = label([body], shape + right, np.ones(3), (WIDTH, HEIGHT))
+    assert three.spots[0].tolist() == [0, 1, 2]
+    assert three.leads[0] > LEAD
+
+
+def test_a_plate_that_turns_quickly_is_found_again():
+    plate = np.array([[-60.0, -30.0], [50.0, -20.0], [0.0, 45.0]])
+
+    def places(frame):
+        angle = np.radians(25) * np.clip((frame - 5) / 5, 0, 1)
+        return plate @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]] + np.array([200, 120])
+
+    found, confidence = followed(BodyTracker([4] * 3), drawn(places), places(0), 20)
+    off = np.linalg.norm(found - np.array([places(frame) for frame in range(20)]), axis=2)
+    assert (confidence[10:] > 0.5).all()
+    assert np.nanmax(off[confidence > 0.5]) < 1
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_one_or_two_markers_are_followed_and_found_again(count):
+    def places(frame):
+        phase = 2 * np.pi * frame / 40
+        bobs = np.array([[200 + 60 * np.sin(phase), 100 + 20 * np.cos(phase)], [300, 60 + 30 * np.sin(phase)]])
+        return bobs[:count]
+
+    picture = drawn(places)
+    blank = drawn(lambda frame: np.empty((0, 2)))
+    tracker = BodyTracker(range(count))
+    found, confidence = followed(tracker, lambda k: blank(k) if 10 <= k < 15 else picture(k), places(0), 40)
+    off = np.linalg.norm(found - np.array([places(frame) for frame in range(40)]), axis=2)
+    assert (confidence[:10] > 0.5).all()
+    assert np.isnan(found[10:15]).all()
+    assert (confidence[24:] > 0.5).all()
+    assert np.nanmax(off) < 1.5
+
+
+def test_points_outside_of_the_frame_are_refused():
+    with pytest.raises(TrackingError, match=r"1 points must be finite and lie in the frame of 420 x 240 px"):
+        BodyTracker([0]).start(drawn(lambda frame: ROW)(0), np.array([[500.0, 20.0]]), 0.0)
