@@ -125,3 +125,17 @@ def test_one_or_two_markers_are_followed_and_found_again(count):
 def test_points_outside_of_the_frame_are_refused():
     with pytest.raises(TrackingError, match=r"1 points must be finite and lie in the frame of 420 x 240 px"):
         BodyTracker([0]).start(drawn(lambda frame: ROW)(0), np.array([[500.0, 20.0]]), 0.0)
+
+
+def test_a_marker_on_a_round_puck_is_no_larger_than_itself():
+    puck = np.full((HEIGHT, WIDTH, 3), 100, np.uint8)
+    away = np.hypot(*np.mgrid[-100 : HEIGHT - 100, -200 : WIDTH - 200])
+    puck[away < 24], puck[away < 10] = 210, 130
+    found, confidence = BodyTracker([1]).start(puck, np.array([[201.0, 100.5]]), 0.0)
+    np.testing.assert_allclose(found, [[200, 100]], atol=0.1)
+    assert confidence[0] > 0.5
+
+
+def test_a_picture_without_markers_is_refused():
+    with pytest.raises(TrackingError, match=r"stands out at .*\(200, 100\)"):
+        BodyTracker([1]).start(np.full((HEIGHT, WIDTH, 3), 120, np.uint8), np.array([[200.0, 100.0]]), 0.0)

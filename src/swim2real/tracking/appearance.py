@@ -22,6 +22,7 @@ BITS = 6  # of each color that the table of coverage keeps
 SURROUNDINGS = 3.0  # radii around a marker that its color is told apart from
 FORGET = 0.9  # of what was learned, at each relearning
 KEEP_FIRST = 0.5  # share of the first frame in what is known, for good
+INNER_EDGE = 0.4  # of the largest change of color, from which an edge further inside is a marker's
 LONE_GAP = 80.0  # px to the next marker that is assumed where there is none: it tells how large one may be
 UNKNOWN_COLOR = 25.0  # squared distance (Mahalanobis) from the colors seen, above which a color is unknown
 SURE_CONTRAST = 0.8  # below it on average, the first guess of the radius is doubted
@@ -57,7 +58,11 @@ def radius_at(image: Image, points: Array) -> float:
             inside, ring = (away <= radius) & (away > radius - thick), (away > radius) & (away <= radius + thick)
             if inside.any() and ring.any():
                 totals[m, k] = np.linalg.norm(colors[inside].mean(axis=0) - colors[ring].mean(axis=0))
-    return float(radii[int(np.argmax(np.median(totals, axis=0)))])
+    change = np.median(totals, axis=0)
+    if len(points) == 1:  # it may be on something round: its own edge is the inner one
+        inner = (change >= np.roll(change, 1)) & (change >= np.roll(change, -1)) & (change > INNER_EDGE * change.max())
+        return float(radii[int(np.argmax(inner))])
+    return float(radii[int(np.argmax(change))])
 
 
 def _edge_radius(image: Image, table: Table, points: Array, radius: float) -> float:
@@ -85,8 +90,7 @@ def _edge_radius(image: Image, table: Table, points: Array, radius: float) -> fl
 
 
 def _typical_gap(points: Array) -> float:
-    gap = float(np.median(gaps_of(points)))
-    return gap if np.isfinite(gap) else LONE_GAP
+    return float(np.median(gaps_of(points))) if len(points) > 1 else LONE_GAP
 
 
 def _cut(image: Image, point: Array, reach: int) -> tuple[Image, NDArray[np.int64]]:

@@ -168,6 +168,12 @@ class BodyTracker:
         near = away.argmin(axis=1) if len(spots) else np.zeros(len(points), dtype=np.int64)
         seen = away.min(axis=1, initial=np.inf) < 0.7 * self._radius
         seen &= np.array([np.count_nonzero(near == spot) == 1 for spot in near])
+        if not seen.any():
+            listed = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in points[:3])
+            raise TrackingError(
+                f"no spot as large as a marker stands out at the points in the first frame, such as {listed}; pick the "
+                f"points on the markers' centers (`swim2real pick`)"
+            )
         positions = look.points.copy()
         positions[seen] = spots.centers[near[seen]]
         self._area = float(np.median(spots.areas[near[seen]])) if seen.any() else 1.0
