@@ -97,7 +97,7 @@ def track(
     Reads videos (any codec, frame rate and rotation) and the markers' places in their first frames; adds a trial per
     video to a reference folder, and to its folder tracks the track in pixels (.pixels.csv, as DeepLabCut writes it), an
     overlay video to judge it by (.mp4) and what was found (.json). A marker that isn't seen is lost, not guessed.
-    Costs about 10 ms of one core a frame and the video's decoding. Interrupted, it goes on with the videos that aren't
+    Costs about twice the video's decoding. Interrupted, it goes on with the videos that aren't
     done when run again.
 
     Args:
