@@ -136,7 +136,7 @@ def test_the_version_is_told(program):
         "track": [
             "--markers", "--frequency", "--tracker", "--camera", "--smooth", "--no-overlay", "--workers", "--json",
             "Reads videos", "adds a trial per video to a reference folder", ".pixels.csv", "lost, not guessed",
-            "Costs about 10 ms of one core a frame",
+            "Costs about twice the video's decoding",
         ],
     }.items(),
 )  # fmt: skip

@@ -138,6 +138,7 @@ def test_a_local_cluster_gives_the_same_table(program, finished, pendulum_folder
     assert (out / "results.csv").read_bytes() == (finished[0] / "results.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_runs_that_fail_are_told_together_and_leave_with_1(program, pendulum_folder, tmp_path):
     program(
         *pendulum(pendulum_folder, tmp_path, "--budget", 2, "--workers", 1),

@@ -30,6 +30,7 @@ def calibrated(pendulum_folder, tmp_path_factory) -> tuple[Path, str]:
     return folder / "run", err
 
 
+@pytest.mark.slow
 def test_a_run_that_has_not_converged_is_told_and_so_is_its_page(calibrated):
     run, err = calibrated
     warning = still_falling(RunFolder(run).record(), RunFolder(run).settings())
@@ -38,6 +39,7 @@ def test_a_run_that_has_not_converged_is_told_and_so_is_its_page(calibrated):
     assert f"Warning: {warning}." in (run / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_identify_leaves_values_that_other_commands_take(program, calibrated, tmp_path):
     run, _ = calibrated
     words = ("identify", run, "--reference", run.parent / "tracks", "--steps", 0, "--polish", 1, "--quiet")

@@ -128,6 +128,7 @@ def test_a_reply_that_came_before_a_crash_is_not_paid_for_again(program, words, 
     assert record(tmp_path / "run") == whole
 
 
+@pytest.mark.slow
 def test_three_failures_in_a_row_stop_the_run_and_it_can_go_on(program, words, vlm, tmp_path):
     vlm.script(then=refuses(503, "the model is overloaded", "UNAVAILABLE"))
     said = program(*words()).err
@@ -218,6 +219,7 @@ def test_ctrl_c_while_a_vlm_thinks_leaves_a_run_that_goes_on(words, vlm, tmp_pat
 # a person in the VLM's place
 
 
+@pytest.mark.slow
 def test_files_step_by_step_on_different_days(program, pendulum_folder, tmp_path):
     run = tmp_path / "run"
     start = pendulum(pendulum_folder)
@@ -254,6 +256,7 @@ def test_files_step_by_step_on_different_days(program, pendulum_folder, tmp_path
     assert record(tmp_path / "again") == record(run)
 
 
+@pytest.mark.slow
 def test_a_probe_is_a_turn_on_record_and_replayed(program, words, vlm, pendulum_folder, tmp_path):
     moved = MOVED[0]
     low, middle = (moved.lower + share * (moved.upper - moved.lower) for share in (0.3, 0.5))
