@@ -1,8 +1,9 @@
 """Tracks markers on rigid bodies: pendulums, arms, plates, rows of equal dots.
 
 In each frame: predict how each body moves, find spots of marker color around it (`spots`), label the markers of all
-bodies together (`rigid`), and doubt a body whose labels could as well be others. A body that is lost is searched for in
-the whole frame. One that was doubted is doubted until its labels are certain from where it may have gone since.
+bodies together (`rigid`), and doubt a body whose labels could as well be others. A body that is lost is searched for
+farther away in each frame. One that was doubted is doubted until its labels are certain from where it may have gone
+since.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from swim2real.tracking.rigid import Expected, Labeling, label, pairs_of, rigid_
 from swim2real.tracking.spots import SpotFinder, Spots
 from swim2real.tracking.tracker import Array, Image
 
-LEAD = 4.0  # by which labels must be better than any others to be sure: two thirds of a missing marker
+LEAD = 4.0  # by which labels must be better than any others to be sure: two fifths of a missing marker
 DOUBT = 0.45  # confidence of a marker that may be another one: `quality` counts it as lost
 WHOLE = (0.72, 1.4)  # area of a spot, as a share of a marker's, that is neither partly hidden nor more than one
 FEW = 0.4  # of the markers of a body that was lost, with fewer of which it isn't found again
@@ -132,8 +133,7 @@ class _Body:
         known = np.isfinite(places[:, 0])
         if known.sum() < 3:
             return
-        seen = np.where(known[:, None], places, np.nan)
-        back = rigid_fit(np.where(known[:, None], seen, 0.0)[known], self.shape[known])
+        back = rigid_fit(places[known], self.shape[known])
         shape = self.shape.copy()
         shape[known] += rate * (back - shape[known])
         extent = np.linalg.norm(self._first_shape - self._first_shape.mean(axis=0), axis=1, keepdims=True)
@@ -176,7 +176,7 @@ class BodyTracker:
             )
         positions = look.points.copy()
         positions[seen] = spots.centers[near[seen]]
-        self._area = float(np.median(spots.areas[near[seen]])) if seen.any() else 1.0
+        self._area = float(np.median(spots.areas[near[seen]]))
         self._bodies = [
             _Body(
                 np.flatnonzero(self._numbers == number), number == self._fixed, positions[self._numbers == number], time

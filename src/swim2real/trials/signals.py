@@ -71,12 +71,17 @@ class Signals:
         Raises:
             TrialError: There is no such column, or no value in it.
         """
+        known, values = self._known(name)
+        rows = np.searchsorted(known, times + _ROUNDING, side="right") - 1
+        return values[np.maximum(rows, 0)]
+
+    def _known(self, name: str) -> tuple[Array, Array]:
+        """Times and values of a column where it has one. Shapes (K,)."""
         values = self.column(name)
         known = np.isfinite(values)
         if not known.any():
             raise TrialError(f"column '{name}' has no value")
-        rows = np.searchsorted(self.times[known], times + _ROUNDING, side="right") - 1
-        return values[known][np.maximum(rows, 0)]
+        return self.times[known], values[known]
 
     def mean(self, name: str, times: Array, seconds: float) -> Array:
         """Means of a column over a time from any times on, its values holding as `held` has it.
@@ -89,11 +94,7 @@ class Signals:
         Raises:
             TrialError: There is no such column, or no value in it.
         """
-        values = self.column(name)
-        known = np.isfinite(values)
-        if not known.any():
-            raise TrialError(f"column '{name}' has no value")
-        rows, levels = self.times[known], values[known]
+        rows, levels = self._known(name)
         sums = np.concatenate([[0.0], np.cumsum(levels[:-1] * np.diff(rows))])
 
         def integral(until: Array) -> Array:
