@@ -104,6 +104,21 @@ def test_a_plate_that_turns_quickly_is_found_again():
     assert np.nanmax(off[confidence > 0.5]) < 1
 
 
+def test_a_link_that_is_struck_isnt_taken_for_one_turned_end_for_end():
+    """Two equal markers on a link, from rest to 40 px a frame within four."""
+
+    def places(frame):
+        angle = 0.08 * max(frame - 5, 0) ** 1.5
+        link = np.array([[120.0, 0.0], [180.0, 0.0]])
+        turned = link @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
+        return np.concatenate([turned, [[0.0, 0.0], [-40.0, 0.0]]]) + np.array([60.0, 40.0])
+
+    found, confidence = followed(BodyTracker([1, 1, 0, 0], fixed=0), drawn(places), places(0), 11)
+    off = np.linalg.norm(found - np.array([places(frame) for frame in range(11)]), axis=2)
+    assert (confidence > 0.5).all()
+    assert off.max() < 1
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_one_or_two_markers_are_followed_and_found_again(count):
     def places(frame):

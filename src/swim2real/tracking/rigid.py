@@ -23,7 +23,7 @@ Labels = NDArray[np.int64]
 MISSED = 10.0  # cost of a marker that should be in the frame and has no spot, while one is left over elsewhere
 BESIDE = 0.5  # cost of a spot that is as far from its place as is allowed
 POOR = 1.0  # cost of a spot that doesn't look like a marker at all
-FARTHEST = 9.0  # cost of a body that isn't where it was expected, at most: it may have been pushed
+FARTHEST = 9.0  # cost of a body that isn't where it was expected, and of one turned, at most: it may have been pushed
 NEARER = 0.6  # cost that prefers the last labels among those that are as good, by the logarithm of the distance
 MOST_WAYS = 16  # to lay one body that are kept
 _BEAM = 64
@@ -270,7 +270,7 @@ def _tried(
             cost += MISSED
     away /= 2 * markers
     unexpected = 2 * np.log1p(away / spread**2) + NEARER * np.log1p(away / usual**2)
-    cost += min(unexpected + 2 * np.log1p(np.arctan2(s, c) ** 2 / (2 * swing**2)), FARTHEST)
+    cost += min(unexpected, FARTHEST) + min(2 * np.log1p(np.arctan2(s, c) ** 2 / (2 * swing**2)), FARTHEST)
     # one that only leaves out what a better one has isn't another way
     for k in range(count):
         more = less = True
