@@ -105,7 +105,16 @@ def _cut(image: Image, point: Array, reach: int) -> tuple[Image, NDArray[np.int6
 def _own_distance(grid: NDArray[np.int64], point: Array, points: Array) -> Array:
     """Distance of pixels from a point, infinite where another of the points is nearer. Shape (H, W)."""
     away = np.linalg.norm(grid - point, axis=2)
-    away[(np.linalg.norm(grid[:, :, None] - points, axis=3) < away[:, :, None]).any(axis=2)] = np.inf
+    away[_nearest_distance(grid, point, points) < away] = np.inf
+    return away
+
+
+def _nearest_distance(grid: NDArray[np.int64], point: Array, points: Array) -> Array:
+    """Distance of the pixels around one of the points from the nearest of them all. Shape (H, W)."""
+    away = np.linalg.norm(grid - point, axis=2)
+    near = np.linalg.norm(points - point, axis=1) < 2 * away.max(initial=0.0)  # no other one can be the nearest
+    for other in points[near]:
+        away = np.minimum(away, np.linalg.norm(grid - other, axis=2))
     return away
 
 
@@ -218,7 +227,7 @@ def _moments(image: Image, points: Array, radius: float, unsure: float = 0.0) ->
         window, grid = _cut(image, point, reach)
         if window.size == 0:
             continue
-        away = np.linalg.norm(grid[:, :, None] - points, axis=3).min(axis=2)  # from the nearest marker
+        away = _nearest_distance(grid, point, points)
         wanted = np.clip(radius - away + 0.5, 0.0, 1.0).ravel()
         colors = (window.reshape(-1, 3) + 0.5) / 256
         weights = np.where(np.abs(away.ravel() - radius) < 1.5, 0.2, 1.0)  # the edge isn't known that well

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
@@ -295,9 +296,10 @@ class BodyTracker:
         self._finder.learn(image, sure, streaks)
 
 
+@njit(cache=True, nogil=True)
 def _distance(here: Array, there: Array) -> float:
     """Root mean square distance of markers [px]."""
-    return float(np.sqrt(np.mean(np.sum((here - there) ** 2, axis=1))))
+    return float(np.sqrt(((here - there) ** 2).sum() / len(here)))
 
 
 def _inside(places: Array, size: Array) -> int:

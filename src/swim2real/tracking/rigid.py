@@ -78,16 +78,14 @@ def pairs_of(shape: Array) -> NDArray[np.int64]:
     return np.stack([first[order], second[order]], axis=1).astype(np.int64)
 
 
+@njit(cache=True, nogil=True)
 def rigid_fit(shape: Array, places: Array) -> Array:
     """The shape where its rigid motion comes closest to the places; NaN in these is left out. Shape (M, 2)."""
     known = np.isfinite(places[:, 0])
     if not known.any():
-        return shape
-    here, there = places[known].mean(axis=0), shape[known].mean(axis=0)
-    a, b = places[known] - here, shape[known] - there
-    turn = np.arctan2(float(np.sum(b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0])), float(np.sum(b * a)))
-    rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])  # for row vectors
-    return (shape - there) @ rotation + here
+        return shape.copy()
+    c, s, x, y = _fitted(shape, places, np.where(known, np.arange(len(shape)), -1), known.sum(), 1.0, 0.0)
+    return np.stack((c * shape[:, 0] - s * shape[:, 1] + x, s * shape[:, 0] + c * shape[:, 1] + y), axis=1)
 
 
 def label(expected: Sequence[Expected], centers: Array, looks: Array, size: tuple[int, int]) -> Labeling:

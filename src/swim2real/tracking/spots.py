@@ -181,22 +181,21 @@ def _learn(image: Image, positions: Array, streaks: Array, radius: float, marker
 @njit(cache=True, nogil=True)
 def _coverage(image: Image, row: int, column: int, block: int, around: Array, way: Array) -> float:
     """Coverage of a block of pixels; 0 where its color isn't one between the two."""
-    light = np.zeros(3)
+    red = green = blue = 0.0  # an array would be allocated for each pixel, which takes longer than all the rest
     for i in range(row * block, (row + 1) * block):
         for j in range(column * block, (column + 1) * block):
-            for k in range(3):
-                light[k] += LIGHT[image[i, j, k]]
-    covered = square = aside = 0.0
-    for k in range(3):
-        light[k] = light[k] / (block * block) - around[k]
-        covered += light[k] * way[k]
-        square += way[k] * way[k]
-    covered /= square
+            red += LIGHT[image[i, j, 0]]
+            green += LIGHT[image[i, j, 1]]
+            blue += LIGHT[image[i, j, 2]]
+    red = red / (block * block) - around[0]
+    green = green / (block * block) - around[1]
+    blue = blue / (block * block) - around[2]
+    square = way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
+    covered = (red * way[0] + green * way[1] + blue * way[2]) / square
     if covered < LEAST_COVERAGE:
         return 0.0
     covered = min(covered, 1.0)
-    for k in range(3):
-        aside += (light[k] - covered * way[k]) ** 2
+    aside = (red - covered * way[0]) ** 2 + (green - covered * way[1]) ** 2 + (blue - covered * way[2]) ** 2
     return covered if aside < MOST_ASIDE**2 * square else 0.0
 
 
