@@ -1,5 +1,7 @@
 import json
+import re
 import shutil
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -139,6 +141,32 @@ def test_an_interrupted_study_goes_on_and_ends_the_same(run, run_path, reference
     (run.folder.path / IDENTIFIED).unlink()  # as after a study by an earlier version
     identify(run, QUICK)
     assert (run.folder.path / IDENTIFIED).read_bytes() == ended
+
+
+@pytest.mark.slow
+def test_a_study_that_is_cut_anywhere_is_the_same_file(run_path, reference, tmp_path):
+    """Every write is a place to be killed at, and so is every batch between two: what wasn't written is done again."""
+
+    def study(folder, stop_at=()):
+        told = 0
+
+        def count(progress):
+            nonlocal told
+            told += 1
+            if told in stop_at:
+                raise KeyboardInterrupt
+
+        shutil.copytree(run_path, folder, dirs_exist_ok=True)
+        for _ in range(len(stop_at) + 1):
+            with suppress(KeyboardInterrupt):
+                identify(reopen(folder, reference, toy.ROBOT, 2), QUICK, on_progress=count)
+        content = (folder / IDENTIFIABILITY).read_text(encoding="utf-8")
+        return told, re.sub(r'"created": "[^"]*"', "", content), (folder / IDENTIFIED).read_bytes()
+
+    batches, *whole = study(tmp_path / "whole")
+    stops = (2, batches // 3, batches // 2 + 2, batches - 1, batches + 3)
+    _, *cut = study(tmp_path / "cut", stops)
+    assert cut == whole
 
 
 def test_a_finished_study_is_read_and_not_made_again(studied, reference):

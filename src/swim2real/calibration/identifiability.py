@@ -2,7 +2,7 @@
 
 First the fit is improved, since profiles around a point that isn't a minimum say little. Then come its neighborhood and
 the profile of each parameter. When a profile comes upon a clearly better fit, the study begins again there. After each
-of these what is known is on the disk, so an interrupted study goes on there.
+of these what is known is on the disk, so an interrupted study goes on there, to the same file and the same counts.
 """
 
 from __future__ import annotations
@@ -166,9 +166,12 @@ class _Profiling:
     def _profiled(self, state: dict[str, Any]) -> bool:
         """Neighborhood and profiles around the fit; False when one came upon a clearly better fit."""
         self._stage = "slopes"
+        counted, known = self._evaluate.count, "local" in state
         best = self._evaluate([np.array(state["fit"]["point"])])[0]
         slopes, jumps = jacobian(self._evaluate, best)
-        if "local" not in state:
+        if known:  # the study goes on, and counted these before
+            self._before -= self._evaluate.count - counted
+        else:
             state["local"] = self._local_content(neighborhood(slopes, best.residual, self._run.problem.blocks()), best)
             state["local"]["jumps"] = [self._names[i] for i in jumps]
             self._write(state)
