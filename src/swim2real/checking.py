@@ -7,23 +7,41 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from swim2real.errors import Swim2RealError
+from swim2real.names import file_name_fault, label_fault, quoted
 from swim2real.store import read_json
+
+
+def _without(fault_of: Callable[[str], str | None]) -> AfterValidator:
+    """Refuses texts that have a fault."""
+
+    def checked(text: str) -> str:
+        fault = fault_of(text)
+        if fault is not None:
+            raise ValueError(f"{quoted(text)} {fault}")
+        return text
+
+    return AfterValidator(checked)
+
 
 Model = TypeVar("Model")
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """A finite number; a text or a truth value isn't one."""
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 """A finite number above 0."""
+Label = Annotated[str, _without(label_fault)]
+"""A name that is only shown, or a unit: a line of characters that are seen."""
+FileName = Annotated[str, _without(file_name_fault)]
+"""A name that a file can have on every system."""
 
 _LONGEST = 60  # characters of a value that are shown
 _ALLOWED = {

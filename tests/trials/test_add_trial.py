@@ -66,7 +66,8 @@ def test_what_couldnt_be_loaded_again_isnt_written(tmp_path):
         f"{folder / 'still.csv'}: no marker moves; is this the right file?"
     )
     assert refusal(add_trial, folder, trial("a/b"), NAMES) == (
-        "trial name 'a/b' can't be the name of a file; give it another"
+        "trial name 'a/b' can't be the name of a file: it has the character /; it must have none of "
+        '< > : " / \\ | ? *; give it another'
     )
     assert refusal(add_trial, folder, trial("a"), ("M0",)) == "1 marker names for 9 markers"
     assert not folder.exists()

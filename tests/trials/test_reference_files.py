@@ -1,13 +1,16 @@
 import csv
 import json
+import unicodedata
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from swim2real.errors import TrialError
+from swim2real.names import quoted
 from swim2real.trials import MarkerTrack, Trial, TrialSet, load_reference, save_reference
-from swim2real.trials.reference import read_published
+from swim2real.trials.reference import add_trial, read_published
+from swim2real.trials.signals import Signals
 from swimmers import REST, Swimmer
 
 SCALE = 0.142 / 180.0  # m per pixel
@@ -251,11 +254,43 @@ def test_other_tables_in_a_reference_folder_are_left_alone(folder):
     assert load_reference(folder).names == ("slow", "fast")
 
 
-@pytest.mark.parametrize("name", ["../outside", "/outside", "a/b"])
-def test_a_trial_whose_name_is_no_file_name_is_not_saved(tmp_path, name):
-    trials = TrialSet((Trial(name, Swimmer(duration=0.5).track()),))
-    assert repr(name) in refusal(save_reference, trials, tmp_path / "deep" / "reference")
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+@pytest.mark.parametrize("name", ["../outside", "/outside", "a/b", "nul", "a\x1b[2J", "a\u202eb", "a\uff0fb"])
+def test_a_trial_whose_name_is_no_file_name_is_neither_made_nor_read(folder, name):
+    said = refusal(TrialSet, (Trial(name, Swimmer(duration=0.5).track()),))
+    assert f"trial name {quoted(name)} can't be the name of a file" in said
+    edit_index(folder, lambda index: index["trials"][0].update(name=name, table="slow.csv"))
+    said = refusal(load_reference, folder)
+    assert "reference.json" in said
+    assert "'trials[0].name'" in said
+    assert quoted(name) in said
+
+
+@pytest.mark.parametrize("name", ["M\n0", "M\u200b0", "x" * 201, " "])
+def test_a_marker_or_column_whose_name_isnt_seen_is_refused(folder, trials, name):
+    others = trials.marker_names[1:]
+    assert refusal(TrialSet, trials.trials, (name, *others)).startswith(f"marker name {quoted(name)}")
+    assert refusal(Signals, [0.0], [name], [[1.0]]).startswith(f"column {quoted(name)}")
+    edit_index(folder, lambda index: index.update(markers=[name, *others]))
+    assert "'markers[0]'" in refusal(load_reference, folder)
+
+
+@pytest.mark.parametrize("form", ["NFC", "NFD"])
+@pytest.mark.parametrize("name", ["slow 1.5 Hz", "Flösselhecht (Übung)", "-5°, v1.2", "été & $x$"])
+def test_ordinary_names_are_read_in_either_form_and_found_by_the_other(tmp_path, trials, name, form):
+    name = unicodedata.normalize(form, name)
+    save_reference(TrialSet((replace(trials.trials[0], name=name),)), tmp_path)
+    assert load_reference(tmp_path).names == (name,)
+    assert load_reference(tmp_path)[unicodedata.normalize("NFC", name)].name == name
+    again = replace(trials.trials[1], name=unicodedata.normalize("NFC", name))
+    add_trial(tmp_path, again, load_reference(tmp_path).marker_names)
+    assert load_reference(tmp_path).names == (again.name,)
+
+
+def test_two_trials_whose_names_are_one_to_some_system_arent_written(tmp_path, trials):
+    upper = replace(trials.trials[0], name="SLOW")
+    assert "choose another name" in refusal(save_reference, TrialSet((*trials.trials, upper)), tmp_path)
+    twice = (replace(upper, name="\xfc"), replace(upper, name="u\u0308"))
+    assert "two trials are named" in refusal(TrialSet, twice)
 
 
 def test_a_folder_that_cant_be_made_is_refused(tmp_path, trials):

@@ -13,6 +13,7 @@ import tyro
 
 from swim2real.cli.options import Positional, finite_above_0, for_robot, one_each
 from swim2real.errors import ArgumentError, Swim2RealError, TrialError
+from swim2real.names import composed
 from swim2real.settings import TrackingSettings
 
 if TYPE_CHECKING:
@@ -317,7 +318,7 @@ def quality(
 
 def _trial_name(path: Path) -> str:
     """What the trial is called: the video's name, without what DeepLabCut or `track` adds to it."""
-    return path.stem.removesuffix(".pixels").split("DLC_")[0] or path.stem
+    return composed(path.stem.removesuffix(".pixels").split("DLC_")[0] or path.stem)
 
 
 def _read_track(

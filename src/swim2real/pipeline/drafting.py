@@ -11,11 +11,13 @@ import mujoco
 import numpy as np
 
 from swim2real.errors import RobotError
+from swim2real.names import label_fault, quoted
 from swim2real.robots.candidates import candidates, carrying
 from swim2real.robots.compiled import compiled
 from swim2real.robots.draft import Draft
 from swim2real.robots.file import PLANES, read_mjcf, robot_from_file
 from swim2real.robots.robot import Robot
+from swim2real.robots.targets import class_name
 from swim2real.simulation.probing import FAINT, Probe, moved, probe
 
 _REST_SHARE = 0.1  # by which the place of markers counts for the camera, beside their motion
@@ -35,6 +37,7 @@ def draft_robot(path: Path, threads: int | None = None) -> Draft:
     if not path.is_file():
         raise RobotError(f"model '{path}' is not there; give an MJCF file")
     spec = read_mjcf(path)
+    _check_names(spec, path)
     model = compiled(spec.copy(), f"model '{path}'")
     draft = _first(path, spec, model)
     if draft.markers:
@@ -56,6 +59,17 @@ def write_draft(draft: Draft, model: Path, out: Path) -> None:
         out.write_text(draft.text(_way(model, out.parent)), encoding="utf-8")
     except OSError as error:
         raise RobotError(f"robot file '{out}' can't be written: {error.strerror or error}") from error
+
+
+def _check_names(spec: mujoco.MjSpec, path: Path) -> None:
+    """Refuses names that a robot file can't hold, in its comments neither."""
+    elements = (
+        *spec.bodies, *spec.joints, *spec.geoms, *spec.sites, *spec.tendons, *spec.actuators, *spec.sensors, *spec.keys,
+    )  # fmt: skip
+    classes = (class_name(element) for element in (*spec.joints, *spec.geoms))
+    for name in filter(None, (path.name, spec.modelname, *(element.name for element in elements), *classes)):
+        if fault := label_fault(name):
+            raise RobotError(f"model '{path}': the name {quoted(name)} {fault}; give it another")
 
 
 def _first(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> Draft:

@@ -22,6 +22,7 @@ from pydantic import BaseModel
 
 from swim2real import __version__
 from swim2real.errors import ArgumentError, TrackingError, TrialError
+from swim2real.names import composed
 from swim2real.objective.comparison import rounded
 from swim2real.rendering.overlay import TrackOverlay
 from swim2real.robots.compiled import marker_bodies, rigid_markers
@@ -163,7 +164,7 @@ def track_video(
     if frequency is not None and not 0 < frequency < np.inf:
         raise ArgumentError(f"frequency is {frequency:g} Hz; it must be finite and above 0")
     source, out = Path(video), Path(folder)
-    name = source.stem
+    name = composed(source.stem)
     report_path = out / TRACKS / f"{name}.json"
     with VideoReader(source, threads) as reader:
         info = reader.info

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from swim2real.errors import ArgumentError, Swim2RealError, TrackingError
+from swim2real.names import composed, file_key
 from swim2real.pipeline.tracking import FrameProgress, TrackedVideo, track_video
 from swim2real.processes import ProcessDiedError, ProcessPool
 from swim2real.robots.robot import Robot
@@ -52,8 +53,9 @@ def track_videos(
         ArgumentError: The videos can't make one reference.
     """
     count = len(videos)
-    names = [Path(video).stem for video in videos]
-    double = next((name for name in names if names.count(name) > 1), None)
+    names = [composed(Path(video).stem) for video in videos]
+    keys = [file_key(name) for name in names]
+    double = next((name for name, key in zip(names, keys, strict=True) if keys.count(key) > 1), None)
     if not videos:
         raise ArgumentError("no video was given")
     if double is not None:

@@ -49,6 +49,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
+from swim2real.checking import Label
 from swim2real.errors import RobotError
 
 FORMAT = 1
@@ -87,7 +88,7 @@ def _kind_of_control(value: Any) -> str:
 
 Text = Annotated[str, AfterValidator(_not_blank)]
 Hook = Annotated[Text, AfterValidator(_hook)]
-Pair = Annotated[list[Text], Field(min_length=2, max_length=2)]
+Pair = Annotated[list[Label], Field(min_length=2, max_length=2)]
 
 
 class _Table(BaseModel):
@@ -97,8 +98,8 @@ class _Table(BaseModel):
 class MarkerTable(_Table):
     """A marker; the name of its site alone stands for a table with nothing else."""
 
-    site: Text
-    name: Text | None = None
+    site: Label
+    name: Label | None = None
     rest: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
 
 
@@ -121,16 +122,16 @@ ControlEntry = Annotated[
 class SensorTable(_Table):
     """A sensor that is compared beside the markers."""
 
-    unit: Text = "-"
+    unit: Label = "-"
     meters_per_unit: Annotated[float, Field(gt=0)]
 
 
 class RecordingsTable(_Table):
     """[recordings]: trials that are played back."""
 
-    controls: dict[str, ControlEntry] = {}
-    sensors: dict[str, SensorTable] = {}
-    start: Text = "rest"
+    controls: dict[Label, ControlEntry] = {}
+    sensors: dict[Label, SensorTable] = {}
+    start: Label = "rest"
     frame: Pair | None = None
     score_progress: bool = False
 
@@ -149,8 +150,8 @@ class SwimsTable(_Table):
     """[swims]: trials in which a motor turns at a constant speed."""
 
     surge_joints: Pair
-    motor_joint: Text
-    tail_markers: Annotated[list[Text], Field(min_length=1)]
+    motor_joint: Label
+    tail_markers: Annotated[list[Label], Field(min_length=1)]
     response: Hook | None = None
     fit_plan: Hook | None = None
 
@@ -161,7 +162,7 @@ class CommandTable(_Table):
     lower: float
     upper: float
     rate: Annotated[float, Field(gt=0)]
-    unit: Text
+    unit: Label
 
     @model_validator(mode="after")
     def _limits_in_order(self) -> CommandTable:
@@ -177,10 +178,10 @@ class CommandTable(_Table):
 class PolicyTable(_Table):
     """[policy]: what a policy commands and sees."""
 
-    actuators: Annotated[dict[str, CommandTable], Field(min_length=1)]
-    sites: list[Text] = []
-    observe: dict[str, list[Text]] = {}
-    rubbing_tendon: Text | None = None
+    actuators: Annotated[dict[Label, CommandTable], Field(min_length=1)]
+    sites: list[Label] = []
+    observe: dict[Label, list[Label]] = {}
+    rubbing_tendon: Label | None = None
 
 
 class TargetTable(_Table):
@@ -201,8 +202,8 @@ class TargetTable(_Table):
 class ParameterTable(_Table):
     """[[parameters]]: what is calibrated."""
 
-    name: Text
-    unit: Text = "-"
+    name: Label
+    unit: Label = "-"
     lower: float
     upper: float
     scale: Literal["log", "linear"] = "linear"
@@ -218,7 +219,7 @@ class RobotTable(_Table):
     """The whole file, with what it takes over from others. Each of the parameters is a `ParameterTable`."""
 
     format: int
-    name: Text
+    name: Label
     description: Text
     model: Text
     camera: Literal["above", "side", "front"] = "above"

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from swim2real.checking import Number, Positive, read
+from swim2real.checking import FileName, Label, Number, Positive, read
 from swim2real.errors import TrialError
+from swim2real.names import composed, file_key
 from swim2real.store import locked, path_from, whole_file, write_json
 from swim2real.trials.signals import TIME, Signals, read_lines, read_numbers, read_signals, write_signals
-from swim2real.trials.trial import MarkerTrack, Trial, TrialSet
+from swim2real.trials.trial import MarkerTrack, Trial, TrialSet, check_trial_name
 
 INDEX = "reference.json"
 PUBLISHED_FPS = 60.0
@@ -54,7 +55,7 @@ class TrialEntry(BaseModel):
 
     model_config = ConfigDict(extra="allow")
 
-    name: str
+    name: FileName
     table: str | None = None
     nominal_frequency_hz: Positive | None = None
     fps: Positive | None = None
@@ -84,7 +85,7 @@ class Index(BaseModel):
     """
 
     format: Literal[1]
-    markers: list[str]
+    markers: list[Label]
     trials: list[TrialEntry] = Field(min_length=1)
 
 
@@ -167,11 +168,9 @@ def save_reference(trials: TrialSet, folder: str | Path) -> None:
     """Writes a reference folder; NaN positions become empty cells.
 
     Raises:
-        TrialError: The folder can't be written, or a trial's name can't be a file's.
+        TrialError: The folder can't be written, or two trials would have the same files.
     """
     path = Path(folder)
-    for name in trials.names:
-        _check_name(name)
     entries = [_entry(trial, path) for trial in trials]
     for entry in entries:
         _check_files(entry, entries, path)
@@ -188,8 +187,9 @@ def check_folder(folder: str | Path, name: str, marker_names: tuple[str, ...]) -
     """Checks that a trial of this name and with these markers can be added to a folder.
 
     Raises:
-        TrialError: The folder holds something else, or trials with other markers.
+        TrialError: The name can't be a file's, or the folder holds something else, or trials with other markers.
     """
+    check_trial_name(name)
     if Path(folder).is_dir():
         _entries(Path(folder), marker_names, f"{name}.csv")
 
@@ -213,7 +213,6 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
             can't be written.
     """
     path = Path(folder)
-    _check_name(trial.name)
     TrialSet((trial,), marker_names)
     table = f"{trial.name}.csv"
     _check_motion(trial, path / table)
@@ -221,7 +220,7 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
         with locked(path, timeout=_LOCK_TIMEOUT):
             entries = _entries(path, marker_names, table)
             entry = _entry(trial, path)
-            old = next((other for other in entries if other.name == trial.name), None)
+            old = next((other for other in entries if composed(other.name) == composed(trial.name)), None)
             if old is not None and old.video_begin_s == entry.video_begin_s:
                 kept = [key for key in _RECORDED if key in old.model_fields_set - entry.model_fields_set]
                 entry = entry.model_copy(update={key: getattr(old, key) for key in kept})
@@ -253,16 +252,12 @@ def _entries(path: Path, marker_names: tuple[str, ...], table: str) -> list[Tria
     return index.trials
 
 
-def _check_name(name: str) -> None:
-    if Path(f"{name}.csv").name != f"{name}.csv":
-        raise TrialError(f"trial name {name!r} can't be the name of a file; give it another")
-
-
 def _check_files(entry: TrialEntry, entries: list[TrialEntry], path: Path) -> None:
     """Checks that no other trial has a table of the same name."""
     for other in entries:
-        shared = sorted(entry.tables & other.tables)
-        if other.name != entry.name and shared:
+        ours = {file_key(table) for table in entry.tables}
+        shared = sorted(table for table in other.tables if file_key(table) in ours)
+        if composed(other.name) != composed(entry.name) and shared:
             raise TrialError(f"table '{shared[0]}' in '{path}' is trial '{other.name}'; choose another name")
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
+from swim2real.names import label_fault, quoted
 from swim2real.store import whole_file
 
 Array = NDArray[np.float64]
@@ -46,6 +47,9 @@ class Signals:
             raise TrialError("time stamps must be finite and rise from row to row")
         if len(set(names)) < len(names) or not all(names):
             raise TrialError(f"columns are named {', '.join(map(repr, names))}; give each its own name")
+        for name in names:
+            if fault := label_fault(name):
+                raise TrialError(f"column {quoted(name)} {fault}; give it another name")
         stamps.flags.writeable = columns.flags.writeable = False
         object.__setattr__(self, "times", stamps)
         object.__setattr__(self, "names", tuple(names))

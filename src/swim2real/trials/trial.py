@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from swim2real.checking import did_you_mean
 from swim2real.errors import TrialError
+from swim2real.names import composed, file_name_fault, label_fault, quoted
 from swim2real.trials import frames
 from swim2real.trials.signals import Signals
 
@@ -185,9 +186,10 @@ class TrialSet:
             raise TrialError("a set of trials needs at least one trial")
         seen: set[str] = set()
         for trial in self.trials:
-            if trial.name in seen:
+            check_trial_name(trial.name)
+            if composed(trial.name) in seen:
                 raise TrialError(f"two trials are named '{trial.name}'; give each its own name")
-            seen.add(trial.name)
+            seen.add(composed(trial.name))
         counts = {trial.name: trial.track.marker_count for trial in self.trials}
         if len(set(counts.values())) > 1:
             listed = ", ".join(f"{name} has {count}" for name, count in counts.items())
@@ -197,6 +199,9 @@ class TrialSet:
             object.__setattr__(self, "marker_names", tuple(f"M{i}" for i in range(count)))
         if len(self.marker_names) != count:
             raise TrialError(f"{len(self.marker_names)} marker names for {count} markers")
+        for name in self.marker_names:
+            if fault := label_fault(name):
+                raise TrialError(f"marker name {quoted(name)} {fault}; give it another")
 
     def __iter__(self) -> Iterator[Trial]:
         return iter(self.trials)
@@ -206,7 +211,7 @@ class TrialSet:
 
     def __getitem__(self, name: str) -> Trial:
         for trial in self.trials:
-            if trial.name == name:
+            if composed(trial.name) == composed(name):
                 return trial
         hint = did_you_mean(name, self.names)
         raise TrialError(f"no trial is named '{name}'; there are {', '.join(self.names)}{hint}")
@@ -228,3 +233,14 @@ class TrialSet:
         if not out:
             return kept, None
         return kept, TrialSet(tuple(t for t in self if t.name in out), self.marker_names)
+
+
+def check_trial_name(name: str) -> None:
+    """Checks that a trial can have a name: its tables, films and run folders are called after it.
+
+    Raises:
+        TrialError: It can't be the name of a file on every system.
+    """
+    fault = file_name_fault(name)
+    if fault is not None:
+        raise TrialError(f"trial name {quoted(name)} can't be the name of a file: it {fault}; give it another")

@@ -1,0 +1,46 @@
+"""How text from outside is shown: characters that aren't seen as codes, and Markdown that stays text.
+
+HTML is escaped by the templates of `report`, which use `visible` as well. A terminal gets text through `cli.terminal`.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+_KEPT = "\n\t"
+_MARKUP = re.compile(r"<(?=[A-Za-z/!?])|\](?=[(\[:])")
+
+
+def is_seen(character: str) -> bool:
+    """Whether a character is a letter, mark, digit, sign or space, and no control, format or private character."""
+    return character.isprintable() or unicodedata.category(character) == "Zs"
+
+
+class _Codes(dict[int, str]):
+    """What takes the place of each character; looked up once."""
+
+    def __missing__(self, code: int) -> str:
+        character = chr(code)
+        if is_seen(character) or character in _KEPT:
+            shown = character
+        else:
+            shown = f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+        self[code] = shown
+        return shown
+
+
+_CODES = _Codes()
+
+
+def visible(text: str) -> str:
+    r"""Text whose characters are all seen: others but newline and tab become codes, such as `\x1b` or `\u202e`.
+
+    So nothing in it moves a cursor, colors a terminal, turns the direction of what stands around it, or hides.
+    """
+    return text if text.isprintable() else text.translate(_CODES)
+
+
+def plain_markdown(text: str) -> str:
+    r"""Text in which Markdown finds no HTML, link or picture: `<b>` becomes `&lt;b>`, and `](` becomes `]\(`."""
+    return _MARKUP.sub(lambda match: "&lt;" if match[0] == "<" else "]\\", text)
