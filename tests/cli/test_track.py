@@ -269,7 +269,11 @@ def unknown_codec(shot: Shot, path: Path) -> Path:
         (lambda shot, path: path, "no video '{}'; check the path"),
         (lambda shot, path: (path.mkdir(), path)[1], "'{}' is a folder; give the path of a video file"),
         (lambda shot, path: (path.touch(), path)[1], "'{}' is empty (0 bytes); copy it again"),
-        (no_frames, "not one frame of '{}' can be decoded; it is cut off or damaged"),
+        (
+            no_frames,
+            "not one frame of '{}' can be decoded; it is cut off or damaged, or its "
+            "pictures have more than 40 million pixels",
+        ),
         (lambda shot, path: one_sound(path), "'{}' has no video in it, only audio"),
         (unknown_codec, "no decoder for the video in '{}'; convert it to H.264, for example"),
     ],

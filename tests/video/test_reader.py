@@ -179,7 +179,7 @@ def test_what_is_not_a_file_is_refused(tmp_path):
 @pytest.mark.parametrize("name", ["swim.mp4", "swim.txt", "swim.csv"])
 def test_text_is_refused(tmp_path, name):
     (tmp_path / name).write_text("time,x,y\n0.0,1.0,2.0\n" * 40)
-    _refused(tmp_path / name, "is a text file, not a video|is not a video that FFmpeg can read")
+    _refused(tmp_path / name, "is not a video (in a format that is read|that FFmpeg can read)")
 
 
 def test_sound_alone_is_refused(tmp_path):

@@ -1,7 +1,13 @@
-"""Opens a video file and decodes its stream; broken pictures are left out, and those that depend on them are marked."""
+"""Opens a video file and decodes its stream; broken pictures are left out, and those that depend on them are marked.
+
+A file may come from anywhere. FFmpeg reads it and no other: formats that name other files or addresses aren't opened,
+and sizes and counts that no camera has are refused before a picture is decoded.
+"""
 
 from __future__ import annotations
 
+import stat
+import time
 from collections import deque
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
@@ -10,7 +16,7 @@ from pathlib import Path
 import av
 from av import VideoFrame
 from av.container import InputContainer
-from av.error import FFmpegError
+from av.error import ArgumentError, ExitError, FFmpegError
 from av.packet import Packet
 from av.stream import Disposition
 from av.video.stream import VideoStream
@@ -18,7 +24,24 @@ from av.video.stream import VideoStream
 from swim2real.errors import VideoError
 
 TOP_BOXES = {b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"}  # with which MP4 and QuickTime files begin
-NOT_VIDEO = {"tty"}  # the format that FFmpeg takes text for
+FORMATS = (  # films and pictures, each whole in one file
+    "mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "m4v", "h264",
+    "hevc", "obu", "av1", "ivf", "vc1", "h263", "mjpeg", "flv", "asf", "ogg", "nut", "mxf", "dv", "wtv", "gif", "apng",
+    "yuv4mpegpipe", "cine", "dhav", "image2", "png_pipe", "jpeg_pipe", "tiff_pipe", "bmp_pipe", "webp_pipe",
+    "wav",  # so that sound is told as such
+)  # fmt: skip
+MOST_PIXELS = 40_000_000  # of a picture: 8K has 33 million
+MOST_STREAMS = 32
+FIRST_PICTURE = 20.0  # s until the first picture is there, at most
+MOST_BOXES = 1000  # before the index of an MP4 file, that are looked at
+_OPTIONS = {
+    "format_whitelist": ",".join(FORMATS),
+    "protocol_whitelist": "file",
+    "enable_drefs": "0",  # QuickTime's references to other files
+    "pattern_type": "none",  # a % or * in a picture's name is no pattern of other names
+    "max_streams": str(MOST_STREAMS + 1),
+    "max_pixels": str(MOST_PIXELS),
+}
 MOST_HELD = 16  # pictures that may wait for one that is shown later, as many as H.264 and HEVC can refer to
 
 
@@ -30,12 +53,15 @@ def open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]:
         threads: Number of threads that decode; 0 for as many as the machine has cores.
 
     Raises:
-        VideoError: The file isn't there, is a folder or no video, is cut off, or there is no decoder for it.
+        VideoError: The file isn't there, is no file or no video, is cut off, goes beyond a limit, or there is no
+            decoder for it.
     """
     if path.is_dir():
         raise VideoError(f"'{path}' is a folder; give the path of a video file")
     if not path.exists():
         raise VideoError(f"no video '{path}'; check the path")
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise VideoError(f"'{path}' is a device, a pipe or a socket; give the path of a video file")
     if path.stat().st_size == 0:
         raise VideoError(f"'{path}' is empty (0 bytes); copy it again")
     if _lacks_index(path):
@@ -44,10 +70,17 @@ def open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]:
             "or repair it with a tool that has an intact video of the same camera"
         )
     try:
-        container = av.open(str(path.absolute()))
+        container = av.open(str(path.absolute()), options=_OPTIONS, timeout=FIRST_PICTURE, metadata_errors="replace")
     except FFmpegError as error:
         if isinstance(error, PermissionError):
             raise VideoError(f"'{path}' can't be read: permission denied") from None
+        if isinstance(error, ExitError):
+            raise VideoError(no_picture(path)) from None
+        if isinstance(error, ArgumentError):
+            raise VideoError(
+                f"'{path}' is not a video in a format that is read; playlists, texts and whatever else names other "
+                f"files aren't: give the film itself, or convert it to MP4 with H.264"
+            ) from None
         raise VideoError(f"'{path}' is not a video that FFmpeg can read ({error.strerror})") from None
     try:
         return container, _video_stream(container, path, threads)
@@ -57,8 +90,11 @@ def open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]:
 
 
 def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoStream:
-    if container.format.name in NOT_VIDEO:
-        raise VideoError(f"'{path}' is a text file, not a video")
+    if len(container.streams) > MOST_STREAMS:
+        raise VideoError(
+            f"'{path}' has more than {MOST_STREAMS} streams of pictures, sound and data; give a film with its pictures "
+            f"alone"
+        )
     stream = container.streams.best("video")
     if (
         not isinstance(stream, VideoStream) or stream.disposition & Disposition.attached_pic
@@ -68,6 +104,7 @@ def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoS
     # without a decoder PyAV has no codec context, whatever its stubs say
     if getattr(stream, "codec_context", None) is None:
         raise VideoError(f"no decoder for the video in '{path}'; convert it to H.264, for example")
+    stream.codec_context.options = {"max_pixels": _OPTIONS["max_pixels"]}  # of those that change their size, too
     # within a picture only: one that is decoded beside the next can be handed out before its holes are reported
     stream.thread_type = "SLICE"
     stream.thread_count = threads
@@ -79,7 +116,9 @@ def _lacks_index(path: Path) -> bool:
     with path.open("rb") as file:
         end = path.stat().st_size
         place = 0
-        while place + 8 <= end:
+        for _ in range(MOST_BOXES):
+            if place + 8 > end:
+                break
             file.seek(place)
             head = file.read(16)
             size, kind = int.from_bytes(head[:4], "big"), head[4:8]
@@ -92,7 +131,17 @@ def _lacks_index(path: Path) -> bool:
             if size < 8:  # 0: up to the end of the file
                 break
             place += size
+        else:
+            return False
         return place > 0 or end >= 8
+
+
+def no_picture(path: Path) -> str:
+    """A sentence that the first picture takes too long."""
+    return (
+        f"no picture of '{path}' came within {FIRST_PICTURE:g} s; the file is damaged, or the disk or the network "
+        f"that it is on doesn't answer: copy it to a disk of this machine"
+    )
 
 
 @dataclass(frozen=True)
@@ -138,15 +187,23 @@ class Decoder:
         self._held: deque[tuple[int, VideoFrame, int | None]] = deque()  # pictures in the order of showing
         self._broken: dict[int, int | None] = {}  # numbers and stamps of the broken packets that can still matter
         self._lost = 0
+        self._until: float | None = time.monotonic() + FIRST_PICTURE  # None once there is a picture
         self.left_out: dict[int, None] = {}
         self.unstamped = 0
         self.hidden = 0
         self.failure = ""
 
     def pictures(self) -> Generator[Picture]:
-        """All that is fit to be seen, in the order of showing."""
+        """All that is fit to be seen, in the order of showing.
+
+        Raises:
+            VideoError: The first picture takes too long.
+        """
         for packet in self._packets():
+            if self._until is not None and time.monotonic() > self._until:
+                raise VideoError(no_picture(Path(self._container.name)))
             for stored in self._decode(packet):
+                self._until = None
                 stamp = stored.pts if self._stamped else None
                 number = self._settle(stamp)
                 if stored.is_corrupt:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self, TypeVar
 
 import numpy as np
 from av import VideoFrame
@@ -18,12 +19,14 @@ from numpy.typing import NDArray
 from swim2real.errors import VideoError
 from swim2real.video.clock import Clock, Tally, frames
 from swim2real.video.damage import REPORTED, marked
-from swim2real.video.decoding import Decoder, open_stream
+from swim2real.video.decoding import FIRST_PICTURE, MOST_PIXELS, Decoder, Picture, no_picture, open_stream
 
 Image = NDArray[np.uint8]
+Result = TypeVar("Result")
 
 USUAL_RATE = Fraction(30)  # frames a second, where a file doesn't say
 ROUNDING = 5e-4  # s, of a time that a person gives
+SLACK = 5.0  # s beyond FIRST_PICTURE that a film has which is read, but gives no picture
 SOUND_SLACK = 0.5  # s by which sound may outlast the pictures
 
 
@@ -191,17 +194,13 @@ class _Pass:
         Raises:
             VideoError: The file can't be read, or not one frame can be decoded.
         """
-        self._container, stream = open_stream(path, threads)
+        # a disk that doesn't answer can't be interrupted, only left alone
+        begun = in_time(lambda: _begun(path, threads), FIRST_PICTURE + SLACK)
+        if begun is None:
+            raise VideoError(no_picture(path))
+        self._container, stream, self._decoder, self._pictures, self._first = begun
         rate = stream.average_rate or stream.guessed_rate or USUAL_RATE
         self._clock = Clock(1 / rate)
-        self._decoder = Decoder(self._container, stream)
-        self._pictures = self._decoder.pictures()
-        if stream.codec_context.codec.canonical_name not in REPORTED:
-            self._pictures = marked(self._pictures)
-        self._first = next(self._pictures, None)
-        if self._first is None:
-            self._container.close()
-            raise VideoError(f"not one frame of '{path}' can be decoded; it is cut off or damaged")
         stored = self._first.stored
         self._size = (stored.width, stored.height)
         self._tilt = -stored.rotation % 360  # clockwise; PyAV's angle isn't
@@ -314,6 +313,59 @@ class _Pass:
         count = self._stated_count or (None if duration is None else round(duration * rate))
         codec = stream.codec_context.codec.canonical_name
         return VideoInfo(path, width, height, float(rate), count, duration, rotation, codec)
+
+
+class _Begun(NamedTuple):
+    """A film whose first picture is there."""
+
+    container: InputContainer
+    stream: VideoStream
+    decoder: Decoder
+    pictures: Generator[Picture]
+    first: Picture
+
+
+def _begun(path: Path, threads: int) -> _Begun:
+    container, stream = open_stream(path, threads)
+    try:
+        decoder = Decoder(container, stream)
+        pictures = decoder.pictures()
+        if stream.codec_context.codec.canonical_name not in REPORTED:
+            pictures = marked(pictures)
+        first = next(pictures, None)
+        if first is None:
+            raise VideoError(
+                f"not one frame of '{path}' can be decoded; it is cut off or damaged, or its pictures have more than "
+                f"{MOST_PIXELS // 10**6} million pixels"
+            )
+    except VideoError:
+        container.close()
+        raise
+    return _Begun(container, stream, decoder, pictures, first)
+
+
+def in_time(work: Callable[[], Result], seconds: float) -> Result | None:
+    """What a function returns, or None where it takes longer; it is left to itself then, in a thread of its own.
+
+    Args:
+        work: Called in a thread; what it raises is raised here.
+        seconds: Time that it may take [s].
+    """
+    results: list[Result] = []
+    errors: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            results.append(work())
+        except BaseException as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=run, name="first picture", daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if errors:
+        raise errors[0]
+    return results[0] if results else None
 
 
 def _stated_count(container: InputContainer, stream: VideoStream) -> int:
