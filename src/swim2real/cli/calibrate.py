@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Mapping
-from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swim2real.cli.options import Positional, RobotOption
+from swim2real.cli.terminal import say, say_json, tell
 from swim2real.settings import CalibrationSettings, VlmAccess
 
 if TYPE_CHECKING:
@@ -53,10 +52,10 @@ def calibrate(
     body, trials = load_robot(robot), load_reference(reference)
     far = misplaced(body, trials)
     if far is not None:
-        print(f"swim2real: warning: {far}", file=sys.stderr)
+        tell(f"warning: {far}")
     if settings.pieces is None:
         for line in (*hasty(body, trials), *long_swings(body, trials, settings.horizon)):
-            print(f"swim2real: warning: {line}", file=sys.stderr)
+            tell(f"warning: {line}")
 
     def work(callbacks: RunCallbacks) -> Outcome:
         return pipeline.calibrate(
@@ -85,7 +84,6 @@ def demo(
         quiet: Print no progress.
     """
     from swim2real.cli.progress import films_shown
-    from swim2real.cli.tables import say
     from swim2real.demo import DEMO_FREQUENCIES, FULL_FREQUENCIES, DemoCallbacks, demo_settings, film_and_track, fit
 
     began = time.monotonic()
@@ -111,7 +109,6 @@ def _finished(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path
     from swim2real.calibration.from_rest import backward_from_rest
     from swim2real.calibration.run_folder import still_falling
     from swim2real.cli.progress import run_shown
-    from swim2real.cli.tables import say
     from swim2real.report import write_report
 
     run = RunFolder(folder)
@@ -121,17 +118,17 @@ def _finished(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path
     except KeyboardInterrupt:
         if not run.exists:
             raise
-        print(f"swim2real: interrupted; '{folder}' is usable as it is, --resume goes on with it", file=sys.stderr)
+        tell(f"interrupted; '{folder}' is usable as it is, --resume goes on with it")
         return 1
     unusable, unfinished = backward_from_rest(outcome.get("from_rest", {})), still_falling(run.record(), run.settings())
     if unusable:
-        print(f"swim2real: warning: {unusable}", file=sys.stderr)
+        tell(f"warning: {unusable}")
     if as_json:
-        print(dumps(outcome, indent=2))
+        say_json(outcome)
     elif not quiet:
         _print(outcome)
     if unfinished:
-        print(f"swim2real: warning: {unfinished}", file=sys.stderr)
+        tell(f"warning: {unfinished}")
     page = write_report(folder, recorded_robot(run))
     if not as_json and not quiet:
         say(f"Parameters: {folder / 'best.json'}   Report: {page}")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
-from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swim2real.cli.options import Positional, RobotOption
+from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
 from swim2real.settings import ComparisonSettings, VlmAccess
 
@@ -51,17 +50,17 @@ def compare(
                 trials, body, settings, out, source=str(reference), access=access, on_progress=show
             )  # fmt: skip
     except KeyboardInterrupt:
-        print(f"swim2real: interrupted; '{out}' is usable as it is, the same command goes on", file=sys.stderr)
+        tell(f"interrupted; '{out}' is usable as it is, the same command goes on")
         return 1
     write_theory(out, trials, body)
     written = write_files(out, results) if results.runs else []
     if json:
-        print(dumps(results.as_dict(), indent=2))
+        say_json(results.as_dict())
     elif not quiet:
         _print(results)
-        print(f"Results: {out / 'results.csv'}, {', '.join(str(path) for path in written if path.suffix != '.png')}")
+        say(f"Results: {out / 'results.csv'}, {', '.join(str(path) for path in written if path.suffix != '.png')}")
     for sentence in _grouped(results.missing):
-        print(f"swim2real: {sentence}", file=sys.stderr)
+        tell(f"{sentence}")
     return 1 if results.missing else 0
 
 
@@ -71,7 +70,7 @@ def _print(results: ComparisonResults) -> None:
 
     for protocol in results.protocols:
         if any(run.protocol == protocol and run.held_out is None for run in results.runs):
-            print(as_text(paper_table(method_statistics(results, protocol))))
+            say(as_text(paper_table(method_statistics(results, protocol))))
 
 
 def _grouped(missing: Mapping[str, str]) -> list[str]:

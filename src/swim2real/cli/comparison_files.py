@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
 from swim2real.calibration import RunFolder, examine_swims
+from swim2real.cli.terminal import tell
 from swim2real.comparison import ComparisonResults, load_results
 from swim2real.comparison.tables import all_tables, as_markdown
 from swim2real.errors import RunError, TrialError
@@ -34,7 +34,7 @@ def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
         predictions = zip(targets, predict_speeds(targets, end), strict=True)
         speeds = {target.trial.name: round(prediction.speed, 6) for target, prediction in predictions}
     except TrialError as error:
-        print(f"swim2real: no speeds of elongated body theory: {error}", file=sys.stderr)
+        tell(f"no speeds of elongated body theory: {error}")
         return
     RunFolder(folder).write_json(THEORY, speeds)
 

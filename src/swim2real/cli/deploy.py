@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import subprocess
 import sys
@@ -12,6 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from swim2real.cli.options import Positional
+from swim2real.cli.terminal import say, say_json, tell
 from swim2real.deployment.commands import FISH, XW540_T140, CommandTable, Limits, is_speed, read_table
 from swim2real.deployment.control_table import MotorError
 from swim2real.deployment.motor import Identity
@@ -83,7 +83,7 @@ def deploy(options: DeployOptions) -> int:
     table = read_table(options.commands)
     settings = _settings(options, table)
     table, notes = _prepare(options, table, settings)
-    show = _print_nothing if options.quiet or options.json else print
+    show = _print_nothing if options.quiet or options.json else say
     show(f"{options.commands}: {len(table.rows)} commands, {table.duration:.2f} s at 50 Hz{_extent(table, settings)}")
     for note in notes:
         show(note)
@@ -108,14 +108,14 @@ def deploy(options: DeployOptions) -> int:
     if options.json:
         motor = {motor.name: asdict(identity) for motor, identity in zip(settings, identities, strict=True)}
         about = {"motors": motor} if options.motors else {"motor": asdict(identities[0])}
-        print(json.dumps({**_as_dict(result, table, real_time, options), **about}, indent=2))
+        say_json({**_as_dict(result, table, real_time, options), **about})
     show(_summary(result, real_time))
     if options.log:
         show(f"Log: {options.log}")
     if not result.complete:
         at = f"after {result.seconds:.2f} s of {table.duration:.2f} s"
         stopped = "the motor was stopped" if len(settings) == 1 else "the motors were stopped"
-        print(f"swim2real: {name or 'interruption'} {at}; {stopped}", file=sys.stderr)
+        tell(f"{name or 'interruption'} {at}; {stopped}")
     return 0 if result.complete else 1
 
 

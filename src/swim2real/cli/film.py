@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-import sys
+import shlex
 from collections.abc import Mapping
-from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from swim2real.cli.options import Positional, finite_above_0, for_robot, one_each
+from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError, Swim2RealError, TrialError
 from swim2real.names import composed
 from swim2real.settings import TrackingSettings
@@ -38,7 +38,6 @@ def fetch(*, to: Path, source: Annotated[str | None, tyro.conf.arg(name="from")]
         to: Folder to write.
         source: Folder or URL that holds the CSV files; by default their public repository.
     """
-    from swim2real.cli.tables import say
     from swim2real.trials.fetch import fetch as fetch_tracks
 
     trials = fetch_tracks(to, source, lambda name, state: say(f"{name}: {state}"))
@@ -64,7 +63,6 @@ def pick(
         raise ArgumentError("no video was given")
     if out is not None and len(videos) > 1:
         raise ArgumentError(f"--out '{out}' is one page for {len(videos)} videos; leave it out")
-    from swim2real.cli.tables import say
     from swim2real.robots import load_robot
     from swim2real.tracking.points import write_pick_page
     from swim2real.trials.span import spans
@@ -79,11 +77,9 @@ def pick(
         frame = first_frame(video, since)
         write_pick_page(frame.image, names, video.name, page, body.rest_markers, frame.index)
         say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {video.stem}.points.json")
-    points = " ".join(f"{video.stem}.points.json" for video in videos)
-    later = f" --from {' '.join(f'{time:g}' for time in begin)}" if begin else ""
-    say(
-        f"Next: swim2real track {' '.join(map(str, videos))} --markers {points} --to REFERENCE{for_robot(robot)}{later}"
-    )  # fmt: skip
+    points = shlex.join(f"{video.stem}.points.json" for video in videos)
+    films, later = shlex.join(map(str, videos)), f" --from {' '.join(f'{time:g}' for time in begin)}" if begin else ""
+    say(f"Next: swim2real track {films} --markers {points} --to REFERENCE{for_robot(robot)}{later}")
     return 0
 
 
@@ -131,7 +127,6 @@ def track(
         one_each(option, values, count, "videos")
     finite_above_0("frequency", *frequency, unit=" Hz")
     from swim2real.cli.progress import films_shown
-    from swim2real.cli.tables import say
     from swim2real.pipeline import TRACKS, TrackedVideo, track_videos
     from swim2real.robots import load_robot
     from swim2real.trials.span import spans
@@ -148,11 +143,11 @@ def track(
                 on_done=on_done,
             )  # fmt: skip
     except KeyboardInterrupt:
-        print("swim2real: interrupted; the same command goes on with the videos that aren't done", file=sys.stderr)
+        tell("interrupted; the same command goes on with the videos that aren't done")
         return 1
     tracked = [result for result in results if isinstance(result, TrackedVideo)]
     if json:
-        print(dumps({result.name: result.report.model_dump() for result in tracked}, indent=2))
+        say_json({result.name: result.report.model_dump() for result in tracked})
     elif not quiet and tracked:
         _print_tracked({result.name: result.report.model_dump() for result in tracked}, body)
         say(
@@ -161,7 +156,7 @@ def track(
     failed = [(video, error) for video, error in zip(videos, results, strict=True) if isinstance(error, Swim2RealError)]
     for video, error in failed:
         where = "" if str(video) in str(error) else f"{video}: "
-        print(f"swim2real: {where}{error}", file=sys.stderr)
+        tell(f"{where}{error}")
     return 1 if failed else 0
 
 
@@ -189,7 +184,6 @@ def import_tracks(
         one_each(option, values, len(tables), "tables")
     finite_above_0("frequency", *frequency, unit=" Hz")
     finite_above_0("fps", fps)
-    from swim2real.cli.tables import say
     from swim2real.robots import load_robot
     from swim2real.tracking.camera_file import read_camera
     from swim2real.trials import Trial
@@ -242,7 +236,6 @@ def cut(
         until: Where it ends [s]; one for all trials, or one for each.
         trials: Which trials; by default all, in the order of their names.
     """
-    from swim2real.cli.tables import say
     from swim2real.trials import load_reference
     from swim2real.trials.reference import add_trial
     from swim2real.trials.span import spans
@@ -282,7 +275,6 @@ def quality(
     """
     if not 0 <= allow_lost <= 1:
         raise ArgumentError(f"--allow-lost is {allow_lost:g}; it is a share of frames within 0 and 1, such as 0.05")
-    from swim2real.cli.tables import say
     from swim2real.pipeline import check_lost
     from swim2real.robots import load_robot
     from swim2real.trials import load_reference
@@ -298,7 +290,7 @@ def quality(
             refused[name] = lost
     if json:
         errors = {name: {"error": reason, "usable": False} for name, reason in refusals.items()}
-        print(dumps({**findings, **errors}, indent=2))
+        say_json({**findings, **errors})
     else:
         _print_quality(findings, body)
         for reason in refusals.values():
@@ -434,7 +426,7 @@ def _print_quality(findings: Findings, robot: Robot) -> None:
     )  # fmt: skip
     for name, t in findings.items():
         for line in t["findings"]:
-            tables.say(f"{name}: {line}")
+            say(f"{name}: {line}")
 
 
 def _refusal(refused: Mapping[str, Mapping[str, float]], allowed: float) -> str:

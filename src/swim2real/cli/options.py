@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -17,7 +18,7 @@ PUBLISHED = "published"  # the prior work's values, in place of a parameters fil
 
 def for_robot(robot: str) -> str:
     """The option that a suggested command needs for this robot, with a space before it; nothing for the default."""
-    return "" if robot == DEFAULT_ROBOT else f" --robot {robot}"
+    return "" if robot == DEFAULT_ROBOT else f" --robot {shlex.quote(robot)}"
 
 
 def one_each(option: str, values: Sequence[object], count: int, things: str) -> None:

@@ -10,13 +10,13 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import PositionalRequiredArgs
 
 from swim2real.cli.options import Positional
+from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
 from swim2real.settings import TrainingSettings, expand_seeds
 
@@ -117,11 +117,11 @@ def train(
         )  # fmt: skip
     write_training_page(TrainingRun.open(out), out)
     if json:
-        print(dumps(outcome.as_dict(), indent=2))
+        say_json(outcome.as_dict())
     elif not quiet:
-        print(_summary(outcome, out))
+        say(_summary(outcome, out))
     if not outcome.complete:
-        print(f"swim2real: interrupted at step {outcome.step}; --resume goes on", file=sys.stderr)
+        tell(f"interrupted at step {outcome.step}; --resume goes on")
     return 0 if outcome.complete else 1
 
 
@@ -157,7 +157,6 @@ def rollout(
         json: Print the figures as JSON.
     """
     from swim2real.cli.subject import values_for
-    from swim2real.cli.tables import say
     from swim2real.report.training_page import write_training_page
     from swim2real.rl.assessment import TEST_SEED, assess, run_policy
     from swim2real.rl.conditions import StateEstimate
@@ -204,7 +203,7 @@ def rollout(
         write_film(folder / "rollout.mp4", scenes, width=1280 if others else 720, threshold=threshold)
     page = write_training_page(run, folder, assessment)
     if json:
-        print(dumps(content, indent=2))
+        say_json(content)
     else:
         _print(assessment)
         say(f"Written: {page}, rollout.json, episodes.npz")
@@ -252,10 +251,10 @@ def export_commands(
                            "units": actuators.units})  # fmt: skip
     about = {"commands": len(table.rows), "seconds": table.duration, "columns": list(columns), "out": str(out)}
     if json:
-        print(dumps(about, indent=2))
+        say_json(about)
     else:
         trial = f"; `swim2real deploy {out} --dry-run` tries them" if out.suffix == ".csv" else ""
-        print(f"{out}: {len(table.rows)} rows of {', '.join(columns)}, {table.duration:.2f} s{trial}")
+        say(f"{out}: {len(table.rows)} rows of {', '.join(columns)}, {table.duration:.2f} s{trial}")
     return 0
 
 
@@ -271,7 +270,7 @@ def _warn_if_backward(path: Path, values: Values, robot: Robot) -> None:
     swims = from_rest(Simulator(robot, 1), values, {"fastest": fastest / (2 * math.pi)})
     warning = backward_from_rest({name: swim.as_dict() for name, swim in swims.items()})
     if warning:
-        print(f"swim2real: warning: '{path}': {warning}", file=sys.stderr)
+        tell(f"warning: '{path}': {warning}")
 
 
 def _summary(outcome: TrainingOutcome, out: Path) -> str:
@@ -310,7 +309,7 @@ def _train_seeds(options: Mapping[str, Any], seeds: list[int], out: Path, worker
             time.sleep(0.1)
     if failed or waiting:
         names = ", ".join(map(str, sorted(failed + waiting)))
-        print(f"swim2real: seeds {names} aren't done; the same command with --resume goes on", file=sys.stderr)
+        tell(f"seeds {names} aren't done; the same command with --resume goes on")
     return 1 if failed or waiting else 0
 
 

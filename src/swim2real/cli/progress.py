@@ -9,11 +9,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
-from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Task, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
+from rich.text import Text
 
 from swim2real.cli.tables import progress_console
 from swim2real.errors import Swim2RealError
+from swim2real.escaping import visible
 from swim2real.interruption import Interruption
 
 if TYPE_CHECKING:
@@ -25,6 +27,13 @@ if TYPE_CHECKING:
 
 _FILM_LINES = 5.0  # s between plain lines of a video
 _TRAINING_LINES = 10.0  # s between plain lines of a training
+
+
+class _Words(TextColumn):
+    """A column of a bar whose text is only text, as on a `PlainConsole`."""
+
+    def render(self, task: Task) -> Text:
+        return Text(visible(self.text_format.format(task=task)), style=self.style, justify=self.justify)
 
 
 @dataclass(frozen=True)
@@ -73,7 +82,7 @@ def _run_lines(budget: int, quiet: bool) -> Generator[RunCallbacks]:
 
         yield RunCallbacks(lambda p: None if quiet else console.print(_run_line(p)), print_event)
         return
-    columns = (TextColumn("calibrating"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[text]}"))
+    columns = (_Words("calibrating"), BarColumn(), MofNCompleteColumn(), _Words("{task.fields[text]}"))
     with Bar(*columns, console=console) as bar:
         task = bar.add_task("", total=budget, text="first evaluation")
 
@@ -129,11 +138,11 @@ def comparison_shown(quiet: bool) -> Generator[Callable[[ComparisonProgress], No
 
         def line(p: ComparisonProgress) -> None:
             if p.finished is not None:
-                console.print(f"{_job_line(p, p.finished)}{_left(p)}", markup=False)
+                console.print(f"{_job_line(p, p.finished)}{_left(p)}")
 
         yield line
         return
-    columns = (TextColumn("evaluations"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[text]}"))
+    columns = (_Words("evaluations"), BarColumn(), MofNCompleteColumn(), _Words("{task.fields[text]}"))
     with Bar(*columns, console=console) as bar:
         task = bar.add_task("", total=None, text="")
 
@@ -143,7 +152,7 @@ def comparison_shown(quiet: bool) -> Generator[Callable[[ComparisonProgress], No
             text = f"runs {p.jobs_done}/{p.jobs}{_left(p)}" + (f", best (mm): {best}" if best else "")
             bar.update(task, completed=p.evaluations, total=p.budget, text=text)
             if p.finished is not None and p.finished.state != "read":
-                bar.console.print(_job_line(p, p.finished), markup=False)
+                bar.console.print(_job_line(p, p.finished))
 
         yield update
 
@@ -180,11 +189,11 @@ def films_shown(quiet: bool) -> Generator[FilmCallbacks]:
             if time.monotonic() - printed.get(p.name, 0.0) > _FILM_LINES:
                 printed[p.name] = time.monotonic()
                 text = f"{p.name}: frame {p.done} of {p.total or '?'}, {p.lost} markers lost"
-                console.print(text, markup=False)
+                console.print(text)
 
-        yield line, lambda name, result: console.print(f"{name}: {_film_outcome(result)}", markup=False)
+        yield line, lambda name, result: console.print(f"{name}: {_film_outcome(result)}")
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}"), TimeRemainingColumn())
+    columns = (_Words("{task.description}"), BarColumn(), _Words("{task.fields[text]}"), TimeRemainingColumn())
     with Bar(*columns, console=console) as bar:
         tasks: dict[str, TaskID] = {}
 
@@ -194,7 +203,7 @@ def films_shown(quiet: bool) -> Generator[FilmCallbacks]:
             bar.update(tasks[p.name], completed=p.done, text=f"{p.lost} lost" if p.lost else "")
 
         def done(name: str, result: TrackedVideo | Swim2RealError) -> None:
-            bar.console.print(f"{name}: {_film_outcome(result)}", markup=False)
+            bar.console.print(f"{name}: {_film_outcome(result)}")
             if name in tasks:
                 bar.remove_task(tasks.pop(name))
 
@@ -231,7 +240,7 @@ def training_shown(total: int, quiet: bool) -> Generator[Callable[[TrainingProgr
 
         yield plain
     else:
-        with Bar(TextColumn("training"), BarColumn(), TextColumn("{task.fields[text]}"), console=console) as bar:
+        with Bar(_Words("training"), BarColumn(), _Words("{task.fields[text]}"), console=console) as bar:
             task = bar.add_task("", total=total, text="first steps")
 
             def update(p: TrainingProgress) -> None:

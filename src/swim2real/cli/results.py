@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from json import dumps
 from pathlib import Path
 
 from swim2real.cli.options import Positional
+from swim2real.cli.terminal import say, say_json
 from swim2real.errors import ArgumentError
 from swim2real.settings import EvaluationSettings
 
@@ -36,7 +36,7 @@ def evaluate(
     if sensitivity:
         effects = [effect.as_dict() for effect in sensitivities(problem, problem.robot.space, values)]
     if json:
-        print(dumps({**content, "engine": problem.engine.as_dict(), "sensitivity": effects}, indent=2))
+        say_json({**content, "engine": problem.engine.as_dict(), "sensitivity": effects})
         return 0
     tables.figures(content, f"{parameters} on {reference}, protocol {problem.protocol.name}, {problem.engine.name}")
     tables.marker_errors(content, problem.robot.marker_names)
@@ -63,7 +63,6 @@ def overlay(
         width: Width of the films [px].
     """
     from swim2real.cli.subject import problem_of
-    from swim2real.cli.tables import say
     from swim2real.pipeline.overlays import write_overlays
 
     problem, values = problem_of(parameters, reference, settings)
@@ -111,7 +110,7 @@ def simulate(
     except OSError as error:
         raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
     tables.table("Simulated", ("swim", "speed mm/s"), [(t.name, tables.millimeters(t.track.speed)) for t in trials])
-    tables.say(f"{out}: {len(trials)} swims of {trials.trials[0].track.frame_count} samples")
+    say(f"{out}: {len(trials)} swims of {trials.trials[0].track.frame_count} samples")
     return 0
 
 
@@ -126,7 +125,6 @@ def report(run: Positional[Path]) -> int:
     from swim2real.api import recorded_robot
     from swim2real.calibration import RunFolder
     from swim2real.cli.comparison_files import write_files
-    from swim2real.cli.tables import say
     from swim2real.comparison.plan import PLAN
     from swim2real.report import write_report
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from rich.markup import escape
 
-from swim2real.cli.tables import millimeters, say, table
+from swim2real.cli.tables import millimeters, table
+from swim2real.cli.terminal import say
 from swim2real.errors import ArgumentError
 from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
@@ -64,7 +64,7 @@ def _parameters(file: RobotFile, probes: list[Probe], markers: bool) -> None:
     rows: list[tuple[str, ...]] = []
     for one, calibrated in zip(probes, file.calibrated, strict=True):
         p = one.parameter
-        name = escape("\n  ".join([p.name, *map(str, (*calibrated.targets, *calibrated.delays))]))
+        name = "\n  ".join([p.name, *map(str, (*calibrated.targets, *calibrated.delays))])
         rows.append((name, p.unit, f"{p.lower:g} to {p.upper:g}", f"{p.published:.4g}",
                      _cell(one.lower), _cell(one.upper)))  # fmt: skip
     columns = ("parameter, what it writes", "unit", "bounds", "value", "lower mm", "upper mm")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
-from json import dumps
 from pathlib import Path
 from typing import Any
 
 from swim2real.cli.options import PUBLISHED, Positional
+from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
 from swim2real.settings import EnsembleSettings, EvaluationSettings, IdentifiabilitySettings, all_cores
 
@@ -40,7 +39,7 @@ def identify(
     from swim2real.calibration.identifiability import IDENTIFIED, StudyProgress
     from swim2real.calibration.identifiability import identify as study
     from swim2real.cli.subject import robot_for
-    from swim2real.cli.tables import progress_console, say
+    from swim2real.cli.tables import progress_console
     from swim2real.interruption import Interruption
     from swim2real.trials import load_reference
 
@@ -57,10 +56,10 @@ def identify(
 
             content = study(opened, settings, again, show)
     except KeyboardInterrupt:
-        print(f"swim2real: interrupted; what is done is kept in '{run}', the same command goes on", file=sys.stderr)
+        tell(f"interrupted; what is done is kept in '{run}', the same command goes on")
         return 1
     if json:
-        print(dumps(content, indent=2))
+        say_json(content)
     else:
         _print(content)
         say(
@@ -110,18 +109,17 @@ def ensemble(
 
             content = make_ensemble(opened, settings, show)
     except KeyboardInterrupt:
-        print("swim2real: interrupted; nothing was written", file=sys.stderr)
+        tell("interrupted; nothing was written")
         return 1
     write_ensemble(out, content)
     members = content["members"]
     if len(members) < settings.count:
-        print(
-            f"swim2real: warning: only {len(members)} sets are within {settings.within:g} times the lowest loss; "
-            f"raise --evaluations or --within, or give more runs",
-            file=sys.stderr,
+        tell(
+            f"warning: only {len(members)} sets are within {settings.within:g} times the lowest loss; "
+            f"raise --evaluations or --within, or give more runs"
         )
     if json:
-        print(dumps(content, indent=2))
+        say_json(content)
         return 0
     worst = max(member["loss"] for member in members)
     tables.table(
@@ -132,7 +130,7 @@ def ensemble(
             for name, values in content["ranges"].items()
         ],
     )
-    tables.say(f"Written: {out}")
+    say(f"Written: {out}")
     return 0
 
 
@@ -154,7 +152,6 @@ def export_sysid(
     """
     settings = EvaluationSettings(horizon=horizon, threads=threads)
     from swim2real.cli.subject import problem_of
-    from swim2real.cli.tables import say
     from swim2real.sysid import save, to_sysid
 
     problem, values = problem_of(parameters, reference, settings)
@@ -175,7 +172,6 @@ def import_sysid(results: Positional[Path], *, like: Path, out: Path) -> int:
         out: Parameters file to write.
     """
     from swim2real.cli.subject import robot_for
-    from swim2real.cli.tables import say
     from swim2real.parameters import read_parameters, write_parameters
     from swim2real.simulation import Engine
     from swim2real.sysid import read_values
@@ -195,7 +191,7 @@ def _print(content: Mapping[str, Any]) -> None:
     from swim2real.cli import tables
 
     start, fit, lowest = (1e3 * content[key]["loss"] for key in ("start", "fit", "lowest"))
-    tables.say(
+    say(
         f"Loss: {start:.2f} mm at the run's best, {fit:.2f} mm after some more steps, {lowest:.2f} mm at the lowest "
         f"that was seen; a rise of {1e3 * content['local']['rise']:.2f} mm counts."
     )
@@ -215,7 +211,7 @@ def _print(content: Mapping[str, Any]) -> None:
     columns = ("parameter", "verdict", "interval", "of range", "std. error", "rise mm", "made up for by")
     tables.table("Profiles: the others re-fitted", columns, rows)
     if content["local"]["jumps"]:
-        tables.say(
+        say(
             f"The motion changes into another kind within a step of {', '.join(content['local']['jumps'])}; slopes "
             f"there are of the other side alone."
         )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 from swim2real.calibration import Problem
 from swim2real.cli.options import DEFAULT_ROBOT, PUBLISHED
+from swim2real.cli.terminal import tell
 from swim2real.errors import ArgumentError, ParameterError, RobotError
 from swim2real.parameters import read_parameters, robot_of
 from swim2real.robots import load_robot
@@ -59,7 +59,7 @@ def values_of(path: Path, simulator: Simulates) -> dict[str, float]:
     elif file.engine is not None and file.engine != simulator.engine.name:
         difference = f"made with {file.engine}; this is {simulator.engine.name}, whose fluid forces may differ"
     if difference:
-        print(f"swim2real: warning: {file.path} was {difference}", file=sys.stderr)
+        tell(f"warning: {file.path} was {difference}")
     return file.values
 
 

@@ -8,23 +8,33 @@ from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
-console = Console(highlight=False)
+from swim2real.cli.terminal import say
+from swim2real.escaping import visible
+
+
+class PlainConsole(Console):
+    """A console whose texts are only texts, in tables and titles as well: brackets are no markup, and see `visible`."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, markup=False, emoji=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Text as it is shown."""
+        return super().render_str(visible(text), **options)
+
+
+console = PlainConsole()
 MOST_COLUMNS = 10  # markers with a column each; of more only the worst are named
 _WORST = "worst first"
 _TEXTS = ("driven by", "finding", _WORST)  # columns of words
 
 
-def progress_console() -> Console:
+def progress_console() -> PlainConsole:
     """A console on standard error, for progress."""
-    return Console(stderr=True, highlight=False, soft_wrap=True)
-
-
-def say(text: str) -> None:
-    """Prints a line as it is, however long."""
-    console.print(text, soft_wrap=True, markup=False)
+    return PlainConsole(stderr=True, soft_wrap=True)
 
 
 def millimeters(value: float | None) -> str:
@@ -81,7 +91,7 @@ _HEAD = (
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Prints a table whose first column is text and whose others are numbers."""
     out = Table(
-        title=escape(title), title_justify="left", title_style="bold",
+        title=title, title_justify="left", title_style="bold",
         box=SIMPLE_HEAD, padding=(0, 1), collapse_padding=True, pad_edge=False,
     )  # fmt: skip
     for i, column in enumerate(columns):
