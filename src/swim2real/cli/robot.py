@@ -59,8 +59,9 @@ def check(robot: Positional[str], *, reference: Path | None = None, out: Path | 
 def export_model(parameters: Positional[Path], *, out: Path) -> int:
     """Write the calibrated simulator as one MJCF file, for any program that loads MuJoCo models.
 
-    Reads a run folder or parameters file. The markers' sensors are in the model; meshes and textures stay where they
-    are. Numbers are as exact as MuJoCo writes them, which is told.
+    Reads a run folder or parameters file. The markers' sensors are in the model, and so are cameras, a light and the
+    water's surface, which physics doesn't feel; meshes and textures stay where they are. Numbers are as exact as MuJoCo
+    writes them, which is told.
 
     Args:
         parameters: Run folder or parameters file; 'published' for the prior work's values.
@@ -72,6 +73,7 @@ def export_model(parameters: Positional[Path], *, out: Path) -> int:
     from swim2real.cli.tables import say
     from swim2real.parameters import read_parameters
     from swim2real.robots.compiled import largest_difference
+    from swim2real.robots.scenery import furnish
     from swim2real.store import write_text
 
     robot = robot_for(parameters)
@@ -81,6 +83,7 @@ def export_model(parameters: Positional[Path], *, out: Path) -> int:
     if robot.source is not None:  # assets are found from anywhere
         for folder in ("meshdir", "texturedir"):
             setattr(spec, folder, str((robot.source.parent / spec.modelfiledir / getattr(spec, folder)).resolve()))
+    furnish(spec)
     model = spec.compile()
     try:
         write_text(out, spec.to_xml())

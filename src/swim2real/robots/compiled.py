@@ -54,9 +54,9 @@ def largest_difference(first: mujoco.MjModel, second: mujoco.MjModel) -> tuple[s
     """The array in which two models differ most, by a share of its largest number; infinite for other shapes."""
     largest = ("", 0.0)
     for (name, a), (_, b) in zip(numbers(first), numbers(second), strict=True):
-        expected, actual = np.asarray(a), np.asarray(b)
-        if expected.dtype.kind != "f" or not expected.size:
+        if np.asarray(a).dtype.kind != "f" or not np.size(a):
             continue
+        expected, actual = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
         if expected.shape != actual.shape:
             return name, np.inf
         gap = float(np.nanmax(np.abs(expected - actual)) / max(float(np.nanmax(np.abs(expected))), 1e-300))

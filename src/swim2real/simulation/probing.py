@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -215,7 +216,7 @@ def excitation(robot: Robot, strength: float) -> Trial:
     model = robot.build(robot.space.published).compile()
     times = np.arange(round(SECONDS * _RATE) + 1) / _RATE
     names = [name for name, control in robot.recordings.controls.items() if control == "table"]
-    columns = [_swing(model, name, times, i, strength) for i, name in enumerate(names)]
+    columns = [swing(model.actuator(name), times, i, strength, FREQUENCY) for i, name in enumerate(names)]
     start, velocities = _start(model, strength) if robot.recordings.start in _SHOWN else ({}, {})
     nowhere = np.zeros((len(times), len(robot.marker_names), 2))
     return Trial(
@@ -228,13 +229,21 @@ def excitation(robot: Robot, strength: float) -> Trial:
     )
 
 
-def _swing(model: mujoco.MjModel, name: str, times: Array, number: int, strength: float) -> Array:
-    actuator = model.actuator(name)
+def swing(actuator: Any, times: Array, number: int, strength: float, frequency: float) -> Array:
+    """A sine within an actuator's range. Shape (T,).
+
+    Args:
+        actuator: As the engine names it, by `MjModel.actuator`.
+        times: Times [s]. Shape (T,).
+        number: Number of the actuator, each of which is later than the one before.
+        strength: 1 for a quarter of its range, to either side of the middle.
+        frequency: How often it swings [Hz].
+    """
     middle, swing = 0.0, _POSITION if actuator.biasprm[1] else 1.0
     if actuator.ctrllimited[0]:
         low, high = map(float, actuator.ctrlrange)
         middle, swing = (low + high) / 2, _SWING * (high - low)
-    return middle + strength * swing * np.sin(2 * np.pi * FREQUENCY * times - number)
+    return middle + strength * swing * np.sin(2 * np.pi * frequency * times - number)
 
 
 def _start(model: mujoco.MjModel, strength: float) -> tuple[dict[str, float], dict[str, float]]:

@@ -1,0 +1,58 @@
+"""Cameras, lights and water, which physics doesn't feel."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from small_models import PENDULUM, snake
+from swim2real.robots.scenery import furnish
+
+
+def stepped(model):
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 0.3
+    data.qvel[:] = 0.5
+    mujoco.mj_step(model, data, 200)
+    return data.qpos
+
+
+@pytest.mark.parametrize("xml", [PENDULUM, snake()])
+def test_a_furnished_model_moves_to_the_last_digit_as_before(xml):
+    spec = mujoco.MjSpec.from_string(xml)
+    bare = spec.compile()
+    furnish(spec)
+    model = spec.compile()
+    assert model.ncam == 2
+    assert model.nlight == 1
+    assert model.nbody == bare.nbody
+    np.testing.assert_array_equal(stepped(model), stepped(bare))
+
+
+def test_cameras_follow_what_travels_and_only_that():
+    moved = []
+    for xml in (PENDULUM, snake()):
+        spec = mujoco.MjSpec.from_string(xml)
+        furnish(spec)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        before = data.cam_xpos.copy()
+        data.qpos[0] = 2.0
+        mujoco.mj_forward(model, data)
+        moved.append(data.cam_xpos - before)
+    np.testing.assert_allclose(moved[0], 0)
+    np.testing.assert_allclose(moved[1], [[2, 0, 0]] * 2, atol=1e-9)
+
+
+def test_water_has_a_surface_and_a_models_own_things_stay():
+    spec = mujoco.MjSpec.from_string(snake())
+    spec.worldbody.add_camera(name="above", pos=[0, 0, 7])
+    spec.worldbody.add_light(pos=[1, 2, 3])
+    furnish(spec)
+    model = spec.compile()
+    assert {model.geom(i).name for i in range(model.ngeom)} > {"scenery:water", "scenery:ground"}
+    assert model.nlight == 1
+    np.testing.assert_allclose(model.camera("above").pos, [0, 0, 7])
+    dry = mujoco.MjSpec.from_string(PENDULUM)
+    furnish(dry)
+    assert "scenery:water" not in {geom.name for geom in dry.geoms}
