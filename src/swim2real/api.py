@@ -124,7 +124,7 @@ def simulate(
 
 def compare(
     reference: TrialSet, robot: Robot, settings: ComparisonSettings, out: str | Path, *, source: str = "",
-    access: VlmAccess | None = None,
+    access: VlmAccess | None = None, accept_edited: bool = False,
     on_progress: Callable[[ComparisonProgress], None] = lambda progress: None,
 ) -> ComparisonResults:  # fmt: skip
     """Compares methods of calibration: each with every seed, under every protocol, with one budget.
@@ -138,6 +138,7 @@ def compare(
         out: Folder of the comparison.
         source: Where the reference came from, for the record.
         access: How VLMs are reached.
+        accept_edited: Whether records that were edited or cut are taken as they are.
         on_progress: Called as jobs go on and end.
     """
     methods = contestants(settings.methods or table_methods(robot), settings.scale)
@@ -148,5 +149,5 @@ def compare(
     )  # fmt: skip
     return comparison.compare(
         plan, reference, robot, out, workers=settings.workers or None, cluster=settings.cluster, access=access,
-        on_progress=on_progress,
+        accept_edited=accept_edited, on_progress=on_progress,
     )  # fmt: skip

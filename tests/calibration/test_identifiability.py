@@ -217,7 +217,8 @@ def test_a_run_is_reopened_only_with_what_it_was_made_with(run, reference):
 
 
 def test_a_run_without_a_result_is_refused(run, reference):
-    (run.folder.path / "record.jsonl").unlink()
+    for name in ("record.jsonl", "best.json"):
+        (run.folder.path / name).unlink()
     with pytest.raises(RunError, match="has no evaluation that went well; calibrate first"):
         reopen(run.folder.path, reference, toy.ROBOT)
 

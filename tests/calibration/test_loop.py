@@ -225,6 +225,19 @@ def edited(run, line, change):
     (run / "record.jsonl").write_text("\n".join(lines) + "\n")
 
 
+def as_of_an_earlier_version(run):
+    """Takes the hashes out of a record, and what tells that it had some."""
+    lines = (run / "record.jsonl").read_text().splitlines()
+    entries = [{key: value for key, value in json.loads(line).items() if key != "chain"} for line in lines]
+    (run / "record.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+    settings = json.loads((run / "settings.json").read_text())
+    (run / "settings.json").write_text(json.dumps({key: settings[key] for key in settings if key != "chained"}))
+
+
+def exaggerate(entry):
+    entry["values"]["motor_arm_length"] = 1e30
+
+
 def nudge(entry):
     entry["point"][1] += 1e-12
 
@@ -233,9 +246,10 @@ def skip(entry):
     entry["index"] += 1
 
 
-@pytest.mark.parametrize("change", [nudge, skip])
-@pytest.mark.parametrize("line", [0, 1, 2])
-def test_an_edited_record_is_refused_at_the_first_mismatch(go, half, change, line):
+@pytest.mark.parametrize("change", [nudge, skip, exaggerate])
+@pytest.mark.parametrize("line", [0, 2])
+def test_an_edited_record_without_hashes_is_refused_at_the_first_mismatch(go, half, change, line):
+    as_of_an_earlier_version(half)
     edited(half, line, change)
     before = (half / "record.jsonl").read_bytes()
     seen = []
@@ -251,8 +265,22 @@ def test_an_edited_loss_is_noticed_by_the_search_that_built_on_it(go, tmp_path, 
     entries = record(run)
     accepted = next(i for i in range(1, BUDGET - 1) if entries[i + 1]["note"]["round"] != entries[i]["note"]["round"])
     better = entries[accepted]["loss"] < min(entry["loss"] for entry in entries[:accepted])
+    as_of_an_earlier_version(run)
     edited(run, accepted, lambda entry: entry.update(loss=0.9 if better else 1e-6))
     assert "isn't the one that these settings ask for" in refusal(go, "line-search", budget=BUDGET + 4)
+
+
+def test_an_edited_loss_is_told_before_anything_is_evaluated(go, half):
+    edited(half, 2, lambda entry: entry.update(loss=1e-9))
+    seen = []
+    assert "line 3 isn't as it was written" in refusal(go, run=half, on_progress=seen.append)
+    assert not seen
+
+
+def test_a_record_of_an_earlier_version_goes_on_to_the_same_points_and_losses(go, half, uninterrupted):
+    as_of_an_earlier_version(half)
+    go(run=half)
+    assert without_seconds(half) == without_seconds(uninterrupted["random"])
 
 
 def test_a_damaged_line_in_the_middle_is_named(go, half):

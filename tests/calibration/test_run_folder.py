@@ -1,5 +1,6 @@
 import json
 import os
+import random
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import swim2real
 from swim2real.calibration import RunFolder
 from swim2real.errors import RunError
 
+BEGUN = {"format": 1, "chained": True}
 SETTINGS = {"method": "random", "seed": 0, "budget": 6, "scale": {"a": [1, 2]}, "threads": 2}
 
 
@@ -35,7 +37,7 @@ def folder(tmp_path) -> RunFolder:
 
 def test_settings_are_read_back(folder):
     assert folder.exists
-    assert folder.settings() == {"format": 1, **SETTINGS}
+    assert folder.settings() == {**BEGUN, **SETTINGS}
 
 
 def test_a_run_that_exists_is_not_begun_again(folder):
@@ -64,12 +66,12 @@ def test_other_settings_are_refused_by_name(folder, change, words):
     assert refusal(folder.resume, {**SETTINGS, **change}) == (
         f"run '{folder.path}' can't go on: {words}; use the same settings and reference, or begin a new run"
     )
-    assert folder.settings() == {"format": 1, **SETTINGS}
+    assert folder.settings() == {**BEGUN, **SETTINGS}
 
 
 def test_another_budget_is_taken_over(folder):
     folder.resume({**SETTINGS, "budget": 20})
-    assert folder.settings() == {"format": 1, **SETTINGS, "budget": 20}
+    assert folder.settings() == {**BEGUN, **SETTINGS, "budget": 20}
 
 
 def test_a_tuple_and_a_list_are_the_same_setting(folder):
@@ -186,3 +188,140 @@ def test_json_is_written_whole_or_not_at_all(folder, monkeypatch):
     monkeypatch.setattr(os, "replace", no_space)
     assert "No space left on device" in refusal(folder.resume, {**SETTINGS, "budget": 20})
     assert folder.settings()["budget"] == 6
+
+
+# records that were edited or cut
+
+RECORDED = [
+    {"index": i, "loss": 0.1 / (i + 1), "failed": False, "values": {"a": i / 7}, "seconds": i} for i in range(4)
+]
+
+
+@pytest.fixture
+def recorded(folder) -> RunFolder:
+    """A run with four lines on record, of which the last one is the best."""
+    for entry in RECORDED:
+        folder.append(entry)
+    folder.write_json("best.json", {"evaluation": 3})
+    return folder
+
+
+def rewritten(folder: RunFolder, change) -> None:
+    """Changes the lines of a record as an editor or a script would."""
+    path = folder.path / "record.jsonl"
+    entries = [json.loads(line) for line in path.read_text().splitlines()]
+    change(entries)
+    path.write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+
+
+def without_hashes(folder: RunFolder) -> None:
+    """Makes the run one of an earlier version."""
+    rewritten(folder, lambda lines: [line.pop("chain") for line in lines])
+    settings = folder.settings()
+    del settings["chained"]
+    folder.write_json("settings.json", settings)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    {
+        "loss of the last line": (lambda lines: lines[3].update(loss=1e-9), "line 4 isn't as it was written"),
+        "negative loss": (lambda lines: lines[1].update(loss=-1), "line 2 isn't as it was written"),
+        "last digit": (lambda lines: lines[0].update(loss=0.1 + 2e-17), "line 1 isn't as it was written"),
+        "values": (lambda lines: lines[2]["values"].update(a=1e30), "line 3 isn't as it was written"),
+        "a key more": (lambda lines: lines[2].update(more=1), "line 3 isn't as it was written"),
+        "hash of the last": (lambda lines: lines[3].update(chain="0" * 64), "line 4 isn't as it was written"),
+        "last without hash": (lambda lines: lines[3].pop("chain"), "line 4 isn't as it was written"),
+        "all without hash": (lambda lines: [line.pop("chain") for line in lines], "line 1 isn't as it was written"),
+        "a line gone": (lambda lines: lines.pop(1), "line 2 isn't as it was written, or a line above it is gone"),
+        "first line gone": (lambda lines: lines.pop(0), "line 1 isn't as it was written"),
+        "two exchanged": (lambda lines: lines.insert(1, lines.pop(2)), "line 2 isn't as it was written"),
+        "last line gone": (lambda lines: lines.pop(), "was cut after line 3: best.json tells of evaluation 4"),
+        "no line left": (lambda lines: lines.clear(), "was cut after line 0: best.json tells of evaluation 4"),
+    }.values(),
+)  # fmt: skip
+def test_an_edited_record_is_told_with_its_line(recorded, change, says):
+    rewritten(recorded, change)
+    before = (recorded.path / "record.jsonl").read_bytes()
+    sentence = refusal(recorded.record)
+    assert says in sentence
+    assert str(recorded.path / "record.jsonl") in sentence
+    assert sentence.endswith(
+        "begin a new run, or go on with it as it is: calibrate --resume and compare take --accept-edited"
+    )
+    assert (recorded.path / "record.jsonl").read_bytes() == before
+
+
+@pytest.mark.slow
+def test_a_thousand_damaged_bytes_are_told_or_change_nothing(recorded):
+    path = recorded.path / "record.jsonl"
+    whole, rng, sentences = path.read_bytes(), random.Random(0), list[str]()
+    for _ in range(1000):
+        place = rng.randrange(len(whole))
+        before, after = whole[:place], whole[place + rng.randrange(2) :]  # a byte in another's place, or one more
+        path.write_bytes(before + bytes([rng.randrange(256)]) + after)
+        try:
+            entries = recorded.record()
+        except RunError as error:
+            sentences.append(str(error))
+        else:
+            for entry, written in zip(entries, RECORDED, strict=True):
+                assert {**entry, "seconds": 0} == {**written, "seconds": 0}
+    assert len(sentences) > 900
+    assert all("line " in sentence for sentence in sentences)
+
+
+def test_how_long_an_evaluation_took_is_no_part_of_its_hash(recorded):
+    rewritten(recorded, lambda lines: [line.update(seconds=9.9) for line in lines])
+    assert [entry["loss"] for entry in recorded.record()] == [entry["loss"] for entry in RECORDED]
+
+
+def test_an_outcome_tells_that_lines_are_gone(recorded):
+    (recorded.path / "best.json").unlink()
+    recorded.write_json("outcome.json", {"evaluations": 4})
+    rewritten(recorded, lambda lines: lines.pop())
+    assert "was cut after line 3: outcome.json tells of evaluation 4" in refusal(recorded.record)
+
+
+def test_an_edited_record_is_accepted_and_says_so(recorded):
+    rewritten(recorded, lambda lines: lines[1].update(loss=1e-9))
+    before = (recorded.path / "record.jsonl").read_bytes()
+    recorded.accept_edited()
+    entries = recorded.record()
+    assert [entry.get("edited") for entry in entries] == [None, True, None, None]
+    assert [entry["loss"] for entry in entries] == [0.1, 1e-9, RECORDED[2]["loss"], RECORDED[3]["loss"]]
+    assert (recorded.path / "record-edited-1.jsonl").read_bytes() == before
+    recorded.append({"index": 4})
+    assert len(RunFolder(recorded.path).record()) == 5
+    rewritten(recorded, lambda lines: lines[1].pop("edited"))
+    assert "line 2 isn't as it was written" in refusal(recorded.record)
+
+
+@pytest.mark.parametrize(
+    "change", [lambda lines: lines.pop(2), lambda lines: lines.insert(2, []), lambda lines: lines.pop()]
+)
+def test_of_a_cut_record_what_is_before_the_gap_is_kept(recorded, change):
+    rewritten(recorded, change)
+    recorded.accept_edited()
+    kept = recorded.record()
+    assert kept == RECORDED[: len(kept)]
+    assert len(kept) in (2, 3)
+    assert not recorded.best_path.exists()
+
+
+def test_a_record_that_was_not_edited_stays_as_it_is(recorded):
+    before = (recorded.path / "record.jsonl").read_bytes()
+    recorded.accept_edited()
+    assert (recorded.path / "record.jsonl").read_bytes() == before
+    assert not list(recorded.path.glob("record-edited-*"))
+
+
+def test_a_record_of_an_earlier_version_is_read_gone_on_with_and_then_guarded(recorded):
+    without_hashes(recorded)
+    assert recorded.record() == RECORDED
+    before = (recorded.path / "record.jsonl").read_bytes()
+    RunFolder(recorded.path).append({"index": 4})
+    assert (recorded.path / "record.jsonl").read_bytes().startswith(before)
+    assert recorded.record() == [*RECORDED, {"index": 4}]
+    rewritten(recorded, lambda lines: lines[1].update(loss=1e-9))
+    assert "line 5 isn't as it was written, or a line above it is" in refusal(recorded.record)

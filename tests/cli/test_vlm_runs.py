@@ -122,6 +122,8 @@ def test_a_reply_that_came_before_a_crash_is_not_paid_for_again(program, words, 
     whole = record(tmp_path / "run")
     path = tmp_path / "run" / "record.jsonl"
     path.write_bytes(path.read_bytes().splitlines(keepends=True)[0])  # killed before the reply's first evaluation
+    for name in ("best.json", "outcome.json"):
+        (tmp_path / "run" / name).unlink()
     asked = len(vlm.requests)
     program(*words("run", "--resume")).done()
     assert len(vlm.requests) == asked

@@ -191,7 +191,7 @@ def test_a_damaged_proposal_on_record_is_told(pool, tmp_path):
     del entries[1]["note"]["proposal"]["point"]
     (tmp_path / "run" / "record.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
     with pytest.raises(RunError, match=r"the record of .* is damaged"):
-        calibrate(pool, FISH, CalibrationSettings(budget=3), tmp_path / "run", resume=True)
+        calibrate(pool, FISH, CalibrationSettings(budget=3), tmp_path / "run", resume=True, accept_edited=True)
 
 
 @pytest.mark.slow

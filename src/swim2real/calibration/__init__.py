@@ -1,6 +1,6 @@
 """Calibration: the loop around an optimizer and a simulator, with its record."""
 
-from swim2real.calibration.loop import Progress, minimize
+from swim2real.calibration.loop import Progress, RecordMismatchError, minimize
 from swim2real.calibration.outcome import Outcome, conclude
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.protocols import RealSwim, examine_swims, protocol_for
@@ -14,6 +14,7 @@ __all__ = [
     "Problem",
     "Progress",
     "RealSwim",
+    "RecordMismatchError",
     "RunFolder",
     "SavedTrial",
     "Sensitivity",

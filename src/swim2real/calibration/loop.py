@@ -7,11 +7,12 @@ for every recorded candidate, and a mismatch is refused.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,18 @@ from swim2real.optimizers import Candidate, Evaluation, Optimizer
 from swim2real.parameters import ParameterSpace, Values, write_parameters
 
 _PRIOR = 0.01  # of the first residual's length: what the way over a parameter's whole range adds
+
+
+class RecordMismatchError(RunError):
+    """An evaluation on record isn't the one that the optimizer asks for.
+
+    Attributes:
+        index: Its index.
+    """
+
+    def __init__(self, sentence: str, index: int) -> None:
+        super().__init__(sentence)
+        self.index = index
 
 
 @dataclass(frozen=True)
@@ -74,7 +87,8 @@ def minimize(
         The record's entry of the incumbent.
 
     Raises:
-        RunError: The record doesn't fit the optimizer, or the disk failed.
+        RecordMismatchError: The record doesn't fit the optimizer.
+        RunError: The record was edited, or the disk failed.
     """
     if budget < 1:
         raise RunError(f"budget is {budget}; it must be at least 1")
@@ -88,7 +102,7 @@ def minimize(
         comparison = None
         if replayed:
             entry = recorded[index]
-            _check_replay(entry, candidate, index, folder)
+            _check_replay(entry, candidate, index, folder, space)
             if optimizer.needs_residual:
                 comparison = problem.evaluate(space.to_values(candidate.point))
         else:
@@ -137,13 +151,29 @@ def _evaluate(
     return entry, comparison
 
 
-def _check_replay(entry: Mapping[str, Any], candidate: Candidate, index: int, folder: RunFolder) -> None:
+def _check_replay(
+    entry: Mapping[str, Any], candidate: Candidate, index: int, folder: RunFolder, space: ParameterSpace
+) -> None:
     point = np.asarray(entry.get("point", ()), dtype=float)
-    if entry.get("index") != index or not np.array_equal(point, candidate.point):
-        raise RunError(
+    if (
+        entry.get("index") != index
+        or not np.array_equal(point, candidate.point)
+        or not _same_values(entry.get("values"), space.to_values(candidate.point))
+    ):
+        raise RecordMismatchError(
             f"run '{folder.path}' can't go on: evaluation {index + 1} on record isn't the one that these settings ask "
-            f"for (another version of swim2real, or an edited record?); begin a new run"
+            f"for (another version of swim2real, or an edited record?); begin a new run",
+            index,
         )
+
+
+def _same_values(recorded: Any, values: Values) -> bool:
+    """Whether values are those of a candidate; another processor may give its logarithms other last digits."""
+    return isinstance(recorded, dict) and all(
+        isinstance(found := cast("dict[str, Any]", recorded).get(name), int | float)
+        and math.isclose(found, value, rel_tol=1e-9, abs_tol=1e-300)
+        for name, value in values.items()
+    )
 
 
 def write_best(folder: RunFolder, problem: Problem, entry: Mapping[str, Any]) -> None:

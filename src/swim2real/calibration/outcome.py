@@ -112,6 +112,7 @@ class Outcome(_File):
         sensitivity: Effect of each parameter on the loss; None where nobody asked for it.
         engine: Name and fingerprint of the physics engine.
         marker_names: Names of the markers.
+        evaluations: Number of evaluations on record; 0 in runs of earlier versions, which didn't write it.
     """
 
     fit: FitFigures
@@ -121,6 +122,7 @@ class Outcome(_File):
     sensitivity: list[Sensitivity] | None = None
     engine: dict[str, Any] = {}
     marker_names: list[str] = []
+    evaluations: int = 0
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -153,6 +155,7 @@ def conclude(
         "sensitivity": None if sensitivity is None else rounded([s.as_dict() for s in sensitivity]),
         "engine": problem.engine.as_dict(),
         "marker_names": list(problem.robot.marker_names),
+        "evaluations": len(folder.record()),
     }
     save_trials(folder, fit, on_held_out)
     folder.write_json(OUTCOME, content)

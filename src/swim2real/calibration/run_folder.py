@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, cast
 
 from swim2real import store
+from swim2real.calibration.chain import CHAIN, broken_links, chained, last_hash, next_hash
 from swim2real.checking import shown
 from swim2real.errors import RunError
 from swim2real.parameters.file import BEST
@@ -32,9 +34,13 @@ class RunFolder:
     """Reads and writes one run folder."""
 
     RESTORE = "restore it or begin a new run"
+    ACCEPT = (
+        "restore it, begin a new run, or go on with it as it is: calibrate --resume and compare take --accept-edited"
+    )
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        self._last_hash: str | None = None  # of the record, once it is read by the process that writes it
 
     @property
     def settings_path(self) -> Path:
@@ -76,7 +82,7 @@ class RunFolder:
         """
         if self.exists:
             raise RunError(f"'{self.path}' holds a run already; go on with --resume or choose another folder")
-        self.write_json(SETTINGS, {"format": FORMAT, **settings})
+        self.write_json(SETTINGS, {"format": FORMAT, "chained": True, **settings})
 
     def resume(self, settings: Mapping[str, Any]) -> None:
         """Checks that a run can go on with these settings, and takes over the new budget.
@@ -124,33 +130,96 @@ class RunFolder:
         """All recorded evaluations. A last line that was cut off by a crash doesn't count.
 
         Raises:
-            RunError: Another line can't be read.
+            RunError: Another line can't be read, or the record was edited or cut; the error names the line.
         """
         path = self.path / RECORD
-        with self._disk():
-            lines = store.read_lines(path)
-        entries: list[dict[str, Any]] = []
-        for number, line in enumerate(lines, start=1):
-            try:
-                entry = json.loads(line)
-            except ValueError as error:
-                raise RunError(f"{path}, line {number} is damaged ({error}); {self.RESTORE}") from error
-            if not isinstance(entry, dict):
-                raise RunError(f"{path}, line {number} is damaged (no evaluation); {self.RESTORE}")
+        lines = self._lines()
+        entries = _readable(lines)
+        if len(entries) < len(lines):
+            raise RunError(
+                f"{path}, line {len(entries) + 1} is damaged ({_damage(lines[len(entries)])}); {self.ACCEPT}"
+            )
+        if broken := broken_links(entries, self._all_chained()):
+            raise RunError(
+                f"{path}, line {broken[0] + 1} isn't as it was written, or a line above it is gone; {self.ACCEPT}"
+            )
+        known, name = self._known_evaluations()
+        if len(entries) < known:
+            raise RunError(
+                f"{path} was cut after line {len(entries)}: {name} tells of evaluation {known}; {self.ACCEPT}"
+            )
+        self._last_hash = last_hash(entries)
+        for entry in entries:
+            entry.pop(CHAIN, None)
             if "evidence" in entry:
                 entry["evidence"] = upgraded_evidence(entry["evidence"])
-            entries.append(cast("dict[str, Any]", entry))
         return entries
 
     def drop_cut_line(self) -> None:
         """Removes what a crash left of a last line, so that appending is safe."""
+        self._last_hash = None
         with self._disk():
             store.drop_cut_line(self.path / RECORD)
 
     def append(self, entry: Mapping[str, Any]) -> None:
         """Adds an evaluation to the record; it is on the disk when this returns."""
+        if self._last_hash is None:
+            self._last_hash = last_hash(_readable(self._lines()))
+        fitting = next_hash(self._last_hash, entry)
         with self._disk():
-            store.append_line(self.path / RECORD, entry)
+            store.append_line(self.path / RECORD, {**entry, CHAIN: fitting})
+        self._last_hash = fitting
+
+    def accept_edited(self) -> None:
+        """Makes a record that was edited or cut one that goes on: lines whose hash doesn't fit are noted as edited.
+
+        From the first line on that is no evaluation, or not the next one, nothing is kept. The record as it was stays
+        as `record-edited-N.jsonl`.
+        """
+        self.drop_cut_line()
+        lines = self._lines()
+        entries = _readable(lines)
+        broken = broken_links(entries, self._all_chained())
+        kept = next((i for i, entry in enumerate(entries) if entry.get("index") != i), len(entries))
+        if broken or kept < max(len(lines), self._known_evaluations()[0]):
+            self._rewrite(chained(entries[:kept], broken))
+
+    def keep_first(self, count: int) -> None:
+        """Keeps the first evaluations of the record, of a copy of which `accept_edited` tells."""
+        self._rewrite(chained(_readable(self._lines())[:count], ()))
+
+    def _rewrite(self, entries: Sequence[Mapping[str, Any]]) -> None:
+        """Replaces the record, keeps a copy, and removes what tells of evaluations that are no longer in it."""
+        path = self.path / RECORD
+        number = 1 + len(list(self.path.glob("record-edited-*.jsonl")))
+        with self._disk():
+            if path.is_file():
+                shutil.copyfile(path, path.with_name(f"record-edited-{number}.jsonl"))
+            store.write_text(path, "".join(json.dumps(entry) + "\n" for entry in entries))
+            if self._known_evaluations()[0] > len(entries):
+                self.best_path.unlink(missing_ok=True)
+                (self.path / OUTCOME).unlink(missing_ok=True)
+        self._last_hash = None
+
+    def _lines(self) -> list[bytes]:
+        with self._disk():
+            return store.read_lines(self.path / RECORD)
+
+    def _all_chained(self) -> bool:
+        """Whether every line has a hash; versions before them wrote none."""
+        return self.exists and self.settings().get("chained") is True
+
+    def _known_evaluations(self) -> tuple[int, str]:
+        """The number of evaluations that must be on record, and the name of the file that tells so."""
+        known = (0, "")
+        for name, key, more in ((BEST, "evaluation", 1), (OUTCOME, "evaluations", 0)):
+            content: Any = None
+            with suppress(OSError, ValueError):  # what is wrong with them is said where they are read
+                content = store.read_json(self.path / name)
+            number = cast("dict[str, Any]", content).get(key) if isinstance(content, dict) else None
+            if isinstance(number, int):
+                known = max(known, (number + more, name))
+        return known
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Writes a file of the folder, whole or not at all."""
@@ -198,6 +267,26 @@ class RunFolder:
                 f"can't write run folder '{self.path}': {error.strerror or error}; what was recorded so far is kept, "
                 f"--resume goes on from there"
             ) from error
+
+
+def _readable(lines: Sequence[bytes]) -> list[dict[str, Any]]:
+    """The evaluations of a record's lines, up to the first that is none."""
+    entries: list[dict[str, Any]] = []
+    for line in lines:
+        if _damage(line):
+            break
+        entries.append(json.loads(line))
+    return entries
+
+
+def _damage(line: bytes) -> str:
+    """Why a line is no evaluation; empty where it is one."""
+    try:
+        return "" if isinstance(json.loads(line), dict) else "no evaluation"
+    except ValueError as error:
+        return str(error)
+    except RecursionError:
+        return "nested too deeply"
 
 
 def best_losses(entries: Sequence[Mapping[str, Any]]) -> list[float]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from swim2real.cli.options import Positional, RobotOption
 from swim2real.cli.terminal import say, say_json, tell
+from swim2real.errors import ArgumentError
 from swim2real.settings import CalibrationSettings, VlmAccess
 
 if TYPE_CHECKING:
@@ -20,8 +21,8 @@ MOST_LINES = 10  # on lost tracks, before they are told in a line for each trial
 
 def calibrate(
     reference: Positional[Path], settings: CalibrationSettings, access: VlmAccess, *, out: Path,
-    robot: RobotOption = "fish", sensitivity: bool = False, resume: bool = False, json: bool = False,
-    quiet: bool = False,
+    robot: RobotOption = "fish", sensitivity: bool = False, resume: bool = False, accept_edited: bool = False,
+    json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Find simulator parameters that make simulated trials match real ones.
 
@@ -40,9 +41,13 @@ def calibrate(
         sensitivity: Also measure each parameter's effect on the loss at the end: two evaluations a parameter, outside
             the budget.
         resume: Go on with the run in --out.
+        accept_edited: With --resume, take a record that was edited or cut as it is. What doesn't fit the rest any more
+            is evaluated anew; the record as it was is kept as record-edited-1.jsonl.
         json: Print the outcome as JSON.
         quiet: Print no progress.
     """
+    if accept_edited and not resume:
+        raise ArgumentError("--accept-edited is for a run that goes on; add --resume")
     from swim2real import pipeline
     from swim2real.robots import load_robot
     from swim2real.simulation.misfits import hasty, long_swings, misplaced
@@ -59,8 +64,8 @@ def calibrate(
 
     def work(callbacks: RunCallbacks) -> Outcome:
         return pipeline.calibrate(
-            trials, body, settings, out, source=str(reference), resume=resume, sensitivity=sensitivity, access=access,
-            on_progress=callbacks.progress, on_advisor=callbacks.advisor,
+            trials, body, settings, out, source=str(reference), resume=resume, accept_edited=accept_edited,
+            sensitivity=sensitivity, access=access, on_progress=callbacks.progress, on_advisor=callbacks.advisor,
         )  # fmt: skip
 
     return _finished(work, settings.budget, out, quiet, json)

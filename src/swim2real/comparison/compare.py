@@ -52,7 +52,7 @@ class ComparisonProgress:
 
 def compare(
     plan: Plan, reference: TrialSet, robot: Robot, out: str | Path, *, workers: int | None = None,
-    cluster: str | None = None, access: VlmAccess | None = None,
+    cluster: str | None = None, access: VlmAccess | None = None, accept_edited: bool = False,
     on_progress: Callable[[ComparisonProgress], None] = lambda progress: None,
 ) -> ComparisonResults:  # fmt: skip
     """Runs what isn't finished of a comparison. Called again, it goes on; with a larger plan, it adds to what is there.
@@ -65,6 +65,7 @@ def compare(
         workers: Processes on this machine; None for as many as there are cores.
         cluster: Dask scheduler that is used instead: its address, or `local:N`.
         access: How VLMs are reached.
+        accept_edited: Whether records that were edited or cut are taken as they are.
         on_progress: Called when a job ends, and about once a second.
 
     Returns:
@@ -80,7 +81,9 @@ def compare(
         plan = plan if before is None else plan.extending(before)
         plan.write(root)
         with session(root) as token:
-            work = Work(root, token, reference, robot, plan.basis, plan.source, access or VlmAccess())
+            work = Work(
+                root, token, reference, robot, plan.basis, plan.source, access or VlmAccess(), accept_edited
+            )  # fmt: skip
 
             def begin() -> AbstractContextManager[Executor]:
                 return ProcessPool(workers) if cluster is None else dask_cluster(cluster, root, token)

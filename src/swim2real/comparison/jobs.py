@@ -44,6 +44,7 @@ class Work:
         basis: What every run must rest on, as `Plan.basis` says it.
         source: Where the reference came from.
         access: How VLMs are reached.
+        accept_edited: Whether records that were edited or cut are taken as they are.
     """
 
     root: Path
@@ -53,6 +54,7 @@ class Work:
     basis: Mapping[str, Any]
     source: str = ""
     access: VlmAccess = field(default_factory=VlmAccess)
+    accept_edited: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,8 @@ def run_job(job: Job, work: Work) -> JobReport:
     began = time.monotonic()
     try:
         check_session(work.root, work.token)
+        if work.accept_edited:
+            _accept_edited(job)
         finished = is_finished(job, work.basis)
         if not finished:
             _continue(job, work)
@@ -148,9 +152,19 @@ def is_finished(job: Job, basis: Mapping[str, Any]) -> bool:
     record, outcome = folder.record(), folder.outcome()
     if outcome is None or len(record) < settings.budget:
         return False
+    if outcome.get("evaluations") == len(record):
+        return True
     # the outcome may be of a smaller budget
     best = min((e for e in record if not e["failed"]), key=lambda e: e["loss"], default=record[0])
     return bool(np.isclose(outcome["fit"]["loss"], best["loss"], rtol=1e-6, atol=0.0))
+
+
+def _accept_edited(job: Job) -> None:
+    """Takes the record of a job as it is, so that it can be said whether the job is finished."""
+    folder = RunFolder(job.folder)
+    if folder.exists:
+        with folder.locked():
+            folder.accept_edited()
 
 
 def _report(job: Job, state: Literal["read", "done"]) -> JobReport:
@@ -176,7 +190,7 @@ def _continue(job: Job, work: Work) -> None:
 
     calibrate(
         work.reference, work.robot, job.settings, job.folder, source=work.source,
-        resume=RunFolder(job.folder).exists, access=work.access, on_progress=check,
+        resume=RunFolder(job.folder).exists, accept_edited=work.accept_edited, access=work.access, on_progress=check,
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from swim2real.calibration import (
     Outcome,
     Problem,
     Progress,
+    RecordMismatchError,
     RunFolder,
     commit,
     conclude,
@@ -35,7 +36,7 @@ from swim2real.trials import TrialSet
 
 def calibrate(
     reference: TrialSet, robot: Robot, settings: CalibrationSettings, out: str | Path, *, source: str = "",
-    resume: bool = False, sensitivity: bool = False, access: VlmAccess | None = None,
+    resume: bool = False, accept_edited: bool = False, sensitivity: bool = False, access: VlmAccess | None = None,
     on_progress: Callable[[Progress], None] = lambda progress: None,
     on_advisor: Callable[[AdvisorEvent], None] = lambda event: None,
 ) -> Outcome:  # fmt: skip
@@ -48,6 +49,8 @@ def calibrate(
         out: Run folder.
         source: Where the reference came from, for the record.
         resume: Go on with the run that is there.
+        accept_edited: Whether a record that was edited or cut is taken as it is. What doesn't fit the rest any more is
+            evaluated anew; the record as it was is kept beside it.
         sensitivity: Also measure each parameter's effect on the loss, outside the budget.
         access: How a VLM is reached and what it may take.
         on_progress: Called after every evaluation.
@@ -102,15 +105,27 @@ def calibrate(
                     f"the budget, so a run with another one must be begun anew"
                 )
             folder.resume(resolved)
+            if accept_edited:
+                folder.accept_edited()
         else:
             folder.begin({**resolved, **about})
-        optimizer = make_optimizer(
-            settings.method, robot, space, settings.seed, settings.budget, advisor, _recorded_advice(folder),
-            from_model=first == "model", max_steps=settings.max_steps, early_stop=settings.early_stop,
-            give_up=settings.give_up,
-        )  # fmt: skip
         prior = space.to_cube(space.published) if first == "model" else None
-        best = minimize(problem, space, optimizer, settings.budget, folder, on_progress, prior)
+
+        def run() -> dict[str, Any]:
+            optimizer = make_optimizer(
+                settings.method, robot, space, settings.seed, settings.budget, advisor, _recorded_advice(folder),
+                from_model=first == "model", max_steps=settings.max_steps, early_stop=settings.early_stop,
+                give_up=settings.give_up,
+            )  # fmt: skip
+            return minimize(problem, space, optimizer, settings.budget, folder, on_progress, prior)
+
+        try:
+            best = run()
+        except RecordMismatchError as mismatch:
+            if not accept_edited:
+                raise
+            folder.keep_first(mismatch.index)
+            best = run()
         effects = sensitivities(problem, space, best["values"]) if sensitivity else None
         return conclude(folder, problem, held_out, best["values"], effects)
 

@@ -155,7 +155,9 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
     best, space = incumbent(entries) or entries[0], robot.space
     space.check(best["values"], where=f"run '{path}'")
     outcome = folder.outcome()
-    current = outcome is not None and abs(outcome["fit"]["loss"] - best["loss"]) <= _SAME_LOSS
+    current = outcome is not None and (
+        outcome.get("evaluations") == len(entries) or abs(outcome["fit"]["loss"] - best["loss"]) <= _SAME_LOSS
+    )
     of_best: Json = outcome if outcome is not None and current else {}
     has_trials = (folder.path / TRIALS).is_file()
     saved = load_trials(folder) if of_best and has_trials else ()

@@ -32,7 +32,7 @@ _LABELS = {
     "commit": "Commit",
     "created": "Begun",
 }
-_APART = ("format", "engine", "versions")
+_APART = ("format", "chained", "engine", "versions")
 _UNUSED = {"playback": ("start",)}  # settings that mean nothing under a protocol
 _SHOWN_NUMBERS = 3
 
