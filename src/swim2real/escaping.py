@@ -1,10 +1,13 @@
 """How text from outside is shown: characters that aren't seen as codes, and Markdown that stays text.
 
-HTML is escaped by the templates of `report`, which use `visible` as well. A terminal gets text through `cli.terminal`.
+HTML is escaped by the templates of `report`, which use `visible` as well, and by `tracking.points`; a page runs its own
+script alone. A terminal gets text through `cli.terminal`.
 """
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import re
 import unicodedata
 
@@ -44,3 +47,8 @@ def visible(text: str) -> str:
 def plain_markdown(text: str) -> str:
     r"""Text in which Markdown finds no HTML, link or picture: `<b>` becomes `&lt;b>`, and `](` becomes `]\(`."""
     return _MARKUP.sub(lambda match: "&lt;" if match[0] == "<" else "]\\", text)
+
+
+def script_source(script: str) -> str:
+    """What a page's Content-Security-Policy says of its own script: a browser then runs no other one on the page."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"

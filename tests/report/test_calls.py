@@ -4,13 +4,13 @@ import base64
 import json
 import re
 import shutil
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from test_report import EVIL, ROBOT, Run, page_of, searched, visible
 
+from browser import open_to_scripts, opened
 from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
 from swim2real.advisor.vlm.transcript import Call, Incumbent, Transcript
 from swim2real.cli import main
@@ -331,10 +331,7 @@ def test_a_real_run_shows_its_calls(vlm, pool_folder: Path, tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_a_browser_shows_pictures_and_closes_them(run: VlmRun, tmp_path: Path) -> None:
-    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("no Chromium on this machine; install chromium to see that pictures are really shown")
-    page = page_of(run)
+    page = open_to_scripts(page_of(run))
     look = (
         "<script>addEventListener('load', () => { const all = [...document.querySelectorAll('.picture')];"
         "all.forEach((one) => (one.open = true)); const fixed = getComputedStyle(all[0].firstElementChild).position;"
@@ -343,17 +340,9 @@ def test_a_browser_shows_pictures_and_closes_them(run: VlmRun, tmp_path: Path) -
         "...all.map((one) => one.querySelector('img').naturalWidth)].join(' '); });</script></body>"
     )
     (tmp_path / "look.html").write_text(page.replace("</body>", look))
-    done = subprocess.run(
-        [
-            browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-            "--disable-background-networking", "--disable-component-update", "--disable-sync",
-            f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=20000", "--enable-logging=stderr",
-            "--dump-dom", (tmp_path / "look.html").as_uri(),
-        ],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    assert "CONSOLE" not in done.stderr, done.stderr[-2000:]
-    assert "<title>fixed 0 1 1 1 1</title>" in done.stdout
+    shown, told = opened(tmp_path / "look.html")
+    assert "CONSOLE" not in told, told[-2000:]
+    assert "<title>fixed 0 1 1 1 1</title>" in shown
 
 
 def test_amounts_for_a_person() -> None:

@@ -2,14 +2,13 @@
 
 import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from charts import check_page, titles_of
 
+from browser import open_to_scripts, opened
 from made_results import made_results, made_run, playback_results, two_methods
 from swim2real.comparison.results import ComparisonResults
 from swim2real.errors import RunError
@@ -172,23 +171,12 @@ CLICKS = """
 
 @pytest.mark.slow
 def test_a_browser_shows_the_page_and_sorts_on_a_click(drawn: None, tmp_path: Path) -> None:
-    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("no Chromium on this machine; install chromium to see that the page sorts")
     results = three_methods()
     page = tmp_path / "clicked.html"
-    page.write_text(page_of(results, tmp_path).replace("</body>", CLICKS), encoding="utf-8")
-    done = subprocess.run(
-        [
-            browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-            "--disable-background-networking", "--disable-component-update", "--disable-sync",
-            f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=20000", "--enable-logging=stderr",
-            "--dump-dom", page.as_uri(),
-        ],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    assert "CONSOLE" not in done.stderr, done.stderr[-2000:]
-    found = re.search(r'<pre id="said">(.*?)</pre>', done.stdout)
+    page.write_text(open_to_scripts(page_of(results, tmp_path)).replace("</body>", CLICKS), encoding="utf-8")
+    shown, told = opened(page)
+    assert "CONSOLE" not in told, told[-2000:]
+    found = re.search(r'<pre id="said">(.*?)</pre>', shown)
     assert found
     planned, best, again, method, focus, *unknown = json.loads(found[1])
     assert planned["order"] == ["random", "line-search", "cma-es"]

@@ -2,8 +2,6 @@
 
 import json
 import re
-import shutil
-import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +12,7 @@ import pytest
 from charts import check, check_page, line, titles_of
 from matplotlib.figure import Figure
 
+from browser import open_to_scripts, opened
 from swim2real.calibration import Problem, RunFolder, SavedTrial, conclude
 from swim2real.calibration.protocols import Aligned
 from swim2real.errors import ParameterError, RunError
@@ -409,22 +408,11 @@ def test_numbers_for_a_person() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_a_browser_shows_every_chart(run: Run, drawn: None, tmp_path: Path, dark: bool) -> None:
-    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("no Chromium on this machine; install chromium to see that the page is really shown")
     path = tmp_path / "page.html"
-    path.write_text(page_of(run).replace("</body>", LOOK), encoding="utf-8")
-    done = subprocess.run(
-        [
-            browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-            "--disable-background-networking", "--disable-component-update", "--disable-sync",
-            f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=20000", "--enable-logging=stderr",
-            f"--blink-settings=preferredColorScheme={0 if dark else 1}", "--dump-dom", path.as_uri(),
-        ],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    assert "CONSOLE" not in done.stderr, done.stderr[-2000:]
-    said = re.search(r'<pre id="said">(.*?)</pre>', done.stdout)
+    path.write_text(open_to_scripts(page_of(run)).replace("</body>", LOOK), encoding="utf-8")
+    shown, told = opened(path, f"--blink-settings=preferredColorScheme={0 if dark else 1}")
+    assert "CONSOLE" not in told, told[-2000:]
+    said = re.search(r'<pre id="said">(.*?)</pre>', shown)
     assert said
     color, heights, needed, there = json.loads(said[1])
     red, green, blue = (int(COLORS["real"][dark][i : i + 2], 16) for i in (1, 3, 5))

@@ -2,14 +2,13 @@ import base64
 import io
 import json
 import re
-import shutil
-import subprocess
 from urllib.parse import unquote
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from browser import open_to_scripts, opened
 from swim2real.errors import ArgumentError, TrackingError
 from swim2real.tracking.points import load_points, write_pick_page
 
@@ -104,9 +103,6 @@ def page(tmp_path_factory):
 @pytest.fixture
 def play(page, tmp_path):
     """Opens the page in Chromium, plays a scenario on it and returns what came of it."""
-    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("no Chromium on this machine; install chromium to see that clicks become the right points")
 
     def run(scenario, window="1400,860"):
         script = HAND.replace("SCENARIO", "(async () => {" + scenario + "})()")
@@ -114,19 +110,11 @@ def play(page, tmp_path):
         path = tmp_path / "played.html"
         # without a screen there are no animation frames
         clock = "<script>window.requestAnimationFrame = step => setTimeout(step, 1);</script></head>"
-        text = page.read_text(encoding="utf-8").replace("</head>", clock).replace("</body>", script)
+        text = open_to_scripts(page.read_text(encoding="utf-8")).replace("</head>", clock).replace("</body>", script)
         path.write_text(text, encoding="utf-8")
-        done = subprocess.run(
-            [
-                browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-                "--disable-background-networking", "--disable-component-update", "--disable-sync",
-                f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={window}", "--virtual-time-budget=8000",
-                "--dump-dom", path.as_uri(),
-            ],
-            capture_output=True, text=True, timeout=120, check=True,
-        )  # fmt: skip
-        found = re.search(r'<pre id="result">([^<]*)</pre>', done.stdout)
-        assert found, done.stdout[-2000:]
+        shown, _ = opened(path, f"--window-size={window}", milliseconds=8000)
+        found = re.search(r'<pre id="result">([^<]*)</pre>', shown)
+        assert found, shown[-2000:]
         result = json.loads(unquote(found.group(1)))
         assert "error" not in result, result["error"]
         assert result["wrong"] == []

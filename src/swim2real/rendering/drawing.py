@@ -23,6 +23,7 @@ from PIL import Image, ImageDraw, ImageFont
 from PIL.Image import Image as Picture
 
 from swim2real.errors import ArgumentError
+from swim2real.escaping import visible
 
 Bytes = NDArray[np.uint8]
 Color = tuple[int, int, int]
@@ -294,11 +295,11 @@ def _font(size: float) -> ImageFont.FreeTypeFont:
 
 @lru_cache(maxsize=1024)
 def _text_mask(text: str, size: float) -> Picture:
-    """The text in white on black, as high as the font's capitals and descenders whatever it says."""
-    font = _font(size)
+    """The text in white on black, in one line, as high as the font's capitals and descenders whatever it says."""
+    font, line = _font(size), visible(text).replace("\n", " ")
     ascent, descent = font.getmetrics()
-    mask = Image.new("L", (max(1, round(font.getlength(text))), ascent + descent))
-    ImageDraw.Draw(mask).text((0, 0), text, fill=255, font=font)
+    mask = Image.new("L", (max(1, round(font.getlength(line))), ascent + descent))
+    ImageDraw.Draw(mask).text((0, 0), line, fill=255, font=font)
     return mask
 
 

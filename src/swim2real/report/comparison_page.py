@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import quote
 
@@ -13,6 +13,7 @@ from swim2real.comparison.protocols import PROTOCOLS, ProtocolDescription
 from swim2real.comparison.results import ComparisonResults, load_results
 from swim2real.comparison.statistics import MethodStatistics, best_method, differences, method_statistics
 from swim2real.comparison.tables import Cell, Table, format_number, mm_cell, tables
+from swim2real.names import file_name_fault
 from swim2real.report.comparison_charts import convergence, markers, strip, velocity
 from swim2real.report.page import REPORT
 from swim2real.report.pages import Charts, render_page, write_page
@@ -150,5 +151,10 @@ def run_table(results: ComparisonResults) -> Table:
 
 
 def run_pages(results: ComparisonResults, folder: Path) -> list[str]:
-    """The address of each run's own page relative to the comparison's, empty where there is none."""
-    return [quote(f"{run.folder}/{REPORT}") if (folder / run.folder / REPORT).is_file() else "" for run in results.runs]
+    """The address of each run's own page relative to the comparison's, empty where there is none in its folder."""
+    within = [PurePosixPath(run.folder).parts for run in results.runs]
+    own = [len(parts) > 0 and not any(map(file_name_fault, parts)) for parts in within]
+    pages = ["/".join((*parts, REPORT)) for parts in within]
+    return [
+        quote(page) if is_own and (folder / page).is_file() else "" for page, is_own in zip(pages, own, strict=True)
+    ]

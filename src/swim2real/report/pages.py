@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from swim2real import store
 from swim2real.errors import RunError
+from swim2real.escaping import script_source, visible
 from swim2real.report.style import TITLE, VARIABLES, page_style
 
 Charts = Mapping[str, Callable[[], Figure]]
@@ -24,6 +25,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 _VARIABLE_OF_LIGHT = {light: f"var({name})" for name, (light, _) in VARIABLES.items()}
 _COLOR = re.compile("|".join(_VARIABLE_OF_LIGHT))
 _NUMBER = re.compile(r"-?\d+\.\d+")
+_TEXT = re.compile(r">[^<]*[\"#][^<]*<")
 _DROPPED = re.compile(
     r"<\?xml.*?\?>|<!DOCTYPE.*?>|<!--.*?-->|<metadata>.*?</metadata>|<style type=\"text/css\">.*?</style>"
     r"| xmlns(:\w+)?=\"[^\"]*\"| version=\"1\.1\"| (width|height)=\"[\d.]+pt\"| transform=\"rotate\(-0 [^\"]*\)\"",
@@ -36,21 +38,28 @@ def render_page(template: str, content: Mapping[str, Any], charts: Charts, **par
 
     Args:
         template: Name of the template.
-        content: What it shows; texts are escaped.
+        content: What it shows; texts are escaped, and what isn't seen of them becomes codes.
         charts: What draws each chart, by name; the template's `plot` shows it.
         parts: Names of our own files beside the template, several after one another with a space; they are put in as
-            they are.
+            they are. `script` is the only script that a browser runs on the page.
     """
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
+        lstrip_blocks=True, finalize=_seen,
     )  # fmt: skip
     own = {
         key: Markup("\n".join((_TEMPLATES / name).read_text(encoding="utf-8") for name in names.split()))
         for key, names in parts.items()
     }
     drawn = {name: inline_svg(draw, name) for name, draw in charts.items()}
-    return environment.get_template(template).render(**content, **own, charts=drawn, variables=VARIABLES)
+    scripts = script_source(own["script"]) if "script" in own else "'none'"
+    return environment.get_template(template).render(
+        **content, **own, charts=drawn, variables=VARIABLES, scripts=Markup(scripts)
+    )
+
+
+def _seen(value: Any) -> Any:
+    return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def write_page(path: Path, page: str) -> Path:
@@ -76,7 +85,8 @@ def inline_svg(draw: Callable[[], Figure], name: str) -> Markup:
     out = StringIO()
     with page_style(), mpl.rc_context({"svg.hashsalt": name}):
         draw().savefig(out, format="svg")
-    text = _DROPPED.sub("", out.getvalue())
+    text = _TEXT.sub(_inert, visible(out.getvalue()))
+    text = _DROPPED.sub("", text)
     # texts that show where one points: of a drawn thing, of a point of a scatter plot
     text = re.sub(rf'<g id="{TITLE}([^"]*)">', r"<g><title>\1</title>", text)
     text = re.sub(
@@ -88,6 +98,11 @@ def inline_svg(draw: Callable[[], Figure], name: str) -> Markup:
     text = re.sub(r' (d|x|y)="([^"]*)"', lambda match: f' {match[1]}="{_short(match[2])}"', text)
     text = _COLOR.sub(lambda match: _VARIABLE_OF_LIGHT[match[0]], text)
     return Markup(re.sub(r">\s+<", "><", text).strip())
+
+
+def _inert(text: re.Match[str]) -> str:
+    """A text between two tags in which nothing can be taken for an attribute or a color."""
+    return text[0].replace('"', "&quot;").replace("#", "&#35;")
 
 
 def _short(numbers: str) -> str:

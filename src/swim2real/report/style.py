@@ -221,7 +221,7 @@ def log_axis(axis: Any, low: float, high: float) -> None:
 
 def handle(**options: Any) -> Line2D:
     """A line of a legend."""
-    return Line2D([], [], **options)
+    return Line2D([], [], **options | {"label": legend_label(options["label"])})
 
 
 def legend_columns(labels: Sequence[str], width: float) -> int:
@@ -247,6 +247,11 @@ def legend_over(axes: Any) -> None:
     """A legend in one row over the axes of a chart, for what has a label."""
     count = len(axes.get_legend_handles_labels()[0])
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=max(1, count), borderaxespad=0.1)
+
+
+def legend_label(name: str) -> str:
+    """A name as a legend's label: one that begins with an underscore would be left out."""
+    return f" {name}" if name.startswith("_") else name
 
 
 def panel_title(axes: Any, text: str) -> None:

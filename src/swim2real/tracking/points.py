@@ -23,6 +23,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from swim2real.checking import Number, did_you_mean, read
 from swim2real.errors import ArgumentError, TrackingError
+from swim2real.escaping import script_source, visible
 from swim2real.store import write_json, write_text
 
 Array = NDArray[np.float64]
@@ -149,15 +150,17 @@ def write_pick_page(
     """
     height, width = _size(frame_image)
     data = {
-        "names": list(names), "video": video_name, "width": width, "height": height, "number": frame,
+        "names": list(names), "video": visible(video_name), "width": width, "height": height, "number": frame,
         "places": _places(len(names), rest_markers),
     }  # fmt: skip
+    template = _TEMPLATE.read_text(encoding="utf-8")
+    script = template[template.rindex("<script>") + len("<script>") : template.rindex("</script>")]
     parts = {
-        "VIDEO": html.escape(video_name),
+        "SCRIPTS": script_source(script),
+        "VIDEO": html.escape(visible(video_name)),
         "DATA": json.dumps(data).replace("<", "\\u003c"),
         "IMAGE": "data:image/jpeg;base64," + base64.b64encode(_jpeg(frame_image)).decode("ascii"),
     }
-    template = _TEMPLATE.read_text(encoding="utf-8")
     page = re.sub("@@([A-Z]+)@@", lambda match: parts[match.group(1)], template)
     path = Path(path)
     try:
