@@ -50,6 +50,7 @@ def main():
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--episodes", type=int, default=50)
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--allow-code", action="store_true", help="resume from checkpoints that hold pickles")
     parser.add_argument("--out", type=Path, required=True)
     a = parser.parse_args()
     simulators = {}
@@ -87,7 +88,7 @@ def main():
                 outcome = train(
                     settings, simulator[1], simulator[0], folder,
                     disturbances=Disturbances(ANY_PHASE, estimate=StateEstimate() if simulator[3] else None),
-                    about={"reference": simulator[2]}, threads=a.threads, resume=begun,
+                    about={"reference": simulator[2]}, threads=a.threads, resume=begun, allow_code=a.allow_code,
                 )  # fmt: skip
             policy = load_policy(TrainingRun.open(folder))
             own = swim(simulator, policy, start)

@@ -15,8 +15,9 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import ZipFile
 
+MOST_ARRAYS = 1 << 29  # bytes of arrays in a file that isn't expected to have more
 PART = ".part"  # suffix of a file that is still being written
 LOCK = ".lock"
 
@@ -103,21 +104,38 @@ def read_json(path: str | Path) -> Any:
         raise ValueError("it is nested too deeply") from None
 
 
-def read_arrays(path: str | Path) -> dict[str, Any]:
-    """The arrays of an .npz file, by name.
+def read_arrays(path: str | Path, most: int = MOST_ARRAYS) -> dict[str, Any]:
+    """The arrays of an .npz file, by name. Pickles in it are refused, not loaded.
+
+    Args:
+        path: Path of the file.
+        most: Bytes that the arrays may have in all; more are refused before they are unpacked.
 
     Raises:
         FileNotFoundError: It isn't there.
         OSError: It can't be read.
-        ValueError: It is damaged.
+        ValueError: It is damaged, too large, or holds something else than arrays.
     """
     import numpy as np
 
-    try:
-        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            return dict(stored)
-    except (EOFError, KeyError, BadZipFile) as error:
-        raise ValueError(str(error)) from error
+    with Path(path).open("rb") as file:
+        try:
+            with ZipFile(file) as members:
+                size = sum(member.file_size for member in members.infolist())
+            if size > most:
+                raise ValueError(f"its arrays have {size / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are read")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as stored:
+                arrays = dict(stored)
+        except OSError:
+            raise
+        except Exception as error:  # a damaged file makes zipfile, zlib and NumPy raise errors of a dozen types
+            if "allow_pickle" in str(error):
+                raise ValueError("it holds a pickle, which could run code; it isn't read") from error
+            raise ValueError(str(error) or type(error).__name__) from error
+    if other := next((name for name, array in arrays.items() if not isinstance(array, np.ndarray)), None):
+        raise ValueError(f"'{other}' in it is no array")
+    return arrays
 
 
 def append_line(path: str | Path, entry: Mapping[str, Any]) -> None:

@@ -127,7 +127,7 @@ def test_checkpoints_that_are_damaged_or_gone(tmp_path):
     run, values = tmp_path / "run", [FISH.space.published]
     train(settings, values, FISH, run, stop=stop_after(1))
     checkpoint = run / "checkpoints/step-000000200"
-    for name in ("replay.npz", "networks.pt", "episodes.npz", "state.json"):
+    for name in ("replay.npz", "networks.npz", "episodes.npz", "state.json"):
         whole = (checkpoint / name).read_bytes()
         (checkpoint / name).write_bytes(whole[: len(whole) // 2])
         with pytest.raises(RunError, match=r"step-000000200' is damaged: .*; remove it"):
@@ -186,7 +186,7 @@ def test_no_file_of_a_run_holds_a_pickle(finished):
         with np.load(path, allow_pickle=False) as arrays:
             assert all(arrays[name].dtype != object for name in arrays)
     suffixes = {path.suffix for path in out.rglob("*") if path.is_file() and "tfevents" not in path.name}
-    assert suffixes == {".json", ".jsonl", ".npz", ".pt"}  # .pt is read with torch's weights_only
+    assert suffixes == {".json", ".jsonl", ".npz"}
 
 
 def test_a_policy_is_the_network_that_learned(finished):

@@ -31,7 +31,7 @@ def train(
     settings: PositionalRequiredArgs[TrainingSettings], *, parameters: Path, out: Path, ensemble: Path | None = None,
     robot: str | None = None, seeds: tuple[int | str, ...] = (), workers: int = 0, threads: int = 0,
     any_phase: bool = False, tendon_friction: float = 0.0, noise: float | None = None, delay: int | None = None,
-    resume: bool = False, json: bool = False, quiet: bool = False,
+    resume: bool = False, allow_code: bool = False, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Train a policy in the calibrated simulator: soft actor-critic, as in the paper.
 
@@ -57,6 +57,7 @@ def train(
         noise: Let the policy see tracked markers with this noise [m], not the true state.
         delay: Age of the tracked markers that it sees [control intervals of 20 ms]; 2 where only --noise is given.
         resume: Go on with what is in --out.
+        allow_code: Go on with a checkpoint of an earlier version, which holds a pickle and so could run code.
         json: Print the outcome as JSON.
         quiet: Print no progress.
     """
@@ -66,8 +67,8 @@ def train(
     if seeds:
         options = {
             **asdict(settings), "parameters": parameters, "ensemble": ensemble, "robot": robot, "threads": threads or 1,
-            "any_phase": any_phase, "tendon_friction": tendon_friction, "noise": noise, "delay": delay, "json": json,
-            "quiet": quiet,
+            "any_phase": any_phase, "tendon_friction": tendon_friction, "noise": noise, "delay": delay,
+            "allow_code": allow_code, "json": json, "quiet": quiet,
         }  # fmt: skip
         return _train_seeds(options, expand_seeds(seeds), out, workers or cores, resume)
     from datetime import UTC, datetime
@@ -113,7 +114,7 @@ def train(
 
         outcome = run_training(
             settings, sets, trained, out, about=about, disturbances=disturbances, threads=threads or cores,
-            resume=resume, on_progress=progress, stop=lambda: bool(interruption),
+            resume=resume, allow_code=allow_code, on_progress=progress, stop=lambda: bool(interruption),
         )  # fmt: skip
     write_training_page(TrainingRun.open(out), out)
     if json:
@@ -129,7 +130,8 @@ def rollout(
     policy: Positional[Path], *, episodes: int = 50, goals: int = 0, parameters: Path | None = None,
     which: Literal["best", "last"] = "best", stage: int | None = None, tendon_friction: float | None = None,
     current: tuple[float, float] | None = None, closed_loop: bool = False, noise: float = 0.001, delay: int = 2,
-    beside: tuple[Path, ...] = (), out: Path | None = None, film: bool = True, json: bool = False,
+    beside: tuple[Path, ...] = (), out: Path | None = None, film: bool = True, allow_code: bool = False,
+    json: bool = False,
 ) -> int:  # fmt: skip
     """Assess a trained policy: distance and return, success and time to target, against waves of commands.
 
@@ -154,6 +156,7 @@ def rollout(
             from the same start.
         out: Folder to write; by default the policy's.
         film: Write the film.
+        allow_code: Read policies of version 0.1, which hold a pickle and so could run code.
         json: Print the figures as JSON.
     """
     from swim2real.cli.subject import values_for
@@ -166,8 +169,8 @@ def rollout(
     from swim2real.rl.training_run import TrainingRun
     from swim2real.store import write_json
 
-    run = TrainingRun.open(policy)
-    others = [TrainingRun.open(folder) for folder in beside]
+    run = TrainingRun.open(policy, allow_code=allow_code)
+    others = [TrainingRun.open(folder, allow_code=allow_code) for folder in beside]
     task = find_task(run.task)
     stages = task.stages
     if goals and not stages:
@@ -212,7 +215,7 @@ def rollout(
 
 def export_commands(
     policy: Positional[Path], *, out: Path, seconds: float, which: Literal["best", "last"] = "best",
-    phase: float = 0.0, goal: tuple[float, float] | None = None, json: bool = False,
+    phase: float = 0.0, goal: tuple[float, float] | None = None, allow_code: bool = False, json: bool = False,
 ) -> int:  # fmt: skip
     """Write a policy's commands as a table, 50 rows a second: .csv as `deploy` reads it, or .npz for other controllers.
 
@@ -227,6 +230,7 @@ def export_commands(
         which: best: in the evaluations while it learned. last: at the end.
         phase: Angle of the motor at the start [rad].
         goal: Goal of a task with goals [m]: x (ahead is negative) and y; by default 1 m straight ahead.
+        allow_code: Read a policy of version 0.1, which holds a pickle and so could run code.
         json: Print what was written as JSON.
     """
     from swim2real.deployment.commands import FISH, CommandTable, write_table
@@ -236,7 +240,8 @@ def export_commands(
 
     if out.suffix not in (".csv", ".npz"):
         raise ArgumentError(f"--out is '{out}'; it must end in .csv, for `deploy`, or in .npz, for other controllers")
-    actuators, commands = policy_commands(TrainingRun.open(policy), seconds, which=which, phase=phase, goal=goal)
+    run = TrainingRun.open(policy, allow_code=allow_code)
+    actuators, commands = policy_commands(run, seconds, which=which, phase=phase, goal=goal)
     columns = {
         f"{name}_{unit.replace('/', '_')}": commands[:, i].tolist()
         for i, (name, unit) in enumerate(zip(actuators.names, actuators.units, strict=True))

@@ -1,7 +1,8 @@
 """Reinforcement learning: the calibrated robot as environments, and policies trained in them.
 
 Importing it registers `swim2real/Forward-v0` and `swim2real/Target-v0` with Gymnasium. Its names are imported when they
-are used, since torch and MuJoCo take a while.
+are used, since torch and MuJoCo take a while. Only training needs torch and Stable-Baselines3: a policy is evaluated by
+NumPy.
 """
 
 from __future__ import annotations
@@ -69,11 +70,8 @@ def __getattr__(name: str) -> Any:
 
 
 def _register() -> None:
-    if missing := [name for name in ("gymnasium", "torch", "stable_baselines3") if find_spec(name) is None]:
-        raise MissingExtraError(
-            f"reinforcement learning needs {' and '.join(missing)}; install what it needs with: "
-            f"pip install 'swim2real[rl]'"
-        )
+    if find_spec("gymnasium") is None:
+        raise MissingExtraError("policies need gymnasium; install it with: pip install 'swim2real[rl]'")
     import gymnasium
 
     for task in ("forward", "target"):

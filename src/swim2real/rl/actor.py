@@ -90,10 +90,10 @@ class Actor:
         return x
 
     def save(self, path: Path, about: Mapping[str, Any]) -> None:
-        """Writes the network, and what it is about as JSON."""
-        layers = {**{f"hidden{i}": layer for i, layer in enumerate(self.hidden)}, "mean": self.mean,
-                  "log_std": self.log_std}  # fmt: skip
-        arrays: dict[str, Any] = {_ABOUT: np.array(json.dumps(dict(about)))}
+        """Writes the network, and as JSON what it is about and the shapes of its layers."""
+        layers = self._layers()
+        about = {**about, "layers": {name: list(layer.weight.shape) for name, layer in layers.items()}}
+        arrays: dict[str, Any] = {_ABOUT: np.array(json.dumps(about))}
         for name, layer in layers.items():
             arrays[f"{name}.weight"], arrays[f"{name}.bias"] = layer.weight, layer.bias
         write_arrays(path, arrays)
@@ -106,19 +106,36 @@ class Actor:
             RunError: The file is damaged.
         """
         try:
-            arrays = read_arrays(path)
-            count = sum(name.startswith("hidden") and name.endswith("weight") for name in arrays)
-
-            def layer(name: str) -> Linear:
-                weight, bias = arrays[f"{name}.weight"], arrays[f"{name}.bias"]
-                if weight.ndim != 2 or bias.shape != weight.shape[1:] or weight.dtype != np.float32:
-                    raise ValueError(f"layer '{name}' has the shapes {weight.shape} and {bias.shape}")
-                return Linear(weight, bias)
-
-            actor = Actor(tuple(layer(f"hidden{i}") for i in range(count)), layer("mean"), layer("log_std"))
-            widths = [layer.weight.shape for layer in (*actor.hidden, actor.mean)]
-            if any(before[1] != after[0] for before, after in pairwise(widths)):
-                raise ValueError(f"the layers' shapes {widths} don't fit one another")
-        except (OSError, ValueError, KeyError) as error:
+            return Actor.from_arrays(read_arrays(path))
+        except (OSError, ValueError) as error:
             raise RunError(f"policy '{path}' is damaged: {error}; take another one, or train anew") from error
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Actor:
+        """The network of the arrays that `save` writes.
+
+        Raises:
+            ValueError: An array is missing, has a wrong shape or type, or a number in it isn't finite.
+        """
+
+        def layer(name: str) -> Linear:
+            for key in (f"{name}.weight", f"{name}.bias"):
+                if key not in arrays:
+                    raise ValueError(f"its array '{key}' is missing")
+                if arrays[key].dtype != np.float32 or not np.isfinite(arrays[key]).all():
+                    raise ValueError(f"its array '{key}' must have finite numbers of type float32")
+            weight, bias = arrays[f"{name}.weight"], arrays[f"{name}.bias"]
+            if weight.ndim != 2 or bias.shape != weight.shape[1:]:
+                raise ValueError(f"its layer '{name}' has the shapes {weight.shape} and {bias.shape}")
+            return Linear(weight, bias)
+
+        count = sum(name.startswith("hidden") and name.endswith(".weight") for name in arrays)
+        actor = Actor(tuple(layer(f"hidden{i}") for i in range(count)), layer("mean"), layer("log_std"))
+        shapes = [layer.weight.shape for layer in (*actor.hidden, actor.mean)]
+        if any(one[1] != next_one[0] for one, next_one in pairwise(shapes)) or actor.log_std.weight.shape != shapes[-1]:
+            raise ValueError(f"its layers' shapes {shapes} and {actor.log_std.weight.shape} don't fit one another")
         return actor
+
+    def _layers(self) -> dict[str, Linear]:
+        hidden = {f"hidden{i}": layer for i, layer in enumerate(self.hidden)}
+        return {**hidden, "mean": self.mean, "log_std": self.log_std}

@@ -6,10 +6,9 @@ can't do that: they lack the random states and the running episodes. Nor do ours
 
 from __future__ import annotations
 
-import pickle
-import zipfile
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,23 +16,28 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from stable_baselines3 import SAC
-from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.logger import Logger, configure
-from stable_baselines3.common.vec_env import VecEnv
 
-from swim2real.errors import RunError
+from swim2real.errors import MissingExtraError, RunError
 from swim2real.rl.actor import Actor
+from swim2real.rl.pickled import read_tensors
 from swim2real.settings import BLOCK, TrainingSettings
 from swim2real.store import read_arrays, read_json, whole_folder, write_json
 
-_NETWORKS, _REPLAY, _EPISODES, _STATE = "networks.pt", "replay.npz", "episodes.npz", "state.json"
+try:
+    import torch
+    from stable_baselines3 import SAC
+    from stable_baselines3.common.buffers import ReplayBuffer
+    from stable_baselines3.common.logger import Logger, configure
+    from stable_baselines3.common.vec_env import VecEnv
+except ModuleNotFoundError as error:
+    raise MissingExtraError(f"training needs {error.name}; install it with: pip install 'swim2real[rl]'") from error
+
+_NETWORKS, _REPLAY, _EPISODES, _STATE = "networks.npz", "replay.npz", "episodes.npz", "state.json"
+_PICKLED_NETWORKS = "networks.pt"  # of checkpoints that were written before networks.npz was
 _ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
-_DAMAGED = (
-    OSError, EOFError, KeyError, ValueError, TypeError, RuntimeError, zipfile.BadZipFile, pickle.UnpicklingError,
-)  # fmt: skip
+_SMALL = 1 << 20  # bytes of a checkpoint's replay buffer besides the transitions
+_DAMAGED = (OSError, EOFError, LookupError, ArithmeticError, ValueError, TypeError, AttributeError, RuntimeError)
 
 
 @dataclass(frozen=True)
@@ -127,10 +131,11 @@ class Learner:
 
     def save(self, folder: Path) -> None:
         """Writes networks, optimizers, replay buffer and random states into a folder, between two rounds."""
-        sac, buffer = self._sac, self._buffer
-        networks = {name: part.state_dict() for name, part in self._parts().items()}
-        networks |= {"log_ent_coef": sac.log_ent_coef, "random": torch.get_rng_state()}
-        torch.save(networks, folder / _NETWORKS)
+        buffer = self._buffer
+        optimizers = {name: optimizer.state_dict() for name, optimizer in self._optimizers().items()}
+        tensors = {**_flat(self._networks()), **_flat(optimizers), "random": torch.get_rng_state()}
+        networks: dict[str, Any] = {name: tensor.detach().numpy() for name, tensor in tensors.items()}
+        np.savez(folder / _NETWORKS, allow_pickle=False, **networks)
         filled = buffer.buffer_size if buffer.full else buffer.pos
         arrays = {name: getattr(buffer, name)[:filled] for name in _ARRAYS}
         _, key, position, has_gauss, gauss = np.random.get_state()  # noqa: NPY002 - Stable-Baselines3 draws from it
@@ -138,30 +143,86 @@ class Learner:
                  random_rest=np.array([position, has_gauss, gauss]), updates=self.updates, **arrays)  # fmt: skip
 
     def load(self, folder: Path) -> None:
-        """Takes over what `save` wrote, and sets the random states."""
-        networks = torch.load(folder / _NETWORKS, weights_only=True)
-        for name, part in self._parts().items():
-            part.load_state_dict(networks[name])
-        with torch.no_grad():
-            if self._sac.log_ent_coef is not None:
-                self._sac.log_ent_coef.copy_(networks["log_ent_coef"])
-        torch.set_rng_state(networks["random"])
-        stored = read_arrays(folder / _REPLAY)
-        for name in _ARRAYS:
-            getattr(self._buffer, name)[: len(stored[name])] = stored[name]
-        self._buffer.pos, self._buffer.full = int(stored["pos"]), bool(stored["full"])
+        """Takes over what `save` wrote, and sets the random states.
+
+        Networks in a pickle, as older checkpoints have them, are loaded too: who calls decides whether they may be.
+
+        Raises:
+            ValueError: An array doesn't fit the settings. Libraries raise other errors about damaged files.
+        """
+        if (folder / _NETWORKS).is_file():
+            arrays = read_arrays(folder / _NETWORKS)
+            self._set_tensors({name: torch.from_numpy(array) for name, array in arrays.items()})
+        else:
+            with (folder / _PICKLED_NETWORKS).open("rb") as file:
+                self._set_tensors(_flat(read_tensors(file)))
+        buffer = self._buffer
+        places = {name: getattr(buffer, name) for name in _ARRAYS}
+        stored = read_arrays(folder / _REPLAY, sum(place.nbytes for place in places.values()) + _SMALL)
+        position, full = int(stored["pos"]), bool(stored["full"])
+        filled = buffer.buffer_size if full else position
+        if not 0 <= position < buffer.buffer_size:
+            raise ValueError(f"its replay buffer is at {position}; it has {buffer.buffer_size} places")
+        for name, place in places.items():
+            if stored[name].shape != place[:filled].shape or stored[name].dtype != place.dtype:
+                raise ValueError(f"'{name}' of its replay buffer is {stored[name].dtype} {stored[name].shape}")
+            place[:filled] = stored[name]
+        buffer.pos, buffer.full = position, full
         position, has_gauss, gauss = stored["random_rest"]
         state = ("MT19937", stored["random"], int(position), int(has_gauss), float(gauss))
         np.random.set_state(state)  # noqa: NPY002
         self._sac._n_updates = int(stored["updates"])  # pyright: ignore[reportPrivateUsage]
 
-    def _parts(self) -> dict[str, Any]:
+    def _set_tensors(self, given: Mapping[str, torch.Tensor]) -> None:
+        """Takes over networks, optimizers and the random state of torch, by their names as in `networks.npz`."""
+        with torch.no_grad():
+            for name, tensor in _flat(self._networks()).items():
+                if given[name].shape != tensor.shape or given[name].dtype != tensor.dtype:
+                    raise ValueError(f"'{name}' is {given[name].dtype} {tuple(given[name].shape)}")
+                tensor.copy_(given[name])
+        for name, optimizer in self._optimizers().items():
+            parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
+            state: dict[int, dict[str, torch.Tensor]] = {}
+            for i, parameter in enumerate(parameters):
+                start, shapes = f"{name}/{i}/", {"step": (), "exp_avg": parameter.shape, "exp_avg_sq": parameter.shape}
+                entries = {key.removeprefix(start): value for key, value in given.items() if key.startswith(start)}
+                if entries and {key: value.shape for key, value in entries.items()} != shapes:
+                    raise ValueError(f"'{start}' doesn't fit the network")
+                state |= {i: entries} if entries else {}
+            optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
+        torch.set_rng_state(given["random"])
+
+    def _networks(self) -> dict[str, Any]:
+        """States of the networks, and the entropy coefficient: the tensors themselves, not copies."""
         sac = self._sac
+        networks = {"actor": sac.actor, "critic": sac.critic, "critic_target": sac.critic_target}
+        return {**{name: part.state_dict() for name, part in networks.items()}, "log_ent_coef": sac.log_ent_coef}
+
+    def _optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        sac = self._sac
+        assert sac.ent_coef_optimizer is not None  # the entropy coefficient is learned
         return {
-            "actor": sac.actor, "critic": sac.critic, "critic_target": sac.critic_target,
             "actor_optimizer": sac.actor.optimizer, "critic_optimizer": sac.critic.optimizer,
             "ent_coef_optimizer": sac.ent_coef_optimizer,
         }  # fmt: skip
+
+
+def _flat(content: Mapping[str, Any]) -> dict[str, torch.Tensor]:
+    """Tensors by name, as `networks.npz` has them: `actor/mu.weight`, `actor_optimizer/0/exp_avg`.
+
+    Args:
+        content: States of networks and optimizers by their names, and tensors.
+    """
+    tensors: dict[str, torch.Tensor] = {}
+    for name, part in content.items():
+        if isinstance(part, torch.Tensor):
+            tensors[name] = part
+        elif "param_groups" in part:
+            for i, entries in part["state"].items():
+                tensors |= {f"{name}/{i}/{key}": value for key, value in entries.items()}
+        else:
+            tensors |= {f"{name}/{key}": value for key, value in part.items()}
+    return tensors
 
 
 def make_log(folder: Path) -> Logger:
@@ -184,13 +245,27 @@ class Checkpoint:
     @property
     def resumable(self) -> bool:
         """Whether a run can go on from it; older checkpoints lose their replay buffer."""
-        return all((self.folder / name).is_file() for name in (_NETWORKS, _REPLAY, _EPISODES, _STATE))
+        networks = any((self.folder / name).is_file() for name in (_NETWORKS, _PICKLED_NETWORKS))
+        return networks and all((self.folder / name).is_file() for name in (_REPLAY, _EPISODES, _STATE))
 
 
 def list_checkpoints(run: Path) -> list[Checkpoint]:
     """Checkpoints of a run, oldest first."""
     folders = sorted((run / "checkpoints").glob("step-*[0-9]"))
     return [Checkpoint(int(folder.name.split("-")[1]), folder) for folder in folders if (folder / _STATE).is_file()]
+
+
+def refuse_checkpoints_of_0_1(run: Path) -> None:
+    """Refuses to go on with a run of version 0.1: its checkpoints are pickles, and training has changed since.
+
+    Raises:
+        RunError: The run has such a checkpoint.
+    """
+    if old := next((run / "checkpoints").glob("step-*/state.pickle"), None):
+        raise RunError(
+            f"'{old}' is a pickle of version 0.1, which isn't read, and training has changed since; begin a new run "
+            f"in another folder"
+        )
 
 
 def write_checkpoint(
@@ -216,17 +291,41 @@ def write_checkpoint(
         (checkpoint.folder / _REPLAY).unlink(missing_ok=True)
 
 
-def load_checkpoint(checkpoint: Checkpoint, learner: Learner) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Loads a learner, and returns what else was kept: arrays of the running episodes, and the state.
-
-    Raises:
-        RunError: The checkpoint is damaged, or of other settings.
-    """
-    folder = checkpoint.folder
+@contextmanager
+def damage_told(checkpoint: Checkpoint) -> Generator[None]:
+    """What a damaged or foreign checkpoint leads to is raised as a `RunError`."""
     try:
-        learner.load(folder)
-        return read_arrays(folder / _EPISODES), read_json(folder / _STATE)
+        yield
     except _DAMAGED as error:
         raise RunError(
-            f"checkpoint '{folder}' is damaged: {error!r}; remove it to go on from an older one, or begin a new run"
+            f"checkpoint '{checkpoint.folder}' is damaged: {error!r}; remove it to go on from an older one, or begin a "
+            f"new run"
         ) from error
+
+
+def load_checkpoint(
+    checkpoint: Checkpoint, learner: Learner, allow_code: bool = False
+) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Loads a learner, and returns what else was kept: arrays of the running episodes, and the state.
+
+    Args:
+        checkpoint: The checkpoint.
+        learner: Learner that takes over what it holds.
+        allow_code: Whether a pickle may be loaded, as older checkpoints hold one: it could run code.
+
+    Raises:
+        RunError: The checkpoint is damaged, of other settings, or holds a pickle that may not be loaded.
+    """
+    folder = checkpoint.folder
+    pickled = folder / _PICKLED_NETWORKS
+    if not (folder / _NETWORKS).is_file() and not allow_code:
+        raise RunError(
+            f"'{pickled}' is a pickle, as earlier versions wrote it, which could run code when it is loaded; if it is "
+            f"yours, go on with --allow-code, else begin a new run"
+        )
+    with damage_told(checkpoint):
+        learner.load(folder)
+        state = read_json(folder / _STATE)
+        if state["step"] != checkpoint.step:
+            raise ValueError(f"its {_STATE} is of step {state['step']}")
+        return read_arrays(folder / _EPISODES), state

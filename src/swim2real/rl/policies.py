@@ -93,14 +93,19 @@ def load_policy(run: TrainingRun, which: Which = "best") -> LearnedPolicy:
         which: `best` in the evaluations while it learned, or `last`.
 
     Raises:
-        RunError: The policy isn't there or is damaged.
+        RunError: The policy isn't there, is damaged, or is one of version 0.1 and code isn't allowed.
     """
     path = run.folder / (BEST if which == "best" else LAST)
-    if not path.is_file():
-        if path.with_suffix(".zip").is_file():
-            raise RunError(
-                f"'{path.with_suffix('.zip')}' is a policy of version 0.1, which holds a pickle and isn't read any "
-                f"more; train it anew"
-            )
+    old = path.with_suffix(".zip")
+    if path.is_file():
+        return LearnedPolicy(Actor.load(path))
+    if not old.is_file():
         raise RunError(f"'{run.folder}' has no {path.name} yet; wait for its first evaluation")
-    return LearnedPolicy(Actor.load(path))
+    if not run.allow_code:
+        raise RunError(
+            f"'{old}' is a policy of version 0.1 and holds a pickle, which could run code when it is read; if it is "
+            f"yours, read it with --allow-code, else train anew"
+        )
+    from swim2real.rl.pickled import read_old_policy
+
+    return LearnedPolicy(read_old_policy(old, run.settings.task))

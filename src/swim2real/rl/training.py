@@ -23,7 +23,16 @@ from swim2real.parameters import Values
 from swim2real.rl import training_run as files
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
 from swim2real.rl.environment import Environments, make_environments
-from swim2real.rl.learner import Learner, Transitions, list_checkpoints, load_checkpoint, make_log, write_checkpoint
+from swim2real.rl.learner import (
+    Learner,
+    Transitions,
+    damage_told,
+    list_checkpoints,
+    load_checkpoint,
+    make_log,
+    refuse_checkpoints_of_0_1,
+    write_checkpoint,
+)
 from swim2real.rl.policies import LearnedPolicy
 from swim2real.rl.rollout import EpisodeStatistics, run_episodes
 from swim2real.rl.tasks import Curriculum
@@ -38,6 +47,7 @@ EVALUATION_SEED = 1_000_000  # of the episodes that choose the best policy; an a
 EVALUATION_EPISODES = 8
 _EXPLORATION, _RETURNS = 1, "returns"  # number of a random stream; name of an array of a checkpoint
 RECENT_EPISODES = 50  # of which progress reports the means
+_FIGURES = ("episode_return", "distance", "success")
 _RECORDS = (files.EPISODES, files.EVALUATIONS, files.PROGRESS)
 _log = logging.getLogger(__name__)
 
@@ -76,7 +86,7 @@ class Progress:
 def train(
     settings: TrainingSettings, parameters: Sequence[Values], robot: Robot, out: str | Path, *,
     about: Mapping[str, Any] | None = None, disturbances: Disturbances = UNDISTURBED, threads: int = 1,
-    resume: bool = False, on_progress: Callable[[Progress], None] = lambda progress: None,
+    resume: bool = False, allow_code: bool = False, on_progress: Callable[[Progress], None] = lambda progress: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> TrainingOutcome:  # fmt: skip
     """Trains a policy into a folder.
@@ -90,6 +100,7 @@ def train(
         disturbances: Disturbances of the simulator while it learns.
         threads: Threads that step the environments; one of them learns in between. Results don't depend on it.
         resume: Whether to go on with the run that is in the folder.
+        allow_code: Whether to resume from a checkpoint of an earlier version, whose pickle could run code.
         on_progress: Called every two seconds, and after every evaluation.
         stop: Called after every 200 transitions; when it returns true, a checkpoint is written and the run ends.
 
@@ -101,7 +112,7 @@ def train(
     """
     trainer = Trainer(settings, list(parameters), robot, Path(out), disturbances, threads)
     try:
-        trainer.begin(dict(about or {}), resume)
+        trainer.begin(dict(about or {}), resume, allow_code)
         return trainer.run(on_progress, stop)
     finally:
         trainer.close()
@@ -137,7 +148,7 @@ class Trainer:
         self.best: list[float] | None = None
         self._counted = time.perf_counter()
 
-    def begin(self, about: dict[str, Any], resume: bool) -> None:
+    def begin(self, about: dict[str, Any], resume: bool, allow_code: bool = False) -> None:
         """Makes the folder and the learner, or reads them."""
         source = {} if self.robot.source is None else {"robot_file": path_from(self.out, self.robot.source)}
         content = {
@@ -153,8 +164,11 @@ class Trainer:
             files.check_same_settings(self.out, content)
             whole = [checkpoint for checkpoint in list_checkpoints(self.out) if checkpoint.resumable]
             if whole:
-                self._restore(*load_checkpoint(whole[-1], self.learner))
+                arrays, state = load_checkpoint(whole[-1], self.learner, allow_code)
+                with damage_told(whole[-1]):
+                    self._restore(arrays, state)
             else:
+                refuse_checkpoints_of_0_1(self.out)
                 _log.info("'%s' has no checkpoint yet; it is begun anew", self.out)
             for name in _RECORDS:
                 files.cut_record(self.out / name, self.step)
@@ -319,7 +333,7 @@ class Trainer:
         ):  # fmt: skip
             if value is not None:
                 self.log.record(key, value)
-        for key in ("episode_return", "distance", "success"):
+        for key in _FIGURES:
             if progress.evaluation:
                 self.log.record(f"evaluation/{key}", progress.evaluation[key])
         self.log.dump(progress.step)
@@ -341,10 +355,13 @@ class Trainer:
         self._write_policy(files.LAST)
 
     def _restore(self, arrays: dict[str, Any], state: dict[str, Any]) -> None:
-        self.step, self.seconds, self.episodes, self.best = (
-            state[name] for name in ("step", "seconds", "episodes", "best")
-        )
-        self.recent.extend(state["recent"])
+        """Goes on with what `_save` kept. Damaged content raises errors of many types."""
+        self.step, self.episodes = int(state["step"]), int(state["episodes"])
+        self.seconds = {name: float(state["seconds"][name]) for name in self.seconds}
+        self.best = None if state["best"] is None else [float(figure) for figure in state["best"]]
+        for line in state["recent"]:
+            _ = [float(line[figure]) for figure in _FIGURES]  # which progress reports the means of
+            self.recent.append(line)
         self.exploration.bit_generator.state = state["exploration"]
         if self.curriculum:
             self.curriculum.restore(state["curriculum"])

@@ -121,13 +121,15 @@ class TrainingRun:
     Attributes:
         folder: The folder.
         settings: Its settings.
+        allow_code: Whether what could run code is read, such as the pickle of a policy of version 0.1.
     """
 
     folder: Path
     settings: RecordedSettings
+    allow_code: bool = False
 
     @classmethod
-    def open(cls, folder: str | Path) -> TrainingRun:
+    def open(cls, folder: str | Path, *, allow_code: bool = False) -> TrainingRun:
         """Opens a training folder.
 
         Raises:
@@ -140,7 +142,7 @@ class TrainingRun:
             settings = read(RecordedSettings, path, "training settings", RunError)
         except ArgumentError as error:
             raise RunError(f"training settings '{path}': {error}") from error
-        return cls(Path(folder), settings)
+        return cls(Path(folder), settings, allow_code)
 
     @property
     def task(self) -> str:

@@ -7,11 +7,16 @@ from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs
 
+from swim2real.errors import MissingExtraError
 from swim2real.parameters import Values
 from swim2real.rl.environment import EnvironmentOptions, Environments, Observation, make_environments, make_spaces
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs
+except ModuleNotFoundError as error:
+    raise MissingExtraError(f"training needs {error.name}; install it with: pip install 'swim2real[rl]'") from error
 
 
 class RobotVecEnv(VecEnv):
