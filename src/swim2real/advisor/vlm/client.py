@@ -8,6 +8,8 @@ bound an attempt whose bytes drip in, and they keep no record of attempts, which
 from __future__ import annotations
 
 import asyncio
+import os
+import re
 import time
 import warnings
 from collections.abc import Callable, Coroutine
@@ -20,7 +22,6 @@ from swim2real.advisor.vlm.errors import (
     AttemptError,
     classify_error,
     classify_response,
-    quiet_libraries,
     read_key,
     redact,
     reply_text,
@@ -39,6 +40,8 @@ from swim2real.errors import ArgumentError
 
 if TYPE_CHECKING:
     from tenacity import RetryCallState, Retrying
+
+_VARIABLE = re.compile(r"[A-Z_][A-Z0-9_]{0,31}", re.IGNORECASE | re.ASCII)  # keys are longer, or have other characters
 
 MediaChoice = Literal["auto", "video", "images"]
 T = TypeVar("T")
@@ -127,6 +130,17 @@ def make_client(
             raise ArgumentError(f"base URL is '{base_url}'; it must begin with http:// or https:// and name a server")
         if address.username or address.password:
             raise ArgumentError("the base URL holds a password; put the key in a variable and name it: --key-variable")
+        if address.query or address.fragment:
+            raise ArgumentError(
+                f"the base URL of '{address.hostname}' goes on after a '?' or '#'; give it without: a key goes into a "
+                f"variable, which --key-variable names"
+            )
+    if key_variable is not None and key_variable not in os.environ and not _VARIABLE.fullmatch(key_variable):
+        raise ArgumentError(
+            "--key-variable must be the name of an environment variable that is set, such as MY_KEY; what was given "
+            "isn't one and isn't repeated here: if it is the key itself, others on this machine may have seen it in "
+            "the list of processes, so replace it by a new one"
+        )
     check_installed()
     client = ModelClient(provider, model, base_url, key_variable, timeout, retry or RetryPolicy(), media)
     client.check_key()
@@ -206,7 +220,9 @@ class ModelClient:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", DeprecationWarning)  # of models that will be switched off
             try:
-                raw = _run(self._send(request, key))
+                raw = _run(
+                    send(self._provider, self._model, self._base_url, key, request, self._with_schema, self._timeout)
+                )
                 finish = classify_response(raw.response)
             except AttemptError as error:
                 return self._redacted(error)
@@ -233,12 +249,6 @@ class ModelClient:
             return None
         model, cached = raw.model or self._model, (usage.cache_read_tokens, usage.cache_write_tokens)
         return price(self._provider.name, model, usage.input_tokens, usage.output_tokens, *cached)
-
-    async def _send(self, request: Request, key: str) -> RawReply:
-        quiet_libraries()
-        return await send(
-            self._provider, self._model, self._base_url, key, request, self._with_schema, self._timeout
-        )  # fmt: skip
 
     def _call_error(self, error: AttemptError, attempts: tuple[Attempt, ...]) -> CallError:
         match error.kind:

@@ -10,6 +10,8 @@ import logging
 import os
 import re
 from collections.abc import Iterable
+from itertools import groupby
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Literal
 
 from swim2real.advisor.vlm.exchange import Finish
@@ -22,6 +24,7 @@ AttemptErrorKind = Literal["retry", "schema", "blocked", "too_long", "settings"]
 
 KEY_VARIABLES = ("GOOGLE_API_KEY", "GEMINI_API_KEY", "OPENAI_API_KEY", "ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN")
 SHORTEST_KEY = 8  # characters; what is shorter is a placeholder such as EMPTY, and may be a word of a reply
+LONGEST_PIECE = 11  # characters of a key that may stay where a library has cut it off; a longer piece is replaced
 LOUD = ("httpx", "httpx2", "httpcore", "httpcore2", "openai", "anthropic", "google_genai", "google", "pydantic_ai")
 
 LONGEST_MESSAGE = 300  # characters of what a provider says
@@ -190,17 +193,34 @@ def read_key(variables: Iterable[str]) -> str | None:
 
 
 def redact(text: str, variables: Iterable[str] = ()) -> str:
-    """The text with every key that the environment holds replaced by the name of its variable.
+    """The text with every key that the environment holds replaced by the name of its variable, and pieces of it too.
 
     Args:
-        text: Text of a provider, which may echo what it was sent.
+        text: Text of a provider, which may echo what it was sent, cut off anywhere.
         variables: Environment variables that hold keys, beside the usual ones.
     """
     keys = {os.environ.get(name, "").strip(): name for name in (*KEY_VARIABLES, *variables)}
     for key in sorted(keys, key=len, reverse=True):  # one may begin with another
         if len(key) >= SHORTEST_KEY:
-            text = text.replace(key, f"[{keys[key]}]")
+            text = _without_pieces(text.replace(key, f"[{keys[key]}]"), key, f"[{keys[key]}]")
     return text
+
+
+def _without_pieces(text: str, key: str, instead: str) -> str:
+    """The text with pieces of a key replaced; those that are short, for the key too, stay."""
+    size = max(SHORTEST_KEY, min(LONGEST_PIECE + 1, len(key) // 2))
+    hit = bytearray(len(text))
+    for i in range(len(key) - size + 1):
+        at = text.find(key[i : i + size])
+        while at >= 0:
+            hit[at : at + size] = b"\1" * size
+            at = text.find(key[i : i + size], at + 1)
+    if not any(hit):
+        return text
+    return "".join(
+        instead if mark else "".join(character for character, _ in run)
+        for mark, run in groupby(zip(text, hit, strict=True), key=itemgetter(1))
+    )
 
 
 def quiet_libraries() -> None:

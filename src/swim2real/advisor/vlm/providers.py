@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
-from swim2real.advisor.vlm.errors import redact
+from swim2real.advisor.vlm.errors import quiet_libraries, redact
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.errors import MissingExtraError
 from swim2real.settings import split_vlm_name
@@ -184,6 +184,7 @@ async def send(
     }
     async with httpx2.AsyncClient(timeout=limits, follow_redirects=False, event_hooks=hooks) as http:
         pydantic_model = _open(provider, model, base_url, key, http)
+        quiet_libraries()  # now that they are imported: some set their own levels then
         native = with_schema and pydantic_model.profile.get("supports_json_schema_output", False)
         response = await model_request(
             pydantic_model,
