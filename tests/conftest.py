@@ -2,6 +2,7 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does: matrices are small
 import socket
+import uuid
 from pathlib import Path
 
 import hypothesis
@@ -10,6 +11,7 @@ import pytest
 
 from films import Shot, shoot
 from pools import film
+from swim2real import consent
 from swim2real.trials import TrialSet, load_reference, save_reference
 from vlm_server import VlmServer
 
@@ -58,6 +60,13 @@ def no_keys(monkeypatch):
     for name in list(os.environ):
         if name.upper().endswith(SECRET):
             monkeypatch.delenv(name)
+
+
+@pytest.fixture(autouse=True)
+def nothing_allowed(monkeypatch, tmp_path_factory):
+    """No code is allowed from before, and what a test allows is forgotten."""
+    monkeypatch.setenv(consent.FOLDER, str(tmp_path_factory.getbasetemp() / f"allowed-{uuid.uuid4()}"))
+    monkeypatch.setattr(consent, "_marks", set())
 
 
 @pytest.fixture

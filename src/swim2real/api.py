@@ -46,19 +46,21 @@ class Run:
     outcome: Outcome | None
 
 
-def open_run(folder: str | Path) -> Run:
+def open_run(folder: str | Path, *, allow_code: bool = False) -> Run:
     """Reads a run, whether it has ended or not.
 
     Args:
         folder: Folder of the run.
+        allow_code: Run the Python code that its robot file names, and remember that.
 
     Raises:
         RunError: It is no run folder, or it is damaged.
         ParameterError: It has no parameters yet.
+        ConsentError: Its robot file names Python code that wasn't allowed.
     """
     run = RunFolder(folder)
     settings = run.settings()
-    robot = recorded_robot(run)
+    robot = recorded_robot(run, allow_code=allow_code)
     values = read_parameters(run.path, robot.name, robot.space).values
     losses = tuple(float(entry["loss"]) for entry in run.record())
     content = run.outcome()
@@ -66,11 +68,12 @@ def open_run(folder: str | Path) -> Run:
     return Run(run.path, robot, settings, values, losses, outcome)
 
 
-def recorded_robot(run: RunFolder) -> Robot:
-    """The robot that the settings of a run folder name."""
+def recorded_robot(run: RunFolder, *, allow_code: bool = False) -> Robot:
+    """The robot that the settings of a run folder name, as `load_robot` loads it."""
     settings = run.settings()
     file = settings.get("robot_file")
-    return load_robot(str(settings.get("robot")) if file is None else run.path / str(file))
+    place = str(settings.get("robot")) if file is None else run.path / str(file)
+    return load_robot(place, allow_code=allow_code)
 
 
 def evaluate(

@@ -29,6 +29,12 @@ class RobotError(Swim2RealError):
     exit_code = 2
 
 
+class ConsentError(Swim2RealError):
+    """A file from elsewhere would run code or read files outside of its folder, which nobody has allowed."""
+
+    exit_code = 2
+
+
 class VideoError(Swim2RealError):
     """A video can't be read or written."""
 

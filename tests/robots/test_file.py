@@ -46,7 +46,7 @@ INCLUDED = '<mujocoinclude><body name="fin"><geom name="fin" type="mesh" mesh="f
 def refusal(place) -> str:
     """The message with which a robot file is refused."""
     with pytest.raises(RobotError) as caught:
-        load_robot(place)
+        load_robot(place, allow_code=True)
     return str(caught.value)
 
 
@@ -226,7 +226,7 @@ def test_a_model_may_come_from_a_function_beside_the_file_with_hooks_of_its_own(
     )  # fmt: skip
     (tmp_path / "robot.py").write_text(textwrap.dedent(code).replace("MODEL", SWIMMER))
     for _ in range(2):  # the function may return the same spec again
-        robot = load_robot(place)
+        robot = load_robot(place, allow_code=True)
         assert type(robot.swims.fit_plan).__name__ == "Plan"
         assert robot.build({"x": 0.5}).compile().dof_armature[2] == 0.5
 
@@ -308,7 +308,7 @@ def test_hooks_of_an_extended_file_are_beside_that_one(tmp_path):
     )
     place = tmp_path / "more.toml"
     place.write_text('extends = "base/arm.toml"\nname = "more"\n')
-    assert load_robot(place).swims.response == 42
+    assert load_robot(place, allow_code=True).swims.response == 42
 
 
 def test_files_that_extend_one_another_are_refused(tmp_path):

@@ -15,7 +15,7 @@ from typing import Any, get_type_hints
 
 import tyro
 
-from swim2real import __version__
+from swim2real import __version__, consent
 from swim2real.cli.board import board
 from swim2real.cli.calibrate import calibrate, demo
 from swim2real.cli.compare import compare
@@ -53,14 +53,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Runs a command and exits: 0 done, 1 the work failed (with a sentence), 2 wrong arguments."""
     words = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in words
-    words = [word for word in words if word != "--debug"]
+    allowed = [option for option in consent.OPTIONS if option in words]
+    words = [word for word in words if word not in ("--debug", *consent.OPTIONS)]
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
     logging.getLogger("swim2real").setLevel(logging.DEBUG if debug else logging.WARNING)
     # before NumPy is imported: matrices are small, and threads of linear algebra would only wait for one another
     for library in ("OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     try:
-        code = parsed(words)()
+        with consent.allowing(allowed):
+            code = parsed(words)()
         sys.stdout.flush()
     except Swim2RealError as error:
         if debug:
@@ -124,7 +126,11 @@ def overview() -> str:
         lines += ["", f"{title}:"]
         for name, command in group.items():
             lines.append(f"  {name:<{width}}  {(command.__doc__ or '').strip().splitlines()[0]}")
-    ends = ("swim2real COMMAND --help explains a command.", "--version prints the version, --debug shows tracebacks.")
+    ends = (
+        "swim2real COMMAND --help explains a command.",
+        "--version prints the version. With every command --debug shows tracebacks, and --allow-code runs the Python",
+        "code that a robot file or a policy names, which is refused until it was allowed once.",
+    )
     return "\n".join([*lines, "", *ends])
 
 

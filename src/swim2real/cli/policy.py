@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import PositionalRequiredArgs
 
+from swim2real import consent
 from swim2real.cli.options import Positional
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
@@ -31,7 +32,7 @@ def train(
     settings: PositionalRequiredArgs[TrainingSettings], *, parameters: Path, out: Path, ensemble: Path | None = None,
     robot: str | None = None, seeds: tuple[int | str, ...] = (), workers: int = 0, threads: int = 0,
     any_phase: bool = False, tendon_friction: float = 0.0, noise: float | None = None, delay: int | None = None,
-    resume: bool = False, allow_code: bool = False, json: bool = False, quiet: bool = False,
+    resume: bool = False, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Train a policy in the calibrated simulator: soft actor-critic, as in the paper.
 
@@ -57,7 +58,6 @@ def train(
         noise: Let the policy see tracked markers with this noise [m], not the true state.
         delay: Age of the tracked markers that it sees [control intervals of 20 ms]; 2 where only --noise is given.
         resume: Go on with what is in --out.
-        allow_code: Go on with a checkpoint of an earlier version, which holds a pickle and so could run code.
         json: Print the outcome as JSON.
         quiet: Print no progress.
     """
@@ -68,7 +68,7 @@ def train(
         options = {
             **asdict(settings), "parameters": parameters, "ensemble": ensemble, "robot": robot, "threads": threads or 1,
             "any_phase": any_phase, "tendon_friction": tendon_friction, "noise": noise, "delay": delay,
-            "allow_code": allow_code, "json": json, "quiet": quiet,
+            "json": json, "quiet": quiet,
         }  # fmt: skip
         return _train_seeds(options, expand_seeds(seeds), out, workers or cores, resume)
     from datetime import UTC, datetime
@@ -114,7 +114,8 @@ def train(
 
         outcome = run_training(
             settings, sets, trained, out, about=about, disturbances=disturbances, threads=threads or cores,
-            resume=resume, allow_code=allow_code, on_progress=progress, stop=lambda: bool(interruption),
+            resume=resume, allow_code=consent.given(consent.CODE), on_progress=progress,
+            stop=lambda: bool(interruption),
         )  # fmt: skip
     write_training_page(TrainingRun.open(out), out)
     if json:
@@ -130,8 +131,7 @@ def rollout(
     policy: Positional[Path], *, episodes: int = 50, goals: int = 0, parameters: Path | None = None,
     which: Literal["best", "last"] = "best", stage: int | None = None, tendon_friction: float | None = None,
     current: tuple[float, float] | None = None, closed_loop: bool = False, noise: float = 0.001, delay: int = 2,
-    beside: tuple[Path, ...] = (), out: Path | None = None, film: bool = True, allow_code: bool = False,
-    json: bool = False,
+    beside: tuple[Path, ...] = (), out: Path | None = None, film: bool = True, json: bool = False,
 ) -> int:  # fmt: skip
     """Assess a trained policy: distance and return, success and time to target, against waves of commands.
 
@@ -156,7 +156,6 @@ def rollout(
             from the same start.
         out: Folder to write; by default the policy's.
         film: Write the film.
-        allow_code: Read policies of version 0.1, which hold a pickle and so could run code.
         json: Print the figures as JSON.
     """
     from swim2real.cli.subject import values_for
@@ -169,8 +168,8 @@ def rollout(
     from swim2real.rl.training_run import TrainingRun
     from swim2real.store import write_json
 
-    run = TrainingRun.open(policy, allow_code=allow_code)
-    others = [TrainingRun.open(folder, allow_code=allow_code) for folder in beside]
+    run = TrainingRun.open(policy, allow_code=consent.given(consent.CODE))
+    others = [TrainingRun.open(folder, allow_code=consent.given(consent.CODE)) for folder in beside]
     task = find_task(run.task)
     stages = task.stages
     if goals and not stages:
@@ -215,7 +214,7 @@ def rollout(
 
 def export_commands(
     policy: Positional[Path], *, out: Path, seconds: float, which: Literal["best", "last"] = "best",
-    phase: float = 0.0, goal: tuple[float, float] | None = None, allow_code: bool = False, json: bool = False,
+    phase: float = 0.0, goal: tuple[float, float] | None = None, json: bool = False,
 ) -> int:  # fmt: skip
     """Write a policy's commands as a table, 50 rows a second: .csv as `deploy` reads it, or .npz for other controllers.
 
@@ -230,7 +229,6 @@ def export_commands(
         which: best: in the evaluations while it learned. last: at the end.
         phase: Angle of the motor at the start [rad].
         goal: Goal of a task with goals [m]: x (ahead is negative) and y; by default 1 m straight ahead.
-        allow_code: Read a policy of version 0.1, which holds a pickle and so could run code.
         json: Print what was written as JSON.
     """
     from swim2real.deployment.commands import FISH, CommandTable, write_table
@@ -240,7 +238,7 @@ def export_commands(
 
     if out.suffix not in (".csv", ".npz"):
         raise ArgumentError(f"--out is '{out}'; it must end in .csv, for `deploy`, or in .npz, for other controllers")
-    run = TrainingRun.open(policy, allow_code=allow_code)
+    run = TrainingRun.open(policy, allow_code=consent.given(consent.CODE))
     actuators, commands = policy_commands(run, seconds, which=which, phase=phase, goal=goal)
     columns = {
         f"{name}_{unit.replace('/', '_')}": commands[:, i].tolist()
@@ -329,6 +327,7 @@ def _command(options: Mapping[str, Any], seed: int, out: Path, resume: bool) -> 
         if name == "task" or value is None or value is False:
             continue
         words += [flag] if value is True else [flag, *map(str, value if isinstance(value, tuple) else (value,))]
+    words += consent.options()
     return [*words, "--resume"] if resume and (folder / SETTINGS).exists() else words
 
 

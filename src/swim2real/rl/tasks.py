@@ -13,10 +13,11 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real import consent
 from swim2real.errors import ArgumentError
 from swim2real.rl.observation import MOST_PLACE, MOST_RATE
 from swim2real.rl.state import State
-from swim2real.robots.file import load_named
+from swim2real.robots.named_code import NamedCode, request
 from swim2real.robots.robot import Robot
 
 Array = NDArray[np.float64]
@@ -223,6 +224,9 @@ TASKS: Mapping[str, type[Any]] = {"forward": Forward, "target": Target, "paper-t
 def find_task(name: str) -> type[Any]:
     """The class of a task: a built-in one, one of an installed package, or one of a Python file.
 
+    Who gives a name here allows the code that it names, which is remembered; a name that was read from a file is asked
+    for before (`check_allowed`).
+
     Args:
         name: `forward`, `target`, `paper-target`, the name of an entry point in the group `swim2real.tasks`, or
             `python:FILE.py:CLASS` or `python:MODULE:CLASS`.
@@ -233,18 +237,36 @@ def find_task(name: str) -> type[Any]:
     if name in TASKS:
         return TASKS[name]
     offered = metadata.entry_points(group=ENTRY_POINTS)
-    parts = name.split(":")
+    code = NamedCode.parse(name, Path())
     try:
         if name in offered.names:
             return offered[name].load()
-        if len(parts) == 3 and parts[0] == "python":
-            return load_named(parts[1], parts[2], Path())
+        if code is not None:
+            check_allowed(name, f"task '{name}'", allow_code=True)
+            return code.load()
     except Exception as error:  # whatever the user's code does
         raise ArgumentError(f"task '{name}' can't be imported: {type(error).__name__}: {error}") from error
     raise ArgumentError(
         f"there is no task '{name}'; there are {', '.join([*TASKS, *sorted(offered.names)])}, or give a class of your "
         f"own as python:FILE.py:CLASS"
     )
+
+
+def check_allowed(name: str, where: str, *, allow_code: bool = False) -> None:
+    """Checks that the code of a task may run.
+
+    Args:
+        name: The task, as `find_task` takes it.
+        where: What names it.
+        allow_code: Allow it now, and remember that.
+
+    Raises:
+        ConsentError: It names Python code that wasn't allowed.
+    """
+    code = NamedCode.parse(name, Path())
+    asked = None if code is None else request(where, b"", [code])
+    if asked is not None:
+        consent.require(asked, allowed=allow_code)
 
 
 class Curriculum:

@@ -14,6 +14,7 @@ from swim2real.checking import read, shown
 from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.conditions import Disturbances
+from swim2real.rl.tasks import check_allowed
 from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
@@ -121,7 +122,8 @@ class TrainingRun:
     Attributes:
         folder: The folder.
         settings: Its settings.
-        allow_code: Whether what could run code is read, such as the pickle of a policy of version 0.1.
+        allow_code: Whether code may run that its task or its robot file names, or that is in the pickle of a policy of
+            version 0.1; where not, named code that was allowed before may.
     """
 
     folder: Path
@@ -131,6 +133,11 @@ class TrainingRun:
     @classmethod
     def open(cls, folder: str | Path, *, allow_code: bool = False) -> TrainingRun:
         """Opens a training folder.
+
+        Args:
+            folder: The folder.
+            allow_code: Run the Python code that its task and its robot file name, when they are asked for, and
+                remember that.
 
         Raises:
             RunError: The folder is no training run, or its settings are damaged.
@@ -146,9 +153,15 @@ class TrainingRun:
 
     @property
     def task(self) -> str:
-        """Task of the policy, as `tasks.find_task` takes it; that of a file with its place from here."""
+        """Task of the policy, as `tasks.find_task` takes it; that of a file with its place from here.
+
+        Raises:
+            ConsentError: It names Python code that wasn't allowed.
+        """
         task, file = self.settings.task, hook_file(self.settings.task)
-        return task if file is None else task.replace(file, str(self.folder / file), 1)
+        place = task if file is None else task.replace(file, str(self.folder / file), 1)
+        check_allowed(place, f"training run '{self.folder}'", allow_code=self.allow_code)
+        return place
 
     @property
     def robot(self) -> Robot:
@@ -156,10 +169,11 @@ class TrainingRun:
 
         Raises:
             RunError: It isn't known here.
+            ConsentError: Its file names Python code that wasn't allowed.
         """
         try:
             file = self.settings.robot_file
-            return load_robot(self.settings.robot if file is None else self.folder / file)
+            return load_robot(self.settings.robot if file is None else self.folder / file, allow_code=self.allow_code)
         except ArgumentError as error:
             raise RunError(f"'{self.folder}': {error}") from error
 

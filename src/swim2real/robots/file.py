@@ -5,10 +5,8 @@ The tables and keys of the file are those of `schema.py`; here they are held aga
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
+import json
 import re
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,11 +15,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from swim2real import consent
 from swim2real.checking import check
 from swim2real.errors import ParameterError, RobotError
 from swim2real.parameters import Parameter, ParameterSpace, Values
 from swim2real.robots.compiled import compiled, one_line
 from swim2real.robots.delays import Delay
+from swim2real.robots.named_code import FORMS, PREFIX, NamedCode, request
 from swim2real.robots.robot import (
     CommandLimits,
     Control,
@@ -72,6 +72,7 @@ class RobotFile:
         table: All that it says, with what it takes over from others.
         spec: The model before any parameter is written to it.
         calibrated: The parameters and what they set.
+        allowed: Marks of what was asked for and allowed, for other processes.
     """
 
     path: Path
@@ -79,19 +80,22 @@ class RobotFile:
     table: RobotTable
     spec: mujoco.MjSpec
     calibrated: tuple[CalibratedParameter, ...]
+    allowed: tuple[str, ...] = ()
 
 
-def robot_from_file(path: str | Path, *, markers_only: bool = False) -> Robot:
+def robot_from_file(path: str | Path, *, markers_only: bool = False, allow_code: bool = False) -> Robot:
     """The robot that a file describes.
 
     Args:
         path: Path of the file.
         markers_only: As `open_robot_file` has it. The robot can be tracked; it isn't one to calibrate.
+        allow_code: Run the Python code that the file names, and remember that.
 
     Raises:
         RobotError: The file can't be read, or doesn't fit its model; names the place and what exists.
+        ConsentError: It names Python code that wasn't allowed.
     """
-    file = open_robot_file(path, markers_only=markers_only)
+    file = open_robot_file(path, markers_only=markers_only, allow_code=allow_code)
     try:
         return _robot(file, markers_only)
     except RobotError:
@@ -137,21 +141,26 @@ def _robot(file: RobotFile, markers_only: bool) -> Robot:
     )
 
 
-def open_robot_file(path: str | Path, *, markers_only: bool = False) -> RobotFile:
+def open_robot_file(path: str | Path, *, markers_only: bool = False, allow_code: bool = False) -> RobotFile:
     """Reads a robot file, its model and its parameters.
 
     Args:
         path: Path of the file.
         markers_only: Read what tracking takes: the model, its markers and what a trial is. Hooks and [policy] are
             passed over, and so is a parameter that doesn't fit the model, whose numbers then stay the model's own.
+        allow_code: Run the Python code that the file names, and remember that.
 
     Raises:
         RobotError: One can't be read, or a parameter doesn't fit the model.
+        ConsentError: The file names Python code that wasn't allowed.
     """
     place = Path(path)
     content = read_content(place)
     where = f"robot file '{place}'"
     table = check(RobotTable, _for_markers(content) if markers_only else content, where, RobotError)
+    code = _request(content, table, place.parent, where)
+    if code is not None:
+        consent.require(code, allowed=allow_code)
     spec = _base(table, place.parent, where)
     signals = None
     if table.recordings is not None:
@@ -168,7 +177,8 @@ def open_robot_file(path: str | Path, *, markers_only: bool = False) -> RobotFil
                 raise
             continue
         calibrated[name] = parameter
-    return RobotFile(place, where, table, spec, tuple(calibrated.values()))
+    allowed = () if code is None else (code.mark,)
+    return RobotFile(place, where, table, spec, tuple(calibrated.values()), allowed)
 
 
 def _for_markers(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -206,7 +216,7 @@ class _Builder:
     ) -> None:
         base = file.spec
         self._base, self._space, self._calibrated = base, space, file.calibrated
-        self._path, self._markers_only = file.path.resolve(), markers_only
+        self._path, self._markers_only, self._allowed = file.path.resolve(), markers_only, file.allowed
         if not prefix:  # only the markers' own
             for sensor in list(base.sensors):
                 base.delete(sensor)
@@ -218,7 +228,7 @@ class _Builder:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A spec can't go to another process; the file is read again there."""
-        return _builder_of, (self._path, self._markers_only)
+        return _builder_of, (self._path, self._markers_only, self._allowed)
 
     def build(self, values: Values) -> mujoco.MjSpec:
         """A spec ready to compile.
@@ -238,13 +248,14 @@ class _Builder:
         return spec
 
 
-def _builder_of(path: Path, markers_only: bool) -> _Builder:
+def _builder_of(path: Path, markers_only: bool, allowed: tuple[str, ...]) -> _Builder:
+    consent.trust(allowed)
     return robot_from_file(path, markers_only=markers_only).build.__self__  # type: ignore[attr-defined]
 
 
 def _base(table: RobotTable, folder: Path, where: str) -> mujoco.MjSpec:
     """The model before anything is written to it."""
-    if table.model.startswith("python:"):
+    if table.model.startswith(PREFIX):
         spec = _call(table.model, folder, f"{where}: 'model'")
         if not isinstance(spec, mujoco.MjSpec):
             raise RobotError(
@@ -258,13 +269,12 @@ def _base(table: RobotTable, folder: Path, where: str) -> mujoco.MjSpec:
 
 
 def _call(hook: str, folder: Path, where: str) -> Any:
-    """What a function returns that a robot file names. It is the user's code and runs as such."""
+    """What a function returns that a robot file names. Whether it may run has been asked by then."""
+    code = NamedCode.parse(hook, folder)
+    if code is None:
+        raise RobotError(f"{where} is '{hook}'; it must be {FORMS}")
     try:
-        _, module, name = hook.split(":")
-    except ValueError:
-        raise RobotError(f"{where} is '{hook}'; it must be python:MODULE:FUNCTION or python:FILE.py:FUNCTION") from None
-    try:
-        function = load_named(module, name, folder)
+        function = code.load()
     except Exception as error:  # whatever the user's code does
         raise RobotError(f"{where} '{hook}' can't be imported: {type(error).__name__}: {error}") from error
     if not callable(function):
@@ -275,21 +285,12 @@ def _call(hook: str, folder: Path, where: str) -> Any:
         raise RobotError(f"{where} '{hook}' failed: {type(error).__name__}: {error}") from error
 
 
-def load_named(module: str, name: str, folder: Path) -> Any:
-    """What a user's module, or Python file in a folder, has by a name. Raises whatever the user's code does."""
-    loaded = _load_module(folder / module) if module.endswith(".py") else importlib.import_module(module)
-    return getattr(loaded, name)
-
-
-def _load_module(path: Path) -> Any:
-    name = f"swim2real_robot_file.{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"no Python file '{path}'")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+def _request(content: Mapping[str, Any], table: RobotTable, folder: Path, where: str) -> consent.Request | None:
+    """What the Python code needs that a file names. It is remembered by all that the file says, and by the code."""
+    swims = table.swims
+    hooks = [table.model, *(() if swims is None else (swims.response, swims.fit_plan))]
+    codes = [code for hook in hooks if hook and (code := NamedCode.parse(hook, folder)) is not None]
+    return request(where, json.dumps(content, sort_keys=True, default=str).encode(), codes)
 
 
 def _known(where: str, key: str, name: str, what: str, known: Sequence[str]) -> None:

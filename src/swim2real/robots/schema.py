@@ -51,6 +51,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Dis
 
 from swim2real.checking import Label
 from swim2real.errors import RobotError
+from swim2real.robots.named_code import FORMS, PREFIX, NamedCode
 
 FORMAT = 1
 _NEW_NAMES = {"travels": "score_progress", "worth": "meters_per_unit", "writes": "targets"}
@@ -64,9 +65,8 @@ def _not_blank(text: str) -> str:
 
 
 def _hook(text: str) -> str:
-    parts = text.split(":")
-    if len(parts) != 3 or parts[0] != "python":
-        raise ValueError(f"it is '{text}'; it must be python:MODULE:FUNCTION or python:FILE.py:FUNCTION")
+    if NamedCode.parse(text, Path()) is None:
+        raise ValueError(f"it is '{text}'; it must be {FORMS}")
     return text
 
 
@@ -279,8 +279,8 @@ def read_content(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, An
 
 def hook_file(text: object) -> str | None:
     """The file that a function named `python:FILE.py:NAME` is in; None for one of a module, or for anything else."""
-    parts = text.split(":") if isinstance(text, str) else []
-    return parts[1] if len(parts) == 3 and parts[0] == "python" and parts[1].endswith(".py") else None
+    code = NamedCode.parse(text, Path()) if isinstance(text, str) else None
+    return None if code is None else code.file
 
 
 def with_first_names(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -313,7 +313,7 @@ def _moved(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     there = dict(content)
     model = there.get("model")
     if isinstance(model, str):
-        there["model"] = moved(model) if model.startswith("python:") else (folder / model).as_posix()
+        there["model"] = moved(model) if model.startswith(PREFIX) else (folder / model).as_posix()
     if isinstance(there.get("swims"), dict):
         there["swims"] = {key: moved(value) for key, value in there["swims"].items()}
     return there
