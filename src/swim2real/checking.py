@@ -113,7 +113,8 @@ def read(model: type[Model], path: str | Path, what: str, error: type[Swim2RealE
     except FileNotFoundError:
         raise error(f"{named} is not there{end}") from None
     except (OSError, ValueError) as failure:
-        raise error(f"{named} can't be read as JSON: {failure}{end}") from failure
+        reason = (isinstance(failure, OSError) and failure.strerror) or failure
+        raise error(f"{named} can't be read as JSON: {reason}{end}") from failure
     return check(model, content, named, error, remedy)
 
 

@@ -1,25 +1,35 @@
 """Files on the disk: written whole or not at all, appended line by line, locked while a process works on them.
 
 A reader never sees half of a file, and a process that is killed at any moment leaves the old content or the new one.
-Every function raises the `OSError` of the system; those who know what the file is for turn it into a sentence.
+Every function raises the `OSError` of the system; those who know what the file is for turn it into a sentence. Files
+may come from anywhere: one that is too large, or no file but a device or a pipe, is refused before it is read.
 
 A motor's computer writes files as well, without NumPy and filelock: these are imported by the functions that need them.
 """
 
 from __future__ import annotations
 
+import errno
 import json
+import math
 import os
 import shutil
+import stat
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 from zipfile import ZipFile
 
 MOST_ARRAYS = 1 << 29  # bytes of arrays in a file that isn't expected to have more
 PART = ".part"  # suffix of a file that is still being written
 LOCK = ".lock"
+MOST_JSON = 32_000_000  # bytes of a JSON file
+MOST_TEXT = 4_000_000  # bytes of a text that a person writes, as of a robot file
+MOST_TABLE = 64_000_000  # bytes of a CSV table
+MOST_ROWS = 1_000_000  # of a CSV table
+_MOST_DIGITS = 40  # of a whole number; the state of a random stream has 39
 
 
 @contextmanager
@@ -90,18 +100,134 @@ def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> None:
         np.savez_compressed(file, **arrays)
 
 
-def read_json(path: str | Path) -> Any:
+def read_bytes(path: str | Path, most: int) -> bytes:
+    """The content of a file.
+
+    Args:
+        path: Path of the file.
+        most: Bytes that it may have.
+
+    Raises:
+        FileNotFoundError: It isn't there.
+        OSError: It can't be read, or is a device or a pipe.
+        ValueError: It is too large; the message says how large.
+    """
+    if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
+        raise OSError(errno.EINVAL, "it is a device, a pipe or a socket, not a file", str(path))
+    with Path(path).open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > most:
+            raise ValueError(f"it has {size / 1e6:.1f} MB; at most {most / 1e6:g} MB are read")
+        content = file.read(most + 1)
+    if len(content) > most:  # it grew, or its size isn't told
+        raise ValueError(f"it has more than {most / 1e6:g} MB; at most that is read")
+    return content
+
+
+def read_text(path: str | Path, most: int = MOST_TEXT, encoding: str = "utf-8") -> str:
+    """The content of a text file, with line ends as they are.
+
+    Args:
+        path: Path of the file.
+        most: Bytes that it may have.
+        encoding: `utf-8-sig` for a file that may begin with a byte order mark.
+
+    Raises:
+        OSError: As `read_bytes` has it.
+        ValueError: It is too large, or isn't text in UTF-8.
+    """
+    return read_bytes(path, most).decode(encoding)
+
+
+def read_json(path: str | Path, most: int = MOST_JSON) -> Any:
     """The content of a JSON file.
+
+    Args:
+        path: Path of the file.
+        most: Bytes that it may have.
 
     Raises:
         FileNotFoundError: It isn't there.
         OSError: It can't be read.
-        ValueError: It isn't JSON in UTF-8; the message says where.
+        ValueError: It is too large, or isn't as `from_json` wants it.
     """
+    return from_json(read_bytes(path, most))
+
+
+def from_json(content: bytes | str) -> Any:
+    """What a JSON text says.
+
+    Raises:
+        ValueError: It isn't JSON in UTF-8, or it holds what no file of ours does: numbers that aren't finite or have
+            more than 40 digits, or texts with NUL or with half a character. The message says what.
+    """
+    text = content.decode() if isinstance(content, bytes) else content
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
+        found = json.loads(text, parse_constant=partial(_no_number, text), parse_float=_finite, parse_int=_whole)
+        if "\\u" in text:
+            _check_texts(found)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
+    return found
+
+
+def from_toml(content: bytes) -> dict[str, Any]:
+    """What a TOML text says.
+
+    Raises:
+        ValueError: It isn't TOML in UTF-8, is nested too deeply, or holds a number with more than 40 digits or a text
+            with NUL. The message says what.
+    """
+    import tomllib
+
+    try:
+        found = tomllib.loads(content.decode())
+        _check_values(found)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    return found
+
+
+def _check_values(content: Any) -> None:
+    if isinstance(content, dict):
+        for key, value in cast("dict[str, Any]", content).items():
+            _check_values(key)
+            _check_values(value)
+    elif isinstance(content, list):
+        for value in cast("list[Any]", content):
+            _check_values(value)
+    elif isinstance(content, str) and "\0" in content:
+        raise ValueError("a text in it holds a NUL")
+    elif isinstance(content, int) and abs(content) >= 10**_MOST_DIGITS:
+        raise ValueError(f"a number in it has more than {_MOST_DIGITS} digits")
+
+
+def _check_texts(content: Any) -> None:
+    told = json.dumps(content, ensure_ascii=False)
+    if "\\u0000" in told:
+        raise ValueError("a text in it holds a NUL")
+    try:
+        told.encode()
+    except UnicodeEncodeError:
+        raise ValueError("a text in it holds half a character, a surrogate by itself") from None
+
+
+def _no_number(text: str, name: str) -> float:
+    line = text.count("\n", 0, text.find(name)) + 1
+    raise ValueError(f"{name} (line {line}) is no number in JSON; it must be finite")
+
+
+def _finite(digits: str) -> float:
+    number = float(digits)
+    if not math.isfinite(number):
+        raise ValueError(f"{digits[:20]} is no finite number")
+    return number
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > _MOST_DIGITS:
+        raise ValueError(f"{digits[:20]}… has {len(digits)} digits; at most {_MOST_DIGITS} are read")
+    return int(digits)
 
 
 def read_arrays(path: str | Path, most: int = MOST_ARRAYS) -> dict[str, Any]:
@@ -118,24 +244,40 @@ def read_arrays(path: str | Path, most: int = MOST_ARRAYS) -> dict[str, Any]:
     """
     import numpy as np
 
+    if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
+        raise OSError(errno.EINVAL, "it is a device, a pipe or a socket, not a file", str(path))
     with Path(path).open("rb") as file:
         try:
-            with ZipFile(file) as members:
-                size = sum(member.file_size for member in members.infolist())
-            if size > most:
-                raise ValueError(f"its arrays have {size / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are read")
+            with ZipFile(file) as archive:
+                members = archive.infolist()
+                size = sum(member.file_size for member in members)
+                if size > most:
+                    raise ValueError(f"its arrays have {size / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are read")
+                for member in members:
+                    if not member.filename.endswith(".npy"):
+                        raise ValueError(f"'{member.filename[:60]}' in it is no array")
+                    with archive.open(member) as packed:
+                        _check_header(packed, member.file_size)
             file.seek(0)
             with np.load(file, allow_pickle=False) as stored:
-                arrays = dict(stored)
-        except OSError:
+                return dict(stored)
+        except (OSError, ValueError):
             raise
         except Exception as error:  # a damaged file makes zipfile, zlib and NumPy raise errors of a dozen types
-            if "allow_pickle" in str(error):
-                raise ValueError("it holds a pickle, which could run code; it isn't read") from error
             raise ValueError(str(error) or type(error).__name__) from error
-    if other := next((name for name, array in arrays.items() if not isinstance(array, np.ndarray)), None):
-        raise ValueError(f"'{other}' in it is no array")
-    return arrays
+
+
+def _check_header(packed: Any, size: int) -> None:
+    """Refuses a pickle, and a header that promises more than there is, before memory is taken for it."""
+    from numpy.lib import format as npy
+
+    version = npy.read_magic(packed)
+    read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, _, kind = read(packed)
+    if kind.hasobject:
+        raise ValueError("it holds a pickle, which could run code; it isn't read")
+    if packed.tell() + math.prod(shape) * kind.itemsize != size:
+        raise ValueError(f"an array of shape {shape} doesn't fit the {size} bytes that are there")
 
 
 def append_line(path: str | Path, entry: Mapping[str, Any]) -> None:

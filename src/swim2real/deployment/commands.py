@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from pathlib import Path
 
 from swim2real.deployment.control_table import XW540
 from swim2real.errors import ArgumentError
-from swim2real.store import write_text
+from swim2real.store import MOST_ROWS, MOST_TABLE, read_text, write_text
 
 RATE = 50  # Hz
 TIME = "time_s"
@@ -218,12 +219,14 @@ def read_table(path: str | Path) -> CommandTable:
     """
     file = Path(path)
     try:
-        with file.open(newline="", encoding="utf-8-sig") as lines:
-            cells = list(csv.reader(lines))
+        text = read_text(file, MOST_TABLE, "utf-8-sig")
+        cells = list(csv.reader(io.StringIO(text, newline=""))) if text.count("\n") <= MOST_ROWS else None
     except OSError as error:
         raise ArgumentError(f"command table '{file}' can't be read: {error.strerror or error}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
+    except (ValueError, csv.Error) as error:
         raise ArgumentError(f"command table '{file}' is not a CSV text file: {error}") from error
+    if cells is None:
+        raise ArgumentError(f"{file.name}: more than {MOST_ROWS} rows; send it in parts")
     header = tuple(cell.strip() for cell in cells[0]) if cells else ()
     if problem := _header_problem(header):
         raise ArgumentError(f"{file.name} line 1: the header is '{','.join(header)}'; {problem}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 from swim2real.deployment.commands import ACCELERATION, FISH, XW540_T140, Limits, is_speed, split_column
 from swim2real.deployment.control_table import MODELS, POSITION_UNIT, XW540, Model, model_named
 from swim2real.errors import ArgumentError
+from swim2real.store import MOST_TEXT, from_toml, read_bytes
 
 _KEYS = ("id", "model", "direction", "zero", "lowest", "highest", "speed", "acceleration")
 _ANGLE_KEYS = ("zero", "lowest", "highest")
@@ -98,10 +98,10 @@ def read_motors(path: str | Path, columns: Sequence[str]) -> tuple[MotorSettings
     """
     file = Path(path)
     try:
-        entries = tomllib.loads(file.read_text(encoding="utf-8"))
+        entries = from_toml(read_bytes(file, MOST_TEXT))
     except OSError as error:
         raise ArgumentError(f"motors file '{file}' can't be read: {error.strerror or error}") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except ValueError as error:
         raise ArgumentError(f"motors file '{file}' is not TOML: {error}") from error
     by_name: dict[str, str] = {}
     for column in columns:

@@ -42,7 +42,6 @@ A file that says `extends = "OTHER.toml"` takes over what it doesn't say itself,
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -52,6 +51,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Dis
 from swim2real.checking import Label
 from swim2real.errors import RobotError
 from swim2real.robots.named_code import FORMS, PREFIX, NamedCode
+from swim2real.store import MOST_TEXT, from_toml, read_bytes
 
 FORMAT = 1
 _NEW_NAMES = {"travels": "score_progress", "worth": "meters_per_unit", "writes": "targets"}
@@ -295,11 +295,10 @@ def with_first_names(content: Mapping[str, Any]) -> dict[str, Any]:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
+        return from_toml(read_bytes(path, MOST_TEXT))
     except FileNotFoundError:
         raise RobotError(f"robot file '{path}' is not there; `swim2real init MODEL.xml` writes one") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise RobotError(f"robot file '{path}' can't be read as TOML: {error}") from error
 
 

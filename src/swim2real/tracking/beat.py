@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 HARMONICS = 3
 SLOWEST = 0.1  # Hz
 FASTEST = 5.0  # Hz
+LONG = 100.0  # s of a trial that are searched for the beat at first
 LEAST_CYCLES = 1.0  # that a trial must show
 LEAST_SHARE = 0.5  # of the lateral motion's variance that the fit must explain
 
@@ -90,11 +91,7 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
     def misfit(frequency: float, harmonics: int) -> float:
         return sum(_fit(t, y, frequency, harmonics)[1] for t, y in signals)
 
-    # the grid is finer than the width of a spectral peak; the fundamental alone picks the peak, not a harmonic
-    grid = np.linspace(lowest, highest, max(32, int(np.ceil(8 * span * (highest - lowest)))))
-    coarse = [misfit(frequency, 1) for frequency in grid]
-    best = int(np.argmin(coarse))
-    bounds = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)]))
+    bounds = _peak(signals, span, lowest, highest)
     fit = minimize_scalar(misfit, bounds=bounds, args=(HARMONICS,), method="bounded", options={"xatol": 1e-7})
     frequency, residual = float(fit.x), float(fit.fun)
     explained = 1 - residual / total
@@ -119,6 +116,25 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
     return Beat(
         frequency, frequency_std, float(np.arctan2(-sine, cosine)), phase_std, speed, speed_std, amplitude, explained
     )
+
+
+def _peak(signals: list[tuple[Array, Array]], span: float, lowest: float, highest: float) -> tuple[float, float]:
+    """Frequencies around the highest spectral peak [Hz].
+
+    The grid is finer than the width of a peak; the fundamental alone picks the peak, not a harmonic. Of a long trial
+    the beginning is searched and twice as much each time, near what was found, so that time grows with frames alone.
+    """
+    seconds = min(span, LONG)
+    while True:
+        parts = [(t[: np.searchsorted(t, t[0] + seconds, "right")], y) for t, y in signals]
+        parts = [(t, y[: len(t)]) for t, y in parts]
+        grid = np.linspace(lowest, highest, max(32, int(np.ceil(8 * seconds * (highest - lowest)))))
+        coarse = [sum(_fit(t, y, frequency, 1)[1] for t, y in parts) for frequency in grid]
+        best = int(np.argmin(coarse))
+        lowest, highest = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])
+        if seconds >= span:
+            return lowest, highest
+        seconds = min(2 * seconds, span)
 
 
 def _basis(times: Array, frequency: float, harmonics: int) -> Array:

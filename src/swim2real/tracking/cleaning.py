@@ -18,6 +18,7 @@ Mask = NDArray[np.bool_]
 
 LONGEST = 0.1  # s, a gap that can be filled; at 2.25 Hz this is a fifth of a beat
 FASTEST_BEAT = 2.25  # Hz, of the trials to come; its second harmonic must survive smoothing as well
+LONGEST_WINDOW = 501  # frames, for more than 4000 frames a second
 LEAST_GAIN = 0.98  # of the beat and its second harmonic that smoothing has to leave
 ORDER = 3  # of the local polynomials
 _NEIGHBORS = 3  # known samples on either side of a gap that a cubic is fitted to
@@ -108,7 +109,7 @@ def beat_gain(window: int, fps: float, frequency: float) -> float:
     if size == 1:
         return 1.0
     offsets = np.arange(size) - size // 2
-    kernel = _kernels(offsets.astype(float), size)[0][size // 2]
+    kernel = _kernels(offsets.astype(float), size, slice(size // 2, size // 2 + 1))[0][0]
     return float(kernel @ np.cos(2 * np.pi * frequency * offsets / fps))
 
 
@@ -122,18 +123,18 @@ def beat_window(fps: float, frequency: float = FASTEST_BEAT) -> int:
         frequency: Frequency of the beat [Hz].
     """
     best = 1
-    for size in range(ORDER + 2, max(ORDER + 3, int(fps)), 2):
+    for size in range(ORDER + 2, max(ORDER + 3, min(int(fps), LONGEST_WINDOW + 1)), 2):
         if min(beat_gain(size, fps, frequency), beat_gain(size, fps, 2 * frequency)) < LEAST_GAIN:
             break
         best = size
     return best
 
 
-def _kernels(times: Array, size: int) -> tuple[Array, NDArray[np.int64]]:
-    """Weights (N, size) that give the local cubic's value at each time stamp, and the first sample of each window."""
+def _kernels(times: Array, size: int, which: slice = slice(None)) -> tuple[Array, NDArray[np.int64]]:
+    """Weights (N, size) that give the local cubic's value at time stamps, and the first sample of each window."""
     count = len(times)
-    first = np.clip(np.arange(count) - size // 2, 0, count - size)
-    offsets = times[first[:, None] + np.arange(size)] - times[:, None]
+    first = np.clip(np.arange(count) - size // 2, 0, count - size)[which]
+    offsets = times[first[:, None] + np.arange(size)] - times[which, None]
     powers = (offsets / (times[-1] - times[0]) * (count - 1) / size)[:, :, None] ** np.arange(ORDER + 1)
     return np.linalg.pinv(powers)[:, 0], first
 

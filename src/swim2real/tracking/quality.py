@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_closing, binary_opening
 
+from swim2real.errors import TrialError
 from swim2real.trials.trial import MarkerTrack
 
 Array = NDArray[np.float64]
@@ -35,6 +35,7 @@ HEAD_SPREAD = 0.05  # of the head's length, above which its scale is doubtful
 MOST_NAMED = 10  # lost markers with a sentence each; of more the worst are named in one
 SWAP_SHARE = 0.6  # of the distance to the next marker on a body, by which a distance can't change from frame to frame
 SUDDEN = 8.0  # times the usual change of a body's step, above which it jumped
+MOST_PAIRS = 20_000_000  # pairs of markers times frames: an hour at 60 frames a second with 9 markers
 _START_FRAMES = 5
 USABLE_SHARE = 0.05  # of frames that a marker may be lost for in a trial that is used without a second thought
 
@@ -198,7 +199,15 @@ def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
     Args:
         track: Track of a real swim; NaN is legal.
         rest_markers: Marker positions of the straight robot [m]. Shape (M, 2).
+
+    Raises:
+        TrialError: The track is too long.
     """
+    if track.frame_count * track.marker_count**2 > MOST_PAIRS:
+        raise TrialError(
+            f"a track of {track.frame_count} frames with {track.marker_count} markers is too long to be checked; at "
+            f"most {MOST_PAIRS // track.marker_count**2} frames are: cut it with `swim2real cut`"
+        )
     missing, doubtful = _missing_and_doubtful(track)
     missing |= doubtful
     track = MarkerTrack(track.times, np.where(missing[:, :, None], np.nan, track.positions), track.confidence)
@@ -220,7 +229,7 @@ def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
     frozen = _frozen(track, interval)
     jumped = _jumped(track, interval, misplaced | frozen | missing)
     lost = missing | misplaced | frozen | jumped
-    lost = _join(lost, max(1, round(GAP_TIME / interval)))
+    lost = _join(lost, max(1, _frames(GAP_TIME, interval, lost)))
 
     kinds = (missing & ~doubtful, collapsed, misplaced & ~collapsed, jumped, frozen, doubtful)
     scale = _median(distances[~lost.any(axis=1)] if (~lost.any(axis=1)).any() else distances)
@@ -312,7 +321,8 @@ def _misplaced(spacings: Array, spacing: Array, distances: Array, expected: Arra
             tie = 1e-3 * (slack[t] * (left[:, None] & left)).sum(
                 axis=1
             )  # of two that disagree: the one with less slack
-            left[int(np.argmax((badness[t] * pairs).sum(axis=1) + tie))] = False
+            # only of those that are left, or it would never end
+            left[int(np.argmax(np.where(left, (badness[t] * pairs).sum(axis=1) + tie, -np.inf)))] = False
         out[t] = ~left
     return out & ~missing
 
@@ -322,7 +332,7 @@ def _frozen(track: MarkerTrack, interval: float) -> Mask:
     still = np.zeros(track.positions.shape[:2], dtype=bool)
     with np.errstate(invalid="ignore"):
         still[1:] = (np.diff(track.positions, axis=0) == 0).all(axis=2)
-    runs = binary_opening(still, structure=np.ones((max(2, round(FREEZE_TIME / interval)), 1), dtype=bool))
+    runs = _long(still, max(2, _frames(FREEZE_TIME, interval, still)))
     if not runs.any():
         return runs
     frozen = np.zeros_like(runs)
@@ -346,7 +356,24 @@ def _jumped(track: MarkerTrack, interval: float, known: Mask) -> Mask:
         return steps > limit
 
 
+def _frames(seconds: float, interval: float, mask: Mask) -> int:
+    """Number of frames in a time; one more than there are, where it is longer than all of them."""
+    return round(min(seconds / interval, len(mask) + 1))
+
+
 def _join(lost: Mask, frames: int) -> Mask:
-    """Closes short gaps between two losses of a marker."""
-    padded = np.pad(lost, ((frames, frames), (0, 0)))
-    return binary_closing(padded, structure=np.ones((frames + 1, 1), dtype=bool))[frames:-frames] | lost
+    """Closes gaps of at most so many frames between two losses of a marker."""
+    gaps = ~lost
+    ends = np.logical_or.accumulate(lost, axis=0) & np.logical_or.accumulate(lost[::-1], axis=0)[::-1]
+    return lost | (gaps & ends & ~_long(gaps, frames + 1))
+
+
+def _long(mask: Mask, frames: int) -> Mask:
+    """What of a mask stands in runs of at least so many frames, in each column by itself. Shape (T, M)."""
+    kept = np.zeros_like(mask)
+    for m in np.flatnonzero(mask.any(axis=0)):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], mask[:, m].astype(int), [0]])))
+        lengths = np.diff(edges.reshape(-1, 2), axis=1)[:, 0]
+        inside = np.repeat(lengths >= frames, lengths)
+        kept[mask[:, m], m] = inside
+    return kept

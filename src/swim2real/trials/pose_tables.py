@@ -6,16 +6,19 @@ Pixels, y down. Read by DeepLabCut, movement and napari; no library of theirs is
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from swim2real.errors import TrialError
-from swim2real.store import whole_file
+from swim2real.store import MOST_ROWS, MOST_TABLE, read_text, whole_file
 from swim2real.trials.trial import MarkerTrack
 
 _COORDS = ("x", "y", "likelihood")
+_FAR = 1e9  # px
+_DIGITS = 12  # of the number of a frame
 _ROUNDING = 1e-6  # by which a likelihood may lie outside 0 and 1
 
 
@@ -66,10 +69,12 @@ def read_dlc(path: str | Path, fps: float) -> tuple[MarkerTrack, tuple[str, ...]
     if not (np.isfinite(fps) and fps > 0):
         raise TrialError(f"{table}: fps is {fps}; it must be finite and above 0")
     try:
-        with table.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        text = read_text(table, MOST_TABLE, "utf-8-sig")
+        if text.count("\n") > MOST_ROWS:
+            raise TrialError(f"{table}: more than {MOST_ROWS} rows; cut it into shorter trials")
+        reader = csv.reader(io.StringIO(text, newline=""))
+        lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
+    except (OSError, ValueError, csv.Error) as error:
         raise TrialError(f"{table}: not readable as a table ({error})") from error
     names, lines = _header(table, lines)
     width = 1 + len(_COORDS) * len(names)
@@ -79,7 +84,7 @@ def read_dlc(path: str | Path, fps: float) -> tuple[MarkerTrack, tuple[str, ...]
         if len(cells) != width:
             raise TrialError(f"{table}, line {line}: {len(cells)} columns; the header has {width}")
         frame = cells[0].strip()
-        if not frame.isdecimal():
+        if not (frame.isdecimal() and len(frame) <= _DIGITS):
             raise TrialError(
                 f"{table}, line {line}, column 1: '{frame}' is no frame number; tables of single labeled pictures "
                 f"are no track, analyze the video instead"
@@ -134,4 +139,8 @@ def _number(table: Path, line: int, column: int, cell: str) -> float:
         if not (-_ROUNDING <= value <= 1 + _ROUNDING or np.isnan(value)):
             raise TrialError(f"{table}, line {line}, column {column}: likelihood {cell} must lie within 0 and 1")
         return value if np.isnan(value) else min(max(value, 0.0), 1.0)
+    if np.isfinite(value) and abs(value) > _FAR:
+        raise TrialError(
+            f"{table}, line {line}, column {column}: {value:g} px is beyond ±{_FAR:g}; no picture is as large"
+        )
     return value if np.isfinite(value) else float("nan")

@@ -22,7 +22,7 @@ from swim2real.checking import FileName, Label, Number, Positive, read
 from swim2real.errors import TrialError
 from swim2real.names import composed, file_key
 from swim2real.store import locked, path_from, whole_file, write_json
-from swim2real.trials.signals import TIME, Signals, read_lines, read_numbers, read_signals, write_signals
+from swim2real.trials.signals import TIME, Signals, read_header, read_lines, read_numbers, read_signals, write_signals
 from swim2real.trials.trial import MarkerTrack, Trial, TrialSet, check_trial_name
 
 INDEX = "reference.json"
@@ -30,6 +30,7 @@ PUBLISHED_FPS = 60.0
 PUBLISHED_MARKERS = 9
 PUBLISHED_HEAD_LENGTH = 0.142  # m, distance of the first two markers on the robot
 _SENSORS, _CONTROLS = ".sensors.csv", ".controls.csv"  # after the name of a trial that wasn't filmed
+_SHORTEST, _LONGEST = 1e-6, 10.0  # s from one row to the next, on average
 _LOCK_TIMEOUT = 60  # s, longer than anybody writes a trial
 _PUBLISHED_NAME = re.compile(r"(?:markers_)?(f(\d+)_(\d+))$")
 _RECORDED = ("controls", "sensors", "start", "start_velocities")  # kept when the video is tracked again
@@ -334,7 +335,7 @@ def _no_track(sensors: Signals | None) -> MarkerTrack:
 def _read_track(table: Path, markers: list[str]) -> MarkerTrack:
     lines = read_lines(table)
     columns = _columns(markers)
-    header = next(csv.reader(lines[:1]), [])
+    header = read_header(table, lines)
     if header != columns:
         raise TrialError(f"{table}, line 1: the header must be {','.join(columns[:4])},… ({len(columns)} columns)")
     rows = read_numbers(table, lines[1:], first_line=2)
@@ -389,14 +390,21 @@ def _check_table(table: Path, rows: NDArray[np.float64], width: int, wanted: str
 
 
 def _check_motion(trial: Trial, table: Path) -> Trial:
-    positions = trial.track.positions
+    positions, interval = trial.track.positions, trial.track.duration / (trial.track.frame_count - 1)
+    if not _SHORTEST <= interval <= _LONGEST:  # what is simulated would have nothing to do with the table's size
+        raise TrialError(
+            f"{table}: {trial.track.frame_count} rows in {trial.track.duration:g} s, {interval:g} s from one to the "
+            f"next; allowed are {_SHORTEST:g} to {_LONGEST:g} s on average: check the time stamps"
+        )
     if not trial.track.marker_count:
         assert trial.sensors is not None  # whose time stamps the trial has
-        if not np.any(np.nanmax(trial.sensors.values, axis=0) > np.nanmin(trial.sensors.values, axis=0)):
-            raise TrialError(f"{table}: no reading changes; is this the right file?")
-        return trial
+        positions = trial.sensors.values
     highest = np.where(np.isnan(positions), -np.inf, positions).max(axis=0)
     lowest = np.where(np.isnan(positions), np.inf, positions).min(axis=0)
+    if not trial.track.marker_count:
+        if not np.any(highest > lowest):
+            raise TrialError(f"{table}: no reading changes; is this the right file?")
+        return trial
     if not np.any(highest > lowest):
         raise TrialError(f"{table}: no marker moves; is this the right file?")
     return trial

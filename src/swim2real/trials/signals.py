@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import math
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +14,13 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
 from swim2real.names import label_fault, quoted
-from swim2real.store import whole_file
+from swim2real.store import MOST_ROWS, MOST_TABLE, read_text, whole_file
 
 Array = NDArray[np.float64]
 
 TIME = "time_s"  # header of the first column of a table
 _ROUNDING = 1e-9  # s
+_LARGEST = 1e12  # of a number in a table, in whatever unit
 
 
 @dataclass(frozen=True)
@@ -176,7 +179,7 @@ def read_signals(table: Path) -> Signals:
         TrialError: The table can't be read; the message names the file, and where it can line and column.
     """
     lines = read_lines(table)
-    header = next(csv.reader(lines[:1]), [])
+    header = read_header(table, lines)
     if header[:1] != [TIME] or len(header) < 2:
         raise TrialError(f"{table}, line 1: the header must be {TIME},NAME,…, with a name for each column")
     rows = read_numbers(table, lines[1:], first_line=2)
@@ -199,15 +202,39 @@ def write_signals(signals: Signals, path: Path) -> None:
 
 
 def read_lines(table: Path) -> list[str]:
-    """The lines of a text file in UTF-8.
+    """The lines of a text file in UTF-8, at most 64 MB and a million of them.
 
     Raises:
-        TrialError: The file isn't there or isn't text.
+        TrialError: The file isn't there, isn't text, or is too large.
     """
     try:
-        return table.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(table, MOST_TABLE, "utf-8-sig")
+    except UnicodeDecodeError as error:
         raise TrialError(f"{table}: not readable as text ({error})") from error
+    except OSError as error:
+        raise TrialError(f"{table}: not readable as text ({error.strerror or error})") from error
+    except ValueError as error:
+        raise TrialError(f"{table}: {error}; cut it into shorter trials, or leave out rows") from error
+    rows = text.count("\n") + text.count("\r")
+    if rows > 2 * MOST_ROWS:  # counted before they are taken apart; a line's end has at most two characters
+        raise TrialError(_too_many(table))
+    return text.splitlines()
+
+
+def read_header(table: Path, lines: list[str]) -> list[str]:
+    """The cells of a table's first line, none where there is no line.
+
+    Raises:
+        TrialError: It can't be taken apart.
+    """
+    try:
+        return next(csv.reader(lines[:1]), [])
+    except csv.Error as error:
+        raise TrialError(f"{table}, line 1: not readable as a table ({error})") from error
+
+
+def _too_many(table: Path) -> str:
+    return f"{table}: more than {MOST_ROWS} rows; cut it into shorter trials, or leave out rows"
 
 
 def read_numbers(table: Path, lines: list[str], first_line: int) -> NDArray[np.float64]:
@@ -222,20 +249,35 @@ def read_numbers(table: Path, lines: list[str], first_line: int) -> NDArray[np.f
         Numbers. Shape (R, K), or (0, 0) without a row.
 
     Raises:
-        TrialError: A cell is no number, or a row has another number of columns; the message names line and column.
+        TrialError: A cell is no number or is beyond ±1e12, a row has another number of columns, or there are too many
+            rows; the message names line and column.
     """
-    rows: list[list[float]] = []
-    for line, cells in enumerate(csv.reader(lines), start=first_line):
-        if not cells:
-            continue
-        row: list[float] = []
-        for column, cell in enumerate(cells, start=1):
-            try:
-                row.append(float(cell) if cell.strip() else float("nan"))
-            except ValueError:
-                raise TrialError(f"{table}, line {line}, column {column}: '{cell}' is not a number") from None
-        if rows and len(row) != len(rows[0]):
-            raise TrialError(f"{table}, line {line}: {len(row)} columns, the rows above have {len(rows[0])}")
-        rows.append(row)
-    numbers = np.array(rows, dtype=float) if rows else np.empty((0, 0))
-    return np.where(np.isinf(numbers), np.nan, numbers)
+    numbers = array("d")
+    width = count = line = 0
+    try:
+        for line, cells in enumerate(csv.reader(lines), start=first_line):
+            if not cells:
+                continue
+            count += 1
+            width = width or len(cells)
+            if count > MOST_ROWS:
+                raise TrialError(_too_many(table))
+            if len(cells) != width:
+                raise TrialError(f"{table}, line {line}: {len(cells)} columns, the rows above have {width}")
+            for column, cell in enumerate(cells, start=1):
+                numbers.append(_number(table, line, column, cell))
+    except csv.Error as error:
+        raise TrialError(f"{table}, after line {line}: not readable as a table ({error})") from error
+    return np.array(numbers).reshape(count, width)
+
+
+def _number(table: Path, line: int, column: int, cell: str) -> float:
+    try:
+        number = float(cell) if cell.strip() else math.nan
+    except ValueError:
+        raise TrialError(f"{table}, line {line}, column {column}: {quoted(cell)} is not a number") from None
+    if math.isinf(number):
+        return math.nan
+    if abs(number) > _LARGEST:
+        raise TrialError(f"{table}, line {line}, column {column}: {number:g} is beyond ±{_LARGEST:g}; no reading is")
+    return number
