@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from swim2real.calibration import RunFolder, load_trials
 from swim2real.comparison.statistics import MethodStatistics
 from swim2real.errors import RunError
+from swim2real.escaping import visible
 from swim2real.objective import ComparedTrial
 from swim2real.report.style import DOUBLE, LIGHT, MethodStyle, new_figure
 
@@ -168,7 +169,7 @@ def _draw(lanes: Sequence[Lane], times: Array, words: str) -> Figure:
         bottom = low[1] - (_SCALE_ROOM if lane is lanes[-1] else 0)
         axes.set(xlim=(left, right), ylim=(bottom, high[1]))
         axes.axis("off")
-        axes.text(left, high[1] - 2, lane.label, va="top", color=_INK)
+        axes.text(left, high[1] - 2, visible(lane.label), va="top", color=_INK)
         for head in heads:
             axes.axvline(head, color=LIGHT["muted"], linewidth=0.4, linestyle=(0, (1, 2)), zorder=0)
     top = float(ranges[0][1][1])
@@ -179,7 +180,7 @@ def _draw(lanes: Sequence[Lane], times: Array, words: str) -> Figure:
         )  # fmt: skip
     bottom = float(ranges[-1][0][1]) - _SCALE_ROOM + 8
     panels[-1].plot([left, left + 100], [bottom, bottom], color=_INK, linewidth=1.4, solid_capstyle="butt")
-    panels[-1].text(left + 108, bottom, f"100 mm;  {words}", va="center", fontsize=7)
+    panels[-1].text(left + 108, bottom, f"100 mm;  {visible(words)}", va="center", fontsize=7)
     return figure
 
 

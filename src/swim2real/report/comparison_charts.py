@@ -21,6 +21,7 @@ from swim2real.report.style import (
     LIGHT,
     MANY,
     MethodStyle,
+    chart_name,
     handle,
     legend_above,
     legend_rows,
@@ -37,6 +38,7 @@ Styles = Mapping[str, MethodStyle]
 
 _ACCEPTED = ("#00416a", "#2f7fb8", "#85bce0", "#c3dff1", "#e0eff8")  # dark to light with the step getting smaller
 _REJECTED = "#eceef0"
+_BESIDE = 16  # characters of a name that stands beside others on an axis
 
 
 def convergence(methods: Sequence[MethodStatistics], styles: Styles, width: float = COLUMN) -> Figure:
@@ -114,7 +116,7 @@ def strip(methods: Sequence[MethodStatistics], styles: Styles, width: float = CO
     values = 1e3 * np.concatenate([stats.final.to_numpy() for stats in methods])
     log_axis(axes.xaxis, 0.88 * float(values.min()), 1.12 * float(values.max()))
     axes.set_ylim(len(ordered) - 0.4, -0.6)
-    axes.set_yticks(range(len(ordered)), [stats.method for stats in ordered])
+    axes.set_yticks(range(len(ordered)), [chart_name(stats.method) for stats in ordered])
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.set_xlabel(f"best {methods[0].description.loss} (mm)")
@@ -211,7 +213,7 @@ def markers(
                 continue
             axes.fill_between(places, errors.min(), errors.max(), color=style.light, alpha=0.13, linewidth=0, zorder=1)
         axes.set_ylim(bottom=0)
-        axes.set_xticks(places, list(names))
+        axes.set_xticks(places, [chart_name(name, _BESIDE) for name in names])
         axes.set_xlabel(protocol.markers_order)
         panel_title(axes, f"({name}) {description}")
     panels[0].set_ylabel("error (mm)")
@@ -248,7 +250,7 @@ def line_search(methods: Sequence[MethodStatistics], styles: Styles) -> Figure |
             100, row - 0.33, f"{steps.accepted} of {steps.rounds} accepted ({100 * steps.accept_rate:.0f} %)",
             ha="right", va="bottom", fontsize=7,
         )  # fmt: skip
-    left.set_yticks(range(len(counted)), [stats.method for stats, _ in counted])
+    left.set_yticks(range(len(counted)), [chart_name(stats.method) for stats, _ in counted])
     left.tick_params(axis="y", length=0)
     left.spines["left"].set_visible(False)
     left.set(ylim=(len(counted) - 0.45, -0.85), xlim=(0, 100), xlabel="share of the rounds (%)")
@@ -258,7 +260,7 @@ def line_search(methods: Sequence[MethodStatistics], styles: Styles) -> Figure |
     many = next((stats for stats, steps in counted if len(steps.by_size) > 1), counted[0][0])
     run = many.typical_run()
     _draw_run(right, run, styles[many.method].light)
-    panel_title(right, f"(b) {many.method}, seed {run.seed}")
+    panel_title(right, f"(b) {chart_name(many.method)}, seed {run.seed}")
     right.set_ylabel(f"{many.description.loss} (mm)")
     return figure
 

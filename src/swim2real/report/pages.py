@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Mapping
 from io import StringIO
 from pathlib import Path
@@ -83,7 +84,10 @@ def inline_svg(draw: Callable[[], Figure], name: str) -> Markup:
         name: A name that no other chart of the page has.
     """
     out = StringIO()
-    with page_style(), mpl.rc_context({"svg.hashsalt": name}):
+    with page_style(), mpl.rc_context({"svg.hashsalt": name}), warnings.catch_warnings():
+        warnings.filterwarnings(
+            "ignore", "Glyph .* missing from font"
+        )  # the page's own font has it, or nothing is lost
         draw().savefig(out, format="svg")
     text = _TEXT.sub(_inert, visible(out.getvalue()))
     text = _DROPPED.sub("", text)

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from swim2real.report.pages import render_page, write_page
-from swim2real.report.style import LIGHT, WIDE, new_chart, titled
+from swim2real.report.style import LIGHT, WIDE, chart_name, new_chart, titled
 from swim2real.tracking import LostMarkers
 from swim2real.trials import Trial
 
@@ -46,6 +46,6 @@ def lost_markers(trial: Trial, lost: LostMarkers, names: Sequence[str]) -> Figur
         titled(axes.broken_barh(spans, (m - 0.38, 0.76), facecolor=LIGHT["real"], linewidth=0), f"{name} is lost")
     axes.grid(visible=False)
     axes.set(xlim=(times[0], ends[-1]), ylim=(len(names) - 0.5, -0.5))
-    axes.set_yticks(range(len(names)), list(names))
+    axes.set_yticks(range(len(names)), [chart_name(name) for name in names])
     axes.tick_params(axis="y", length=0)
     return figure

@@ -12,7 +12,7 @@ from swim2real.calibration.run_folder import best_losses
 from swim2real.report.marker_errors import MarkerErrors
 from swim2real.report.rounds import accepted_steps
 from swim2real.report.run import ReportedRun, ReportedTrial
-from swim2real.report.style import LIGHT, THIRD, WIDE, handle, legend_over, new_chart, titled, titled_points
+from swim2real.report.style import LIGHT, THIRD, WIDE, chart_name, handle, legend_over, new_chart, titled, titled_points
 from swim2real.report.units import mm, text
 
 _MOST_NUMBERS = 20  # evaluations that each have a number on the axis
@@ -88,7 +88,7 @@ def names_on_axis(axes: Any, names: Sequence[str], width: float) -> None:
     longest = max((len(name) for name in names), default=1)
     step = max(1, -(-len(names) * (0.07 * longest + 0.06) // width))
     places = list(range(0, len(names), int(step)))
-    axes.set_xticks(places, [names[i] for i in places])
+    axes.set_xticks(places, [chart_name(names[i]) for i in places])
 
 
 def speeds(run: ReportedRun) -> Figure:

@@ -17,8 +17,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter, NullLocator
 
+from swim2real.escaping import visible
+from swim2real.report.units import shortened
+
 COLUMN, DOUBLE = 3.4, 7.0  # inches, of a column of a paper and of both
 WIDE, HALF, THIRD = 8.4, 4.2, 2.8  # inches, of charts on a page; a page shows an inch as up to 1.3 cm
+LONGEST = 64  # characters of a name in a chart
 MANY = 5  # methods, beyond which ranges and single seeds would cover everything
 
 # role: (light, dark)
@@ -219,9 +223,9 @@ def log_axis(axis: Any, low: float, high: float) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def handle(**options: Any) -> Line2D:
+def handle(label: str, **options: Any) -> Line2D:
     """A line of a legend."""
-    return Line2D([], [], **options | {"label": legend_label(options["label"])})
+    return Line2D([], [], label=chart_name(label), **options)
 
 
 def legend_columns(labels: Sequence[str], width: float) -> int:
@@ -249,9 +253,13 @@ def legend_over(axes: Any) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=max(1, count), borderaxespad=0.1)
 
 
-def legend_label(name: str) -> str:
-    """A name as a legend's label: one that begins with an underscore would be left out."""
-    return f" {name}" if name.startswith("_") else name
+def chart_name(name: str, longest: int = LONGEST) -> str:
+    """A name in a chart: in one line, and cut off where it would leave the chart no room.
+
+    A legend leaves out what begins with an underscore, so that gets a space before it.
+    """
+    line = shortened(" ".join(visible(name).split()), longest)
+    return f" {line}" if line.startswith("_") else line
 
 
 def panel_title(axes: Any, text: str) -> None:

@@ -14,7 +14,7 @@ from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
 from swim2real.report.pages import Charts, render_page, write_page
-from swim2real.report.style import LIGHT, WIDE, legend_label, legend_over, new_chart, titled
+from swim2real.report.style import LIGHT, WIDE, chart_name, legend_over, new_chart, titled
 from swim2real.report.units import duration, percent, text
 from swim2real.rl.assessment import Assessment, WaveScan
 from swim2real.rl.body import Actuators, policy_setup
@@ -207,10 +207,10 @@ def paths_from_above(heads: Sequence[Array], goals: Sequence[Array | None], reac
 def motor_commands(episode: Episode, actuators: Actuators) -> Figure:
     """Commands of an episode over time, a line an actuator."""
     units = ", ".join(dict.fromkeys(actuators.units))
-    figure, axes = new_chart(WIDE, 2.4, "time (s)", f"command ({units})", legend_rows=1)
+    figure, axes = new_chart(WIDE, 2.4, "time (s)", chart_name(f"command ({units})"), legend_rows=1)
     times = np.arange(len(episode.commands)) / episode.rate
     for i, name in enumerate(actuators.names):
-        axes.step(times, episode.commands[:, i], where="post", label=legend_label(name))
+        axes.step(times, episode.commands[:, i], where="post", label=chart_name(name))
     legend_over(axes)
     return figure
 

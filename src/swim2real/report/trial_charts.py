@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from swim2real.objective import ComparedSensor, ComparedTrial
-from swim2real.report.style import LIGHT, new_chart, titled
+from swim2real.report.style import LIGHT, chart_name, new_chart, titled
 from swim2real.robots.robot import Robot
 
 Array = NDArray[np.float64]
@@ -184,7 +184,7 @@ def progress_over_time(trial: ComparedTrial) -> Figure:
 
 def sensor_readings(sensor: ComparedSensor, unit: str) -> Figure:
     """A sensor's readings over time."""
-    figure, axes = new_chart(RIGHT, 2.0, "time (s)", f"{sensor.name} ({unit})")
+    figure, axes = new_chart(RIGHT, 2.0, "time (s)", chart_name(f"{sensor.name} ({unit})"))
     thin = _thinned(sensor.times)
     for kind, values in (("real", sensor.real), ("simulated", sensor.simulated)):
         _draw_line(axes, sensor.times[thin], values[thin], LIGHT[kind], 0.9, kind)
@@ -247,7 +247,15 @@ def _name_from_the_tail(axes: Any, trial: ComparedTrial, good: Mask, markers: Se
         x = 1e3 * float(seen.mean())
         if np.isfinite(x) and all(abs(x - other) >= _NAME_SPACING for other in placed):
             placed.append(x)
-            axes.text(x, high + _NAME_ROOM / 2, markers[m], ha="center", va="center", fontsize=7, color=LIGHT["muted"])
+            axes.text(
+                x,
+                high + _NAME_ROOM / 2,
+                chart_name(markers[m]),
+                ha="center",
+                va="center",
+                fontsize=7,
+                color=LIGHT["muted"],
+            )
 
 
 def _thinned(times: Array) -> slice:
