@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from made_robots import ARM, ROBOT, made, parameter
+from recorded import PENDULUM as RECORDED
+from recorded import pendulum_reference
 from small_models import PENDULUM
 from swim2real.errors import EngineError
 from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
-from swim2real.simulation.misfits import misfits, misplaced
+from swim2real.simulation.misfits import misfits, misplaced, other_units
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.probing import NOISE, SECONDS, excitation, moved, probe
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
@@ -209,3 +211,20 @@ def test_every_parameter_of_the_fish_shows():
     assert [one.parameter.name for one in found] == list(FISH.space.names)
     assert min(one.distance for one in found) > 1e-4
     assert not any(one.refused or one.lower.failure or one.upper.failure for one in found)
+
+
+def test_readings_in_another_unit_are_named():
+    reference = pendulum_reference()
+    assert other_units(RECORDED, reference) == []
+    degrees = TrialSet(
+        tuple(
+            replace(one, sensors=Signals(one.sensors.times, one.sensors.names, np.degrees(one.sensors.values)))
+            for one in reference
+        ),
+        reference.marker_names,
+    )
+    (line,) = other_units(RECORDED, degrees)
+    assert line.startswith("sensor 'gyro[1]' varies ")
+    assert line.endswith(
+        "that looks like degrees in place of radians; readings are compared in the model's unit, here 'rad/s'"
+    )

@@ -24,12 +24,23 @@ from swim2real.robots.robot import Robot
 from swim2real.settings import ProtocolName, Start, chooses_start, start_of
 from swim2real.simulation import ForwardModel, PlaybackSimulator, Simulator
 from swim2real.simulation.start import too_fast
-from swim2real.tracking import Beat, LostMarkers, TrackQuality, check_bodies, check_track, identify_beat
+from swim2real.tracking import (
+    Beat,
+    LostMarkers,
+    TrackQuality,
+    check_bodies,
+    check_plausible,
+    check_track,
+    doubled_rate,
+    identify_beat,
+)  # fmt: skip
 from swim2real.trials import Actuation, Trial, TrialSet
 
 Model = TypeVar("Model", bound=ForwardModel[Any])
 
 _ROUNDING = 1e-3  # s, of a table's time stamps
+_SAME_FACTOR = 0.04  # share by which a factor of two may be off
+_CLEARLY = 5.0  # standard errors of a speed
 
 
 @dataclass(frozen=True)
@@ -119,7 +130,14 @@ class RealSwim:
             "explained": beat.explained,
         }
         spreads = {"head_spread": self.quality.head_spread, "body_spread": self.quality.body_spread}
-        return _summary(self.trial, driven, self.quality, spreads, marker_names)
+        doubts = [doubled_rate(self.beat.frequency, self.trial.nominal_frequency)]
+        if self.beat.start_speed < -_CLEARLY * self.beat.start_speed_std:
+            doubts.append(
+                f"it goes tail first at {-1e3 * self.beat.start_speed:.0f} mm/s: its markers may have been clicked "
+                f"from tail to head, or the film runs backward"
+            )
+        told = [doubt for doubt in doubts if doubt is not None]
+        return _summary(self.trial, driven, self.quality, spreads, marker_names, told)
 
 
 def examine_swims(reference: TrialSet, robot: Robot) -> tuple[RealSwim, ...]:
@@ -135,6 +153,7 @@ def examine_swims(reference: TrialSet, robot: Robot) -> tuple[RealSwim, ...]:
         )
     swims: list[RealSwim] = []
     for trial in reference:
+        check_plausible(trial, robot.rest_markers, robot.marker_names)
         quality = check_track(trial.track, robot.rest_markers)
         swims.append(
             RealSwim(trial, quality, identify_beat(trial.track, robot.swims.tail_markers, quality, trial.name))
@@ -254,6 +273,7 @@ class Playback(Protocol[PlaybackSimulator]):
     def _prepared(
         self, trial: Trial, robot: Robot, simulator: PlaybackSimulator, horizon: float | None
     ) -> PreparedTrial:
+        check_plausible(trial, robot.rest_markers, robot.marker_names)
         trials, lost, cut = robot.trials, check_bodies(trial.track, marker_bodies(robot)), trial.cut(horizon)
         weights = lost.weights[: cut.track.frame_count]
         scales = {sensor.name: sensor.meters_per_unit for sensor in trials.sensors}
@@ -262,8 +282,9 @@ class Playback(Protocol[PlaybackSimulator]):
             "controls": [] if trial.controls is None else list(trial.controls.names),
             "sensors": [] if trial.sensors is None else list(trial.sensors.names),
         }
-        summary = _summary(trial, recorded, lost, {}, robot.marker_names)
-        if "table" in trials.controls.values():
+        driven = "table" in trials.controls.values()
+        summary = _summary(trial, recorded, lost, {}, robot.marker_names, _other_rate(trial) if driven else [])
+        if driven:
             summary["findings"] += _uncommanded(trial)
         request = simulator.request(cut, weights, self.pieces)
         if request.first is not None and request.stretch is None:
@@ -308,7 +329,12 @@ def protocol_for(
 
 
 def _summary(
-    trial: Trial, driven: Mapping[str, Any], lost: LostMarkers, more: Mapping[str, Any], names: tuple[str, ...]
+    trial: Trial,
+    driven: Mapping[str, Any],
+    lost: LostMarkers,
+    more: Mapping[str, Any],
+    names: tuple[str, ...],
+    doubts: list[str],
 ) -> dict[str, Any]:
     """What was found in a real trial, ready for JSON."""
     return rounded(
@@ -321,10 +347,23 @@ def _summary(
             "lost_share": lost.lost_share,
             "left_out_share": lost.left_out_share,
             **more,
-            "usable": lost.usable,
-            "findings": lost.findings(names),
+            "usable": lost.usable and not doubts,
+            "findings": [*lost.findings(names), *doubts],
+            "doubts": doubts,
         }
     )
+
+
+def _other_rate(trial: Trial) -> list[str]:
+    """A sentence where a trial takes twice or half as long as what drove it."""
+    if trial.controls is None:
+        return []
+    drove, took = float(np.ptp(trial.controls.times)), trial.track.duration
+    if not any(abs(took / max(drove, _ROUNDING) / factor - 1) < _SAME_FACTOR for factor in (2.0, 0.5)):
+        return []
+    return [
+        f"its frames take {took:.3g} s, its controls {drove:.3g} s: that looks like a frame rate that is off by two"
+    ]
 
 
 def _uncommanded(trial: Trial) -> list[str]:

@@ -50,7 +50,7 @@ def calibrate(
         raise ArgumentError("--accept-edited is for a run that goes on; add --resume")
     from swim2real import pipeline
     from swim2real.robots import load_robot
-    from swim2real.simulation.misfits import hasty, long_swings, misplaced
+    from swim2real.simulation.misfits import hasty, long_swings, misplaced, other_units
     from swim2real.trials import load_reference
 
     settings = pipeline.as_replayed(settings)
@@ -58,6 +58,8 @@ def calibrate(
     far = misplaced(body, trials)
     if far is not None:
         tell(f"warning: {far}")
+    for line in other_units(body, trials):
+        tell(f"warning: {line}")
     if settings.pieces is None:
         for line in (*hasty(body, trials), *long_swings(body, trials, settings.horizon)):
             tell(f"warning: {line}")

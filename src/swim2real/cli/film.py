@@ -285,7 +285,7 @@ def quality(
     for name, finding in findings.items():
         shares = zip(body.marker_names, finding["lost_share"], strict=True)
         lost = {marker: share for marker, share in shares if share > allow_lost}
-        finding["usable"] = not lost
+        finding["usable"] = not lost and not finding["doubts"]
         if lost:
             refused[name] = lost
     if json:
@@ -305,7 +305,7 @@ def quality(
             write_quality_page(checked, body.marker_names, plot)
         except OSError as error:
             raise ArgumentError(f"--plot '{plot}' can't be written: {error.strerror or error}") from error
-    return 1 if refused or refusals else 0
+    return 0 if all(finding["usable"] for finding in findings.values()) and not refusals else 1
 
 
 def _trial_name(path: Path) -> str:

@@ -18,7 +18,7 @@ from swim2real.robots.file import PLANES, RobotFile, open_robot_file
 from swim2real.robots.robot import Control, Robot, Sine
 from swim2real.settings import HORIZON
 from swim2real.simulation.fitted_start import STRETCH
-from swim2real.simulation.misfits import hasty, long_swings, misfits, misplaced, starts
+from swim2real.simulation.misfits import hasty, long_swings, misfits, misplaced, other_units, starts
 from swim2real.simulation.pose import MarkerView
 from swim2real.simulation.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
 from swim2real.trials import TrialSet, load_reference
@@ -117,7 +117,7 @@ def _starts(robot: Robot, reference: TrialSet) -> None:
     if rows:
         columns = ("trial", "mean", "largest", "of marker", f"mean of the first {STRETCH:g} s")
         table("Simulated markers, values of the file, from the real ones of the first frame [mm]", columns, rows)
-    for line in (*hasty(robot, reference), *long_swings(robot, reference, HORIZON)):
+    for line in (*hasty(robot, reference), *long_swings(robot, reference, HORIZON), *other_units(robot, reference)):
         say(f"Warning: {line}.")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -32,6 +33,8 @@ from swim2real.robots.robot import Robot
 from swim2real.settings import ADVISED, CalibrationSettings, First, VlmAccess
 from swim2real.store import path_from
 from swim2real.trials import TrialSet
+
+_log = logging.getLogger(__name__)
 
 
 def calibrate(
@@ -67,6 +70,9 @@ def calibrate(
     fitted, unseen = reference.split(settings.hold_out)
     problem = Problem.with_settings(robot, fitted, settings)
     held_out = None if unseen is None else problem.of(unseen)
+    for name, found in problem.examinations().items():
+        for doubt in found["doubts"]:
+            _log.warning("trial '%s': %s", name, doubt)
     first = _first(settings, problem.protocol.name, folder if resume else None)
     resolved = {
         "robot": robot.name,

@@ -19,6 +19,10 @@ _SWINGS = 5.0  # in which a parameter that is off by a tenth puts a swing out of
 _PIECE = 3.0  # swings of a piece
 _SHORTEST = 0.3  # s, of a piece
 _FAR = 1 / 3  # of the robot's size
+_FAR_OFF = 12.0  # times, by which no parameter is off
+_NEAR_UNIT = 2.5  # times, within which a factor is taken for a unit's
+_UNITS = {"degrees in place of radians": 180 / np.pi, "radians in place of degrees": np.pi / 180,
+          "thousandths (mm, mN, mA)": 1e3, "thousands": 1e-3}  # fmt: skip
 
 
 def misfits(robot: Robot, reference: TrialSet) -> list[str]:
@@ -109,6 +113,42 @@ def long_swings(robot: Robot, reference: TrialSet, horizon: float | None) -> lis
                 f"{max(_PIECE / fastest, _SHORTEST):.1g}"
             )
     return lines
+
+
+def other_units(robot: Robot, reference: TrialSet) -> list[str]:
+    """A warning for each sensor whose readings vary far more, or less, than the robot's own with its published values.
+
+    Raises:
+        TrialError: A trial can't be played back.
+        EngineError: The robot itself can't be simulated.
+    """
+    if not isinstance(robot.trials, Recordings) or not robot.trials.sensors:
+        return []
+    simulator = PlaybackSimulator(robot)
+    made = simulator.simulate(robot.space.published, [simulator.request(trial) for trial in reference])
+    lines: list[str] = []
+    for sensor in robot.trials.sensors:
+        spreads = np.array([[_spread(trial, sensor.name) for trial in (real, made[real.name])] for real in reference])
+        ratios = spreads[(spreads > 0).all(axis=1)]
+        factor = float(np.median(ratios[:, 0] / ratios[:, 1])) if len(ratios) else 1.0
+        if 1 / _FAR_OFF < factor < _FAR_OFF:
+            continue
+        near = [name for name, times in _UNITS.items() if 1 / _NEAR_UNIT < factor / times < _NEAR_UNIT]
+        looks = f": that looks like {near[0]}" if near else ""
+        lines.append(
+            f"sensor '{sensor.name}' varies {factor:.3g} times as much as the robot's own does{looks}; readings are "
+            f"compared in the model's unit, here '{sensor.unit}'"
+        )
+    return lines
+
+
+def _spread(trial: Trial, name: str) -> float:
+    """Half of the range in which nine tenths of a sensor's readings lie; NaN without any."""
+    if trial.sensors is None or trial.divergence is not None:
+        return np.nan
+    column = trial.sensors.values[:, trial.sensors.names.index(name)]
+    low, high = np.nanpercentile(column, [5, 95]) if np.isfinite(column).any() else (np.nan, np.nan)
+    return float(high - low) / 2
 
 
 def misplaced(robot: Robot, reference: TrialSet) -> str | None:

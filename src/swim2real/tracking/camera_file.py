@@ -32,6 +32,7 @@ from swim2real.store import write_json
 Array = NDArray[np.float64]
 
 FORMAT = 1
+HIGHEST = 50.0  # m above the plane, from which no camera sees a marker
 DISTORTIONS = (4, 5, 8, 12, 14)  # numbers of coefficients that OpenCV knows: k1, k2, p1, p2, k3, …
 
 
@@ -214,6 +215,12 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
+def _in_meters(height: float) -> float:
+    if height > HIGHEST:
+        raise ValueError(f"it is {height:g} m; it must be at most {HIGHEST:g} m, so this looks like millimeters")
+    return height
+
+
 class _Length(_Strict):
     name: str = ""
     pixels: Annotated[list[Pair], Field(min_length=2, max_length=2), AfterValidator(_apart)]
@@ -234,7 +241,7 @@ class _Content(_Strict):
     """What a camera file says; see the top of this module."""
 
     format: Literal[1]
-    camera_height: Positive | None = None
+    camera_height: Annotated[Positive, AfterValidator(_in_meters)] | None = None
     principal_point: Pair | None = None
     lengths: list[_Length] = Field(default_factory=list[_Length])
     points: Annotated[list[_Point], Field(min_length=4)] | None = None
