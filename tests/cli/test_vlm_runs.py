@@ -14,7 +14,7 @@ from program import process
 from recorded import PENDULUM_SPACE
 from swim2real.calibration import RunFolder
 from swim2real.cli import main
-from vlm_server import hangs, refuses, replies
+from vlm_server import PROVIDERS, hangs, refuses, replies, sends
 
 MOVED = PENDULUM_SPACE.parameters[:2]  # those of the robot file
 KEY = "sk-this-must-never-be-seen-0123456789"
@@ -183,6 +183,48 @@ def test_the_key_is_never_seen(program, words, vlm, tmp_path, monkeypatch, caplo
     everything += "".join(path.read_text("latin-1") for path in (tmp_path / "run").rglob("*") if path.is_file())
     assert "Incorrect API key" in everything
     assert KEY not in everything
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("provider", PROVIDERS)
+def test_a_server_that_echoes_all_it_was_sent_leaves_no_key_anywhere(words, vlm, tmp_path, monkeypatch, provider):
+    monkeypatch.setenv("MY_KEY", KEY)
+    for name in ("OPENAI_LOG", "ANTHROPIC_LOG"):
+        monkeypatch.setenv(name, "debug")
+    listed = []
+
+    def echo(asked):
+        listed.append(b"".join(read_bytes(path) for path in Path("/proc").glob("[0-9]*/cmdline")))
+        headers = json.dumps(dict(asked.headers))
+        diagnosis = {"diagnosis": headers, "reasoning": KEY, "parameters": {MOVED[0].name: MOVED[0].lower}}
+        answers = (
+            refuses(503, headers, KEY, {"x-echo": KEY, "retry-after": "0"}), sends({"headers": headers}),
+            sends(f"<html>{headers}</html>", 502), replies(headers), replies(json.dumps(diagnosis), model=KEY),
+            refuses(401, headers, KEY, {"www-authenticate": KEY}),
+        )  # fmt: skip
+        return answers[min(len(listed), len(answers)) - 1](asked)
+
+    vlm.script(then=echo)
+    run = process("--debug", *words("run", "--key-variable", "MY_KEY", "--tries", 4, provider=provider))
+    out, err = run.communicate(timeout=400)
+    assert run.returncode == 1
+    assert "Traceback" in err
+    assert "access was refused" in err
+    assert len(listed) >= 6
+    assert all(KEY in "".join(asked.headers.values()) for asked in vlm.requests)
+    assert any(b"MY_KEY" in processes for processes in listed)  # the list has the program's words
+    files = [path for path in (tmp_path / "run").rglob("*") if path.is_file()]
+    assert any("[MY_KEY]" in path.read_text("latin-1") for path in files)
+    everything = [out, err, *(path.read_text("latin-1") for path in files), *map(repr, listed)]
+    pieces = [KEY[i : i + 12] for i in range(len(KEY) - 11)]
+    assert [piece for piece in pieces if any(piece in text for text in everything)] == []
+
+
+def read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError:  # it has ended
+        return b""
 
 
 @pytest.mark.slow

@@ -29,6 +29,7 @@ WRITE_TIMEOUT = 0.1  # s
 _PING_ATTEMPTS = 30  # about a second
 _ATTEMPTS = 10  # at exchanges that aren't bound to a time; a busy computer misses some answers
 _READ_TIMEOUT = 0.001  # s that one look for bytes waits
+_MOST_NOISE = 64  # bytes besides the answer that are passed over when its time is over
 _LOW_LATENCY = 8.0  # ms that an answer may take beyond its bytes when the adapter passes bytes on at once
 _ADAPTER_LATENCY = 34.0  # ms when the adapter may gather bytes for 16 ms, as the library allows for
 
@@ -183,6 +184,11 @@ class Bus:
                 f"serial port {self.name} was lost while {what} ({_reason(error)}); "
                 f"is the cable still in? Without packets a motor's watchdog stops it"
             ) from error
+        except _EndlessError:
+            raise NoAnswerError(
+                f"{self._motor(device)}: {what} got bytes without end that aren't the answer; is another program or "
+                f"device talking on {self.name}?"
+            ) from None
         except IndexError:  # the library stumbles over some damaged answers
             raise NoAnswerError(f"{self._motor(device)}: {what} got a damaged answer") from None
 
@@ -205,6 +211,10 @@ class Bus:
             raise HardwareAlertError(f"{motor} reports a hardware error")
 
 
+class _EndlessError(Exception):
+    """Bytes keep coming when the time of an answer is over, and more of them than it has."""
+
+
 class _Port(dynamixel_sdk.PortHandler):  # pyright: ignore[reportUntypedBaseClass]
     """The library's port, but it waits in the operating system instead of spinning, and no longer than needed.
 
@@ -220,6 +230,7 @@ class _Port(dynamixel_sdk.PortHandler):  # pyright: ignore[reportUntypedBaseClas
         self.written_at = 0.0
         self._latency = _ADAPTER_LATENCY
         self._line_free_at = 0.0  # when the bytes that were written have left
+        self._expected = self._received = 0  # bytes of the answer, and bytes that came since the question
 
     def open(self) -> None:
         """Opens the port for this program alone, and asks the adapter to pass bytes on at once."""
@@ -245,8 +256,20 @@ class _Port(dynamixel_sdk.PortHandler):  # pyright: ignore[reportUntypedBaseClas
         self._line_free_at = max(self.written_at, self._line_free_at) + 1e-3 * self.tx_time_per_byte * written
         return written
 
+    def readPort(self, length: int) -> bytes:  # noqa: N802
+        """Reads at most so many bytes.
+
+        The library looks at the clock only when bytes are missing; so this ends what never ends.
+        """
+        if self._received > self._expected + _MOST_NOISE and self.getTimeSinceStart() > self.packet_timeout:
+            raise _EndlessError
+        content = bytes(super().readPort(length))
+        self._received += len(content)
+        return content
+
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
         """Starts to wait for an answer of this many bytes, which comes after those that are still on their way out."""
+        self._expected, self._received = packet_length, 0
         leaving = 1e3 * max(0.0, self._line_free_at - time.monotonic())
         self.setPacketTimeoutMillis(leaving + self.tx_time_per_byte * packet_length + self._latency)
 

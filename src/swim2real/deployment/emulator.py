@@ -30,13 +30,20 @@ from swim2real.deployment.control_table import (
     XW540,
     model_named,
 )
-from swim2real.deployment.emulated_motor import EmulatedMotor, Packet, PacketParser
+from swim2real.deployment.emulated_motor import STATUS, EmulatedMotor, Packet, PacketParser, build_packet
 from swim2real.deployment.schedule import real_time_priority
 
 _FRAME = 10  # bytes of an instruction besides its parameters
 _BITS = 10  # on the wire for a byte
 
-Kind = Literal["silent", "bad-crc", "garbage", "noise-before", "slow", "overheated", "unplugged"]
+_OTHER = 200  # id of a motor that talks unasked
+_FLOOD = bytes(range(256))
+_CHATTER = build_packet(_OTHER, STATUS, bytes(5))
+
+Kind = Literal[
+    "silent", "bad-crc", "garbage", "noise-before", "slow", "overheated", "unplugged", "echo", "half", "flood",
+    "chatter",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,8 @@ class Fault:
     Attributes:
         kind: `silent`: no answer. `bad-crc`: a bit of the answer is flipped. `garbage`: other bytes in its place.
             `noise-before`: bytes in front of it. `slow`: it comes late. `overheated`: the motor gets too hot.
-            `unplugged`: the port goes away.
+            `unplugged`: the port goes away. `echo`: the question comes back in its place. `half`: its first half.
+            `flood`: bytes without end. `chatter`: answers of a motor that wasn't asked, without end.
         first: First packet that is concerned; packets on the bus count from 0.
         count: Number of packets concerned.
         delay: Delay of a slow answer [s].
@@ -88,6 +96,8 @@ class Emulator:
         self._lock = threading.Lock()
         self._ours, self._theirs = os.openpty()
         tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self._unasked = b""  # what is sent for as long as there is room
         self.port = os.ttyname(self._theirs)
         self._wake, self._stop = os.pipe()
         self._thread = threading.Thread(target=self._serve, name="emulated motor", daemon=True)
@@ -116,8 +126,13 @@ class Emulator:
     def _serve(self) -> None:
         parser = PacketParser()
         try:
-            while self._wake not in (ready := select.select([self._ours, self._wake], [], [])[0]):
-                if ready:
+            while True:
+                ready, room, _ = select.select([self._ours, self._wake], [self._ours] if self._unasked else [], [])
+                if self._wake in ready:
+                    return
+                if room:
+                    self._write(self._unasked)
+                if self._ours in ready:
                     for packet in parser.feed(os.read(self._ours, 4096)):
                         if not self._handle(packet):
                             return
@@ -146,7 +161,8 @@ class Emulator:
                     break
             else:
                 delay = 0.0
-        if answer is not None and "silent" in active:
+        self._unasked = _FLOOD if "flood" in active else _CHATTER if "chatter" in active else b""
+        if answer is not None and ("silent" in active or self._unasked):
             return True
         if self._baud:
             size = _FRAME + len(packet.parameters) + len(answer or b"")
@@ -155,8 +171,14 @@ class Emulator:
             return True
         if "slow" in active:
             time.sleep(active["slow"].delay)
-        os.write(self._ours, _damaged(answer, active))
+        self._write(build_packet(packet.id, packet.instruction, packet.parameters) if "echo" in active
+                    else _damaged(answer, active))  # fmt: skip
         return True
+
+    def _write(self, content: bytes) -> None:
+        """Sends bytes; those for which there is no room are lost."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._ours, content)
 
 
 def _damaged(answer: bytes, active: dict[Kind, Fault]) -> bytes:
@@ -164,6 +186,8 @@ def _damaged(answer: bytes, active: dict[Kind, Fault]) -> bytes:
         answer = answer[:-1] + bytes([answer[-1] ^ 0x10])
     if "garbage" in active:
         answer = bytes(byte ^ 0x5A for byte in answer)
+    if "half" in active:
+        answer = answer[: len(answer) // 2]
     if "noise-before" in active:
         answer = b"\x00\xff\xff\xfd\x13\xff" + answer
     return answer
