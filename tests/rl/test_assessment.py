@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from swim2real.errors import ArgumentError, RunError
+from swim2real.errors import ArgumentError, ConsentError, RunError
 from swim2real.rl.assessment import Wave, assess, compare_loops, policy_commands, scan_waves
 from swim2real.rl.body import Actuators
 from swim2real.rl.conditions import Disturbances, StateEstimate
@@ -151,7 +151,7 @@ def test_what_is_not_there_is_named(run, tmp_path):
     with pytest.raises(RunError, match=r"has no best\.npz yet; wait for its first evaluation"):
         load_policy(TrainingRun.open(tmp_path))
     (tmp_path / "best.zip").write_bytes(b"a policy of version 0.1")
-    with pytest.raises(RunError, match=r"best\.zip' is a policy of version 0\.1 and holds a pickle"):
+    with pytest.raises(ConsentError, match=r"best\.zip' is a policy of version 0\.1 and holds a pickle"):
         load_policy(TrainingRun.open(tmp_path))
     (tmp_path / "best.npz").write_bytes(b"no policy")
     with pytest.raises(RunError, match=r"policy '.*best\.npz' is damaged"):

@@ -18,7 +18,7 @@ pytest.importorskip("stable_baselines3")
 import torch
 from stable_baselines3 import SAC
 
-from swim2real.errors import RunError
+from swim2real.errors import ConsentError, RunError
 from swim2real.rl.actor import Actor, Linear
 from swim2real.rl.environment import make_environments
 from swim2real.rl.policies import load_policy
@@ -73,9 +73,10 @@ def test_a_policy_of_0_1_is_read_with_consent_only(folder, task, order):
     learner = SAC("MlpPolicy", RobotVecEnv(environments), policy_kwargs={"net_arch": [16, 16]}, buffer_size=10, seed=0)
     learner.save(folder / "best.zip")  # as 0.1 did
     environments.close()
-    with pytest.raises(RunError, match=r"best\.zip' is a policy of version 0\.1 and holds a pickle.*--allow-code"):
+    with pytest.raises(ConsentError, match=r"best\.zip' is a policy of version 0\.1 and holds a pickle.*--allow-code"):
         load_policy(TrainingRun.open(folder))
-    policy = load_policy(TrainingRun.open(folder, allow_code=True))
+    load_policy(TrainingRun.open(folder, allow_code=True))
+    policy = load_policy(TrainingRun.open(folder))  # it is remembered
     old = np.random.default_rng(0).standard_normal((20, policy.actor.inputs)).astype(np.float32)
     new = old[:, list(order)]  # the same observations in the order of now
     np.testing.assert_allclose(policy.actor.best(new), learner.predict(old, deterministic=True)[0], atol=1e-6)
@@ -212,7 +213,7 @@ def test_a_checkpoint_with_a_pickle_is_gone_on_with_by_consent(stopped, resumed)
         nested[part] = {"state": {}, "param_groups": []}
     torch.save(nested, checkpoint / "networks.pt")
     (checkpoint / "networks.npz").unlink()
-    with pytest.raises(RunError, match=r"networks\.pt' is a pickle, .* go on with --allow-code"):
+    with pytest.raises(ConsentError, match=r"networks\.pt' is of an earlier version and holds a pickle.*--allow-code"):
         resume()
     assert resume(allow_code=True).complete
     ours, theirs = (Actor.load(path / "policy.npz") for path in (run, stopped[1]))

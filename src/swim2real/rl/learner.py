@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import MissingExtraError, RunError
 from swim2real.rl.actor import Actor
-from swim2real.rl.pickled import read_tensors
+from swim2real.rl.pickled import check_allowed, read_tensors
 from swim2real.settings import BLOCK, TrainingSettings
 from swim2real.store import read_arrays, read_json, whole_folder, write_json
 
@@ -314,15 +314,12 @@ def load_checkpoint(
         allow_code: Whether a pickle may be loaded, as older checkpoints hold one: it could run code.
 
     Raises:
-        RunError: The checkpoint is damaged, of other settings, or holds a pickle that may not be loaded.
+        RunError: The checkpoint is damaged, or of other settings.
+        ConsentError: It holds a pickle, which nobody has allowed to load.
     """
     folder = checkpoint.folder
-    pickled = folder / _PICKLED_NETWORKS
-    if not (folder / _NETWORKS).is_file() and not allow_code:
-        raise RunError(
-            f"'{pickled}' is a pickle, as earlier versions wrote it, which could run code when it is loaded; if it is "
-            f"yours, go on with --allow-code, else begin a new run"
-        )
+    if not (folder / _NETWORKS).is_file():
+        check_allowed(folder / _PICKLED_NETWORKS, "of an earlier version", allow_code=allow_code)
     with damage_told(checkpoint):
         learner.load(folder)
         state = read_json(folder / _STATE)

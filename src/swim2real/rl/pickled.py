@@ -1,11 +1,12 @@
 """Files of earlier versions that hold pickles: weights of networks, and policies of version 0.1.
 
 torch is told to load weights only, which refuses what else a pickle may do. Its loader isn't made for hostile files all
-the same, so a person has allowed it before: `--allow-code`.
+the same, so a person allows it before: `--allow-code`.
 """
 
 from __future__ import annotations
 
+import hashlib
 import io
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -13,12 +14,29 @@ from zipfile import ZipFile
 
 import numpy as np
 
+from swim2real import consent
 from swim2real.errors import MissingExtraError, RunError
 from swim2real.rl.actor import Actor
 
 _WEIGHTS = "policy.pth"  # in an archive of Stable-Baselines3
 _LAYERS = {"mu": "mean", "log_std": "log_std"}
 _TARGET_ORDER = (*range(16), 21, *range(16, 21))  # `target` of 0.1 observed the previous action last
+
+
+def check_allowed(path: Path, what: str, *, allow_code: bool = False) -> None:
+    """Checks that a person has allowed to load the pickle in a file.
+
+    Args:
+        path: Path of the file.
+        what: What it is, such as "a policy of version 0.1".
+        allow_code: Allow it now, and remember that.
+
+    Raises:
+        ConsentError: Nobody has.
+    """
+    mark = hashlib.sha256(b"pickle " + path.read_bytes()).hexdigest()
+    told = f"'{path}' is {what} and holds a pickle, which could run code when it is loaded"
+    consent.require(consent.Request(consent.CODE, mark, told), allowed=allow_code)
 
 
 def read_tensors(file: BinaryIO) -> Any:

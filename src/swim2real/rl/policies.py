@@ -12,6 +12,7 @@ from swim2real.errors import RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.body import Actuators
 from swim2real.rl.conditions import CONTROL_INTERVAL
+from swim2real.rl.pickled import check_allowed, read_old_policy
 from swim2real.rl.training_run import BEST, LAST, TrainingRun
 
 Array = NDArray[np.float64]
@@ -93,7 +94,8 @@ def load_policy(run: TrainingRun, which: Which = "best") -> LearnedPolicy:
         which: `best` in the evaluations while it learned, or `last`.
 
     Raises:
-        RunError: The policy isn't there, is damaged, or is one of version 0.1 and code isn't allowed.
+        RunError: The policy isn't there or is damaged.
+        ConsentError: It is one of version 0.1, which holds a pickle, and nobody has allowed to load that.
     """
     path = run.folder / (BEST if which == "best" else LAST)
     old = path.with_suffix(".zip")
@@ -101,11 +103,5 @@ def load_policy(run: TrainingRun, which: Which = "best") -> LearnedPolicy:
         return LearnedPolicy(Actor.load(path))
     if not old.is_file():
         raise RunError(f"'{run.folder}' has no {path.name} yet; wait for its first evaluation")
-    if not run.allow_code:
-        raise RunError(
-            f"'{old}' is a policy of version 0.1 and holds a pickle, which could run code when it is read; if it is "
-            f"yours, read it with --allow-code, else train anew"
-        )
-    from swim2real.rl.pickled import read_old_policy
-
+    check_allowed(old, "a policy of version 0.1", allow_code=run.allow_code)
     return LearnedPolicy(read_old_policy(old, run.settings.task))
