@@ -106,12 +106,16 @@ def test_what_is_wrong_is_said(run, program, tmp_path):
     ).sentence(2)
 
 
-def test_parameters_that_swim_backward_from_rest_are_told_before_training(run, program, tmp_path):
+def test_no_policy_is_trained_in_what_swims_backward_from_rest_unless_asked_for(run, program, tmp_path):
     out, _, _ = run
     path = tmp_path / "short-arm.json"
     values = {**FISH.space.published, "motor_arm_length": 0.01}
     path.write_text(json.dumps({"format": 1, "robot": "fish", "parameters": values}))
-    program("train", "forward", "--parameters", path, "--out", out, "--quiet")
+    refused = program("train", "forward", "--parameters", path, "--out", tmp_path / "new", "--quiet").sentence(2)
+    assert "swims tail first at 1.16 Hz; train no policy in it" in refused
+    assert refused.endswith("; --anyway trains all the same")
+    assert not (tmp_path / "new").exists()
+    program("train", "forward", "--parameters", path, "--out", out, "--quiet", "--anyway")
     warning, refusal = program.err.splitlines()
     assert warning.startswith(f"swim2real: warning: '{path}': unusable: from rest, where a policy and the robot begin")
     assert "swims tail first at 1.16 Hz; train no policy in it" in warning

@@ -121,6 +121,8 @@ def overview() -> str:
         "usage: swim2real COMMAND [OPTIONS]",
         "",
         "From videos of a swimming robot to a calibrated MuJoCo simulator.",
+        "",
+        "Start here: swim2real demo. Then, with films of your own: pick, track, calibrate, view.",
     ]
     for title, group in COMMANDS.items():
         lines += ["", f"{title}:"]

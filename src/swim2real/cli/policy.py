@@ -32,7 +32,7 @@ def train(
     settings: PositionalRequiredArgs[TrainingSettings], *, parameters: Path, out: Path, ensemble: Path | None = None,
     robot: str | None = None, seeds: tuple[int | str, ...] = (), workers: int = 0, threads: int = 0,
     any_phase: bool = False, tendon_friction: float = 0.0, noise: float | None = None, delay: int | None = None,
-    resume: bool = False, json: bool = False, quiet: bool = False,
+    anyway: bool = False, resume: bool = False, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Train a policy in the calibrated simulator: soft actor-critic, as in the paper.
 
@@ -57,6 +57,7 @@ def train(
         tendon_friction: Share of the rubbing tendon's tension that friction takes.
         noise: Let the policy see tracked markers with this noise [m], not the true state.
         delay: Age of the tracked markers that it sees [control intervals of 20 ms]; 2 where only --noise is given.
+        anyway: Train in a simulator that swims tail first from rest all the same.
         resume: Go on with what is in --out.
         json: Print the outcome as JSON.
         quiet: Print no progress.
@@ -68,7 +69,7 @@ def train(
         options = {
             **asdict(settings), "parameters": parameters, "ensemble": ensemble, "robot": robot, "threads": threads or 1,
             "any_phase": any_phase, "tendon_friction": tendon_friction, "noise": noise, "delay": delay,
-            "json": json, "quiet": quiet,
+            "anyway": anyway, "json": json, "quiet": quiet,
         }  # fmt: skip
         return _train_seeds(options, expand_seeds(seeds), out, workers or cores, resume)
     from datetime import UTC, datetime
@@ -92,7 +93,7 @@ def train(
         sets = read_ensemble(ensemble, trained)
     else:
         sets = [values_for(parameters, trained)]
-        _warn_if_backward(parameters, sets[0], trained)
+        _check_forward(parameters, sets[0], trained, anyway or resume)
     disturbances = Disturbances(
         (-math.pi, math.pi) if any_phase else (0.0, 0.0), (0.0, 0.0), tendon_friction,
         None if noise is None and delay is None else StateEstimate(
@@ -261,8 +262,12 @@ def export_commands(
     return 0
 
 
-def _warn_if_backward(path: Path, values: Values, robot: Robot) -> None:
-    """Simulates the motor's greatest speed from rest, and warns when a steady swimmer swims tail first."""
+def _check_forward(path: Path, values: Values, robot: Robot, anyway: bool) -> None:
+    """Simulates the motor's greatest speed from rest; a steady swimmer that swims tail first is told of.
+
+    Raises:
+        ArgumentError: It does, and nobody wants it anyway.
+    """
     from swim2real.calibration.from_rest import backward_from_rest, from_rest
     from swim2real.rl.body import policy_setup
     from swim2real.simulation import Simulator
@@ -272,6 +277,8 @@ def _warn_if_backward(path: Path, values: Values, robot: Robot) -> None:
     fastest = next(iter(policy_setup(robot).actuators.values())).upper
     swims = from_rest(Simulator(robot, 1), values, {"fastest": fastest / (2 * math.pi)})
     warning = backward_from_rest({name: swim.as_dict() for name, swim in swims.items()})
+    if warning and not anyway:
+        raise ArgumentError(f"'{path}': {warning}; --anyway trains all the same")
     if warning:
         tell(f"warning: '{path}': {warning}")
 
