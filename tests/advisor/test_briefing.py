@@ -172,7 +172,7 @@ def test_a_run_of_recordings_is_briefed_by_file(tmp_path):
     text = (tmp_path / "advisor" / "round_002" / "briefing.md").read_text()
     assert "## Simulated and real motion at the current point" in text
     assert "The first 0.5 s of each trial are compared." in text
-    assert "elbow_damping 0.000689 → 0.0006" in text
+    assert "elbow_damping 0.001 → 0.0006" in text
     assert not re.search(SWIM_WORDS, without(text, PENDULUM), re.IGNORECASE)
 
 
