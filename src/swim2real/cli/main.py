@@ -27,6 +27,7 @@ from swim2real.cli.robot import check, export_model, init
 from swim2real.cli.study import ensemble, export_sysid, identify, import_sysid
 from swim2real.cli.view import view
 from swim2real.errors import ArgumentError, Swim2RealError
+from swim2real.processes import end_with_starter
 
 Command = Callable[..., int]
 # in the order of a user's day; a command imports what it works with when it runs, so that --help is quick
@@ -51,6 +52,7 @@ CORE = ("av", "filelock", "jinja2", "matplotlib", "mujoco", "numba", "numpy", "P
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Runs a command and exits: 0 done, 1 the work failed (with a sentence), 2 wrong arguments."""
+    end_with_starter()
     words = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in words
     allowed = [option for option in consent.OPTIONS if option in words]

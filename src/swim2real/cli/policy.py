@@ -298,6 +298,7 @@ def _summary(outcome: TrainingOutcome, out: Path) -> str:
 def _train_seeds(options: Mapping[str, Any], seeds: list[int], out: Path, workers: int, resume: bool) -> int:
     """Trains each seed in a process of its own, so many at a time as there are workers."""
     from swim2real.interruption import Interruption
+    from swim2real.processes import start_program
 
     waiting, running, failed = list(seeds), dict[int, subprocess.Popen[bytes]](), list[int]()
     out.mkdir(parents=True, exist_ok=True)
@@ -306,7 +307,7 @@ def _train_seeds(options: Mapping[str, Any], seeds: list[int], out: Path, worker
         while running or (waiting and not interruption):
             while waiting and len(running) < workers and not interruption:
                 seed = waiting.pop(0)
-                running[seed] = subprocess.Popen(_command(options, seed, out, resume), start_new_session=True)
+                running[seed] = start_program(_command(options, seed, out, resume))
             if interruption and not signaled:
                 signaled = True
                 for process in running.values():
