@@ -1,8 +1,9 @@
 """Files on the disk: written whole or not at all, appended line by line, locked while a process works on them.
 
 A reader never sees half of a file, and a process that is killed at any moment leaves the old content or the new one.
-Every function raises the `OSError` of the system; those who know what the file is for turn it into a sentence. Files
-may come from anywhere: one that is too large, or no file but a device or a pipe, is refused before it is read.
+Every function raises the `OSError` of the system with the file's name; those who know what the file is for turn it into
+a sentence, for which `reason` says what the system said. Files may come from anywhere: one that is too large, or no file
+but a device or a pipe, is refused before it is read.
 
 A motor's computer writes files as well, without NumPy and filelock: these are imported by the functions that need them.
 """
@@ -15,8 +16,8 @@ import math
 import os
 import shutil
 import stat
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -30,6 +31,7 @@ MOST_TEXT = 4_000_000  # bytes of a text that a person writes, as of a robot fil
 MOST_TABLE = 64_000_000  # bytes of a CSV table
 MOST_ROWS = 1_000_000  # of a CSV table
 _MOST_DIGITS = 40  # of a whole number; the state of a random stream has 39
+_FULL = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)
 
 
 @contextmanager
@@ -42,8 +44,9 @@ def whole_file(path: str | Path) -> Generator[Path]:
     place = Path(path)
     part = place.with_name(place.name + PART)
     try:
-        yield part
-        part.replace(place)
+        with _named(place):
+            yield part
+            part.replace(place)
     except BaseException:
         part.unlink(missing_ok=True)
         raise
@@ -59,14 +62,64 @@ def whole_folder(path: str | Path) -> Generator[Path]:
     place = Path(path)
     part = place.with_name(place.name + PART)
     shutil.rmtree(part, ignore_errors=True)
-    part.mkdir(parents=True)
     try:
-        yield part
-        shutil.rmtree(place, ignore_errors=True)
-        part.replace(place)
+        with _named(place):
+            part.mkdir(parents=True)
+            yield part
+            shutil.rmtree(place, ignore_errors=True)
+            part.replace(place)
     except BaseException:
         shutil.rmtree(part, ignore_errors=True)
         raise
+
+
+@contextmanager
+def _named(place: Path) -> Generator[None]:
+    """Names the file in an error of the system, which knows it only where the file is opened, and then as a part."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None or str(error.filename).endswith(PART):
+            error.filename, error.filename2 = str(place), None
+        raise
+
+
+def remove_leftovers(folder: str | Path, names: Iterable[str]) -> None:
+    """Removes what processes that were killed have left of files and folders that they were writing.
+
+    To be called by the process that has the folder locked, for what is only written by one that has.
+
+    Args:
+        folder: The folder.
+        names: Names of the files and folders, or patterns of them, such as `advisor/*.json`.
+    """
+    for name in names:
+        for part in Path(folder).glob(name + PART):
+            if part.is_dir():
+                shutil.rmtree(part, ignore_errors=True)
+            else:
+                with suppress(OSError):
+                    part.unlink()
+
+
+def reason(error: OSError, file: str | Path | None = None) -> str:
+    """Why a file can't be written, in words; of a full disk also how much room it has, and what to do.
+
+    Args:
+        error: What the system said.
+        file: The file or folder, where the error doesn't name it.
+    """
+    text, named = error.strerror or str(error), error.filename or file
+    if error.errno not in _FULL or named is None:
+        return text
+    place = Path(os.fsdecode(named)).absolute()
+    there = next(folder for folder in (place, *place.parents) if folder.is_dir())
+    try:
+        free = shutil.disk_usage(there).free
+    except OSError:
+        return text
+    size = f"{free / 1e9:.1f} GB" if free >= 1e9 else f"{free / 1e6:.1f} MB" if free >= 1e6 else f"{free / 1e3:.0f} kB"
+    return f"{text} ({size} free in '{there}'; make room)"
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -290,7 +343,7 @@ def append_lines(path: str | Path, entries: Sequence[Mapping[str, Any]]) -> None
     if not entries:
         return
     lines = "".join(json.dumps(entry, allow_nan=False) + "\n" for entry in entries)
-    with Path(path).open("ab") as file:
+    with _named(Path(path)), Path(path).open("ab") as file:
         file.write(lines.encode())
         file.flush()
         os.fsync(file.fileno())

@@ -1,6 +1,7 @@
 import errno
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -316,9 +317,10 @@ def test_a_full_disk_stops_the_run_and_keeps_the_record(go, tmp_path, uninterrup
 
     monkeypatch.setattr(os, "fsync", fsync)
     run = tmp_path / "run"
-    assert refusal(go, method="line-search") == (
-        f"can't write run folder '{run}': No space left on device; what was recorded so far is kept, "
-        f"--resume goes on from there"
+    assert re.fullmatch(
+        rf"can't write run folder '{run}': No space left on device \([\d.]+ [kMG]B free in '{run}'; make room\); what "
+        r"was recorded so far is kept, --resume goes on from there",
+        refusal(go, method="line-search"),
     )
     assert len(record(run)) >= 2
     monkeypatch.undo()
@@ -334,6 +336,6 @@ def test_a_record_on_a_device_that_is_full_is_told(go, half):
 
 
 def test_best_parameters_that_cant_be_written_are_told(go, half):
-    (half / "best.json.part").mkdir()
+    (half / "best.json" / "in the way").mkdir(parents=True)
     assert refusal(go, run=half).startswith(f"can't write '{half / 'best.json'}': ")
     assert len(record(half)) >= 3

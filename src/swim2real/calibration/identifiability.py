@@ -250,7 +250,7 @@ class _Profiling:
         try:
             write_fit(place, self._run.problem, self._run.space.to_values(lowest["point"]), loss=lowest["loss"])
         except OSError as error:
-            raise RunError(f"can't write '{place}': {error.strerror or error}; the same command goes on") from error
+            raise RunError(f"can't write '{place}': {store.reason(error)}; the same command goes on") from error
 
 
 def _value(run: FinishedRun, index: int, at: float) -> float:

@@ -23,6 +23,7 @@ from swim2real.errors import RunError
 from swim2real.objective import Comparison, evidence
 from swim2real.optimizers import Candidate, Evaluation, Optimizer
 from swim2real.parameters import ParameterSpace, Values, write_parameters
+from swim2real.store import reason
 
 _PRIOR = 0.01  # of the first residual's length: what the way over a parameter's whole range adds
 
@@ -181,7 +182,7 @@ def write_best(folder: RunFolder, problem: Problem, entry: Mapping[str, Any]) ->
     try:
         write_fit(folder.best_path, problem, entry["values"], loss=entry["loss"], evaluation=entry["index"])
     except OSError as error:
-        raise RunError(f"can't write '{folder.best_path}': {error.strerror or error}; --resume goes on") from error
+        raise RunError(f"can't write '{folder.best_path}': {reason(error)}; --resume goes on") from error
 
 
 def write_fit(path: Path, problem: Problem, values: Values, **notes: Any) -> None:

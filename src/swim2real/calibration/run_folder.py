@@ -17,6 +17,8 @@ from swim2real.parameters.file import BEST
 
 FORMAT = 1
 SETTINGS, RECORD, OUTCOME, TRIALS = "settings.json", "record.jsonl", "outcome.json", "trials.npz"
+# what is written only by the process that has the run
+_WRITTEN = (SETTINGS, RECORD, BEST, OUTCOME, TRIALS, "identif*.json", "advisor/*.json", "advisor/media/*")
 
 # settings that may differ when a run goes on
 _FREE = ("budget", "threads")
@@ -72,6 +74,7 @@ class RunFolder:
                     raise RunError(
                         f"another process is working on run folder '{self.path}'; wait for it or use another"
                     ) from None
+            store.remove_leftovers(self.path, _WRITTEN)
             yield
 
     def begin(self, settings: Mapping[str, Any]) -> None:
@@ -264,8 +267,8 @@ class RunFolder:
             yield
         except OSError as error:
             raise RunError(
-                f"can't write run folder '{self.path}': {error.strerror or error}; what was recorded so far is kept, "
-                f"--resume goes on from there"
+                f"can't write run folder '{self.path}': {store.reason(error, self.path)}; what was recorded so far is "
+                f"kept, --resume goes on from there"
             ) from error
 
 

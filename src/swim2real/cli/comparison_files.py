@@ -16,7 +16,7 @@ from swim2real.objective.elongated_body import predict_speeds
 from swim2real.report.comparison_page import write_comparison_report
 from swim2real.report.paper_figures import write_figures
 from swim2real.robots.robot import Robot
-from swim2real.store import write_text
+from swim2real.store import reason, write_text
 from swim2real.trials import TrialSet
 
 TABLES, THEORY = "tables.md", "theory.json"
@@ -51,7 +51,7 @@ def write_files(folder: Path, results: ComparisonResults | None = None) -> list[
     try:
         write_text(tables, all_tables(results, as_markdown))
     except OSError as error:
-        raise RunError(f"can't write '{tables}': {error.strerror or error}") from error
+        raise RunError(f"can't write '{tables}': {reason(error)}") from error
     return [tables, *write_figures(results, folder, theory), write_comparison_report(folder, theory)]
 
 

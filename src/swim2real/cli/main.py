@@ -28,6 +28,7 @@ from swim2real.cli.study import ensemble, export_sysid, identify, import_sysid
 from swim2real.cli.view import view
 from swim2real.errors import ArgumentError, Swim2RealError
 from swim2real.processes import end_with_starter
+from swim2real.store import reason
 
 Command = Callable[..., int]
 # in the order of a user's day; a command imports what it works with when it runs, so that --help is quick
@@ -80,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     except OSError as error:
         if debug:
             raise
-        print(f"swim2real: {error.strerror or error}: {error.filename or ''}".rstrip(": "), file=sys.stderr)
+        print(f"swim2real: {reason(error)}: {error.filename or ''}".rstrip(": "), file=sys.stderr)
         code = 1
     except Exception as error:  # a fault of ours, which is no reason to frighten anybody
         if debug:

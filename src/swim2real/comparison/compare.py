@@ -11,7 +11,7 @@ from pathlib import Path
 
 from swim2real.advisor import asks_a_vlm
 from swim2real.calibration.run_folder import RECORD
-from swim2real.comparison.cluster import dask_cluster, explain_failure, session
+from swim2real.comparison.cluster import SESSION, dask_cluster, explain_failure, session
 from swim2real.comparison.jobs import JobReport, Work, failed_job, read_job, run_job
 from swim2real.comparison.plan import RUNS, Job, Plan, read_plan
 from swim2real.comparison.results import ComparisonResults, read_results, write_results
@@ -19,10 +19,11 @@ from swim2real.errors import RunError
 from swim2real.processes import ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess
-from swim2real.store import locked
+from swim2real.store import locked, reason, remove_leftovers
 from swim2real.trials import TrialSet
 
 _PROGRESS_INTERVAL = 1.0  # s
+_WRITTEN = ("plan.json", "results.json", "results.csv", SESSION)  # only by the process that has the comparison
 # of one evaluation relative to a random search's, with what the method itself takes; only the order hangs on it
 _COST: Mapping[str, float] = {"bayesopt": 3.0, "staged": 2.0}
 
@@ -77,6 +78,7 @@ def compare(
     """
     root = Path(out).resolve()
     with _exclusive(root):
+        remove_leftovers(root, _WRITTEN)
         before = read_plan(root) if (root / RUNS).is_dir() else None  # a plan without a run binds nobody
         plan = plan if before is None else plan.extending(before)
         plan.write(root)
@@ -103,7 +105,7 @@ def _exclusive(root: Path) -> Generator[None]:
         except BlockingIOError:
             raise RunError(f"another process is working on comparison '{root}'; wait or use another folder") from None
         except OSError as error:
-            raise RunError(f"can't write '{root}': {error.strerror or error}; choose another folder") from error
+            raise RunError(f"can't write '{root}': {reason(error)}; choose another folder") from error
         yield
 
 

@@ -28,7 +28,7 @@ from swim2real.settings import (
     start_of,
 )
 from swim2real.simulation import Engine
-from swim2real.store import write_json
+from swim2real.store import reason, write_json
 from swim2real.trials import TrialSet
 
 FORMAT = 1
@@ -251,7 +251,7 @@ def writing(place: str | Path) -> Generator[None]:
         yield
     except OSError as error:
         raise RunError(
-            f"can't write '{error.filename or place}': {error.strerror or error}; what was run so far is kept, the "
+            f"can't write '{error.filename or place}': {reason(error)}; what was run so far is kept, the "
             f"same command goes on"
         ) from error
 

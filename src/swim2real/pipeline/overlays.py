@@ -54,5 +54,5 @@ def write_overlays(
         store.write_bytes(out / ALL, to_png(album.overview(_MOMENTS, _SMALL_TILE)))
         done(out / ALL)
     except OSError as error:
-        raise ArgumentError(f"can't write '{out}': {error.strerror or error}; choose another folder") from error
+        raise ArgumentError(f"can't write '{out}': {store.reason(error)}; choose another folder") from error
     return files

@@ -28,7 +28,7 @@ from swim2real.rendering.overlay import TrackOverlay
 from swim2real.robots.compiled import marker_bodies, rigid_markers
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
-from swim2real.store import read_json, write_json
+from swim2real.store import read_json, reason, write_json
 from swim2real.tracking.bodies import BodyTracker
 from swim2real.tracking.camera import camera_for
 from swim2real.tracking.camera_file import read_camera
@@ -371,6 +371,4 @@ def _make_folder(folder: Path) -> None:
         with TemporaryFile(dir=folder):  # without a name, so that an interruption leaves nothing
             pass
     except OSError as error:
-        raise TrackingError(
-            f"can't write folder '{folder}': {error.strerror or error}; choose another with --to"
-        ) from error
+        raise TrackingError(f"can't write folder '{folder}': {reason(error)}; choose another with --to") from error

@@ -72,7 +72,7 @@ def write_page(path: Path, page: str) -> Path:
     try:
         store.write_text(path, page)
     except OSError as error:
-        raise RunError(f"can't write '{path}': {error.strerror or error}; make room or allow writing there") from error
+        raise RunError(f"can't write '{path}': {store.reason(error)}; make room or allow writing there") from error
     return path
 
 

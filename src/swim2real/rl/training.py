@@ -112,8 +112,9 @@ def train(
     """
     trainer = Trainer(settings, list(parameters), robot, Path(out), disturbances, threads)
     try:
-        trainer.begin(dict(about or {}), resume, allow_code)
-        return trainer.run(on_progress, stop)
+        with files.locked_folder(trainer.out):
+            trainer.begin(dict(about or {}), resume, allow_code)
+            return trainer.run(on_progress, stop)
     finally:
         trainer.close()
 

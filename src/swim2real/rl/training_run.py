@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -18,11 +19,22 @@ from swim2real.rl.tasks import check_allowed
 from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
-from swim2real.store import append_lines, drop_cut_line, path_from, read_lines, write_json, write_text
+from swim2real.store import (
+    append_lines,
+    drop_cut_line,
+    locked,
+    path_from,
+    read_lines,
+    reason,
+    remove_leftovers,
+    write_json,
+    write_text,
+)
 
 SETTINGS, OUTCOME = "settings.json", "outcome.json"
 EPISODES, EVALUATIONS, PROGRESS = "episodes.jsonl", "evaluations.jsonl", "progress.jsonl"
 LAST, BEST = "policy.npz", "best.npz"
+_WRITTEN = (SETTINGS, OUTCOME, EPISODES, EVALUATIONS, PROGRESS, LAST, BEST, "checkpoints/step-*")
 
 
 class RecordedSettings(BaseModel):
@@ -217,9 +229,30 @@ def task_from(task: str, folder: Path) -> str:
 def not_written(path: Path, error: OSError) -> RunError:
     """The error of a file that can't be written."""
     return RunError(
-        f"'{path}' can't be written: {error.strerror or error}; make room, and go on with --resume, or choose another "
-        f"folder"
+        f"can't write '{error.filename or path}': {reason(error, path)}; --resume goes on from the last checkpoint, or "
+        f"choose another folder"
     )
+
+
+@contextmanager
+def locked_folder(folder: Path) -> Generator[None]:
+    """Keeps other processes out of a training folder, and removes what one that was killed has left half written.
+
+    Raises:
+        RunError: Another process has it, or the disk failed.
+    """
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(locked(folder))
+        except BlockingIOError:
+            raise RunError(f"another process is training into '{folder}'; wait for it or choose another") from None
+        except OSError as error:
+            raise not_written(folder, error) from error
+        remove_leftovers(folder, _WRITTEN)
+        try:
+            yield
+        except OSError as error:  # of what others write, such as the logs of TensorBoard
+            raise not_written(folder, error) from error
 
 
 def write_settings(folder: Path, content: Mapping[str, Any]) -> None:

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from swim2real.checking import FileName, Label, Number, Positive, read
 from swim2real.errors import TrialError
 from swim2real.names import composed, file_key
-from swim2real.store import locked, path_from, whole_file, write_json
+from swim2real.store import locked, path_from, reason, whole_file, write_json
 from swim2real.trials.signals import TIME, Signals, read_header, read_lines, read_numbers, read_signals, write_signals
 from swim2real.trials.trial import MarkerTrack, Trial, TrialSet, check_trial_name
 
@@ -181,7 +181,7 @@ def save_reference(trials: TrialSet, folder: str | Path) -> None:
             _write_tables(path, trial, trials.marker_names)
         _write_index(path, trials.marker_names, entries)
     except OSError as error:
-        raise TrialError(f"can't write reference folder '{path}': {error.strerror or error}") from error
+        raise TrialError(f"can't write reference folder '{path}': {reason(error)}") from error
 
 
 def check_folder(folder: str | Path, name: str, marker_names: tuple[str, ...]) -> None:
@@ -233,7 +233,7 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
     except BlockingIOError:
         raise TrialError(f"another process has been writing to '{path}' for {_LOCK_TIMEOUT} s; try again") from None
     except OSError as error:
-        raise TrialError(f"can't write reference folder '{path}': {error.strerror or error}") from error
+        raise TrialError(f"can't write reference folder '{path}': {reason(error)}") from error
 
 
 def _entries(path: Path, marker_names: tuple[str, ...], table: str) -> list[TrialEntry]:

@@ -17,7 +17,7 @@ from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
 from swim2real.errors import VideoError
-from swim2real.store import PART
+from swim2real.store import PART, reason
 
 FORMATS = {".mp4": "mp4", ".mov": "mov", ".m4v": "mp4", ".mkv": "matroska", ".avi": "avi", ".ts": "mpegts"}
 QUICKTIME = (".mp4", ".m4v", ".mov")
@@ -72,7 +72,7 @@ class VideoWriter:
         try:
             self._part.open("wb").close()  # PyAV would find out with the first picture only
         except OSError as error:
-            raise VideoError(f"'{self._path}' can't be written: {error.strerror}") from None
+            raise VideoError(f"'{self._path}' can't be written: {reason(error, self._path)}") from None
         self._container = av.open(
             str(self._part.absolute()), "w", format=FORMATS[self._path.suffix.lower()],
             options={"movflags": "+faststart"} if self._path.suffix.lower() in QUICKTIME else {},
@@ -170,8 +170,9 @@ class VideoWriter:
         try:
             action()
         except (FFmpegError, OSError) as error:
+            why = reason(cast("OSError", error), self._path)  # FFmpeg's errors have what those of the system have
             self._abandon()
-            raise VideoError(f"'{self._path}' can't be written: {error.strerror}") from None
+            raise VideoError(f"'{self._path}' can't be written: {why}") from None
 
     def _abandon(self) -> None:
         """Closes and removes the unfinished file."""

@@ -11,7 +11,7 @@ from typing import Any
 from swim2real.advisor.vlm.exchange import Attempt, Reply, Request
 from swim2real.advisor.vlm.transcript import CALLS
 from swim2real.errors import AdvisorError, WaitingForReply
-from swim2real.store import write_bytes, write_json, write_text
+from swim2real.store import reason, write_bytes, write_json, write_text
 
 BRIEFING, SCHEMA, REPLY, PROBLEM = "briefing.md", "reply.schema.json", "reply.json", "reply.problem.txt"
 _POLL = 0.5  # s
@@ -72,7 +72,7 @@ class FilesClient:
             (folder / PROBLEM).unlink(missing_ok=True)
         except OSError as error:
             raise AdvisorError(
-                f"can't work in '{folder}': {error.strerror or error}; make room or allow writing, --resume goes on"
+                f"can't work in '{folder}': {reason(error)}; make room or allow writing, --resume goes on"
             ) from error
         self._unusable = text
         return Reply(text, "stop", None, None, None, None, attempts=(Attempt(time.monotonic() - began),))

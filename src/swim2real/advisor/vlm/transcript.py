@@ -17,7 +17,7 @@ from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
 from swim2real.checking import check, read, shown
 from swim2real.errors import AdvisorError
 from swim2real.optimizers import Evaluation
-from swim2real.store import write_bytes, write_json
+from swim2real.store import reason, write_bytes, write_json
 
 FORMAT = 1
 CALLS = "advisor"  # folder of a run
@@ -210,7 +210,7 @@ class Transcript:
             write_json(path, _content(replace(call, number=number), request, parts), indent=1)
         except OSError as error:
             raise AdvisorError(
-                f"can't write the transcript '{self.folder}': {error.strerror or error}; make room or allow writing "
+                f"can't write the transcript '{self.folder}': {reason(error)}; make room or allow writing "
                 f"there, --resume goes on"
             ) from error
         self._calls.append(_read_call(path))  # as a later reader will have it, to the last digit

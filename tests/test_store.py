@@ -1,0 +1,92 @@
+"""Files that can't be written, and what processes that were killed have left of them."""
+
+import errno
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from swim2real import store
+from swim2real.calibration import RunFolder
+
+
+@pytest.fixture
+def small_files():
+    """Lets this process write no file of more than 4 kB, as on a disk that gets full in the middle."""
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+WRITERS = {
+    "text": lambda path: store.write_text(path, "x" * 100_000),
+    "bytes": lambda path: store.write_bytes(path, b"x" * 100_000),
+    "json": lambda path: store.write_json(path, list(range(100_000))),
+    "arrays": lambda path: store.write_arrays(path, {"a": [float(i) ** 0.5 for i in range(10_000)]}),
+}
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_a_write_that_fails_in_the_middle_leaves_the_old_file_alone(small_files, write, tmp_path):
+    place = tmp_path / "file"
+    place.write_text("old")
+    with pytest.raises(OSError, match="File too large") as failed:
+        write(place)
+    assert failed.value.filename == str(place)
+    assert place.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_folder_that_cant_be_written_leaves_nothing(small_files, tmp_path):
+    def write():
+        with store.whole_folder(tmp_path / "step") as part:
+            (part / "first").write_bytes(b"x" * 1000)
+            (part / "second").write_bytes(b"x" * 100_000)
+
+    with pytest.raises(OSError, match="File too large"):
+        write()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_a_full_disk_is_told_with_the_room_that_is_left(tmp_path):
+    place = tmp_path / "record.jsonl"
+    place.symlink_to("/dev/full")
+    with pytest.raises(OSError, match="No space left") as failed:
+        store.append_line(place, {"a": 1})
+    assert failed.value.filename == str(place)
+    says = rf"No space left on device \([\d.]+ [kMG]B free in '{tmp_path}'; make room\)"
+    assert re.fullmatch(says, store.reason(failed.value))
+
+
+def test_a_reason_that_isnt_a_full_disk_says_nothing_of_room(tmp_path):
+    assert store.reason(PermissionError(errno.EACCES, "Permission denied", str(tmp_path))) == "Permission denied"
+    assert store.reason(OSError("odd")) == "odd"
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next_that_has_the_run(tmp_path):
+    left = ["settings.json.part", "trials.npz.part", "best.json.part", "advisor/call_0001.json.part"]
+    others = ["report.html.part", "holiday.mp4.part", "advisor/call_0001.json"]  # of a report, of others, whole
+    (tmp_path / "advisor").mkdir()
+    for name in (*left, *others):
+        (tmp_path / name).write_bytes(b"x" * 2000)
+    (tmp_path / "trials.npz.part").unlink()
+    (tmp_path / "trials.npz.part").mkdir()
+    with RunFolder(tmp_path).locked():
+        assert not [name for name in left if (tmp_path / name).exists()]
+        assert all((tmp_path / name).is_file() for name in others)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="its folders can't be made read-only")
+def test_leftovers_that_cant_be_removed_stop_nobody(tmp_path, monkeypatch):
+    (tmp_path / "settings.json.part").write_text("{")
+
+    def refuse(self, missing_ok=False):
+        raise PermissionError(errno.EACCES, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    store.remove_leftovers(tmp_path, ["settings.json"])
+    assert (tmp_path / "settings.json.part").exists()
