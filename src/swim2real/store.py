@@ -2,8 +2,8 @@
 
 A reader never sees half of a file, and a process that is killed at any moment leaves the old content or the new one.
 Every function raises the `OSError` of the system with the file's name; those who know what the file is for turn it into
-a sentence, for which `reason` says what the system said. Files may come from anywhere: one that is too large, or no file
-but a device or a pipe, is refused before it is read.
+a sentence, for which `reason` says what the system said. Files may come from anywhere: one that is too large, or no
+file but a device or a pipe, is refused before it is read.
 
 A motor's computer writes files as well, without NumPy and filelock: these are imported by the functions that need them.
 """
