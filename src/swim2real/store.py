@@ -375,6 +375,20 @@ def path_from(folder: Path, file: Path) -> str:
         return file.resolve().as_posix()
 
 
+def source_from(folder: Path, source: str) -> str:
+    """Where something came from, as a file in a folder says it: the place of what is there, other words as they are.
+
+    `source_at` reads it, and what earlier versions wrote: an absolute path, or one from where they were started.
+    """
+    return path_from(folder, Path(source)) if source and Path(source).exists() else source
+
+
+def source_at(folder: Path, source: str) -> str:
+    """Where something came from, seen from here."""
+    there = folder / source
+    return os.path.normpath(there) if source and there.exists() else source
+
+
 @contextmanager
 def locked(folder: str | Path, timeout: float = 0.0) -> Generator[None]:
     """Makes a folder where there is none and keeps other processes out of it.

@@ -646,7 +646,7 @@ def test_calibrate_leaves_a_whole_run(finished, calibration):
     assert names == {"settings.json", "record.jsonl", "best.json", "outcome.json", "trials.npz", "report.html"}
     settings = RunFolder(finished).settings()
     assert (settings["budget"], settings["seed"], settings["protocol"]) == (3, 0, "playback")
-    assert settings["reference"] == calibration[1]
+    assert settings["reference"] == os.path.relpath(calibration[1], finished)
     assert settings["versions"]["swim2real"] == swim2real.__version__
     entries = record(finished)
     assert len(entries) == 3
@@ -733,6 +733,24 @@ def test_a_larger_budget_goes_on_with_a_run(program, run, calibration):
     assert (run / "record.jsonl").read_bytes().startswith(before)
     assert len(record(run)) == 4
     assert [line.split()[:2] for line in program.err.splitlines()[:3]] == [[f"{i}/4", "read"] for i in (1, 2, 3)]
+
+
+def test_a_run_is_moved_with_its_reference_and_goes_on(program, pendulum_folder, tmp_path):
+    begun, moved = tmp_path / "begun", tmp_path / "else" / "where"
+    shutil.copytree(pendulum_folder, begun)
+    program(*pendulum_words(begun), "--out", begun / "runs/run", "--budget", 2, "--quiet").done()
+    settings = (begun / "runs/run/settings.json").read_text()
+    assert json.loads(settings)["reference"] == "../../tracks"
+    assert str(tmp_path) not in settings
+    moved.parent.mkdir()
+    begun.rename(moved)
+    program("report", moved / "runs/run").done()
+    program(*pendulum_words(moved), "--out", moved / "runs/run", "--budget", 2, "--resume", "--quiet").done()
+    assert (moved / "runs/run/settings.json").read_text() == settings
+    other = shutil.copytree(moved / "tracks", tmp_path / "other")
+    (other / "b.csv").write_text("\n".join((other / "b.csv").read_text().splitlines()[:-1]) + "\n")
+    said = program("identify", moved / "runs/run", "--reference", other).sentence(1)
+    assert said.endswith(f"give the one that it was made with, {moved / 'tracks'}")
 
 
 def test_resuming_what_isnt_there_is_refused(program, calibration, tmp_path):

@@ -14,6 +14,7 @@ from swim2real.calibration.run_folder import RunFolder
 from swim2real.errors import RunError
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
+from swim2real.store import source_at
 from swim2real.trials import TrialSet
 
 
@@ -72,9 +73,10 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
     if settings.get("robot") != robot.name:
         raise RunError(f"run '{folder.path}' is of robot {settings.get('robot')!r}, not '{robot.name}'")
     if settings.get("reference_fingerprint") != reference_fingerprint(reference):
+        source = source_at(folder.path, str(settings.get("reference") or ""))
         raise RunError(
             f"run '{folder.path}' was made with another reference than this one of {len(reference)} trials; give the "
-            f"one that it was made with" + (f", {settings['reference']}" if settings.get("reference") else "")
+            f"one that it was made with" + (f", {source}" if source else "")
         )
     fitted, _ = reference.split(tuple(settings["hold_out"]))
     problem = Problem(

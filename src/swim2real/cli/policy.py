@@ -87,6 +87,7 @@ def train(
     from swim2real.rl.training_run import TrainingRun
     from swim2real.robots import load_robot
     from swim2real.simulation import Engine
+    from swim2real.store import source_from
 
     trained = robot_for(parameters) if robot is None else load_robot(robot)
     if ensemble:
@@ -102,7 +103,7 @@ def train(
     )  # fmt: skip
     libraries = {name: metadata.version(name) for name in ("gymnasium", "stable-baselines3", "torch")}
     about = {
-        "reference": str(ensemble or parameters), "engine": Engine.of(trained).as_dict(),
+        "reference": source_from(out, str(ensemble or parameters)), "engine": Engine.of(trained).as_dict(),
         "versions": {**versions(), **libraries}, "commit": commit(),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }  # fmt: skip
@@ -167,7 +168,7 @@ def rollout(
     from swim2real.rl.rollout import save_episodes
     from swim2real.rl.tasks import STAGES, Target, find_task
     from swim2real.rl.training_run import TrainingRun
-    from swim2real.store import write_json
+    from swim2real.store import source_at, write_json
 
     run = TrainingRun.open(policy, allow_code=consent.given(consent.CODE))
     others = [TrainingRun.open(folder, allow_code=consent.given(consent.CODE)) for folder in beside]
@@ -188,7 +189,7 @@ def rollout(
         run, goals or episodes, parameters=values, disturbances=disturbances, which=which, stage=stage,
         estimate=StateEstimate(noise, delay) if closed_loop else None, threads=cores,
     )  # fmt: skip
-    content = {**assessment.as_dict(), "parameters": str(parameters or run.settings.reference)}
+    content = {**assessment.as_dict(), "parameters": str(parameters or source_at(policy, run.settings.reference))}
     folder = out or policy
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "rollout.json", content)

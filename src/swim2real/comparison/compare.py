@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from swim2real.advisor import asks_a_vlm
@@ -19,7 +19,7 @@ from swim2real.errors import RunError
 from swim2real.processes import ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess
-from swim2real.store import locked, reason, remove_leftovers
+from swim2real.store import locked, reason, remove_leftovers, source_from
 from swim2real.trials import TrialSet
 
 _PROGRESS_INTERVAL = 1.0  # s
@@ -81,10 +81,12 @@ def compare(
         remove_leftovers(root, _WRITTEN)
         before = read_plan(root) if (root / RUNS).is_dir() else None  # a plan without a run binds nobody
         plan = plan if before is None else plan.extending(before)
+        source = plan.source and (str(Path(plan.source).resolve()) if Path(plan.source).exists() else plan.source)
+        plan = replace(plan, source=source_from(root, plan.source))
         plan.write(root)
         with session(root) as token:
             work = Work(
-                root, token, reference, robot, plan.basis, plan.source, access or VlmAccess(), accept_edited
+                root, token, reference, robot, plan.basis, source, access or VlmAccess(), accept_edited
             )  # fmt: skip
 
             def begin() -> AbstractContextManager[Executor]:

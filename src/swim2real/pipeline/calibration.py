@@ -31,7 +31,7 @@ from swim2real.pipeline.methods import make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
 from swim2real.settings import ADVISED, CalibrationSettings, First, VlmAccess
-from swim2real.store import path_from
+from swim2real.store import path_from, source_from
 from swim2real.trials import TrialSet
 
 _log = logging.getLogger(__name__)
@@ -89,7 +89,7 @@ def calibrate(
     }
     about = {
         **({} if robot.source is None else {"robot_file": path_from(folder.path, robot.source)}),
-        "reference": source, "versions": versions(), "commit": commit(),
+        "reference": source_from(folder.path, source), "versions": versions(), "commit": commit(),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }  # fmt: skip
     _check_replay(settings.advisor, resolved)
