@@ -76,12 +76,19 @@ def require(request: Request, *, allowed: bool = False) -> None:
     """
     if allowed or given(request.option):
         _remember(request)
-    elif request.mark not in _marks and request.mark not in _remembered():
+    elif request.mark in _marks or request.mark in _remembered():
+        _marks.add(request.mark)
+    else:
         argument = request.option.removeprefix("--").replace("-", "_")
         raise ConsentError(
             f"{request.what}; if you trust it, allow it with {request.option} (in Python: {argument}=True), which is "
             f"remembered until it changes"
         )
+
+
+def marks() -> tuple[str, ...]:
+    """What was allowed to this process, for processes that it gives work."""
+    return tuple(_marks)
 
 
 def trust(marks: Collection[str]) -> None:

@@ -89,3 +89,20 @@ def test_an_option_for_one_command_is_none_for_the_next(program, stranger, monke
     (stranger / "code.py").write_text(CODE + "\n")
     program("report", "run").sentence(2)
     assert (stranger / "ran").read_text() == "x"
+
+
+@pytest.mark.parametrize(
+    "words", ["init outside.xml --out new.toml", "check outside.toml", "view outside.xml --film v.mp4"]
+)
+def test_no_command_reads_files_outside_of_a_models_folder(program, tmp_path, monkeypatch, words):
+    folder = tmp_path / "model"
+    made(folder, ROBOT.replace("arm.xml", "outside.xml"), RECORDINGS, DAMPING,
+         model=ARM.replace("<worldbody>", '<include file="../visual.xml"/><worldbody>'), name="outside")  # fmt: skip
+    (tmp_path / "visual.xml").write_text("<mujocoinclude><visual/></mujocoinclude>")
+    monkeypatch.chdir(folder)
+    sentence = program(*words.split()).sentence(2)
+    assert f"reads files outside of its folder: '{tmp_path / 'visual.xml'}'" in sentence
+    assert "--allow-outside" in sentence
+    if words.startswith("check"):
+        program(*words.split(), "--allow-outside").done()
+        program(*words.split()).done()

@@ -133,8 +133,9 @@ def overview() -> str:
             lines.append(f"  {name:<{width}}  {(command.__doc__ or '').strip().splitlines()[0]}")
     ends = (
         "swim2real COMMAND --help explains a command.",
-        "--version prints the version. With every command --debug shows tracebacks, and --allow-code runs the Python",
-        "code that a robot file or a policy names, which is refused until it was allowed once.",
+        "--version prints the version. With every command --debug shows tracebacks; --allow-code runs the Python code",
+        "that a robot file or a policy names, and --allow-outside reads files outside of a model's folder: both are",
+        "refused until they were allowed once.",
     )
     return "\n".join([*lines, "", *ends])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from swim2real import consent
 from swim2real.cli.options import PUBLISHED, Positional
 from swim2real.errors import ArgumentError, RobotError
 from swim2real.settings import all_cores
@@ -73,6 +74,7 @@ def export_model(parameters: Positional[Path], *, out: Path) -> int:
     from swim2real.cli.tables import say
     from swim2real.parameters import read_parameters
     from swim2real.robots.compiled import largest_difference
+    from swim2real.robots.mjcf_files import outside
     from swim2real.robots.scenery import furnish
     from swim2real.store import write_text
 
@@ -89,6 +91,9 @@ def export_model(parameters: Positional[Path], *, out: Path) -> int:
         write_text(out, spec.to_xml())
     except OSError as error:
         raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
+    named = outside(out)  # where the assets are of a model that has been allowed
+    if named is not None:
+        consent.require(named, allowed=True)
     try:
         name, gap = largest_difference(model, mujoco.MjSpec.from_file(str(out)).compile())
     except ValueError as error:

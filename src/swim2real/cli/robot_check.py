@@ -36,6 +36,8 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
     Returns:
         Whether nothing is wrong.
     """
+    if Path(name).suffix == ".toml":
+        open_robot_file(name, alone=True)  # before this process compiles it
     robot = load_robot(name)
     file = open_robot_file(robot_file(name))
     reference = None if reference_folder is None else load_reference(reference_folder)

@@ -36,7 +36,7 @@ def draft_robot(path: Path, threads: int | None = None) -> Draft:
     """
     if not path.is_file():
         raise RobotError(f"model '{path}' is not there; give an MJCF file")
-    spec = read_mjcf(path)
+    spec = read_mjcf(path, alone=True)
     _check_names(spec, path)
     model = compiled(spec.copy(), f"model '{path}'")
     draft = _first(path, spec, model)

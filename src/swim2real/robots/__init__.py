@@ -15,18 +15,21 @@ __all__ = ["ROBOTS", "load_robot", "robot_file"]
 ROBOTS = ("fish", "fish-extended")
 
 
-def load_robot(name: str | Path, *, markers_only: bool = False, allow_code: bool = False) -> Robot:
+def load_robot(
+    name: str | Path, *, markers_only: bool = False, allow_code: bool = False, allow_outside: bool = False
+) -> Robot:
     """A robot by its name, or by its robot file, as on the command line.
 
     Args:
         name: Name of the robot, or path of its file.
         markers_only: Read of a robot file what tracking takes, whatever its parameters say.
         allow_code: Run the Python code that a robot file names, and remember that.
+        allow_outside: Read the files outside of its folder that the robot's model names, and remember that.
 
     Raises:
         ArgumentError: No robot has this name, and it is no .toml file.
         RobotError: The robot file can't be read, or doesn't fit its model.
-        ConsentError: It names Python code that wasn't allowed.
+        ConsentError: It names Python code, or its model such files, which wasn't allowed.
     """
     if str(name) in ROBOTS:
         from swim2real.robots.fish import FISH, FISH_EXTENDED  # MuJoCo takes a while to import
@@ -36,7 +39,7 @@ def load_robot(name: str | Path, *, markers_only: bool = False, allow_code: bool
         raise ArgumentError(f"there is no robot '{name}'; there are {', '.join(ROBOTS)}, or give a robot file (.toml)")
     from swim2real.robots.file import robot_from_file
 
-    return robot_from_file(name, markers_only=markers_only, allow_code=allow_code)
+    return robot_from_file(name, markers_only=markers_only, allow_code=allow_code, allow_outside=allow_outside)
 
 
 def robot_file(name: str | Path) -> Path:

@@ -11,6 +11,10 @@ import numpy as np
 from swim2real.errors import RobotError
 from swim2real.robots.robot import Robot
 
+SHORTEST_STEP = 1e-6  # s
+REFUSALS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
+"""What MuJoCo raises where a model can't be read or compiled."""
+
 
 def compiled(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
     """The model of a spec, which then holds what the compiler made of it.
@@ -20,12 +24,17 @@ def compiled(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
         where: What a message begins with: file and place.
 
     Raises:
-        RobotError: It doesn't compile.
+        RobotError: It doesn't compile, or its time step is so short that no simulation would end.
     """
     try:
-        return spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
+        model = spec.compile()
+    except REFUSALS as error:
         raise RobotError(f"{where}: the model doesn't compile: {one_line(error)}") from error
+    if not model.opt.timestep >= SHORTEST_STEP:
+        raise RobotError(
+            f"{where}: the model's timestep is {model.opt.timestep:g} s; it must be at least {SHORTEST_STEP:g} s"
+        )
+    return model
 
 
 def one_line(error: Exception) -> str:

@@ -19,8 +19,10 @@ from swim2real import consent
 from swim2real.checking import check
 from swim2real.errors import ParameterError, RobotError
 from swim2real.parameters import Parameter, ParameterSpace, Values
-from swim2real.robots.compiled import compiled, one_line
+from swim2real.robots.alone import compile_alone
+from swim2real.robots.compiled import REFUSALS, compiled, one_line
 from swim2real.robots.delays import Delay
+from swim2real.robots.mjcf_files import outside
 from swim2real.robots.named_code import FORMS, PREFIX, NamedCode, request
 from swim2real.robots.robot import (
     CommandLimits,
@@ -72,7 +74,6 @@ class RobotFile:
         table: All that it says, with what it takes over from others.
         spec: The model before any parameter is written to it.
         calibrated: The parameters and what they set.
-        allowed: Marks of what was asked for and allowed, for other processes.
     """
 
     path: Path
@@ -80,22 +81,24 @@ class RobotFile:
     table: RobotTable
     spec: mujoco.MjSpec
     calibrated: tuple[CalibratedParameter, ...]
-    allowed: tuple[str, ...] = ()
 
 
-def robot_from_file(path: str | Path, *, markers_only: bool = False, allow_code: bool = False) -> Robot:
+def robot_from_file(
+    path: str | Path, *, markers_only: bool = False, allow_code: bool = False, allow_outside: bool = False
+) -> Robot:
     """The robot that a file describes.
 
     Args:
         path: Path of the file.
         markers_only: As `open_robot_file` has it. The robot can be tracked; it isn't one to calibrate.
         allow_code: Run the Python code that the file names, and remember that.
+        allow_outside: Read the files outside of the model's folder that it names, and remember that.
 
     Raises:
         RobotError: The file can't be read, or doesn't fit its model; names the place and what exists.
-        ConsentError: It names Python code that wasn't allowed.
+        ConsentError: Something of this wasn't allowed.
     """
-    file = open_robot_file(path, markers_only=markers_only, allow_code=allow_code)
+    file = open_robot_file(path, markers_only=markers_only, allow_code=allow_code, allow_outside=allow_outside)
     try:
         return _robot(file, markers_only)
     except RobotError:
@@ -141,7 +144,10 @@ def _robot(file: RobotFile, markers_only: bool) -> Robot:
     )
 
 
-def open_robot_file(path: str | Path, *, markers_only: bool = False, allow_code: bool = False) -> RobotFile:
+def open_robot_file(
+    path: str | Path, *, markers_only: bool = False, allow_code: bool = False, allow_outside: bool = False,
+    alone: bool = False,
+) -> RobotFile:  # fmt: skip
     """Reads a robot file, its model and its parameters.
 
     Args:
@@ -149,10 +155,12 @@ def open_robot_file(path: str | Path, *, markers_only: bool = False, allow_code:
         markers_only: Read what tracking takes: the model, its markers and what a trial is. Hooks and [policy] are
             passed over, and so is a parameter that doesn't fit the model, whose numbers then stay the model's own.
         allow_code: Run the Python code that the file names, and remember that.
+        allow_outside: Read the files outside of the model's folder that it names, and remember that.
+        alone: As `read_mjcf` has it.
 
     Raises:
         RobotError: One can't be read, or a parameter doesn't fit the model.
-        ConsentError: The file names Python code that wasn't allowed.
+        ConsentError: Something of this wasn't allowed.
     """
     place = Path(path)
     content = read_content(place)
@@ -161,7 +169,7 @@ def open_robot_file(path: str | Path, *, markers_only: bool = False, allow_code:
     code = _request(content, table, place.parent, where)
     if code is not None:
         consent.require(code, allowed=allow_code)
-    spec = _base(table, place.parent, where)
+    spec = _base(table, place.parent, where, allow_outside, alone)
     signals = None
     if table.recordings is not None:
         signals = {"control": list(table.recordings.controls), "sensor": list(table.recordings.sensors)}
@@ -177,8 +185,7 @@ def open_robot_file(path: str | Path, *, markers_only: bool = False, allow_code:
                 raise
             continue
         calibrated[name] = parameter
-    allowed = () if code is None else (code.mark,)
-    return RobotFile(place, where, table, spec, tuple(calibrated.values()), allowed)
+    return RobotFile(place, where, table, spec, tuple(calibrated.values()))
 
 
 def _for_markers(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -192,19 +199,27 @@ def _for_markers(content: Mapping[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def read_mjcf(path: Path, where: str = "") -> mujoco.MjSpec:
+def read_mjcf(path: Path, where: str = "", *, allow_outside: bool = False, alone: bool = False) -> mujoco.MjSpec:
     """The model of an MJCF file.
 
     Args:
         path: Path of the file.
         where: What a message begins with.
+        allow_outside: Read the files outside of its folder that it names, and remember that.
+        alone: Compile it first in a process of its own, whose time and memory are limited.
 
     Raises:
         RobotError: MuJoCo can't read it.
+        ConsentError: It names files outside of its folder, which wasn't allowed.
     """
+    asked = outside(path, where)
+    if asked is not None:
+        consent.require(asked, allowed=allow_outside)
+    if alone:
+        compile_alone(path, where)
     try:
         return mujoco.MjSpec.from_file(str(path.resolve()))  # its meshes are found from any working directory
-    except ValueError as error:
+    except REFUSALS as error:
         raise RobotError(f"{where}MuJoCo can't read model '{path}': {one_line(error)}") from error
 
 
@@ -216,7 +231,7 @@ class _Builder:
     ) -> None:
         base = file.spec
         self._base, self._space, self._calibrated = base, space, file.calibrated
-        self._path, self._markers_only, self._allowed = file.path.resolve(), markers_only, file.allowed
+        self._path, self._markers_only = file.path.resolve(), markers_only
         if not prefix:  # only the markers' own
             for sensor in list(base.sensors):
                 base.delete(sensor)
@@ -228,7 +243,7 @@ class _Builder:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A spec can't go to another process; the file is read again there."""
-        return _builder_of, (self._path, self._markers_only, self._allowed)
+        return _builder_of, (self._path, self._markers_only, consent.marks())
 
     def build(self, values: Values) -> mujoco.MjSpec:
         """A spec ready to compile.
@@ -253,7 +268,7 @@ def _builder_of(path: Path, markers_only: bool, allowed: tuple[str, ...]) -> _Bu
     return robot_from_file(path, markers_only=markers_only).build.__self__  # type: ignore[attr-defined]
 
 
-def _base(table: RobotTable, folder: Path, where: str) -> mujoco.MjSpec:
+def _base(table: RobotTable, folder: Path, where: str, allow_outside: bool, alone: bool) -> mujoco.MjSpec:
     """The model before anything is written to it."""
     if table.model.startswith(PREFIX):
         spec = _call(table.model, folder, f"{where}: 'model'")
@@ -265,7 +280,7 @@ def _base(table: RobotTable, folder: Path, where: str) -> mujoco.MjSpec:
     path = folder / table.model
     if not path.is_file():
         raise RobotError(f"{where}: model '{path}' is not there; give the MJCF file's path from the robot file")
-    return read_mjcf(path, f"{where}: ")
+    return read_mjcf(path, f"{where}: ", allow_outside=allow_outside, alone=alone)
 
 
 def _call(hook: str, folder: Path, where: str) -> Any:

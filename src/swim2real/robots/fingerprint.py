@@ -13,9 +13,8 @@ import numpy as np
 
 from swim2real.robots.compiled import numbers
 from swim2real.robots.file import open_robot_file
+from swim2real.robots.mjcf_files import first_found, model_files
 from swim2real.robots.schema import hook_file, read_content, with_first_names
-
-_FOLDERS = ("meshdir", "texturedir", "assetdir")  # of an MJCF compiler
 
 
 def fingerprint(path: str | Path) -> str:
@@ -54,29 +53,12 @@ def _parts(place: Path, content: Mapping[str, Any]) -> Iterator[tuple[str, bytes
 
 def _mjcf(path: Path) -> Iterator[tuple[str, bytes]]:
     """An MJCF file and all that it names, each once."""
-    waiting, done, folders = [path], set[Path](), [path.parent]
-    named: list[str] = []
-    while waiting:
-        file = waiting.pop()
-        if file in done:
-            continue
-        done.add(file)
-        yield file.name, ElementTree.canonicalize(from_file=file, strip_text=True).encode()
-        folders.append(file.parent)
-        for element in ElementTree.parse(file).iter():
-            name = element.get("file") or element.get("filename")
-            if element.tag == "compiler":
-                folders += [path.parent / element.attrib[key] for key in _FOLDERS if key in element.attrib]
-            elif element.tag in ("include", "model") and name:
-                waiting += _found(name, [path.parent, file.parent])
-            elif name:
-                named.append(name)
-    for name in dict.fromkeys(named):
-        for file in _found(name, folders):
+    files = model_files(path)
+    for file in files.texts:
+        try:
+            yield file.name, ElementTree.canonicalize(from_file=file, strip_text=True).encode()
+        except ElementTree.ParseError:  # MuJoCo reads more than XML allows
+            yield file.name, file.read_bytes()
+    for name in files.names:
+        for file in first_found(name, files.folders):
             yield name, file.read_bytes()
-
-
-def _found(name: str, folders: list[Path]) -> list[Path]:
-    """The first file of a name that is there, in no list or a list of one."""
-    places: list[Any] = [folder / name for folder in folders] + [folder / Path(name).name for folder in folders]
-    return next(([place] for place in places if place.is_file()), [])

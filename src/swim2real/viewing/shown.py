@@ -9,10 +9,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import EngineError, RobotError
+from swim2real.errors import EngineError
 from swim2real.objective import ComparedTrial
 from swim2real.parameters import Values
-from swim2real.robots.compiled import one_line
+from swim2real.robots.compiled import compiled
+from swim2real.robots.file import read_mjcf
 from swim2real.robots.robot import Robot
 from swim2real.robots.scenery import ABOVE, SIDE, furnish
 from swim2real.simulation import PlaybackSimulator
@@ -125,15 +126,13 @@ def shown_model(path: Path, frequency: float, seconds: float) -> Shown:
 
     Raises:
         RobotError: It can't be read.
+        ConsentError: It names files outside of its folder, which wasn't allowed.
         EngineError: The simulation diverges.
     """
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        model = spec.compile()
-        furnish(spec)
-        furnished = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise RobotError(f"'{path}' can't be compiled: {one_line(error)}") from error
+    spec, where = read_mjcf(path, alone=True), f"model '{path}'"
+    model = compiled(spec, where)
+    furnish(spec)
+    furnished = compiled(spec, where)
     data = mujoco.MjData(model)
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)

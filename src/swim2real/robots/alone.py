@@ -1,0 +1,67 @@
+"""A model is compiled alone, in a process with limits, before this process trusts itself to compile it."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from swim2real.errors import RobotError
+
+SECONDS = 60  # that a model may take
+MEMORY = 4 << 30  # bytes of address space, on Linux
+_PROGRAM = Path(__file__).with_name("compile_process.py")
+_OF_MEMORY = ("allocate", "unknown exception", "bad_alloc", "MemoryError")  # in what is said when there is none
+_OF_TIME = ("SIGXCPU", "SIGKILL")
+
+
+def compile_alone(path: Path, where: str = "") -> None:
+    """Compiles a model in a process of its own and computes its first state.
+
+    A model that MuJoCo refuses in an orderly way is none of its concern: the caller gets the same refusal.
+
+    Args:
+        path: MJCF file.
+        where: What a message begins with.
+
+    Raises:
+        RobotError: The model crashes MuJoCo, or takes too long or too much memory.
+    """
+    words = [sys.executable, "-P", str(_PROGRAM), str(path.resolve()), str(SECONDS), str(MEMORY)]
+    try:
+        ended = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, timeout=SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        raise RobotError(_sentence(path, where, f"takes MuJoCo more than {SECONDS} s")) from None
+    answer = _answer(ended.stdout)
+    said = ended.stderr.decode("utf-8", "replace") if answer is None else answer
+    how = _signal(ended.returncode)
+    if any(word in said for word in _OF_MEMORY):
+        raise RobotError(_sentence(path, where, f"takes MuJoCo more than {MEMORY / 2**30:g} GiB of memory"))
+    if how in _OF_TIME:
+        raise RobotError(_sentence(path, where, f"takes MuJoCo more than {SECONDS} s, or too much memory"))
+    if ended.returncode != 0 or answer is None:
+        last = " ".join(said.strip().split("\n")[-1].split())
+        raise RobotError(_sentence(path, where, f"crashes MuJoCo ({how}{f': {last}' if last else ''})"))
+
+
+def _answer(output: bytes) -> str | None:
+    """What MuJoCo said of the model, an empty text where all is well; None where the process ended before."""
+    try:
+        answer: Any = json.loads(output.decode("utf-8", "replace").splitlines()[-1])
+    except (ValueError, IndexError):
+        return None
+    return str(answer)
+
+
+def _signal(code: int) -> str:
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"exit code {code}"
+
+
+def _sentence(path: Path, where: str, what: str) -> str:
+    return f"{where}model '{path}' {what}; make it smaller, or look for what is wrong in it"

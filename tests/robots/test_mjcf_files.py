@@ -1,0 +1,218 @@
+"""Models that read files outside of their folder: told before MuJoCo reads them, however the file is named."""
+
+import os
+import pickle
+import time
+import zipfile
+from contextlib import suppress
+from pathlib import Path
+
+import mujoco
+import pytest
+from test_file import TETRAHEDRON
+
+from made_robots import DAMPING, RECORDINGS, ROBOT, made
+from swim2real import consent
+from swim2real.errors import ConsentError, RobotError
+from swim2real.robots import load_robot
+from swim2real.robots.file import read_mjcf
+from swim2real.robots.fingerprint import fingerprint
+from swim2real.robots.mjcf_files import outside
+
+BODY = '<body><geom size="1"/></body>'
+PIECE = f"<mujocoinclude>{BODY}</mujocoinclude>"
+
+
+def meshed(file: str, compiler: str = "") -> str:
+    asset = f'<mesh name="t" file="{file}"/>'
+    return f'<mujoco>{compiler}<asset>{asset}</asset><worldbody><geom type="mesh" mesh="t"/></worldbody></mujoco>'
+
+
+def including(file: str) -> str:
+    return f'<mujoco><worldbody><include file="{file}"/></worldbody></mujoco>'
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """Of a model, with files inside and outside."""
+    for place in ("t.obj", "elsewhere/t.obj", "model/in/t.obj", "model/t.obj"):
+        (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / place).write_text(TETRAHEDRON)
+    for place in ("piece.xml", "model/piece.xml", "model/in/piece.xml"):
+        (tmp_path / place).write_text(PIECE)
+    (tmp_path / "model/in/to.xml").write_text('<mujocoinclude><include file="piece.xml"/></mujocoinclude>')
+    (tmp_path / "model/in/out.xml").write_text('<mujocoinclude><include file="../../piece.xml"/></mujocoinclude>')
+    (tmp_path / "model/in/child.xml").write_text(meshed("t.obj", f'<compiler meshdir="{tmp_path}/elsewhere"/>'))
+    (tmp_path / "model/link.obj").symlink_to(tmp_path / "t.obj")
+    (tmp_path / "model/linked").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "model/inner.obj").symlink_to(tmp_path / "model/in/t.obj")
+    return tmp_path / "model"
+
+
+OUTSIDE = {
+    "a mesh": meshed("../t.obj"),
+    "on Windows": meshed("..\\t.obj"),
+    "there and back": meshed("in/../../t.obj"),
+    "absolute": meshed("FOLDER/t.obj"),
+    "absolute below the root": meshed("FOLDER/t.obj", '<compiler meshdir="file:///"/>'),
+    "entities": meshed("&#46;&#x2e;/t.obj"),
+    "meshdir": meshed("t.obj", '<compiler meshdir="../elsewhere"/>'),
+    "assetdir": meshed("t.obj", '<compiler assetdir="FOLDER/elsewhere"/>'),
+    "last part": meshed("/nowhere/t.obj", '<compiler meshdir="../elsewhere" strippath="true"/>'),
+    "a link": meshed("link.obj"),
+    "a linked folder": meshed("linked/t.obj"),
+    "an include": including("../piece.xml"),
+    "an include on Windows": including("..\\piece.xml"),
+    "an include of an include": including("in/out.xml"),
+    "an attached model's": '<mujoco><asset><model name="c" file="in/child.xml"/></asset></mujoco>',
+    "a texture": '<mujoco><asset><texture type="2d" file="../t.obj"/></asset></mujoco>',
+    "a cube's side": '<mujoco><asset><texture type="cube" fileright="in/t.obj" fileup="../t.obj"/></asset></mujoco>',
+    "a height field": '<mujoco><asset><hfield file="../t.obj" size="1 1 1 1"/></asset></mujoco>',
+    "a skin": '<mujoco><asset><skin file="../t.obj"/></asset></mujoco>',
+    "a flex": '<mujoco><worldbody><flexcomp type="mesh" file="../t.obj"/></worldbody></mujoco>',
+    "URDF": '<robot><link><visual><geometry><mesh filename="../t.obj"/></geometry></visual></link></robot>',
+    "a device": '<mujoco><asset><hfield file="/dev/zero" size="1 1 1 1"/></asset></mujoco>',
+    "behind comments": meshed("../t.obj").replace("<asset>", "<!-- a -- b --><!--><asset>--><!-><asset>"),
+    "a comment in an attribute": meshed("../t.obj").replace("<mujoco>", '<mujoco model="<!--">'),
+    "no space": meshed("../t.obj").replace(" file", "file"),
+    "a space before the tag": meshed("../t.obj").replace("<mesh", "< mesh"),
+    "apostrophes": meshed("../t.obj").replace('"', "'"),
+    "after a document type": '<?xml version="1.0"?><!DOCTYPE mujoco>' + meshed("../t.obj"),
+    "bytes that are no text": meshed("../t.obj") + "\x00\udcff",
+}
+"""The last ones are forms that MuJoCo's parser reads and others may not."""
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_a_file_outside_is_told_before_it_is_read(folder, name):
+    model = folder / "model.xml"
+    model.write_bytes(OUTSIDE[name].replace("FOLDER", str(folder.parent)).encode("utf-8", "surrogateescape"))
+    with pytest.raises(ConsentError) as caught:
+        read_mjcf(model)
+    sentence = str(caught.value)
+    assert sentence.startswith(f"model '{model}' reads files outside of its folder: '")
+    assert (
+        "move them into it; if you trust it, allow it with --allow-outside (in Python: allow_outside=True)" in sentence
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        meshed("t.obj"), meshed("in/t.obj"), meshed("in\\t.obj"), meshed("t.obj", '<compiler meshdir="in"/>'),
+        meshed("in/../t.obj"), meshed("FOLDER/model/t.obj"), meshed("inner.obj"), including("piece.xml"),
+        including("in/to.xml"), including("piece.xml").replace("<world", "<!-- <mesh file='../t.obj'/> -- --><world"),
+        f"<mujoco><worldbody>{BODY}</worldbody></mujoco>",
+    ],
+)  # fmt: skip
+def test_files_in_the_folder_need_no_consent(folder, text, monkeypatch):
+    (folder / "model.xml").write_text(text.replace("FOLDER", str(folder.parent)))
+    assert read_mjcf(folder / "model.xml").compile().ngeom == 1
+    monkeypatch.chdir(folder / "in")
+    assert outside(Path("../model.xml")) is None
+
+
+def test_what_is_allowed_is_remembered_until_other_files_are_named(folder, monkeypatch):
+    place = made(folder, ROBOT, RECORDINGS, DAMPING)
+    model = place.with_suffix(".xml")
+    inside = model.read_text()
+    model.write_text(inside.replace("<worldbody>", '<worldbody><include file="../piece.xml"/>'))
+    with pytest.raises(ConsentError, match=r"^robot file '.*/arm\.toml': model '.*/arm\.xml' reads files outside"):
+        load_robot(place)
+    load_robot(place, allow_outside=True)
+    monkeypatch.setattr(consent, "_marks", set())
+    load_robot(place)
+    fingerprint(place)
+    (folder.parent / "other.xml").write_text(PIECE)
+    model.write_text(inside.replace("<worldbody>", '<worldbody><include file="../other.xml"/>'))
+    with pytest.raises(ConsentError):
+        load_robot(place)
+
+
+def test_an_allowed_file_is_read_by_other_processes(folder, monkeypatch):
+    place = made(folder, ROBOT, RECORDINGS, DAMPING)
+    model = place.with_suffix(".xml")
+    model.write_text(model.read_text().replace("<worldbody>", '<worldbody><include file="../piece.xml"/>'))
+    monkeypatch.setenv(consent.FOLDER, os.devnull)
+    sent = pickle.dumps(load_robot(place, allow_outside=True))
+    monkeypatch.setattr(consent, "_marks", set())
+    with pytest.raises(ConsentError):
+        load_robot(place)
+    assert pickle.loads(sent).build({"damping": 0.1}).compile().nu == 5
+
+
+def test_the_folder_of_a_linked_model_is_that_of_the_model_itself(folder, tmp_path):
+    (folder / "model.xml").write_text(meshed("t.obj"))
+    link = tmp_path / "elsewhere" / "model.xml"
+    link.symlink_to(folder / "model.xml")
+    assert read_mjcf(link).compile().nmesh == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_in_the_folder_is_refused_and_not_waited_for(folder):
+    os.mkfifo(folder / "pipe.obj")
+    (folder / "model.xml").write_text(meshed("pipe.obj"))
+    with pytest.raises(RobotError, match=r"pipe\.obj' is no plain file"):
+        read_mjcf(folder / "model.xml")
+
+
+def test_an_archive_is_refused(folder):
+    with zipfile.ZipFile(folder / "model.mjz", "w") as archive:
+        archive.writestr("model.xml", meshed(str(folder.parent / "t.obj")))
+    with pytest.raises(RobotError, match="is an archive; unpack it"):
+        read_mjcf(folder / "model.mjz")
+    (folder / "model.xml").write_text('<mujoco><asset><model name="c" file="model.mjz"/></asset></mujoco>')
+    with pytest.raises(RobotError, match="is an archive; unpack it"):
+        read_mjcf(folder / "model.xml")
+
+
+def test_too_many_files_and_places_are_refused(folder):
+    for i in range(1001):
+        (folder / f"i{i}.xml").write_text(f'<mujocoinclude><include file="i{i + 1}.xml"/></mujocoinclude>')
+    with pytest.raises(RobotError, match="made of more than 1,000 MJCF files"):
+        read_mjcf(folder / "i0.xml")
+    meshes = "".join(f'<mesh file="m{i}"/><compiler meshdir="d{i}"/>' for i in range(2000))
+    (folder / "model.xml").write_text(f"<mujoco>{meshes}</mujoco>")
+    with pytest.raises(RobotError, match="could lie in 4,002,000 places"):
+        read_mjcf(folder / "model.xml")
+
+
+@pytest.mark.parametrize(
+    "piece", ["<", "< ", "<a ", "<a x=", "<a x='", '<a x="', "<!", "<!--", "<a b", "<a ='", "&#46;"]
+)
+def test_a_text_of_one_piece_repeated_is_taken_apart_in_linear_time(folder, piece):
+    (folder / "model.xml").write_text("<mujoco>" + piece * 20_000)
+    begin = time.perf_counter()
+    assert outside(folder / "model.xml") is None
+    assert time.perf_counter() - begin < 3
+
+
+def test_entities_that_grow_stay_as_they_are(folder):
+    entities = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 12))
+    laughs = f'<!DOCTYPE m [<!ENTITY a0 "ha">{entities}]>\n'
+    place = made(folder, ROBOT, RECORDINGS, DAMPING)
+    model = place.with_suffix(".xml")
+    text = model.read_text().replace('"arm"', '"&a11;"')
+    model.write_text(text)
+    without = fingerprint(place)
+    model.write_text(laughs + text)
+    assert fingerprint(place) != without
+    with suppress(RobotError):  # a sentence, if MuJoCo doesn't like it
+        read_mjcf(model)
+
+
+def test_what_mujoco_reads_in_spite_of_xml_has_a_fingerprint(folder):
+    place = made(folder, ROBOT, RECORDINGS, DAMPING)
+    model = place.with_suffix(".xml")
+    model.write_text(model.read_text().replace("<worldbody>", "<!-- a -- b --><worldbody>"))
+    assert load_robot(place).name == "arm"
+    before = fingerprint(place)
+    model.write_text(model.read_text().replace('kp="5"', 'kp="6"'))
+    assert fingerprint(place) != before
+
+
+def test_the_forms_of_the_last_cases_are_read_by_mujoco(folder):
+    for name in list(OUTSIDE)[-7:]:
+        model = folder / "model.xml"
+        model.write_bytes(OUTSIDE[name].encode("utf-8", "surrogateescape"))
+        assert mujoco.MjSpec.from_file(str(model)).compile().nmesh == 1, name
