@@ -1,6 +1,7 @@
 """What a name from outside may be, and that text from outside can't command a terminal or Markdown."""
 
 import unicodedata
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -8,6 +9,7 @@ from hypothesis import strategies as st
 
 from swim2real.escaping import plain_markdown, visible
 from swim2real.names import LONGEST, composed, file_key, file_name_fault, label_fault, quoted
+from swim2real.store import write_text
 
 ORDINARY = (
     "f1_50", "pool 3, slow", "v1.2.3", "Flösselhecht", "übung 7", "-5 deg", "+10°",
@@ -86,5 +88,19 @@ def test_names_that_a_system_takes_for_one_have_the_same_key() -> None:
 def test_markdown_finds_no_html_link_or_picture() -> None:
     hostile = "<img src=x> </b> <!-- <?x ![p](http://x/p.png) [a][b]\n[b]: http://x"
     told = plain_markdown(hostile)
-    assert told == "&lt;img src=x> &lt;/b> &lt;!-- &lt;?x ![p]\\(http://x/p.png) [a]\\[b]\n[b]\\: http://x"
-    assert plain_markdown("5 < 7, [1.0, 2.0] N·m") == "5 < 7, [1.0, 2.0] N·m"
+    assert told == "&lt;img src=x> &lt;/b> &lt;!-- &lt;?x ![p]\\(http://x/p.png) [a][b]\n\\[b]: http://x"
+    plain = "5 < 7, [1.0, 2.0] N·m, gyro[1]: off by 3 (rad/s)\n- M[0] (mm)"
+    assert plain_markdown(plain) == plain
+
+
+def test_a_link_that_came_with_a_folder_isnt_written_through(tmp_path: Path) -> None:
+    outside, folder = tmp_path / "outside.txt", tmp_path / "run"
+    outside.write_text("mine")
+    folder.mkdir()
+    (folder / "report.html.part").symlink_to(outside)
+    (folder / "tables.md").symlink_to(outside)
+    for name in ("report.html", "tables.md"):
+        write_text(folder / name, "theirs")
+        assert not (folder / name).is_symlink()
+        assert (folder / name).read_text() == "theirs"
+    assert outside.read_text() == "mine"

@@ -12,7 +12,8 @@ import re
 import unicodedata
 
 _KEPT = "\n\t"
-_MARKUP = re.compile(r"<(?=[A-Za-z/!?])|\](?=[(\[:])")
+_HTML, _LINK = re.compile(r"<(?=[A-Za-z/!?])"), re.compile(r"\](?=\()")
+_ADDRESS = re.compile(r"^( {0,3})\[(?=[^]\n]*]:)", re.MULTILINE)  # of links that are elsewhere in the text
 
 
 def is_seen(character: str) -> bool:
@@ -46,7 +47,7 @@ def visible(text: str) -> str:
 
 def plain_markdown(text: str) -> str:
     r"""Text in which Markdown finds no HTML, link or picture: `<b>` becomes `&lt;b>`, and `](` becomes `]\(`."""
-    return _MARKUP.sub(lambda match: "&lt;" if match[0] == "<" else "]\\", text)
+    return _ADDRESS.sub(r"\1\\[", _LINK.sub(r"]\\", _HTML.sub("&lt;", text)))
 
 
 def script_source(script: str) -> str:

@@ -3,13 +3,16 @@
 import io
 import json
 import logging
+import re
+from pathlib import Path
 
 import pytest
 
+import swim2real
 from swim2real.advisor import AdvisorEvent
 from swim2real.advisor.vlm.transcript import Totals
 from swim2real.calibration import Progress
-from swim2real.cli import progress, tables, terminal
+from swim2real.cli import main, progress, tables, terminal
 from swim2real.cli.tables import PlainConsole
 from swim2real.escaping import visible
 
@@ -66,3 +69,23 @@ def test_progress_and_words_of_an_advisor_are_only_text(on_a_terminal: bool, mon
     for attack in ("\x1b[2J\x1b[H", "\x1b]0;", "\x9b", "\u202e", "\u2066", "\u200b", "\udcff", "\b", "\x07"):
         assert attack not in shown
     assert "\\u202egpj.exe" in shown
+
+
+def test_an_error_names_a_file_without_its_escapes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for place in ("a\x1b[2Jb\u202ec", "[/red]", "a\udcffb"):
+        with pytest.raises(SystemExit) as end:
+            main(["report", str(tmp_path / place)])
+        assert end.value.code == 1
+        check(capsys.readouterr().err, place)
+
+
+def test_a_warning_of_a_library_is_only_text() -> None:
+    check(terminal.warning_line(f"Glyph {ALL}", UserWarning, "x.py", 1), ALL)
+
+
+def test_nothing_else_prints() -> None:
+    package = Path(swim2real.__file__).parent
+    for path in package.rglob("*.py"):
+        name, text = path.relative_to(package).as_posix(), path.read_text("utf-8")
+        assert name == "cli/terminal.py" or not re.search(r"(?<![\w.])print\(", text), name
+        assert not re.search(r"\bConsole\(", text), name

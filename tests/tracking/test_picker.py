@@ -1,13 +1,16 @@
 import base64
+import hashlib
 import io
 import json
 import re
+from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import swim2real
 from browser import open_to_scripts, opened
 from swim2real.errors import ArgumentError, TrackingError
 from swim2real.tracking.points import load_points, write_pick_page
@@ -302,3 +305,20 @@ def test_what_is_not_a_frame_is_refused(tmp_path):
     with pytest.raises(TrackingError, match=r"can't write .*: No such file or directory; give a place .* with --out"):
         write_pick_page(first_frame(), NAMES, "a.mp4", tmp_path / "no" / "p.html")
     assert not list(tmp_path.iterdir())
+
+
+def test_nothing_of_the_program_is_a_server() -> None:
+    """The page is a file: no module listens, but Dask's own scheduler for `compare --cluster local:N`."""
+    package = Path(swim2real.__file__).parent
+    listens = re.compile(r"http\.server|socketserver|_server\(|\.listen\(|\.bind\(|webbrowser|LocalCluster\(")
+    texts = {path.relative_to(package).as_posix(): path.read_text("utf-8") for path in package.rglob("*.py")}
+    found = {name for name, text in texts.items() if listens.search(text)}
+    assert found == {"comparison/cluster.py"}
+
+
+def test_a_film_whose_name_is_no_text_has_a_page(tmp_path) -> None:
+    text = write_pick_page(first_frame(), NAMES, "a\udcff\u202eb.mp4", tmp_path / "pick.html").read_text("utf-8")
+    assert "<h1>a\\udcff\\u202eb.mp4" in text
+    (script,) = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}';" in text

@@ -9,6 +9,7 @@ import logging
 import os
 import re
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from typing import Any, get_type_hints
@@ -25,6 +26,7 @@ from swim2real.cli.policy import export_commands, rollout, train
 from swim2real.cli.results import evaluate, overlay, report, simulate
 from swim2real.cli.robot import check, export_model, init
 from swim2real.cli.study import ensemble, export_sysid, identify, import_sysid
+from swim2real.cli.terminal import LogLine, say, tell, warning_line
 from swim2real.cli.view import view
 from swim2real.errors import ArgumentError, Swim2RealError
 from swim2real.processes import end_with_starter
@@ -58,7 +60,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     debug = "--debug" in words
     allowed = [option for option in consent.OPTIONS if option in words]
     words = [word for word in words if word not in ("--debug", *consent.OPTIONS)]
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
+    log = logging.StreamHandler()
+    log.setFormatter(LogLine())
+    logging.basicConfig(level=logging.WARNING, handlers=[log])
+    warnings.formatwarning = warning_line
     logging.getLogger("swim2real").setLevel(logging.DEBUG if debug else logging.WARNING)
     # before NumPy is imported: matrices are small, and threads of linear algebra would only wait for one another
     for library in ("OPENBLAS", "MKL"):
@@ -70,10 +75,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     except Swim2RealError as error:
         if debug:
             raise
-        print(f"swim2real: {error}", file=sys.stderr)
+        tell(str(error))
         code = error.exit_code
     except KeyboardInterrupt:
-        print("swim2real: interrupted", file=sys.stderr)
+        tell("interrupted")
         code = 1
     except BrokenPipeError:  # the reader of our output has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -81,7 +86,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     except OSError as error:
         if debug:
             raise
-        print(f"swim2real: {reason(error)}: {error.filename or ''}".rstrip(": "), file=sys.stderr)
+        tell(f"{reason(error)}: {error.filename or ''}".rstrip(": "))
         code = 1
     except Exception as error:  # a fault of ours, which is no reason to frighten anybody
         if debug:
@@ -89,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         what = f"unexpected {type(error).__name__}: {error}; --debug shows where"
         if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in CORE:
             what = f"{error.name} isn't installed; install it with: pip install swim2real"
-        print(f"swim2real: {what}", file=sys.stderr)
+        tell(what)
         code = 1
     sys.exit(code)
 
@@ -104,9 +109,9 @@ def parsed(words: list[str]) -> Callable[[], int]:
     commands = {name: command for group in COMMANDS.values() for name, command in group.items()}
     name, rest = (words[0], words[1:]) if words else ("--help", [])
     if name == "--version":
-        return lambda: print(f"swim2real {__version__}") or 0
+        return lambda: say(f"swim2real {__version__}") or 0
     if name in ("-h", "--help"):
-        return lambda: print(overview()) or (0 if words else 2)
+        return lambda: say(overview()) or (0 if words else 2)
     if name not in commands:
         near = difflib.get_close_matches(name, commands, n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from swim2real import consent
 from swim2real.cli.options import PUBLISHED, Positional
+from swim2real.cli.terminal import say
 from swim2real.errors import ArgumentError, RobotError
 from swim2real.settings import all_cores
 
@@ -26,7 +27,6 @@ def init(model: Positional[Path], *, out: Path | None = None, force: bool = Fals
         raise ArgumentError(f"--out is '{file}'; a robot file ends in .toml")
     if file.exists() and not force:
         raise ArgumentError(f"'{file}' is there; give another --out, or --force to write over it")
-    from swim2real.cli.tables import say
     from swim2real.pipeline.drafting import draft_robot, write_draft
 
     draft = draft_robot(model)
@@ -71,7 +71,6 @@ def export_model(parameters: Positional[Path], *, out: Path) -> int:
     import mujoco
 
     from swim2real.cli.subject import robot_for
-    from swim2real.cli.tables import say
     from swim2real.parameters import read_parameters
     from swim2real.robots.compiled import largest_difference
     from swim2real.robots.mjcf_files import outside

@@ -9,9 +9,12 @@ from __future__ import annotations
 import json
 import logging
 import sys
+import warnings
 from typing import Any
 
 from swim2real.escaping import visible
+
+_format_warning = warnings.formatwarning
 
 
 def say(text: str) -> None:
@@ -38,3 +41,8 @@ class LogLine(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """The line, or the lines of a message with a traceback."""
         return visible(super().format(record))
+
+
+def warning_line(*arguments: Any, **named: Any) -> str:
+    """A library's warning as Python prints it, which may name what comes from outside."""
+    return visible(_format_warning(*arguments, **named))

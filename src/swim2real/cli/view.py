@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from swim2real.cli.options import PUBLISHED, Positional
+from swim2real.cli.terminal import say, tell
 from swim2real.errors import ArgumentError
 from swim2real.settings import EvaluationSettings
 
@@ -41,7 +41,6 @@ def view(
         film: Film to write (.mp4) instead of opening a window. Needs no display.
         width: Width of the film [px].
     """
-    from swim2real.cli.tables import say
     from swim2real.viewing import KEYS, check_display, open_window, shown_model, write_film
 
     if not seconds > 0:
@@ -91,7 +90,7 @@ def _of_robot(
     beat = compared.frequency or FREQUENCY
     nominal = chosen.nominal_frequency or beat  # the load slows a motor down
     if frequency is not None and abs(frequency / nominal - 1) > SAME_FREQUENCY:
-        print(f"swim2real: no real trial beats at {frequency:g} Hz, so none is shown", file=sys.stderr)
+        tell(f"no real trial beats at {frequency:g} Hz, so none is shown")
         return shown_swim(robot, values, frequency, seconds)
     return shown_swim(robot, values, beat, seconds, compared)
 

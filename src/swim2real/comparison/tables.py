@@ -22,6 +22,7 @@ from swim2real.comparison.statistics import (
     speeds,
     step_statistics,
 )
+from swim2real.escaping import plain_markdown, visible
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -368,4 +369,8 @@ def _finite(value: float | None) -> float | None:
 
 
 def _escaped(text: str) -> str:
-    return text.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*").replace("_", "\\_")
+    """A text as a cell of Markdown, in which it is only text."""
+    line = visible(text).replace("\n", " ")
+    for sign in "\\`|*_~":
+        line = line.replace(sign, f"\\{sign}")
+    return plain_markdown(line.replace("&", "&amp;"))

@@ -14,6 +14,7 @@ from swim2real.advisor.briefing.media import DETAILS, gather_media, shorter
 from swim2real.advisor.briefing.trials import describe_trials, trial_label
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.reply import reply_schema
+from swim2real.escaping import plain_markdown
 from swim2real.objective import Comparison
 from swim2real.optimizers import Evaluation, Situation, Step
 from swim2real.parameters import ParameterSpace, Values
@@ -154,7 +155,7 @@ def describe(facts: Facts, *, numbers: bool = True, rounds: int | None = None) -
     if numbers:
         sections += [_differences(facts), *filter(None, [describe_measured(facts)])]
     sections.append(describe_history(facts, numbers, rounds))
-    return "\n\n".join(sections) + "\n"
+    return plain_markdown("\n\n".join(sections)) + "\n"
 
 
 def _robot(facts: Facts) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 from swim2real.advisor.vlm.exchange import Attempt, Reply, Request
 from swim2real.advisor.vlm.transcript import CALLS
 from swim2real.errors import AdvisorError, WaitingForReply
+from swim2real.escaping import plain_markdown
 from swim2real.store import reason, write_bytes, write_json, write_text
 
 BRIEFING, SCHEMA, REPLY, PROBLEM = "briefing.md", "reply.schema.json", "reply.json", "reply.problem.txt"
@@ -89,7 +90,7 @@ class FilesClient:
             name = f"{count}{mimetypes.guess_extension(part.media_type) or ''}"
             write_bytes(folder / name, part.data)
             mark = "!" if part.media_type.startswith("image/") else ""
-            page.append(f"{part.label}\n\n{mark}[{name}]({name})")
+            page.append(f"{plain_markdown(part.label)}\n\n{mark}[{name}]({name})")
         write_json(folder / SCHEMA, self._schema)
         write_text(folder / BRIEFING, ("\n\n".join(page) + "\n").encode("utf-8", "replace").decode())
 
