@@ -35,7 +35,9 @@ def seen(text):
 
 
 @each
-@pytest.mark.parametrize("padding", [270, 285])  # what a provider says is cut off at 300 characters
+@pytest.mark.parametrize(
+    "padding", [285, pytest.param(270, marks=pytest.mark.slow)]
+)  # what a provider says is cut off at 300 characters
 def test_a_key_that_is_cut_off_is_replaced_too(vlm, provider, padding):
     vlm.script(then=refuses(401, f"{'x' * padding} {KEY} is wrong", "authentication_error"))
     said = ask(vlm, provider)
@@ -51,7 +53,7 @@ def test_a_body_that_is_not_of_the_protocol_and_holds_the_headers(vlm, provider)
 
 
 @each
-@pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
+@pytest.mark.parametrize("status", [307, *(pytest.param(n, marks=pytest.mark.slow) for n in (301, 302, 303, 308))])
 def test_a_redirect_to_another_host_gets_no_request(vlm, provider, status):
     with VlmServer() as other:
         address = other.url(provider).replace("127.0.0.1", "localhost")

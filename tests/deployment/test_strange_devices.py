@@ -1,5 +1,7 @@
 """What isn't a motor's answer: it is told in a sentence, in bounded time, and the motor is stopped."""
 
+import contextlib
+import math
 import os
 import random
 import resource
@@ -12,9 +14,11 @@ import pytest
 from swim2real.deployment import FISH, CommandTable, MotorError, fish_motor
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.bus import Bus
-from swim2real.deployment.emulated_motor import STATUS, build_packet
+from swim2real.deployment.commands import Limits
+from swim2real.deployment.emulated_motor import READ, STATUS, EmulatedMotor, PacketParser, build_packet
 from swim2real.deployment.emulator import Emulator, Fault
 from swim2real.deployment.motors import Motors
+from swim2real.deployment.motors_file import MotorSettings
 from swim2real.deployment.sending import send
 
 TABLE = CommandTable.of({FISH: [2.0] * 100})
@@ -126,6 +130,39 @@ def test_whatever_is_answered_is_a_value_or_a_sentence(count):
             assert time.monotonic() - begun < 20
     assert sum(ended.values()) == count
     assert min(ended.values()) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.02, 0.2, 1.0])
+@pytest.mark.parametrize("column", [FISH, "tail_rad"])
+def test_registers_with_any_content_are_sent_to_or_refused_in_a_sentence(column, share):
+    """Ten swims with a motor that turns as told, but bytes of a share of its registers' values are others."""
+    rng = random.Random(f"{column} {share}")
+    angle = MotorSettings("tail_rad", 1, Limits(6.0, 100.0, -1.0, 1.0), ct.XW540, 1, math.pi)
+    table = CommandTable.of({column: [0.0, 0.02, 0.03, 0.02, 0.0]})
+    for _ in range(10):
+        motor, parser = EmulatedMotor(angle=math.pi), PacketParser()
+
+        def answer(asked, motor=motor, parser=parser):
+            out = b""
+            for packet in parser.feed(asked):
+                status = motor.answer(packet) or b""
+                if packet.instruction == READ and rng.random() < share:
+                    values = bytearray(motor.answer(packet)[9:-2])
+                    for _ in range(rng.randint(1, 4)):
+                        values[rng.randrange(len(values))] = rng.choice((0, 255, 127, 128, rng.randrange(256)))
+                    status = build_packet(1, STATUS, b"\0" + values)
+                out += status
+            return out
+
+        begun = time.monotonic()
+        with Stranger(answer) as stranger, contextlib.suppress(MotorError):
+            settings = [fish_motor() if column == FISH else angle]
+            with Bus(stranger.port, 1_000_000) as bus, Motors(bus, settings) as motors:
+                motors.identify()
+                send(motors, motors.start(table))
+        assert time.monotonic() - begun < 60
+        assert motor.get(ct.TORQUE_ENABLE) == 0
 
 
 def test_a_flood_takes_no_memory():

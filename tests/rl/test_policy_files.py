@@ -165,7 +165,7 @@ def mutated(content, rng):
     return bytes(content)
 
 
-@pytest.mark.parametrize("count", [200, pytest.param(5000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [100, pytest.param(5000, marks=pytest.mark.slow)])
 def test_any_damage_of_a_policy_is_a_sentence(folder, count):
     path, rng = folder / "best.npz", random.Random(count)
     small_actor().save(path, {"task": "forward"})
