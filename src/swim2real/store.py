@@ -43,9 +43,9 @@ def whole_file(path: str | Path) -> Generator[Path]:
     """
     place = Path(path)
     part = place.with_name(place.name + PART)
-    part.unlink(missing_ok=True)  # a link that came with a folder would be followed
     try:
         with _named(place):
+            part.unlink(missing_ok=True)  # a link that came with a folder would be followed
             yield part
             part.replace(place)
     except BaseException:
