@@ -90,8 +90,18 @@ def demo(
         resume: Go on with an interrupted demo.
         quiet: Print no progress.
     """
+    from swim2real.api import open_run
+    from swim2real.cli import tables
     from swim2real.cli.progress import films_shown
-    from swim2real.demo import DEMO_FREQUENCIES, FULL_FREQUENCIES, DemoCallbacks, demo_settings, film_and_track, fit
+    from swim2real.demo import (
+        DEMO_FREQUENCIES,
+        FULL_FREQUENCIES,
+        DemoCallbacks,
+        demo_settings,
+        film_and_track,
+        fit,
+        hidden_values,
+    )
 
     began = time.monotonic()
     settings = demo_settings(budget, seed)
@@ -104,6 +114,10 @@ def demo(
         return fit(out, settings, callbacks.progress)
 
     code = _finished(work, budget, out / "run", quiet, False)
+    if not quiet and code == 0:
+        run = open_run(out / "run")
+        effects = run.outcome.sensitivity if run.outcome is not None else None
+        tables.truth(run.values, hidden_values(), {one.name: one.verdict for one in effects or ()})
     if not quiet:
         say(f"The demo took {time.monotonic() - began:.0f} s. Overlays: {out / 'reference' / 'tracks'}")
     return code

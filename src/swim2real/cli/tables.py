@@ -186,6 +186,23 @@ def marker_errors(content: Mapping[str, Any], names: Sequence[str]) -> None:
     by_marker("Aligned error per marker [mm]", names, ("trial",), (), rows, millimeters)
 
 
+def truth(found: Mapping[str, float], hidden: Mapping[str, float], verdicts: Mapping[str, str]) -> None:
+    """Prints the values that were found beside the ones that were hidden, and whether the loss sees them."""
+    words = {"identified": "yes", "weak": "weakly", "not identified": "no"}
+    table(
+        "Found, and what was hidden",
+        ("parameter", "found", "hidden", "off", "seen in the loss"),
+        [
+            (
+                name, f"{found[name]:.3g}", f"{value:.3g}", f"{100 * (found[name] / value - 1):+.0f} %",
+                words.get(verdicts.get(name, ""), "–"),
+            )
+            for name, value in hidden.items()
+        ],
+    )  # fmt: skip
+    say("What the loss doesn't see, or other values make up for, can be far off: `swim2real identify` tells which.")
+
+
 def sensitivities(found: Sequence[Mapping[str, Any]]) -> None:
     """Prints each parameter's effect on the loss."""
     table(

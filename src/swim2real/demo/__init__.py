@@ -8,6 +8,7 @@ from swim2real.demo.example import (
     demo_settings,
     film_and_track,
     fit,
+    hidden_values,
 )
 from swim2real.demo.films import film_swims
 from swim2real.demo.synthetic import Camera, synthetic_reference
@@ -22,5 +23,6 @@ __all__ = [
     "film_and_track",
     "film_swims",
     "fit",
+    "hidden_values",
     "synthetic_reference",
 ]
