@@ -29,7 +29,7 @@ from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
 from swim2real.store import read_arrays, write_arrays
 
-SHORT = TrainingSettings("forward", 400, exploration=200, updates=1, batch=32, layers=(16,), environments=8)
+SHORT = TrainingSettings("forward", 800, exploration=200, updates=1, batch=32, layers=(16,), environments=8)
 VALUES = [FISH.space.published]
 
 
@@ -184,11 +184,12 @@ def test_any_damage_of_a_policy_is_a_sentence(folder, count):
 
 @pytest.fixture(scope="module")
 def stopped(tmp_path_factory):
-    """A short run with a checkpoint after 200 steps, and the same one at its end. Don't write into them."""
+    """A short run that had learned once at its checkpoint, and the same one at its end. Don't write into them."""
     base = tmp_path_factory.mktemp("checkpoints")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swim2real.rl.training.EVALUATION_EPISODES", 1)
-        train(SHORT, VALUES, FISH, base / "stopped", stop=lambda: True)
+        stops = iter((False, False, True))
+        train(SHORT, VALUES, FISH, base / "stopped", stop=lambda: next(stops))
         train(SHORT, VALUES, FISH, base / "whole")
     return base / "stopped", base / "whole"
 
@@ -199,7 +200,7 @@ def resumed(stopped, tmp_path, monkeypatch):
     monkeypatch.setattr("swim2real.rl.training.EVALUATION_EPISODES", 1)
     run = tmp_path / "run"
     shutil.copytree(stopped[0], run)
-    return run, run / "checkpoints/step-000000200", lambda **also: train(SHORT, VALUES, FISH, run, resume=True, **also)
+    return run, run / "checkpoints/step-000000600", lambda **also: train(SHORT, VALUES, FISH, run, resume=True, **also)
 
 
 def test_a_checkpoint_with_a_pickle_is_gone_on_with_by_consent(stopped, resumed):
@@ -207,10 +208,15 @@ def test_a_checkpoint_with_a_pickle_is_gone_on_with_by_consent(stopped, resumed)
     with np.load(checkpoint / "networks.npz") as stored:
         tensors = {name: torch.from_numpy(array) for name, array in stored.items()}
     nested = {name: value for name, value in tensors.items() if "/" not in name}
-    for part in {name.partition("/")[0] for name in tensors if "/" in name}:
-        nested[part] = {name.partition("/")[2]: value for name, value in tensors.items() if name.startswith(f"{part}/")}
-    for part in ("actor_optimizer", "critic_optimizer", "ent_coef_optimizer"):  # which hadn't made a step
-        nested[part] = {"state": {}, "param_groups": []}
+    for name, value in tensors.items():
+        part, _, key = name.partition("/")
+        if part.endswith("_optimizer"):
+            number, _, key = key.partition("/")
+            state = nested.setdefault(part, {"state": {}, "param_groups": []})["state"]
+            state.setdefault(int(number), {})[key] = value
+        elif key:
+            nested.setdefault(part, {})[key] = value
+    assert nested["actor_optimizer"]["state"][0]["step"] == 1
     torch.save(nested, checkpoint / "networks.pt")
     (checkpoint / "networks.npz").unlink()
     with pytest.raises(ConsentError, match=r"networks\.pt' is of an earlier version and holds a pickle.*--allow-code"):
@@ -219,6 +225,7 @@ def test_a_checkpoint_with_a_pickle_is_gone_on_with_by_consent(stopped, resumed)
     ours, theirs = (Actor.load(path / "policy.npz") for path in (run, stopped[1]))
     np.testing.assert_array_equal(ours.mean.weight, theirs.mean.weight)
     np.testing.assert_array_equal(ours.hidden[0].weight, theirs.hidden[0].weight)
+    assert (run / "episodes.jsonl").read_text() == (stopped[1] / "episodes.jsonl").read_text()
 
 
 def test_a_checkpoint_of_0_1_is_refused(resumed):
@@ -246,7 +253,7 @@ def changed(path, name, value):
         ("episodes.npz", lambda path: changed(path, "physics", lambda a: a[:, :3])),
         ("episodes.npz", lambda path: changed(path, "members", lambda a: a + 5)),
         ("state.json", lambda path: path.write_text("[]")),
-        ("state.json", lambda path: path.write_text(path.read_text().replace('"step": 200', '"step": 400'))),
+        ("state.json", lambda path: path.write_text(path.read_text().replace('"step": 600', '"step": 200'))),
         ("state.json", lambda path: path.write_text(path.read_text().replace('"PCG64"', '"MT19937"'))),
         ("state.json", lambda path: path.write_text(path.read_text().replace('"recent": []', '"recent": [{}]'))),
     ],
@@ -254,5 +261,5 @@ def changed(path, name, value):
 def test_a_foreign_checkpoint_is_a_sentence(resumed, file, change):
     _, checkpoint, resume = resumed
     change(checkpoint / file)
-    with pytest.raises(RunError, match=r"step-000000200' is damaged: .*; remove it to go on from an older one"):
+    with pytest.raises(RunError, match=r"step-000000600' is damaged: .*; remove it to go on from an older one"):
         resume()
