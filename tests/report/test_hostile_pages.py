@@ -48,7 +48,7 @@ ATTACKS = (
     f"<meta http-equiv=refresh content='0; url={ELSEWHERE}'><base href='{ELSEWHERE}'><form action='{ELSEWHERE}'>",
     f']]> --> ?> <!-- <![CDATA[ <title> xmlns=" d="1.23456 #c62828 transform="rotate(-0 {OWN}',
     "{{ 7 * 7 }} {% include 'run.html.j2' %} @@DATA@@ &lt;script&gt; &#60;b&#62; $\\notacommand{$ $\\frac{1}{2}$ _x",
-    "a\u202eb\u2066c\u200bd\ufeffe\x1b[31mf\x00g\x07h\x9bi\u2028j\r\nk",
+    "a\u202eb\u2066c\u200bd\ufeffe\x1b[31mf\x0bg\x07h\x9bi\u2028j\r\nk",
 )
 ATTACK = " ".join(ATTACKS)
 FOLDER = f"<img src=x onerror={OWN}>\u202e{{{{ 7 * 7 }}}}&lt;b&gt;".replace("/", "")  # of a run; as a system allows it
