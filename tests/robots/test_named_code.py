@@ -13,7 +13,7 @@ import pytest
 
 from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made
 from swim2real import consent
-from swim2real.errors import ConsentError
+from swim2real.errors import ConsentError, RobotError
 from swim2real.robots import load_robot
 
 TEXT = ROBOT.replace("arm.xml", "python:code.py:model")
@@ -182,3 +182,20 @@ def test_code_of_this_program_needs_no_consent_and_others_that_begin_like_it_do(
     load_robot("fish-extended")
     place = made(tmp_path, ROBOT.replace("arm.xml", "python:swim2real.cli.main:main"), RECORDINGS, DAMPING)
     asked(place)
+
+
+@pytest.mark.parametrize(
+    "hook", ["", ".", ".code", "..", "a/b", "/", "é", "x" * 5000, "folder.py", "pipe.py", "gone.py", "x" * 300 + ".py"]
+)
+def test_what_is_no_code_is_a_sentence(tmp_path, hook):
+    (tmp_path / "folder.py").mkdir()
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe.py")
+    place = made(tmp_path, ROBOT.replace("arm.xml", f"python:{hook}:model"), RECORDINGS, DAMPING)
+    with pytest.raises((RobotError, ConsentError), match=r"python:.*can't be imported|names Python code"):
+        load_robot(place)
+
+
+def test_the_program_that_runs_is_asked_for_as_well(tmp_path):
+    place = made(tmp_path, ROBOT.replace("arm.xml", "python:__main__:main"), RECORDINGS, DAMPING)
+    assert "'main' of " in asked(place)

@@ -59,8 +59,9 @@ class NamedCode:
     def runs(self) -> bool:
         """Whether anything would run that isn't ours: not where there is no such file or module."""
         if self.file is not None:
-            return (self.folder / self.file).is_file()
-        return not self.module.startswith(_OWN) and _found(self.module.partition(".")[0]) is not None
+            return os.path.isfile(self.folder / self.file)
+        top = self.module.partition(".")[0]
+        return not self.module.startswith(_OWN) and (top in sys.modules or _found(top) is not None)
 
     def files(self) -> tuple[Path, ...]:
         """All that would run, as far as it can be told without running it; the file itself comes first.
@@ -141,6 +142,8 @@ class _SourceLoader(SourceFileLoader):
 
 
 def _module(path: Path) -> Any:
+    if not os.path.isfile(path):
+        raise FileNotFoundError(f"no Python file '{path}'")
     name = f"swim2real_robot_file.{path.stem}"
     spec = spec_from_file_location(name, path, loader=_SourceLoader(name, str(path)))
     if spec is None or spec.loader is None:
@@ -165,7 +168,10 @@ def _found(module: str) -> ModuleSpec | None:
     """Where a top-level module is, without importing it."""
     for finder in sys.meta_path:
         find = getattr(finder, "find_spec", None)
-        spec = None if find is None else find(module, None)
+        try:
+            spec = None if find is None else find(module, None)
+        except (ValueError, OSError, ImportError):  # names that are none, which can't be imported either
+            return None
         if spec is not None:
             return spec
     return None
