@@ -43,7 +43,19 @@ Label = Annotated[str, _without(label_fault)]
 FileName = Annotated[str, _without(file_name_fault)]
 """A name that a file can have on every system."""
 
+
+def _checked_path(path: str) -> str:
+    longest = max((len(part.encode()) for part in path.replace("\\", "/").split("/")), default=0)
+    if longest > _LONGEST_NAME or len(path) > _LONGEST_PATH:
+        raise ValueError(f"it has {len(path)} characters; a path has names of at most {_LONGEST_NAME}")
+    return path
+
+
+PathText = Annotated[str, AfterValidator(_checked_path)]
+"""A path that a system takes, whether something is there or not."""
+
 _LONGEST = 60  # characters of a value that are shown
+_LONGEST_NAME, _LONGEST_PATH = 255, 3000  # bytes of a file's name, characters of a path
 _ALLOWED = {
     "missing": "it must be given",
     "int_type": "it must be a whole number",
@@ -142,7 +154,8 @@ def key_path(location: Sequence[str | int]) -> str:
     for key in location:
         if isinstance(key, str) and key.startswith("<"):
             continue
-        path += f"[{key}]" if isinstance(key, int) else f".{key}" if path else key
+        name = key if isinstance(key, int) or len(key) <= _LONGEST else f"{key[: _LONGEST - 1]}…"
+        path += f"[{name}]" if isinstance(name, int) else f".{name}" if path else name
     return path
 
 

@@ -12,7 +12,13 @@ from swim2real.calibration import RunFolder
 from swim2real.errors import RunError
 
 BEGUN = {"format": 1, "chained": True}
-SETTINGS = {"method": "random", "seed": 0, "budget": 6, "scale": {"a": [1, 2]}, "threads": 2}
+SETTINGS = {"method": "random", "seed": 0, "budget": 6, "briefing": {"a": [1, 2]}, "threads": 2}
+
+
+def line(index: int, **more) -> dict:
+    """An evaluation as it is recorded."""
+    content = {"index": index, "loss": 0.1, "failed": False, "point": [0.5], "values": {"a": 1.0}, "note": {}}
+    return {**content, "evidence": {"trials": {}}, **more}
 
 
 def refusal(call, *arguments) -> str:
@@ -57,7 +63,7 @@ def test_the_same_settings_go_on(folder):
     [
         ({"method": "line-search"}, 'method was "random" and is now "line-search"'),
         ({"seed": 1}, "seed was 0 and is now 1"),
-        ({"scale": {"a": [1, 3]}}, 'scale was {"a": [1, 2]} and is now {"a": [1, 3]}'),
+        ({"briefing": {"a": [1, 3]}}, 'briefing was {"a": [1, 2]} and is now {"a": [1, 3]}'),
         ({"added": True}, "added was null and is now true"),
         ({"method": "x" * 100}, f'method was "random" and is now "{"x" * 58}…'),
     ],
@@ -75,7 +81,7 @@ def test_another_budget_is_taken_over(folder):
 
 
 def test_a_tuple_and_a_list_are_the_same_setting(folder):
-    folder.resume({**SETTINGS, "scale": {"a": (1, 2)}})
+    folder.resume({**SETTINGS, "briefing": {"a": (1, 2)}})
 
 
 def test_a_folder_without_a_run_is_told(tmp_path):
@@ -98,7 +104,7 @@ def test_settings_of_another_format_are_refused(folder):
 
 
 def test_what_is_appended_is_read_back(folder):
-    entries = [{"index": 0, "loss": 0.1 + 0.2}, {"index": 1, "loss": 1 / 3, "note": "é\n"}]
+    entries = [line(0, loss=0.1 + 0.2), line(1, loss=1 / 3, note={"source": "é\n"})]
     for entry in entries:
         folder.append(entry)
     assert folder.record() == entries
@@ -112,14 +118,14 @@ def test_nan_never_gets_on_record(folder):
 
 
 def test_a_cut_line_is_not_read_and_can_be_dropped(folder):
-    folder.append({"index": 0})
+    folder.append(line(0))
     whole = (folder.path / "record.jsonl").read_bytes()
     (folder.path / "record.jsonl").write_bytes(whole + b'{"index": 1, "lo')
-    assert folder.record() == [{"index": 0}]
+    assert folder.record() == [line(0)]
     folder.drop_cut_line()
     assert (folder.path / "record.jsonl").read_bytes() == whole
-    folder.append({"index": 1})
-    assert folder.record() == [{"index": 0}, {"index": 1}]
+    folder.append(line(1))
+    assert folder.record() == [line(0), line(1)]
 
 
 def test_a_cut_first_line_leaves_an_empty_record(folder):
@@ -171,12 +177,12 @@ def test_a_folder_that_cant_be_made_is_told(tmp_path):
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is read-only to root")
 def test_a_read_only_folder_is_told(folder):
-    folder.append({"index": 0})
+    folder.append(line(0))
     folder.path.chmod(0o500)
     (folder.path / ".lock").chmod(0o400)
     try:
         assert refusal(lock, folder).startswith("can't write run folder")
-        assert folder.record() == [{"index": 0}]
+        assert folder.record() == [line(0)]
     finally:
         folder.path.chmod(0o700)
 
@@ -192,9 +198,7 @@ def test_json_is_written_whole_or_not_at_all(folder, monkeypatch):
 
 # records that were edited or cut
 
-RECORDED = [
-    {"index": i, "loss": 0.1 / (i + 1), "failed": False, "values": {"a": i / 7}, "seconds": i} for i in range(4)
-]
+RECORDED = [line(i, loss=0.1 / (i + 1), values={"a": i / 7}, seconds=i) for i in range(4)]
 
 
 @pytest.fixture
@@ -291,7 +295,7 @@ def test_an_edited_record_is_accepted_and_says_so(recorded):
     assert [entry.get("edited") for entry in entries] == [None, True, None, None]
     assert [entry["loss"] for entry in entries] == [0.1, 1e-9, RECORDED[2]["loss"], RECORDED[3]["loss"]]
     assert (recorded.path / "record-edited-1.jsonl").read_bytes() == before
-    recorded.append({"index": 4})
+    recorded.append(line(4))
     assert len(RunFolder(recorded.path).record()) == 5
     rewritten(recorded, lambda lines: lines[1].pop("edited"))
     assert "line 2 isn't as it was written" in refusal(recorded.record)
@@ -320,8 +324,8 @@ def test_a_record_of_an_earlier_version_is_read_gone_on_with_and_then_guarded(re
     without_hashes(recorded)
     assert recorded.record() == RECORDED
     before = (recorded.path / "record.jsonl").read_bytes()
-    RunFolder(recorded.path).append({"index": 4})
+    RunFolder(recorded.path).append(line(4))
     assert (recorded.path / "record.jsonl").read_bytes().startswith(before)
-    assert recorded.record() == [*RECORDED, {"index": 4}]
+    assert recorded.record() == [*RECORDED, line(4)]
     rewritten(recorded, lambda lines: lines[1].update(loss=1e-9))
     assert "line 5 isn't as it was written, or a line above it is" in refusal(recorded.record)

@@ -78,6 +78,9 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
             f"run '{folder.path}' was made with another reference than this one of {len(reference)} trials; give the "
             f"one that it was made with" + (f", {source}" if source else "")
         )
+    for key in ("hold_out", "protocol", "horizon", "scale"):
+        if key not in settings:
+            raise RunError(f"{folder.settings_path}: '{key}' is missing; {folder.RESTORE}")
     fitted, _ = reference.split(tuple(settings["hold_out"]))
     problem = Problem(
         robot, fitted, settings["protocol"], settings["horizon"], start=settings.get("start", "speed"),

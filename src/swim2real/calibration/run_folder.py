@@ -11,7 +11,8 @@ from typing import Any, cast
 
 from swim2real import store
 from swim2real.calibration.chain import CHAIN, broken_links, chained, last_hash, next_hash
-from swim2real.checking import shown
+from swim2real.calibration.file_models import OutcomeFile, RecordedEvaluation, RunSettings
+from swim2real.checking import check, shown
 from swim2real.errors import RunError
 from swim2real.parameters.file import BEST
 
@@ -114,8 +115,9 @@ class RunFolder:
         content = self._read_json(SETTINGS, "is no run folder: it has no settings.json")
         if content.get("format") != FORMAT:
             raise RunError(
-                f"run '{self.path}' has format {content.get('format')!r}; this version of swim2real reads {FORMAT}"
+                f"run '{self.path}' has format {shown(content.get('format'))}; this version of swim2real reads {FORMAT}"
             )
+        check(RunSettings, content, str(self.settings_path), RunError, self.RESTORE)
         return content
 
     def outcome(self) -> dict[str, Any] | None:
@@ -123,6 +125,7 @@ class RunFolder:
         if not (self.path / OUTCOME).is_file():
             return None
         content = self._read_json(OUTCOME, "")
+        check(OutcomeFile, content, str(self.path / OUTCOME), RunError, self.RESTORE)
         return {
             **content,
             "fit": upgraded_evidence(content.get("fit")),
@@ -152,7 +155,8 @@ class RunFolder:
                 f"{path} was cut after line {len(entries)}: {name} tells of evaluation {known}; {self.ACCEPT}"
             )
         self._last_hash = last_hash(entries)
-        for entry in entries:
+        for number, entry in enumerate(entries, start=1):
+            check(RecordedEvaluation, entry, f"{path}, line {number}", RunError, self.RESTORE)
             entry.pop(CHAIN, None)
             if "evidence" in entry:
                 entry["evidence"] = upgraded_evidence(entry["evidence"])
@@ -278,18 +282,16 @@ def _readable(lines: Sequence[bytes]) -> list[dict[str, Any]]:
     for line in lines:
         if _damage(line):
             break
-        entries.append(json.loads(line))
+        entries.append(store.from_json(line))
     return entries
 
 
 def _damage(line: bytes) -> str:
     """Why a line is no evaluation; empty where it is one."""
     try:
-        return "" if isinstance(json.loads(line), dict) else "no evaluation"
+        return "" if isinstance(store.from_json(line), dict) else "no evaluation"
     except ValueError as error:
         return str(error)
-    except RecursionError:
-        return "nested too deeply"
 
 
 def best_losses(entries: Sequence[Mapping[str, Any]]) -> list[float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -12,8 +12,22 @@ from swim2real.calibration.run_folder import TRIALS, RunFolder
 from swim2real.errors import RunError
 from swim2real.objective import ComparedSensor, ComparedTrial, Comparison
 from swim2real.objective.head import HeadMotion, Oscillation
+from swim2real.objective.trial import LossFigure
 
 _EARLIER = ("swims.npz", "recordings.npz")  # what version 0.1 wrote
+_LARGEST = 1e15  # of a number, in whatever unit
+_SHAPES = {
+    "times": "T", "weights": "TM", "real": "TM2", "simulated": "TM2", "registration": "M2", "path_real": "TM2",
+    "path_simulated": "TM2", "progress_real": "T", "progress_simulated": "T", "swim_residual": "TM2",
+}  # fmt: skip
+_HEAD_SHAPES = {"progress": "T", "sway": "T", "yaw": "T"}
+_SENSOR_SHAPES = {"times": "R", "real": "R", "simulated": "R"}
+_TEXTS = ("name", "loss_figure", "divergence")
+_NUMBERS = (
+    "velocity_real", "velocity_simulated", "frequency", "beat_frequency", "phase", "static_offset", "turn_rate",
+    "wander",
+    "meters_per_unit",
+)  # fmt: skip
 _TIMES = ("times",)  # arrays that are kept with all their digits; the others as 32-bit floats
 
 
@@ -67,8 +81,9 @@ def load_trials(folder: RunFolder) -> tuple[SavedTrial, ...]:
             )
     content = folder.read_arrays(TRIALS)
     try:
-        return tuple(SavedTrial(bool(held), _trial(content, i)) for i, held in enumerate(content["held_out"]))
-    except (KeyError, ValueError, TypeError) as error:
+        held_out = np.atleast_1d(content["held_out"])
+        return tuple(SavedTrial(bool(held), _trial(content, i)) for i, held in enumerate(held_out))
+    except (AttributeError, IndexError, KeyError, ValueError, TypeError) as error:
         raise RunError(f"{folder.path / TRIALS} can't be read: {error!r}; {folder.RESTORE}") from error
 
 
@@ -104,11 +119,52 @@ def _trial(content: Mapping[str, Any], index: int) -> ComparedTrial:
     if values.get("frame") is not None:
         values["frame"] = (int(values["frame"][0]), int(values["frame"][1]))
     values |= {name: _head(of_trial, name) for name in ("head_real", "head_simulated")}
-    return ComparedTrial(**values, sensors=sensors)
+    trial = ComparedTrial(**values, sensors=sensors)
+    _check_shapes(trial)
+    return trial
+
+
+def _check_shapes(trial: ComparedTrial) -> None:
+    """Checks what constructors take as it is, since every other trial comes from our own code.
+
+    Raises:
+        ValueError: An array has another shape, or a number or a text is none.
+    """
+    sizes: dict[str, Any] = {
+        "T": len(trial.times),
+        "M": np.shape(trial.weights)[-1] if np.ndim(trial.weights) else -1,
+        "2": 2,
+    }
+    heads = [head for head in (trial.head_real, trial.head_simulated) if head is not None]
+    parts: list[tuple[Any, Mapping[str, str], Mapping[str, Any]]] = [
+        (trial, _SHAPES, sizes), *((head, _HEAD_SHAPES, sizes) for head in heads),
+        *((sensor, _SENSOR_SHAPES, {"R": len(sensor.times)}) for sensor in trial.sensors),
+    ]  # fmt: skip
+    for part, shapes, known in parts:
+        for field in fields(part):
+            value = getattr(part, field.name)
+            if field.name in shapes and value is not None:
+                wanted = tuple(known[letter] for letter in shapes[field.name])
+                if np.shape(value) != wanted:
+                    raise ValueError(f"{field.name} has shape {np.shape(value)}; expected {wanted}")
+            elif field.name in _TEXTS and not isinstance(value, str | None):
+                raise ValueError(f"{field.name} is no text")
+            elif field.name in _NUMBERS and not isinstance(value, float | int | None):
+                raise ValueError(f"{field.name} is no number")
+    if trial.loss_figure not in get_args(LossFigure):
+        raise ValueError(f"loss_figure is {trial.loss_figure!r}; it must be one of {', '.join(get_args(LossFigure))}")
+    marker_count = sizes["M"]
+    if trial.frame is not None and not all(0 <= marker < marker_count for marker in trial.frame):
+        raise ValueError(f"frame is {trial.frame}; it must be two of {marker_count} markers")
+    if not (np.isfinite(trial.times).all() and (np.diff(trial.times) > 0).all() and len(trial.times) > 1):
+        raise ValueError("times must be finite and rise")
 
 
 def _read(array: Any) -> Any:
     """A text, a number, or an array of 64-bit floats."""
     if array.ndim == 0:
         return array.item()
-    return array.astype(float)
+    numbers = array.astype(float)
+    if numbers.size and np.nanmax(np.abs(numbers), initial=0.0) > _LARGEST:
+        raise ValueError(f"a number is beyond ±{_LARGEST:g}")
+    return numbers

@@ -17,10 +17,12 @@ from swim2real import checking
 from swim2real.advisor import asks_a_vlm
 from swim2real.advisor.vlm.transcript import Transcript, totals
 from swim2real.calibration import RunFolder
+from swim2real.calibration.file_models import FitEvidence
 from swim2real.calibration.run_folder import upgraded_evidence
 from swim2real.comparison.jobs import is_finished, read_problem
 from swim2real.comparison.plan import RUNS, Job, Plan, read_plan, writing
 from swim2real.errors import RunError, Swim2RealError
+from swim2real.names import quoted
 from swim2real.store import write_json, write_text
 
 FORMAT = 1
@@ -28,6 +30,9 @@ RESULTS, TABLE = "results.json", "results.csv"
 _NOT_AVERAGED = ("loss", "skipped", "protocol", "horizon", "trials")  # entries of a fit that aren't means over trials
 
 Array = NDArray[np.float64]
+
+
+_REMEDY = "run the comparison again to write it anew"
 
 
 @dataclass(frozen=True)
@@ -181,12 +186,37 @@ def load_results(folder: str | Path) -> ComparisonResults:
     path = Path(folder) / RESULTS
     if not path.is_file():
         raise RunError(f"'{folder}' has no {RESULTS}; `swim2real compare` writes it")
-    results = checking.read(ComparisonResults, path, "results", RunError, "run the comparison again to write it anew")
+    results = checking.read(ComparisonResults, path, "results", RunError, _REMEDY)
+    for run in results.runs:
+        if len(run.losses) != results.budget:
+            raise RunError(
+                f"results '{path}': run '{run.folder}' has {len(run.losses)} losses; the budget is {results.budget}; "
+                f"{_REMEDY}"
+            )
     runs = (
-        replace(run, fit=upgraded_evidence(run.fit), held_out_fit=upgraded_evidence(run.held_out_fit))
+        replace(
+            run,
+            fit=_checked_fit(run.fit, path, run, results.markers),
+            held_out_fit=_checked_fit(run.held_out_fit, path, run, results.markers),
+        )
         for run in results.runs
     )
     return replace(results, runs=tuple(runs))
+
+
+def _checked_fit(fit: Any, path: Path, run: RunResult, markers: Sequence[str]) -> Any:
+    """Evidence as this version has it, with a number a marker where there are any."""
+    if fit is None:
+        return None
+    where, content = f"results '{path}', run '{run.folder}'", upgraded_evidence(fit)
+    checked = checking.check(FitEvidence, content, where, RunError, _REMEDY)
+    for name, trial in checked.trials.items():
+        for errors in (trial.marker_errors, trial.aligned_marker_errors, trial.shape_marker_errors):
+            if errors and len(errors) != len(markers):
+                raise RunError(
+                    f"{where}: trial {quoted(name)} has {len(errors)} numbers for {len(markers)} markers; {_REMEDY}"
+                )
+    return {**content, "trials": content.get("trials", {})}
 
 
 def read_results(root: str | Path, plan: Plan | None = None) -> ComparisonResults:

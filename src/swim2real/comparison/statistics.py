@@ -271,11 +271,11 @@ def speeds(runs: Sequence[RunResult]) -> Speeds | None:
     if not runs or not PROTOCOLS[runs[0].protocol].has_frequencies:
         return None
     trials = runs[0].fit["trials"]
-    names = sorted(trials, key=lambda name: (trials[name]["frequency"] or 0.0, name))
+    names = sorted(trials, key=lambda name: (trials[name].get("frequency") or 0.0, name))
     simulated = [[_simulated_speed(run.fit["trials"].get(name, {})) for name in names] for run in runs]
     return Speeds(
-        pd.Series({name: trials[name]["frequency"] for name in names}, dtype="float64"),
-        pd.Series({name: trials[name]["velocity_real"] for name in names}, dtype="float64"),
+        pd.Series({name: trials[name].get("frequency") for name in names}, dtype="float64"),
+        pd.Series({name: trials[name].get("velocity_real") for name in names}, dtype="float64"),
         pd.DataFrame(simulated, [run.seed for run in runs], names, float),
     )
 
@@ -289,7 +289,9 @@ def marker_errors(runs: Sequence[RunResult], kind: MarkerKind) -> pd.DataFrame:
             with the difference in progress; `shape` is the same without progress.
     """
     key = _MARKER_KEYS[kind]
-    rows = [pd.DataFrame([trial[key] for trial in run.fit["trials"].values()], dtype=float).mean() for run in runs]
+    rows = [
+        pd.DataFrame([trial.get(key, []) for trial in run.fit["trials"].values()], dtype=float).mean() for run in runs
+    ]
     return pd.DataFrame(rows, [run.seed for run in runs])
 
 

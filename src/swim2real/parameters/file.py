@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from swim2real.checking import read
+from swim2real.checking import PathText, read
 from swim2real.errors import ParameterError
 from swim2real.parameters.space import ParameterSpace, Values
 from swim2real.store import path_from, write_json
@@ -23,7 +23,7 @@ class _Content(BaseModel):
 
     format: Literal[1]
     robot: str
-    robot_file: str | None = None
+    robot_file: PathText | None = None
     parameters: dict[str, Any]
     engine: str | None = None
     physics: dict[str, Any] | None = None

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
-from swim2real.checking import read, shown
+from swim2real.checking import PathText, read, shown
 from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.conditions import Disturbances
@@ -56,7 +56,7 @@ class RecordedSettings(BaseModel):
     kind: Literal["training"] = "training"
     task: str
     robot: str
-    robot_file: str | None = None
+    robot_file: PathText | None = None
     seed: int
     env_steps: int
     exploration: int

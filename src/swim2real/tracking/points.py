@@ -24,6 +24,7 @@ from pydantic import BaseModel, Field, model_validator
 from swim2real.checking import Number, did_you_mean, read
 from swim2real.errors import ArgumentError, TrackingError
 from swim2real.escaping import script_source, visible
+from swim2real.names import quoted
 from swim2real.store import write_json, write_text
 
 Array = NDArray[np.float64]
@@ -177,7 +178,7 @@ def _in_order(path: str | Path, markers: dict[str, list[float]], names: Sequence
     for name in markers:
         if name not in names:
             hint = did_you_mean(name.upper(), missing) or f"; known are {', '.join(names)}"
-            raise TrackingError(f"points '{path}' hold an unknown marker '{name}'{hint}")
+            raise TrackingError(f"points '{path}' hold an unknown marker {quoted(name)}{hint}")
     if missing:
         raise TrackingError(
             f"points '{path}' lack {', '.join(missing)}; expected are {len(names)} points, "

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from swim2real.checking import FileName, Label, Number, Positive, read
+from swim2real.checking import FileName, Label, Number, PathText, Positive, read
 from swim2real.errors import TrialError
 from swim2real.names import composed, file_key
 from swim2real.store import locked, path_from, reason, whole_file, write_json
@@ -57,15 +57,15 @@ class TrialEntry(BaseModel):
     model_config = ConfigDict(extra="allow")
 
     name: FileName
-    table: str | None = None
+    table: PathText | None = None
     nominal_frequency_hz: Positive | None = None
     fps: Positive | None = None
     meters_per_pixel: Positive | None = None
     provenance: str = ""
-    video: str | None = None
+    video: PathText | None = None
     video_begin_s: Number = 0.0
-    controls: str | None = None
-    sensors: str | None = None
+    controls: PathText | None = None
+    sensors: PathText | None = None
     start: dict[str, Number] = Field(default_factory=dict)
     start_velocities: dict[str, Number] = Field(default_factory=dict)
 

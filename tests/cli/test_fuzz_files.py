@@ -1,0 +1,288 @@
+"""Every file that the program reads, damaged in thousands of ways: it is read, or refused in a sentence."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import shutil
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from markupsafe import Markup
+from mutations import mutated
+
+from made_results import made_results, made_run
+from swim2real import api
+from swim2real.advisor.vlm.transcript import Transcript
+from swim2real.calibration import RunFolder
+from swim2real.calibration.ensemble import make_ensemble, read_ensemble
+from swim2real.calibration.finished_run import reopen
+from swim2real.calibration.identifiability import read_study
+from swim2real.cli import main
+from swim2real.comparison import contestants, make_plan
+from swim2real.comparison.plan import read_plan
+from swim2real.comparison.results import load_results, write_results
+from swim2real.deployment.commands import read_table
+from swim2real.deployment.motors_file import read_motors
+from swim2real.errors import Swim2RealError
+from swim2real.optimizers import recorded_advice
+from swim2real.parameters import read_parameters, robot_of
+from swim2real.report import pages
+from swim2real.rl.training_run import TrainingRun
+from swim2real.robots import load_robot
+from swim2real.robots.robot import Robot
+from swim2real.settings import EnsembleSettings
+from swim2real.tracking.camera_file import read_camera
+from swim2real.tracking.points import load_points
+from swim2real.trials import load_reference
+from swim2real.trials.pose_tables import read_dlc
+
+PROJECT = Path(__file__).resolve().parents[2]
+SECONDS, MEMORY = 20.0, 1e9  # s and bytes that any file may cost
+
+NAMES = ("pivot", "middle", "end")
+
+
+def made(folder: Path) -> Path:
+    """A folder with every kind of file, as the program writes them."""
+    from recorded import PENDULUM_HIDDEN, PENDULUM_SPACE, PENDULUM_XML, pendulum_reference
+    from swim2real.trials import save_reference
+
+    values = {**PENDULUM_SPACE.published, "lower_mass": PENDULUM_HIDDEN["lower_mass"]}
+    (folder / "pendulum.xml").write_text(PENDULUM_XML.format(**values))
+    (folder / "pendulum.toml").write_text(PENDULUM, encoding="utf-8")
+    reference = pendulum_reference(1e-3)
+    save_reference(reference, folder / "tracks")
+    run(["calibrate", "tracks", "--robot", "pendulum.toml", "--out", "run", "--budget", "4", "--method", "line-search",
+         "--sensitivity"], folder)  # fmt: skip
+    unchained(folder / "run")
+    robot = load_robot(str(folder / "pendulum.toml"))
+    content = make_ensemble([reopen(folder / "run", reference, robot)], EnsembleSettings(within=9.0, evaluations=0))
+    (folder / "ensemble.json").write_text(json.dumps(content))
+    point = {"point": [0.5] * len(robot.space), "loss": 0.01}
+    study = {"format": 1, "complete": True, "evaluations": 3, "recentered": 0, "start": point, "fit": point,
+             "lowest": point, "profiles": {name: {"points": [point]} for name in robot.space.names}}  # fmt: skip
+    conditions = reopen(folder / "run", reference, robot).conditions()
+    (folder / "run" / "identifiability.json").write_text(json.dumps({**conditions, **study}))
+    calls = folder / "run" / "advisor"
+    calls.mkdir(exist_ok=True)
+    shutil.copy(PROJECT / "examples/vlm-runs/seed-0/advisor/call_0001.json", calls)
+    (folder / "camera.json").write_text(json.dumps(CAMERA))
+    (folder / "points.json").write_text(json.dumps(POINTS))
+    rows = "".join(f"{k / 50:.2f},{0.1 * k},{0.02 * k}\n" for k in range(40))
+    (folder / "commands.csv").write_text("time_s,wheel_rad_s,tail_rad\n" + rows)
+    (folder / "motors.toml").write_text(MOTORS)
+    (folder / "poses.csv").write_text(POSES)
+    (folder / "compared").mkdir()
+    methods = contestants(("random", "line-search"))
+    make_plan(methods, (0, 1), ("playback",), 4, reference, robot, leave_one_out=False, horizon=None).write(
+        folder / "compared"
+    )
+    write_results(
+        made_results(made_run("good", 0, [0.2] * 7 + [0.1]), made_run("bad", 0, [0.3] * 8)), folder / "compared"
+    )
+    trained = {"kind": "training", "robot": "fish", "task": "forward", "seed": 0, "env_steps": 400,
+               "exploration": 200, "parameters": [load_robot("fish").space.published], "disturbances": {}}  # fmt: skip
+    (folder / "policy").mkdir()
+    (folder / "policy" / "settings.json").write_text(json.dumps(trained))
+    return folder
+
+
+PENDULUM = (PROJECT / "tests" / "cli" / "conftest.py").read_text().partition('PENDULUM = """')[2].partition('"""')[0]
+CAMERA = {
+    "format": 1,
+    "camera_height": 1.2, "principal_point": [320, 240], "lengths": [{"pixels": [[0, 0], [100, 0]], "meters": 0.1}],
+    "points": [{"pixel": [0, 0], "meters": [0, 0]}, {"pixel": [100, 0], "meters": [0.1, 0]},
+               {"pixel": [100, 100], "meters": [0.1, 0.1]}, {"pixel": [0, 100], "meters": [0, 0.1]}],
+    "lens": {"camera_matrix": [[500, 0, 320], [0, 500, 240], [0, 0, 1]], "distortion": [0.1, 0, 0, 0, 0]},
+}  # fmt: skip
+POINTS = {"video": "swim.mp4", "width": 640, "height": 480, "frame": 0,
+          "markers": {"pivot": [10, 20], "middle": [100.5, 20], "end": [200, 40]}}  # fmt: skip
+MOTORS = "[wheel]\nid = 1\nspeed = 6\ndirection = -1\n\n[tail]\nid = 2\nlowest = -1\nhighest = 1.5\nzero = 3.0\n"
+POSES = "scorer,a,a,a,a,a,a\nbodyparts,M0,M0,M0,M1,M1,M1\ncoords,x,y,likelihood,x,y,likelihood\n" + "".join(
+    f"{k},{k},1,0.9,{k + 5},2,1\n" for k in range(20)
+)
+
+
+def unchained(run_folder: Path) -> None:
+    """The run as an earlier version wrote it: what an edited line says is met, not that it was edited."""
+    lines = [json.loads(line) for line in (run_folder / "record.jsonl").read_text().splitlines()]
+    (run_folder / "record.jsonl").write_text(
+        "".join(json.dumps({k: v for k, v in one.items() if k != "chain"}) + "\n" for one in lines)
+    )
+    settings = json.loads((run_folder / "settings.json").read_text())
+    (run_folder / "settings.json").write_text(json.dumps({k: v for k, v in settings.items() if k != "chained"}))
+
+
+def run(words: list[str], folder: Path) -> int:
+    """Runs a command in a folder; its exit code."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        main(words)
+    except SystemExit as leaving:
+        return int(leaving.code or 0)
+    finally:
+        os.chdir(before)
+    return 0
+
+
+def program(*words: str) -> Callable[[Path], object]:
+    return lambda folder: run(list(words), folder)
+
+
+def _robot(folder: Path) -> Robot:
+    return load_robot(str(folder / "pendulum.toml"))
+
+
+def _reference(folder: Path) -> object:
+    return load_reference(folder / "tracks")
+
+
+def _opened(folder: Path) -> object:
+    return api.open_run(folder / "run")
+
+
+def _study(folder: Path) -> object:
+    return read_study(folder / "run" / "identifiability.json")
+
+
+def _ensemble(folder: Path) -> object:
+    return read_ensemble(folder / "ensemble.json", _robot(folder))
+
+
+def _compared(folder: Path) -> object:
+    return load_results(folder / "compared")
+
+
+def _parameters(folder: Path) -> object:
+    robot_of(folder / "run")
+    return read_parameters(folder / "run", "pendulum", _robot(folder).space)
+
+
+def _resumed(folder: Path) -> object:
+    recorded = RunFolder(folder / "run")
+    return recorded.settings(), recorded_advice(recorded.record()), recorded.outcome()
+
+
+def _reopened(folder: Path) -> object:
+    robot, reference = load_robot(str(folder / "pendulum.toml")), load_reference(folder / "tracks")
+    again = reopen(folder / "run", reference, robot, threads=1)
+    return make_ensemble([again], EnsembleSettings(within=9.0, evaluations=0))
+
+
+def _motors(folder: Path) -> object:
+    return read_motors(folder / "motors.toml", ("wheel_rad_s", "tail_rad"))
+
+
+def _commands(folder: Path) -> object:
+    table = read_table(folder / "commands.csv")
+    return table.ramped(20.0).clipped(
+        {motor.column: motor.limits for motor in read_motors(folder / "motors.toml", table.columns)}
+    )
+
+
+def _policy(folder: Path) -> object:
+    trained = TrainingRun.open(folder / "policy")
+    return trained.robot, trained.task
+
+
+REPORT = program("report", "run")
+RUN = (REPORT, _resumed, _opened, _reopened)
+# of each file, what reads it: commands in this process, or what a command would read before it simulates
+QUALITY = program("quality", "tracks", "--robot", "pendulum.toml")
+READERS: dict[str, tuple[Callable[[Path], object], ...]] = {
+    "run/settings.json": (*RUN, program("rollout", "run", "--out", "rolled")),
+    "run/record.jsonl": RUN,
+    "run/outcome.json": RUN,
+    "run/trials.npz": (REPORT,),
+    "run/best.json": (_parameters, _opened),
+    "run/identifiability.json": (_study, _reopened),
+    "run/advisor/call_0001.json": (lambda folder: Transcript(folder / "run").calls, REPORT),
+    "ensemble.json": (_ensemble,),
+    "tracks/reference.json": (_reference, QUALITY),
+    "tracks/a.csv": (_reference, QUALITY),
+    "tracks/a.controls.csv": (_reference,),
+    "tracks/a.sensors.csv": (_reference,),
+    "pendulum.toml": (_robot,),
+    "camera.json": (lambda folder: read_camera(folder / "camera.json"),),
+    "points.json": (lambda folder: load_points(folder / "points.json", NAMES, 640, 480),),
+    "commands.csv": (_commands,),
+    "motors.toml": (_motors,),
+    "poses.csv": (lambda folder: read_dlc(folder / "poses.csv", 60.0),),
+    "compared/plan.json": (lambda folder: read_plan(folder / "compared"),),
+    "compared/results.json": (_compared,),
+    "policy/settings.json": (_policy, program("rollout", "policy", "--out", "rolled")),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory):
+    return made(tmp_path_factory.mktemp("corpus"))
+
+
+@pytest.fixture(autouse=True)
+def _no_charts(monkeypatch):
+    """Charts take most of a page's time; these files are read before they are drawn."""
+    monkeypatch.setattr(pages, "inline_svg", lambda draw, name: Markup("<svg></svg>"))
+
+
+def complaint(read: Callable[[Path], object], folder: Path, capsys) -> str:
+    """What is wrong in how a damaged file was met; empty where it was read or refused in a sentence."""
+    capsys.readouterr()
+    began = time.monotonic()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            read(folder)
+    except Swim2RealError as error:
+        if not str(error) or len(str(error)) > 3000:
+            return f"a sentence of {len(str(error))} characters"
+    except Exception as error:
+        return f"{type(error).__name__}: {str(error)[:200]}"
+    told = capsys.readouterr().err
+    if "unexpected" in told or "Traceback" in told:
+        return told[-300:]
+    if time.monotonic() - began > SECONDS:
+        return f"{time.monotonic() - began:.0f} s"
+    return ""
+
+
+def fuzzed(name: str, corpus: Path, count: int, capsys) -> list[str]:
+    """What was wrong in how a file was met that was damaged so many times."""
+    chance = random.Random(name)
+    path = corpus / name
+    whole = path.read_bytes()
+    kept = {other: other.read_bytes() for other in corpus.rglob("*") if other.is_file() and other.suffix != ".lock"}
+    problems: list[str] = []
+    try:
+        for number in range(count):
+            data = mutated(name, whole, chance)
+            path.write_bytes(data)
+            read = READERS[name][number % len(READERS[name])]
+            if wrong := complaint(read, corpus, capsys):
+                problems.append(f"{name}, {number}: {wrong}")
+    finally:
+        for other, content in kept.items():
+            if not other.is_file() or other.read_bytes() != content:
+                other.write_bytes(content)
+    return problems
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_damaged_file_is_read_or_refused(name, corpus, capsys):
+    problems = fuzzed(name, corpus, 3, capsys)
+    assert not problems, "\n".join(problems)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", READERS)
+def test_a_file_damaged_five_hundred_times_is_read_or_refused(name, corpus, capsys):
+    problems = fuzzed(name, corpus, 500, capsys)
+    assert not problems, "\n".join(problems)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 < MEMORY
