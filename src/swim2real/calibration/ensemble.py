@@ -179,6 +179,12 @@ def _gathered(run: FinishedRun) -> list[Member]:
         return recorded
     points = [study["fit"]] if "fit" in study else []
     points += [point for profile in study.get("profiles", {}).values() for point in profile["points"]]
+    for point in points:
+        if len(point["point"]) != len(run.space):
+            raise RunError(
+                f"'{path}': a point has {len(point['point'])} coordinates for {len(run.space)} parameters; study the run "
+                f"again with identify --again"
+            )
     return recorded + [Member(np.array(point["point"]), float(point["loss"]), "profile") for point in points]
 
 
