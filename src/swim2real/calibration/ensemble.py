@@ -182,8 +182,8 @@ def _gathered(run: FinishedRun) -> list[Member]:
     for point in points:
         if len(point["point"]) != len(run.space):
             raise RunError(
-                f"'{path}': a point has {len(point['point'])} coordinates for {len(run.space)} parameters; study the run "
-                f"again with identify --again"
+                f"'{path}': a point has {len(point['point'])} coordinates for {len(run.space)} parameters; study "
+                f"the run again with identify --again"
             )
     return recorded + [Member(np.array(point["point"]), float(point["loss"]), "profile") for point in points]
 
