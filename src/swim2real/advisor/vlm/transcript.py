@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 from pydantic import AfterValidator, Field, FiniteFloat
 
@@ -207,7 +207,7 @@ class Transcript:
         try:
             (self.folder / MEDIA).mkdir(parents=True, exist_ok=True)
             parts = [part if isinstance(part, str) else self._write_media(part) for part in request.parts]
-            write_json(path, _content(replace(call, number=number), request, parts), indent=1)
+            write_json(path, _kept(_content(replace(call, number=number), request, parts)), indent=1)
         except OSError as error:
             raise AdvisorError(
                 f"can't write the transcript '{self.folder}': {reason(error)}; make room or allow writing "
@@ -238,6 +238,17 @@ def _content(call: Call, request: Request, parts: list[Any]) -> dict[str, Any]:
         "max_tokens": request.max_tokens,
     }  # fmt: skip
     return content
+
+
+def _kept(content: Any) -> Any:
+    """The same without what no file keeps: a NUL or half a character, which a reply may well hold, is replaced."""
+    if isinstance(content, dict):
+        return {_kept(key): _kept(value) for key, value in cast("dict[str, Any]", content).items()}
+    if isinstance(content, list | tuple):
+        return [_kept(value) for value in cast("list[Any]", content)]
+    if not isinstance(content, str):
+        return content
+    return content.replace("\0", "\N{REPLACEMENT CHARACTER}").encode("utf-8", "replace").decode()
 
 
 def _read_call(path: Path) -> Call:
