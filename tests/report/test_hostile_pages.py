@@ -82,7 +82,8 @@ def run_page(folder: Path) -> Path:
     run.add(0.3, (0.5, 0.5, 0.5))
     run.ask(1, "used", picture("a"), film("a"), problem="p")
     run.tell(1, 0.2, **notes([1], clipped={"arm": 0.2}, ignored=["a"], missing=["b"], remarks=["c"], note="d"))
-    run.add(0.5, (0.1, 0.1, 0.9), "the simulation grew", round=2, step_size=1.0, proposal={"notes": {}})
+    steady = {"point": [0.1, 0.1, 0.9], "notes": {}}
+    run.add(0.5, (0.1, 0.1, 0.9), "the simulation grew", round=2, step_size=1.0, proposal=steady)
     Run.conclude(run, 0.2)
     names = hostile("arm", "stiffness", "drag", "f0_50", "f1<b>00", "f1_75", *MARKERS)
     for path in (run.path / "settings.json", run.path / "outcome.json", *run.transcript.glob("call_*.json")):

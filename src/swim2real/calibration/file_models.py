@@ -146,7 +146,7 @@ class Note(_Part):
     source: Text | None = None
     round: Whole | None = None
     step_size: Number | None = None
-    parameter: Text | None = None
+    parameter: Text | Whole | None = None  # a name, or an index of the cube
     proposal: Proposal | None = None
 
 
