@@ -217,7 +217,11 @@ def from_json(content: bytes | str) -> Any:
     """
     text = content.decode() if isinstance(content, bytes) else content
     try:
-        found = json.loads(text, parse_constant=partial(_no_number, text), parse_float=_finite, parse_int=_whole)
+        constants: list[str] = []
+        keep = partial(_keep_constant, constants)
+        found = json.loads(text, parse_constant=keep, parse_float=_finite, parse_int=_whole)
+        if constants:
+            raise ValueError(f"{_place_of_constant(found)} is {constants[0]}; it must be finite")
         if "\\u" in text:
             _check_texts(found)
     except RecursionError:
@@ -266,9 +270,26 @@ def _check_texts(content: Any) -> None:
         raise ValueError("a text in it holds half a character, a surrogate by itself") from None
 
 
-def _no_number(text: str, name: str) -> float:
-    line = text.count("\n", 0, text.find(name)) + 1
-    raise ValueError(f"{name} (line {line}) is no number in JSON; it must be finite")
+def _keep_constant(constants: list[str], name: str) -> float:
+    constants.append(name)
+    return float(name)
+
+
+def _place_of_constant(content: Any) -> str:
+    """Where the first number that isn't finite stands, as in `'lens.points[1]'`."""
+    place, entry = "", content
+    while not isinstance(entry, float):
+        entries: Iterable[tuple[Any, Any]] = entry.items() if isinstance(entry, dict) else enumerate(entry)
+        key, entry = next(item for item in entries if _holds_constant(item[1]))
+        place += f"[{key}]" if isinstance(key, int) else f".{key}" if place else str(key)
+    return f"'{place}'" if place else "the number"
+
+
+def _holds_constant(entry: Any) -> bool:
+    if isinstance(entry, dict | list):
+        values = cast("dict[str, Any]", entry).values() if isinstance(entry, dict) else cast("list[Any]", entry)
+        return any(map(_holds_constant, values))
+    return isinstance(entry, float) and not math.isfinite(entry)
 
 
 def _finite(digits: str) -> float:

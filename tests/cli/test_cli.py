@@ -478,7 +478,10 @@ def test_parameters_that_were_found_with_other_physics_are_told(program, paramet
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"fluid_blunt_drag": float("nan")}, "parameter 'fluid_blunt_drag' in {} is nan; it must be finite"),
+        (
+            {"fluid_blunt_drag": float("nan")},
+            "parameters file {} can't be read as JSON: 'parameters.fluid_blunt_drag' is NaN; it must be finite",
+        ),
         ({"motor_arm_length": 0.2}, "parameter 'motor_arm_length' in {} is 0.2, out of bounds; allowed is 0.01 to 0.0"),
         ({"fluid_blunt_drag": "0.4"}, "parameter 'fluid_blunt_drag' in {} is '0.4', not a number"),
         ({"fluid_bluntdrag": 0.4}, "unknown parameter 'fluid_bluntdrag'; did you mean 'fluid_blunt_drag'?"),

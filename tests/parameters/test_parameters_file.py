@@ -92,7 +92,7 @@ def test_bytes_that_are_no_text_are_refused(place):
         ),
         (
             {"parameters": {**VALUES, "drag": float("nan")}},
-            "NaN (line 1) is no number in JSON; it must be finite",
+            "'parameters.drag' is NaN; it must be finite",
         ),
         (
             {"parameters": {**VALUES, "drag": "much"}},

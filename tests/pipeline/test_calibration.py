@@ -190,7 +190,7 @@ def test_a_damaged_proposal_on_record_is_told(pool, tmp_path):
     entries = record(tmp_path / "run")
     del entries[1]["note"]["proposal"]["point"]
     (tmp_path / "run" / "record.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
-    with pytest.raises(RunError, match=r"the record of .* is damaged"):
+    with pytest.raises(RunError, match=r"record.jsonl, line 2: 'note.proposal.point' is missing"):
         calibrate(pool, FISH, CalibrationSettings(budget=3), tmp_path / "run", resume=True, accept_edited=True)
 
 

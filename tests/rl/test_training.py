@@ -20,6 +20,7 @@ from swim2real.rl.training import train
 from swim2real.rl.training_run import EPISODES, EVALUATIONS, SETTINGS, TrainingRun, read_record
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
+from swim2real.store import LOCK
 
 SHORT = TrainingSettings(
     "forward", 800, exploration=200, checkpoint_every=400, updates=1, batch=32, layers=(16, 16), environments=8
@@ -185,8 +186,8 @@ def test_no_file_of_a_run_holds_a_pickle(finished):
     for path in out.rglob("*.npz"):
         with np.load(path, allow_pickle=False) as arrays:
             assert all(arrays[name].dtype != object for name in arrays)
-    suffixes = {path.suffix for path in out.rglob("*") if path.is_file() and "tfevents" not in path.name}
-    assert suffixes == {".json", ".jsonl", ".npz"}
+    files = [path for path in out.rglob("*") if path.is_file() and "tfevents" not in path.name and path.name != LOCK]
+    assert {path.suffix for path in files} == {".json", ".jsonl", ".npz"}
 
 
 def test_a_policy_is_the_network_that_learned(finished):

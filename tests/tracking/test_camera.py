@@ -560,7 +560,7 @@ def test_what_was_written_is_read_again(tmp_path):
 def test_camera_files_that_cant_be_used_are_refused(tmp_path, changes, message):
     path = file_with(tmp_path, **changes)
     text = refusal(read_camera, path)
-    assert text.startswith(f"camera file '{path}': ")
+    assert text.startswith(f"camera file '{path}'")
     assert message in text
 
 

@@ -316,7 +316,7 @@ def test_a_folder_that_cant_be_made_is_refused(tmp_path, trials):
         ),
         (
             lambda i: i["trials"][0].update(meters_per_pixel=float("nan")),
-            "is no number in JSON; it must be finite",
+            "'trials[0].meters_per_pixel' is NaN; it must be finite",
         ),
     ],
 )
