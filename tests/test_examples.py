@@ -61,6 +61,7 @@ def check_same(shipped: list[dict], again: list[dict]) -> None:
     assert told == [[entry["note"].get(key) for key in ("round", "step_size", "proposal")] for entry in shipped]
 
 
+@pytest.mark.slow
 def test_a_shipped_vlm_run_begins_as_it_did(shared, tmp_path):
     check_same(*replayed(VLM_RUNS / "seed-4", shared, tmp_path, budget=4))
     settings = RunFolder(tmp_path / "run").settings()

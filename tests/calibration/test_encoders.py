@@ -114,6 +114,7 @@ def test_the_toolbox_gets_the_readings(problem):
     assert np.isfinite(one.readings).sum() == 2 * len(one.times)
 
 
+@pytest.mark.slow
 def test_it_is_calibrated_reported_and_identified(reference, tmp_path):
     settings = CalibrationSettings(method="least-squares", budget=6, horizon=0.6, threads=2)
     outcome = calibrate(reference, ROBOT, settings, tmp_path / "run").to_json()

@@ -137,6 +137,7 @@ def test_a_line_that_only_lacks_its_end_is_done_again(go, half, uninterrupted):
     assert without_seconds(half) == without_seconds(uninterrupted["random"])
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_loses_nothing(go, tmp_path, reference_folder, uninterrupted):
     run = tmp_path / "run"
     process = subprocess.Popen(

@@ -56,6 +56,7 @@ def finished(pendulum_folder, tmp_path_factory) -> tuple[Path, str, str]:
     return out, printed, err
 
 
+@pytest.mark.slow
 def test_it_prints_a_table_and_a_line_a_run(finished):
     out, printed, err = finished
     assert "Calibration performance over 1 seed" in printed

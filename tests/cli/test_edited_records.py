@@ -56,6 +56,7 @@ def test_an_edited_last_loss_is_told_and_goes_on_when_it_is_accepted(program, pe
     program(*again).done()
 
 
+@pytest.mark.slow
 def test_of_a_search_that_an_edit_leads_elsewhere_the_rest_is_evaluated_anew(program, pendulum_folder, run):
     """The first step was accepted or not by its loss: what follows belongs to another search."""
 
@@ -75,6 +76,7 @@ def test_of_a_search_that_an_edit_leads_elsewhere_the_rest_is_evaluated_anew(pro
     program(*again).done()
 
 
+@pytest.mark.slow
 def test_a_record_whose_end_is_gone_is_told_and_done_again(program, pendulum_folder, run, begun):
     rewrite(run, lambda entries: entries.pop())
     again = words("calibrate", pendulum_folder, run, "--budget", 4, "--resume")

@@ -58,6 +58,7 @@ def test_identify_leaves_values_that_other_commands_take(program, calibrated, tm
     assert model.joint("elbow").damping[0] == pytest.approx(values["parameters"]["elbow_damping"], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_parameters_file_that_has_left_its_robot_file_is_named_with_what_to_do(program, calibrated, tmp_path):
     run, _ = calibrated
     copy = Path(shutil.copy(run / "best.json", tmp_path))

@@ -22,6 +22,7 @@ def run_folder(tmp_path_factory, pool_folder):
     return out
 
 
+@pytest.mark.slow
 def test_an_ensemble_of_the_record_alone(program, run_folder, pool_folder, tmp_path):
     out = tmp_path / "ensemble.json"
     words = ("ensemble", run_folder, "--reference", pool_folder, "--out", out, "--within", 9, "--evaluations", 0)
@@ -33,11 +34,13 @@ def test_an_ensemble_of_the_record_alone(program, run_folder, pool_folder, tmp_p
     assert program(*words, "--json").done().json["kind"] == "ensemble"
 
 
+@pytest.mark.slow
 def test_an_ensemble_needs_a_folder_to_go_to(program, run_folder, pool_folder, tmp_path):
     program("ensemble", run_folder, "--reference", pool_folder, "--out", tmp_path / "none" / "e.json")
     assert "its folder is not there, make it first" in program.sentence(2)
 
 
+@pytest.mark.slow
 def test_identify_refuses_what_it_cannot_use(program, run_folder, pool_folder, tmp_path):
     program("identify", run_folder, "--reference", pool_folder, "--rise", 2)
     assert program.sentence(2) == "rise is 2; it is a share of the loss and must lie between 0 and 1"

@@ -60,6 +60,7 @@ def test_train_says_how_it_goes_and_what_came_of_it(run):
     assert 'http-equiv="refresh"' not in page  # the run has ended
 
 
+@pytest.mark.slow
 def test_rollout_writes_figures_a_film_and_a_page(run, program, tmp_path):
     pytest.importorskip("av")
     out, _, _ = run

@@ -98,6 +98,7 @@ def test_a_replay_is_the_same_to_the_last_bit_without_a_network(program, words, 
     assert "a budget up to that run's replays without it" in said
 
 
+@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on_and_ends_like_one_that_was_not(program, words, vlm, tmp_path):
     vlm.script(then=thoughtful)
     program(*words("whole")).done()

@@ -224,6 +224,7 @@ def test_every_trial_is_left_out_once(tmp_path, in_a_thread):
     assert rows(tmp_path)[0]["held_out_loss"] == ""
 
 
+@pytest.mark.slow
 def test_a_higher_budget_goes_on_and_an_outcome_of_the_lower_one_isnt_taken_for_it(copy, in_a_thread):
     folder = RunFolder(copy / "runs/playback/random/seed-1")
     old = folder.outcome()

@@ -68,6 +68,7 @@ def test_in_the_middle(kind, sentence):
         assert emulator.motor.get(ct.TORQUE_ENABLE) == 0
 
 
+@pytest.mark.slow
 def test_unplugged_the_watchdog_stops_it():
     emulator, error = swim(Fault("unplugged", MIDDLE))
     assert "is the cable still in? Without packets a motor's watchdog stops it" in str(error)

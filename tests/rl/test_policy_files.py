@@ -203,6 +203,7 @@ def resumed(stopped, tmp_path, monkeypatch):
     return run, run / "checkpoints/step-000000600", lambda **also: train(SHORT, VALUES, FISH, run, resume=True, **also)
 
 
+@pytest.mark.slow
 def test_a_checkpoint_with_a_pickle_is_gone_on_with_by_consent(stopped, resumed):
     run, checkpoint, resume = resumed
     with np.load(checkpoint / "networks.npz") as stored:

@@ -174,6 +174,7 @@ def test_the_curriculum_goes_on_when_a_stage_is_learned():
     assert again.stage == 2
 
 
+@pytest.mark.slow
 def test_threads_change_nothing(finished, tmp_path):
     out, _, _ = finished
     train(SHORT, [FISH.space.published], FISH, tmp_path / "run", disturbances=ANY_PHASE, threads=3)

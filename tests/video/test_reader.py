@@ -111,6 +111,7 @@ def test_a_closed_reader_says_so(tmp_path):
         iter(reader)
 
 
+@pytest.mark.slow
 def test_memory_stays_constant(tmp_path):
     """Frames aren't kept: their memory, which FFmpeg holds, is at most that of a few of them."""
     path = tmp_path / "long.mp4"

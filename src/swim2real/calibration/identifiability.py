@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, FiniteFloat, NonNegativeInt
 
 from swim2real import store
+from swim2real.calibration.file_models import Share
 from swim2real.calibration.finished_run import FinishedRun
 from swim2real.calibration.gauss_newton import STEP, EvaluatedPoint, Evaluator, jacobian, refit
 from swim2real.calibration.loop import write_fit
@@ -40,7 +41,7 @@ _BETTER = 0.5  # of the rise that counts, by which a fit is clearly better
 class _Point(BaseModel):
     """A point of the unit cube with its loss."""
 
-    point: list[float]
+    point: list[Share]
     loss: FiniteFloat
 
 

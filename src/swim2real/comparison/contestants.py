@@ -10,12 +10,14 @@ from typing import cast
 
 from swim2real.checking import did_you_mean
 from swim2real.errors import ArgumentError
+from swim2real.names import quoted
 from swim2real.robots.robot import Robot
 from swim2real.settings import ADVISED, METHODS, Method, Scale, check_advisor
 
 ABLATION = "no-line-search"
 NAMES: tuple[str, ...] = (*METHODS, ABLATION)
 SCALES = ("auto", "log", "linear")
+_LONGEST = 1000  # characters of a name; an advisor may be the path of a run
 _NOT_BY_DEFAULT = ("mujoco-sysid", "warm-start")
 
 
@@ -33,9 +35,10 @@ class Contestant:
 
     def __post_init__(self) -> None:
         method, at, advisor = self.name.partition("@")
-        if method not in NAMES:
+        if method not in NAMES or len(self.name) > _LONGEST:
             raise ArgumentError(
-                f"there is no method '{method}'; there are {_all_methods()}{did_you_mean(method, NAMES)}"
+                f"there is no method {quoted(self.name if method in NAMES else method)}; "
+                f"there are {_all_methods()}{did_you_mean(method, NAMES)}"
             )
         if at and self.method not in ADVISED:
             raise ArgumentError(f"method {method} has no advisor; write '{method}' without '@{advisor}'")

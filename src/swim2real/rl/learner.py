@@ -282,13 +282,18 @@ def write_checkpoint(
     """
     assert step % BLOCK == 0
     folder = run / "checkpoints" / f"step-{step:09d}"
-    older = [checkpoint for checkpoint in list_checkpoints(run) if checkpoint.folder != folder]
     with whole_folder(folder) as part:
         learner.save(part)
         np.savez(part / _EPISODES, allow_pickle=False, **dict(episodes))
         write_json(part / _STATE, state, indent=None)
-    for checkpoint in older:
-        (checkpoint.folder / _REPLAY).unlink(missing_ok=True)
+    remove_older_replay_buffers(run, step)
+
+
+def remove_older_replay_buffers(run: Path, step: int) -> None:
+    """Removes the replay buffers of the checkpoints before a step, for they are large and the latest one is enough."""
+    for checkpoint in list_checkpoints(run):
+        if checkpoint.step < step:
+            (checkpoint.folder / _REPLAY).unlink(missing_ok=True)
 
 
 @contextmanager

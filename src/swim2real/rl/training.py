@@ -31,6 +31,7 @@ from swim2real.rl.learner import (
     load_checkpoint,
     make_log,
     refuse_checkpoints_of_0_1,
+    remove_older_replay_buffers,
     write_checkpoint,
 )
 from swim2real.rl.policies import LearnedPolicy
@@ -168,6 +169,7 @@ class Trainer:
                 arrays, state = load_checkpoint(whole[-1], self.learner, allow_code)
                 with damage_told(whole[-1]):
                     self._restore(arrays, state)
+                remove_older_replay_buffers(self.out, self.step)
             else:
                 refuse_checkpoints_of_0_1(self.out)
                 _log.info("'%s' has no checkpoint yet; it is begun anew", self.out)

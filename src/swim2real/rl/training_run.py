@@ -313,5 +313,7 @@ def read_record(path: Path) -> list[dict[str, Any]]:
 
 def cut_record(path: Path, step: int) -> None:
     """Drops the lines of a record that were written after an environment step."""
+    if not path.exists():
+        return
     drop_cut_line(path)
     write_text(path, "".join(json.dumps(line) + "\n" for line in read_record(path) if line["step"] <= step))
