@@ -93,6 +93,7 @@ def test_lines_through_markers_are_refused(reference):
         Problem(robot, reference)
 
 
+@pytest.mark.slow
 def test_what_a_check_says(reference):
     assert misfits(ROBOT, reference) == []
     assert (misplaced(ROBOT, reference), starts(ROBOT, reference)) == (None, [])

@@ -738,6 +738,7 @@ def test_a_larger_budget_goes_on_with_a_run(program, run, calibration):
     assert [line.split()[:2] for line in program.err.splitlines()[:3]] == [[f"{i}/4", "read"] for i in (1, 2, 3)]
 
 
+@pytest.mark.slow
 def test_a_run_is_moved_with_its_reference_and_goes_on(program, pendulum_folder, tmp_path):
     begun, moved = tmp_path / "begun", tmp_path / "else" / "where"
     shutil.copytree(pendulum_folder, begun)

@@ -42,6 +42,7 @@ def timeless(entries: list[dict]) -> list[dict]:
     return [{key: value for key, value in entry.items() if key != "seconds"} for entry in entries]
 
 
+@pytest.mark.slow
 def test_an_edited_last_loss_is_told_and_goes_on_when_it_is_accepted(program, pendulum_folder, run):
     rewrite(run, lambda entries: entries[-1].update(loss=1e-9))
     again = words("calibrate", pendulum_folder, run, "--budget", 4, "--resume")

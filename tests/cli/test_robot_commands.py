@@ -127,6 +127,7 @@ def test_what_drives_a_trial_is_told(program, tmp_path):
     assert not place.with_suffix(".png").exists()
 
 
+@pytest.mark.slow
 def test_real_trials_are_used_and_must_fit(program, tmp_path):
     place = made(tmp_path, ROBOT, RECORDINGS, DRIVEN, DAMPING)
     robot = load_robot(place)

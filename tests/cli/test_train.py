@@ -76,6 +76,7 @@ def test_rollout_writes_figures_a_film_and_a_page(run, program, tmp_path):
     assert 'src="http' not in page
 
 
+@pytest.mark.slow
 def test_export_commands_writes_a_table_that_deploy_takes(run, program, tmp_path):
     out, _, _ = run
     table = tmp_path / "commands.csv"
@@ -150,6 +151,7 @@ def test_several_seeds_are_trained_in_folders_of_their_own(tmp_path):
     assert all(json.loads((tmp_path / f"runs/seed-{k}/outcome.json").read_text())["complete"] for k in (0, 1))
 
 
+@pytest.mark.slow
 def test_a_robot_file_and_a_task_of_ones_own_train_roll_out_and_are_exported(program, tmp_path):
     finger, out = EXAMPLES / "finger/finger.toml", tmp_path / "policies/tip"
     values = dict(load_robot(finger).space.published)

@@ -139,6 +139,7 @@ def test_an_overheated_one_stops_all():
     assert emulator.velocity() == 0
 
 
+@pytest.mark.slow
 def test_one_that_is_dead_stops_the_others_at_once():
     emulator, error = swim(Fault("silent", MIDDLE, device=7), commands=table(3.0))
     assert "motor tail (id 7): 4 readings in a row without an answer: motor 7 on" in str(error)

@@ -108,6 +108,7 @@ def test_while_starting_a_lost_answer_is_asked_for_again():
         assert sent.complete
 
 
+@pytest.mark.slow
 def test_late_answers_dont_pile_up():
     """Answers 30 ms late: commands are skipped, and never sent closer together than half a period."""
     log = io.StringIO()

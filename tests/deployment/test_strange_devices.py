@@ -91,7 +91,7 @@ class Stranger:
                 return
 
 
-@pytest.mark.parametrize("count", [20, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [10, pytest.param(300, marks=pytest.mark.slow)])
 def test_whatever_is_answered_is_a_value_or_a_sentence(count):
     """Packets with right checksums and any id, error and length; random bytes, headers, cut and doubled packets."""
     rng = random.Random(count)
@@ -165,6 +165,7 @@ def test_registers_with_any_content_are_sent_to_or_refused_in_a_sentence(column,
         assert motor.get(ct.TORQUE_ENABLE) == 0
 
 
+@pytest.mark.slow
 def test_a_flood_takes_no_memory():
     with Emulator(faults=[Fault("flood")]) as emulator, Bus(emulator.port) as bus:
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

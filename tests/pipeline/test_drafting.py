@@ -49,6 +49,7 @@ def test_a_file_loads_as_it_is_and_every_parameter_shows(begun, name):
         assert parameter.meaning.endswith(".")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_what_is_only_suggested_can_be_used_by_taking_the_signs_away(begun, name):
     draft, out = begun(MODELS[name], name)
@@ -69,6 +70,7 @@ def test_a_pendulum_has_its_missing_damping_calibrated(begun):
     assert "shoulder_armature" in draft.aside
 
 
+@pytest.mark.slow
 def test_a_snake_swims_in_the_plane_with_one_value_for_its_joints(begun):
     draft, out = begun(snake())
     robot = load_robot(out)

@@ -65,6 +65,7 @@ def small_actor(rng=None, sizes=(52, 8, 1)):
     return Actor((layer(*sizes[:2]),), layer(*sizes[1:]), layer(*sizes[1:]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("task", "order"), [("forward", range(52)), ("target", [*range(16), 21, *range(16, 21)])])
 def test_a_policy_of_0_1_is_read_with_consent_only(folder, task, order):
     settings = (folder / "settings.json").read_text()

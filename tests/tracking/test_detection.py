@@ -135,6 +135,7 @@ def test_a_faded_marker_is_less_sure_than_the_others(film):
     assert after[0] > before[0] - 0.1
 
 
+@pytest.mark.slow
 def test_a_fish_that_was_hidden_as_a_whole_is_found_again(film):
     pictures = film.pictures.copy()
     pictures[5:17] = pictures[0, 0, 0]  # nothing but water for 0.2 s

@@ -83,6 +83,7 @@ def test_one_number_seen_twice_or_in_another_size_is_doubted(tracker):
     np.testing.assert_array_equal(tracker.follow(nothing, 0.3)[1], 0)
 
 
+@pytest.mark.slow
 def test_small_tags_of_a_large_picture_are_read(tracker):
     image = picture(sides=20.0, size=(1200, 2000))
     np.testing.assert_allclose(tracker.start(image, PLACES, 0.0)[0], PLACES, atol=0.2)
