@@ -121,6 +121,7 @@ def test_it_refuses_to_mix_runs(finished):
         train(other, [FISH.space.published], FISH, out, resume=True)
     with pytest.raises(RunError, match=r"is no training run: it has no settings\.json"):
         train(SHORT, [FISH.space.published], FISH, out.parent / "nowhere", resume=True)
+    assert not (out.parent / "nowhere").exists()
 
 
 def test_checkpoints_that_are_damaged_or_gone(tmp_path):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from swim2real.cli.options import Positional, finite_above_0, for_robot, one_each
+from swim2real.cli.options import Positional, finite_above_0, for_robot, one_each, word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError, Swim2RealError, TrialError
 from swim2real.names import composed
@@ -150,9 +150,8 @@ def track(
         say_json({result.name: result.report.model_dump() for result in tracked})
     elif not quiet and tracked:
         _print_tracked({result.name: result.report.model_dump() for result in tracked}, body)
-        say(
-            f"Reference: {to}   Overlays: {to / TRACKS}   Next: swim2real calibrate {to} --out RUN{for_robot(robot)}"
-        )  # fmt: skip
+        run = f"swim2real calibrate {word(to)} --out RUN{for_robot(robot)}"
+        say(f"Reference: {to}   Overlays: {to / TRACKS}   Next: {run}")
     failed = [(video, error) for video, error in zip(videos, results, strict=True) if isinstance(error, Swim2RealError)]
     for video, error in failed:
         where = "" if str(video) in str(error) else f"{video}: "
@@ -217,7 +216,7 @@ def import_tracks(
         say(f"{name}: {pixels.frame_count} frames, {pixels.duration:.2f} s, {mm_per_pixel:.4f} mm per pixel")
         for line in (*notes, *scale.findings()):
             say(f"{name}: {line}")
-    say(f"{to}: check the tracks with: swim2real quality {to}{for_robot(robot)}")
+    say(f"{to}: check the tracks with: swim2real quality {word(to)}{for_robot(robot)}")
     return 0
 
 

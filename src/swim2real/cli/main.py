@@ -113,8 +113,9 @@ def parsed(words: list[str]) -> Callable[[], int]:
     if name in ("-h", "--help"):
         return lambda: say(overview()) or (0 if words else 2)
     if name not in commands:
-        near = difflib.get_close_matches(name, commands, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
+        begun = [command for command in commands if len(name) > 2 and command.startswith(name)]
+        near = begun or difflib.get_close_matches(name.lower().replace("_", "-"), commands, n=1)
+        hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else "."
         raise ArgumentError(f"there is no command '{name}'{hint} There are {', '.join(commands)}")
     work: Any = tyro.cli(
         _deferred(commands[name]), prog=f"swim2real {name}", args=rest, config=(tyro.conf.OmitArgPrefixes,)
@@ -130,7 +131,8 @@ def overview() -> str:
         "",
         "From videos of a swimming robot to a calibrated MuJoCo simulator.",
         "",
-        "Start here: swim2real demo. Then, with films of your own: pick, track, calibrate, view.",
+        "Start here: swim2real demo. Then, with films of your own: pick, track, calibrate, view. With a model of",
+        "your own begin with init and check.",
     ]
     for title, group in COMMANDS.items():
         lines += ["", f"{title}:"]

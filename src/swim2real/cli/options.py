@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -16,9 +17,14 @@ DEFAULT_ROBOT = "fish"
 PUBLISHED = "published"  # the prior work's values, in place of a parameters file
 
 
+def word(path: str | Path) -> str:
+    """A path as a shell takes it in a suggested command, in quotes where it needs them."""
+    return shlex.quote(str(path))
+
+
 def for_robot(robot: str) -> str:
     """The option that a suggested command needs for this robot, with a space before it; nothing for the default."""
-    return "" if robot == DEFAULT_ROBOT else f" --robot {shlex.quote(robot)}"
+    return "" if robot == DEFAULT_ROBOT else f" --robot {word(robot)}"
 
 
 def one_each(option: str, values: Sequence[object], count: int, things: str) -> None:

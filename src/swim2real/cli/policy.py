@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from tyro.conf import PositionalRequiredArgs
 
 from swim2real import consent
-from swim2real.cli.options import Positional
+from swim2real.cli.options import Positional, word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
 from swim2real.settings import TrainingSettings, expand_seeds
@@ -258,7 +258,7 @@ def export_commands(
     if json:
         say_json(about)
     else:
-        trial = f"; `swim2real deploy {out} --dry-run` tries them" if out.suffix == ".csv" else ""
+        trial = f"; `swim2real deploy {word(out)} --dry-run` tries them" if out.suffix == ".csv" else ""
         say(f"{out}: {len(table.rows)} rows of {', '.join(columns)}, {table.duration:.2f} s{trial}")
     return 0
 
@@ -292,7 +292,7 @@ def _summary(outcome: TrainingOutcome, out: Path) -> str:
     return (
         f"{out}: {outcome.step} steps, {outcome.gradient_steps} updates, {outcome.steps_per_second:.0f} steps/s "
         f"({100 * outcome.learner_share:.0f} % of the time learning, {100 * outcome.simulator_share:.0f} % "
-        f"simulating); {evaluation}`swim2real rollout {out}` assesses it"
+        f"simulating); {evaluation}`swim2real rollout {word(out)}` assesses it"
     )
 
 

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from swim2real import consent
-from swim2real.cli.options import PUBLISHED, Positional
+from swim2real.cli.options import PUBLISHED, Positional, word
 from swim2real.cli.terminal import say
 from swim2real.errors import ArgumentError, RobotError
 from swim2real.settings import all_cores
+
+if TYPE_CHECKING:
+    from swim2real.pipeline.drafting import Converted
 
 
 def init(model: Positional[Path], *, out: Path | None = None, force: bool = False) -> int:
     """Write a robot file for an MJCF model: markers, what drives a trial, and candidates of what to calibrate.
 
     Reads the model and moves it for 2 s with each candidate at both bounds; what no camera would see is written as a
-    comment, and so is what is better weighed or looked up. Edit the file, then: swim2real check ROBOT.toml.
+    comment, and so is what is better weighed or looked up. Edit the file, then: swim2real check ROBOT.toml. Of a URDF,
+    which has no markers, it writes the MJCF file to which they are added.
 
     Args:
-        model: MJCF file.
+        model: MJCF file, or a URDF.
         out: Robot file to write; by default beside the model.
         force: Write over a file that is there.
     """
@@ -27,14 +32,39 @@ def init(model: Positional[Path], *, out: Path | None = None, force: bool = Fals
         raise ArgumentError(f"--out is '{file}'; a robot file ends in .toml")
     if file.exists() and not force:
         raise ArgumentError(f"'{file}' is there; give another --out, or --force to write over it")
-    from swim2real.pipeline.drafting import draft_robot, write_draft
+    from swim2real.pipeline.drafting import draft_robot, from_urdf, write_draft
 
+    converted = from_urdf(model)
+    if converted is not None:
+        return _write_model(converted, model, force)
     draft = draft_robot(model)
     write_draft(draft, model, file)
     calibrated = draft.calibrated
     say(
         f"{file}: {len(draft.markers)} markers, {len(calibrated)} parameters ({', '.join(calibrated)}), and "
-        f"{len(draft.candidates) - len(calibrated)} more as comments. Edit it, then: swim2real check {file}"
+        f"{len(draft.candidates) - len(calibrated)} more as comments. Edit it, then: swim2real check {word(file)}"
+    )
+    return 0
+
+
+def _write_model(converted: Converted, urdf: Path, force: bool) -> int:
+    """Writes the MJCF file of a URDF beside it, and tells what it lacks."""
+    from swim2real.store import reason, write_text
+
+    out = urdf.with_suffix(".xml")
+    if out.exists() and not force:
+        raise ArgumentError(f"'{out}' is there; --force writes the MJCF of '{urdf}' over it")
+    try:
+        write_text(out, converted.text)
+    except OSError as error:
+        raise RobotError(f"model '{out}' can't be written: {reason(error, out)}") from error
+    joint = converted.joints[0] if converted.joints else "JOINT"
+    say(
+        f"{out}: '{urdf}' in MuJoCo's format, with the bodies {', '.join(converted.bodies) or 'none'} and the joints "
+        f"{', '.join(converted.joints) or 'none'}. A URDF has neither markers nor motors: write a site for each marker "
+        f'into the body that carries it, as in <site name="M0" pos="0 0 0"/>, and what drives the joints, as in '
+        f'<actuator><position name="{joint}" joint="{joint}" kp="1"/></actuator>; a base that isn\'t fixed also needs '
+        f"<freejoint/>. Then: swim2real init {word(out)}"
     )
     return 0
 

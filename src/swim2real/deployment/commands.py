@@ -275,17 +275,18 @@ def _check(name: str, values: Sequence[float], limits: Limits) -> None:
         if is_speed(name) and abs(value) > limits.speed + _ROUNDING:
             raise ArgumentError(
                 f"{command} is {value:g} {unit}; the limit is {limits.speed:.4g} {unit} either way: "
-                f"make the table slower, or ask for clipping"
+                f"make the table slower, or cut it off at the limits with --clip"
             )
         if not is_speed(name) and not limits.lowest - _ROUNDING <= value <= limits.highest + _ROUNDING:
             raise ArgumentError(
                 f"{command} is {value:g} {unit}; the limits are {limits.lowest:g} to {limits.highest:g} {unit}: "
-                f"change the table, or ask for clipping"
+                f"change the table, or cut it off at the limits with --clip"
             )
         if abs(value - before) > rate / RATE + _ROUNDING:
             raise ArgumentError(
                 f"{command} goes from {before:g} to {value:g} {unit}, {abs(value - before) * RATE:.4g} {rate_unit}; "
-                f"the limit is {rate:.4g} {rate_unit}: make the table smoother, or ask for clipping"
+                f"the limit is {rate:.4g} {rate_unit}: make the table smoother, or cut it off at the "
+                f"limits with --clip"
             )
         before = value
 

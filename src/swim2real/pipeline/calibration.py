@@ -67,6 +67,8 @@ def calibrate(
     """
     space = replace(robot.space, scale=settings.resolved_scale)
     folder = RunFolder(out)
+    if resume:
+        folder.settings()  # so that nothing is made of a folder without a run
     fitted, unseen = reference.split(settings.hold_out)
     problem = Problem.with_settings(robot, fitted, settings)
     held_out = None if unseen is None else problem.of(unseen)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -12,10 +12,12 @@ import numpy as np
 
 from swim2real.errors import RobotError
 from swim2real.names import label_fault, quoted
+from swim2real.robots import ROBOTS
 from swim2real.robots.candidates import candidates, carrying
 from swim2real.robots.compiled import compiled
 from swim2real.robots.draft import Draft
 from swim2real.robots.file import PLANES, read_mjcf, robot_from_file
+from swim2real.robots.mjcf_files import root_tag
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import class_name
 from swim2real.simulation.probing import FAINT, Probe, moved, probe
@@ -47,6 +49,38 @@ def draft_robot(path: Path, threads: int | None = None) -> Draft:
     if len(wrong) < len(draft.calibrated):  # else a person must see to it; `check` says what is wrong
         draft = replace(draft, aside={**draft.aside, **wrong})
     return draft
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A URDF as MJCF.
+
+    Attributes:
+        text: The MJCF.
+        bodies: Names of its bodies; links that are fixed to the world are part of it.
+        joints: Names of its joints.
+    """
+
+    text: str
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+
+
+def from_urdf(path: Path) -> Converted | None:
+    """A model in MuJoCo's format, of a URDF; None of any other file, or where there is none.
+
+    Raises:
+        RobotError: It can't be read or compiled.
+    """
+    try:
+        if not path.is_file() or root_tag(path) != "robot":
+            return None
+    except OSError:
+        return None  # of which the reader of MJCF tells
+    spec = read_mjcf(path, alone=True)
+    compiled(spec, f"model '{path}'")
+    bodies = tuple(body.name for body in spec.bodies if body.name not in ("", "world"))
+    return Converted(spec.to_xml(), bodies, tuple(joint.name for joint in spec.joints if joint.name))
 
 
 def write_draft(draft: Draft, model: Path, out: Path) -> None:
@@ -92,8 +126,9 @@ def _first(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> Draft:
             f"fluid; name its elements"
         )
     aside = {name: one.aside for name, one in found.items() if one.aside is not None}
+    name = path.stem if spec.modelname in ("", "MuJoCo Model") else spec.modelname
     return Draft(
-        path.stem if spec.modelname in ("", "MuJoCo Model") else spec.modelname,
+        f"my-{name}" if name in ROBOTS else name,
         path.name,
         spec,
         markers,

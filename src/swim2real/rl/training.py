@@ -111,6 +111,8 @@ def train(
     Raises:
         RunError: The folder holds another run, or a damaged one.
     """
+    if resume:
+        files.check_there(Path(out))  # before anything is made of it
     trainer = Trainer(settings, list(parameters), robot, Path(out), disturbances, threads)
     try:
         with files.locked_folder(trainer.out):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Generator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -24,6 +25,7 @@ from swim2real.store import (
     drop_cut_line,
     locked,
     path_from,
+    read_json,
     read_lines,
     reason,
     remove_leftovers,
@@ -155,8 +157,7 @@ class TrainingRun:
             RunError: The folder is no training run, or its settings are damaged.
         """
         path = Path(folder) / SETTINGS
-        if not path.is_file():
-            raise RunError(f"'{folder}' is no training run: it has no {SETTINGS}; `swim2real train` makes one")
+        check_there(Path(folder))
         try:
             settings = read(RecordedSettings, path, "training settings", RunError)
         except ArgumentError as error:
@@ -220,6 +221,26 @@ class TrainingRun:
         return read_record(self.folder / EVALUATIONS)
 
 
+def check_there(folder: Path) -> None:
+    """Checks that a folder holds a training run.
+
+    Raises:
+        RunError: It holds none, or a calibration.
+    """
+    path = folder / SETTINGS
+    if not path.is_file():
+        raise RunError(f"'{folder}' is no training run: it has no {SETTINGS}; `swim2real train` makes one")
+    content: Any = None
+    with suppress(OSError, ValueError):  # what is wrong with them is said where they are read
+        content = read_json(path)
+    if isinstance(content, dict) and "task" not in content and "method" in content:
+        given = shlex.quote(str(folder))
+        raise RunError(
+            f"'{folder}' is a calibration, not a training run: train a policy in its simulator with "
+            f"`swim2real train forward --parameters {given} --out POLICY`, or watch it with `swim2real view {given}`"
+        )
+
+
 def task_from(task: str, folder: Path) -> str:
     """A task as settings.json has it: that of a file with its place from the run's folder."""
     file = hook_file(task)
@@ -275,9 +296,8 @@ def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
     Raises:
         RunError: A setting differs; the sentence names it with both values.
     """
+    check_there(folder)
     path = folder / SETTINGS
-    if not path.is_file():
-        raise RunError(f"'{folder}' is no training run: it has no {SETTINGS}; `swim2real train` makes one")
     recorded = read(dict[str, Any], path, "training settings", RunError)
     for key, value in content.items():
         if recorded.get(key) != value:

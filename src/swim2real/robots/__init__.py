@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["ROBOTS", "load_robot", "robot_file"]
 
 ROBOTS = ("fish", "fish-extended")
+_log = logging.getLogger(__name__)
 
 
 def load_robot(
@@ -32,6 +34,8 @@ def load_robot(
         ConsentError: It names Python code, or its model such files, which wasn't allowed.
     """
     if str(name) in ROBOTS:
+        if Path(f"{name}.toml").is_file():
+            _log.warning("'%s' is the robot that comes with swim2real; for your file say '%s.toml'", name, name)
         from swim2real.robots.fish import FISH, FISH_EXTENDED  # MuJoCo takes a while to import
 
         return next(robot for robot in (FISH, FISH_EXTENDED) if robot.name == str(name))
@@ -39,7 +43,13 @@ def load_robot(
         raise ArgumentError(f"there is no robot '{name}'; there are {', '.join(ROBOTS)}, or give a robot file (.toml)")
     from swim2real.robots.file import robot_from_file
 
-    return robot_from_file(name, markers_only=markers_only, allow_code=allow_code, allow_outside=allow_outside)
+    robot = robot_from_file(name, markers_only=markers_only, allow_code=allow_code, allow_outside=allow_outside)
+    if robot.name in ROBOTS and Path(name).resolve() != robot_file(robot.name).resolve():
+        _log.warning(
+            "robot file '%s' has the name '%s' of the robot that comes with swim2real, so that its results can be "
+            "taken for that one's; give it another 'name'", name, robot.name,
+        )  # fmt: skip
+    return robot
 
 
 def robot_file(name: str | Path) -> Path:

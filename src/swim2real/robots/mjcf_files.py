@@ -84,6 +84,16 @@ def model_files(path: Path, *, every: bool = False) -> ModelFiles:
     return ModelFiles(tuple(done), tuple(dict.fromkeys(folders)), tuple(names), tuple(others))
 
 
+def root_tag(path: Path) -> str:
+    """Tag of a model's outermost element: `mujoco` of MJCF, `robot` of URDF; empty without any.
+
+    Raises:
+        RobotError: It is an archive or too large.
+        OSError: It can't be read.
+    """
+    return next((tag for tag, _ in _elements(_text(path))), "")
+
+
 def first_found(name: str, folders: Sequence[Path]) -> list[Path]:
     """The first file of a name that is there, in no list or a list of one."""
     places: list[Any] = [folder / name for folder in folders] + [folder / Path(name).name for folder in folders]

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import csv
 import re
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -33,6 +35,8 @@ _SENSORS, _CONTROLS = ".sensors.csv", ".controls.csv"  # after the name of a tri
 _SHORTEST, _LONGEST = 1e-6, 10.0  # s from one row to the next, on average
 _LOCK_TIMEOUT = 60  # s, longer than anybody writes a trial
 _PUBLISHED_NAME = re.compile(r"(?:markers_)?(f(\d+)_(\d+))$")
+FILMS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".ts", ".mts", ".mpg", ".mpeg", ".webm", ".wmv")
+_MOST_FILMS = 3  # that a sentence names
 _RECORDED = ("controls", "sensors", "start", "start_velocities")  # kept when the video is tracked again
 
 
@@ -101,6 +105,8 @@ def load_reference(folder: str | Path) -> TrialSet:
     """
     path = Path(folder)
     if not path.is_dir():
+        if path.suffix.lower() in FILMS and path.is_file():
+            raise TrialError(_films(f"'{path}' is a film", [path]))
         kind = "a file, not a folder" if path.exists() else "not there"
         raise TrialError(f"reference '{path}' is {kind}; give a folder with {INDEX} or with published CSVs")
     if (path / INDEX).is_file():
@@ -110,10 +116,25 @@ def load_reference(folder: str | Path) -> TrialSet:
     if readings and all(table.name.endswith((_SENSORS, _CONTROLS)) for table in tables):
         return TrialSet(tuple(_unfilmed(path, table.name.removesuffix(_SENSORS)) for table in readings))
     if not tables:
+        if films := sorted(file for file in path.iterdir() if file.suffix.lower() in FILMS):
+            raise TrialError(_films(f"'{path}' has films ('{films[0].name}', …)", films))
         raise TrialError(
-            f"reference '{path}' holds neither {INDEX} nor any .csv; `swim2real fetch --to {path}` gets one"
+            f"reference '{path}' holds neither {INDEX} nor any .csv; `swim2real track` makes one of films, and "
+            f"`swim2real fetch --to {shlex.quote(str(path))}` gets the published one"
         )
     return TrialSet(tuple(read_published(table) for table in tables))
+
+
+def _films(what: str, films: Sequence[Path]) -> str:
+    """What to do with films in place of tracks."""
+    given = shlex.join(str(film) for film in films[:_MOST_FILMS])
+    points = " ".join(shlex.quote(f"{film.stem}.points.json") for film in films[:_MOST_FILMS])
+    more = " …" if len(films) > _MOST_FILMS else ""
+    return (
+        f"{what}, not tracks: click the markers with `swim2real pick {given}{more}`, then find them with "
+        f"`swim2real track {given}{more} --markers {points}{more} --to REFERENCE`, both with --robot ROBOT.toml for a "
+        f"robot of your own, and give REFERENCE here"
+    )
 
 
 def _unfilmed(folder: Path, name: str) -> Trial:

@@ -1,0 +1,110 @@
+"""What the program suggests where something was nearly right."""
+
+import shlex
+import shutil
+
+import pytest
+
+from small_models import PENDULUM
+from swim2real.cli.options import word
+
+URDF = """
+<robot name="arm">
+  <link name="base"><inertial><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="upper"><inertial><origin xyz="0 0 -0.1"/><mass value="0.5"/>
+    <inertia ixx="0.002" iyy="0.002" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="5" velocity="3"/><dynamics damping="0.05"/></joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("chek", "'check'"), ("Calibrate", "'calibrate'"), ("import", "'import-tracks' or 'import-sysid'"),
+        ("export_model", "'export-model'"),
+    ],
+)  # fmt: skip
+def test_a_command_that_is_nearly_one_is_suggested(program, typed, meant):
+    assert f"there is no command '{typed}'; did you mean {meant}? There are " in program(typed).sentence(2)
+
+
+def test_another_word_gets_the_commands(program):
+    assert program("swim").sentence(2).startswith("there is no command 'swim'. There are demo, ")
+
+
+def test_the_help_says_where_to_start_and_groups_the_commands(program):
+    lines = program("--help").done().out.splitlines()
+    assert any(line.startswith("Start here: swim2real demo.") for line in lines)
+    titles = [line for line in lines if line.endswith(":") and not line.startswith(" ")]
+    assert titles[:3] == ["A first look:", "Real trials:", "A robot of your own:"]
+
+
+def test_a_suggested_command_quotes_a_path_and_a_draft_has_no_name_of_a_built_in_robot(program, tmp_path):
+    model = tmp_path / "a fish.xml"
+    model.write_text(PENDULUM.replace('<mujoco model="pendulum"', '<mujoco model="fish"'))
+    told = program("init", model).done().out
+    assert shlex.split(told.partition("then: ")[2]) == ["swim2real", "check", str(model.with_suffix(".toml"))]
+    assert 'name = "my-fish"' in model.with_suffix(".toml").read_text()
+    assert word("a b") == "'a b'"
+
+
+def test_a_calibration_is_no_policy(program, tmp_path):
+    run = tmp_path / "a run"
+    run.mkdir()
+    (run / "settings.json").write_text('{"format": 1, "robot": "fish", "method": "random"}')
+    said = program("rollout", run).sentence(1)
+    assert f"'{run}' is a calibration, not a training run" in said
+    assert f"`swim2real train forward --parameters '{run}' --out POLICY`" in said
+
+
+@pytest.mark.parametrize("more", [(), ("--first", "model")])
+def test_to_go_on_where_nothing_is_makes_no_folder(program, pendulum_folder, tmp_path, more):
+    words = ("calibrate", pendulum_folder / "tracks", "--robot", pendulum_folder / "pendulum.toml", "--resume", *more)
+    assert "is no run folder: it has no settings.json" in program(*words, "--out", tmp_path / "run").sentence(1)
+    (tmp_path / "there").mkdir()
+    assert "is no run folder" in program(*words, "--out", tmp_path / "there").sentence(1)
+    assert [*tmp_path.rglob("*")] == [tmp_path / "there"]
+
+
+def test_films_are_to_be_tracked_first(program, tmp_path):
+    folder = tmp_path / "my films"
+    folder.mkdir()
+    for name in ("a.mp4", "b.MOV"):
+        (folder / name).touch()
+    said = program("calibrate", folder, "--out", tmp_path / "run").sentence(1)
+    films = f"'{folder / 'a.mp4'}' '{folder / 'b.MOV'}'"
+    assert f"`swim2real pick {films}`" in said
+    assert f"`swim2real track {films} --markers a.points.json b.points.json --to REFERENCE`" in said
+    assert f"'{folder / 'a.mp4'}' is a film, not tracks" in program("quality", folder / "a.mp4").sentence(1)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_urdf_becomes_a_model_to_which_markers_are_added(program, tmp_path):
+    urdf = tmp_path / "an arm.urdf"
+    urdf.write_text(URDF)
+    told = program("init", urdf).done().out
+    out = urdf.with_suffix(".xml")
+    assert "the bodies upper and the joints shoulder" in told
+    assert '<site name="M0" pos="0 0 0"/>' in told
+    assert shlex.split(told.partition("Then: ")[2]) == ["swim2real", "init", str(out)]
+    assert f"'{out}' is there; --force writes" in program("init", urdf).sentence(2)
+    out.write_text(out.read_text().replace("</body>", '<site name="M0" pos="0 0 -0.2"/></body>', 1))
+    program("init", out).done()
+    assert "shoulder_damping" in out.with_suffix(".toml").read_text()
+
+
+def test_a_robot_with_the_name_of_a_built_in_one_is_told_of(program, caplog, pendulum_folder, tmp_path, monkeypatch):
+    robot = tmp_path / "fish.toml"
+    robot.write_text((pendulum_folder / "pendulum.toml").read_text().replace('name = "pendulum"', 'name = "fish"', 1))
+    shutil.copy(pendulum_folder / "pendulum.xml", tmp_path)
+    program("quality", pendulum_folder / "tracks", "--robot", robot).done()
+    (told,) = (record.getMessage() for record in caplog.records)
+    assert f"robot file '{robot}' has the name 'fish' of the robot that comes with swim2real" in told
+    assert "give it another 'name'" in told
+    caplog.clear()
+    monkeypatch.chdir(tmp_path)
+    program("quality", pendulum_folder / "tracks", "--robot", "fish")
+    assert "for your file say 'fish.toml'" in caplog.records[0].getMessage()
