@@ -296,7 +296,7 @@ def elsewhere() -> Generator[tuple[int, list[object]]]:
         server.shutdown(socket.SHUT_RDWR)
 
 
-OWN_WORK = {"run": "<nav", "comparison": '<button type="button">', "pick": "<span>next</span>"}
+OWN_WORK = {"run": '<div class="player">', "comparison": '<button type="button">', "pick": "<span>next</span>"}
 
 
 @pytest.mark.slow

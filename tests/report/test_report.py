@@ -266,7 +266,7 @@ def test_an_outcome_of_earlier_parameters_is_not_shown(run: Run) -> None:
 
 
 def test_a_fit_that_swims_backward_from_rest_is_said(run: Run) -> None:
-    assert "Warning" not in visible(page_of(run))
+    assert "unusable" not in visible(page_of(run))
     run.conclude(0.1, from_rest=-0.02)
     says = "Warning: unusable: from rest, where a policy and the robot begin, this fit swims tail first at "
     assert says in visible(page_of(run))
@@ -279,7 +279,7 @@ def test_an_outcome_of_an_earlier_version_is_shown(run: Run) -> None:
     run.folder.write_json("outcome.json", outcome)
     shown = visible(page_of(run))
     assert "Real and simulated real" in shown
-    assert "Warning" not in shown
+    assert "unusable" not in shown
 
 
 def test_missing_swims_are_said(run: Run) -> None:
@@ -370,7 +370,10 @@ def test_long_swims_are_thinned(run: Run) -> None:
     long = replace(
         pair, times=np.arange(count) / 240,
         weights=np.resize(pair.weights, (count, 4)), real=np.resize(pair.real, (count, 4, 2)),
-        simulated=np.resize(pair.simulated, (count, 4, 2)),
+        simulated=np.resize(pair.simulated, (count, 4, 2)), path_real=np.resize(pair.path_real, (count, 4, 2)),
+        path_simulated=np.resize(pair.path_simulated, (count, 4, 2)),
+        progress_real=np.resize(pair.progress_real, count),
+        progress_simulated=np.resize(pair.progress_simulated, count),
     )  # fmt: skip
     saved = tuple(SavedTrial(False, replace(long, name=f"t{i}", frequency=0.5 + i / 100)) for i in range(40))
     many = replace(found, saved=saved)

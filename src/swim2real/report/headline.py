@@ -6,11 +6,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from swim2real.report.run import Json, ReportedRun
 from swim2real.report.units import NOTHING, mm, percent, significant, text
 from swim2real.robots.robot import Sensor
 
 _SENSOR = "sensor_errors"
+_POOR = 0.5  # of the size of the motion: an error above it is bad
 _LARGE = ("loss", "motion_error", "recoil_error", "aligned_marker_error", "shape_error", "velocity_error")
 
 
@@ -126,6 +129,34 @@ def split(run: ReportedRun) -> tuple[SplitRow, ...]:
         "removed.", main=True,
     )  # fmt: skip
     return tuple(rows)
+
+
+def poor_fit(run: ReportedRun) -> tuple[str, ...]:
+    """A sentence that the fit is bad for the size of the real motion, where it is.
+
+    The size is the root mean square distance of the real markers from their mean places: on the way of a trial that is
+    scored by it, else in the frame of comparison.
+    """
+    errors: list[float] = []
+    squares: list[float] = []
+    for trial in (one.compared for one in run.saved if not one.held_out and one.compared.divergence is None):
+        real = trial.real if trial.progress_real is None else trial.path_real
+        seen = (trial.weights > 0) & np.isfinite(real).all(axis=2)
+        count = np.maximum(seen.sum(axis=0), 1)[:, None]
+        places = np.where(seen[:, :, None], real, 0.0)
+        apart = np.where(seen[:, :, None], places - places.sum(axis=0) / count, 0.0)
+        errors.append(float(getattr(trial, trial.loss_figure)))
+        squares.append(float((apart**2).sum() / max(int(seen.sum()), 1)))
+    if not errors:
+        return ()
+    error, size = float(np.mean(errors)), math.sqrt(float(np.mean(squares)))
+    if not error > _POOR * size:
+        return ()
+    return (
+        f"the fit is bad: its error is {mm(error)} mm, and the real markers move by {mm(size)} mm about their mean "
+        f"places (root mean square), so it explains little of the motion; look at the film for what is wrong, and try "
+        f"another seed or a larger --budget",
+    )
 
 
 def diverged(figures: Json) -> bool:

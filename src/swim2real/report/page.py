@@ -12,7 +12,8 @@ import numpy as np
 from swim2real.calibration.run_folder import best_losses
 from swim2real.objective import ComparedTrial
 from swim2real.report.calls import call_section
-from swim2real.report.headline import split, tiles
+from swim2real.report.film import films
+from swim2real.report.headline import poor_fit, split, tiles
 from swim2real.report.marker_errors import marker_errors
 from swim2real.report.pages import Charts, render_page, write_page
 from swim2real.report.rounds import advisor_rounds
@@ -57,7 +58,9 @@ def render(run: ReportedRun) -> str:
     """The page as text."""
     shown = content(run)
     charts: Charts = shown.pop("charts")
-    return render_page("run.html.j2", shown, charts, style="report.css calls.css", script="report.js calls.js")
+    return render_page(
+        "run.html.j2", shown, charts, style="report.css calls.css film.css", script="report.js calls.js film.js"
+    )
 
 
 def content(run: ReportedRun) -> dict[str, Any]:
@@ -79,6 +82,8 @@ def content(run: ReportedRun) -> dict[str, Any]:
         "rounds": advisor_rounds(run),
         "calls": call_section(run.calls),
         "saved": saved,
+        "films": films(saved, run.robot),
+        "warnings": [*run.warnings, *poor_fit(run)],
         "trials": trial_table(run),
         "settings": settings_rows(run),
         "charts": charts | trial_charts([one.compared for one in saved], run),
@@ -88,11 +93,12 @@ def content(run: ReportedRun) -> dict[str, Any]:
 def trial_charts(trials: Sequence[ComparedTrial], run: ReportedRun) -> dict[str, Any]:
     """What draws the charts of each trial, of what it has; their names begin with what they show."""
     names, units = run.marker_names, {sensor.name: sensor.unit for sensor in run.robot.trials.sensors}
-    ranges, path_ranges = common_ranges(trials), common_ranges(trials, path_markers_of(trials, names))
+    ranges = common_ranges(trials)
     charts: dict[str, Any] = {}
     for i, trial in enumerate(trials):
         if names:
-            charts[f"paths-{i}"] = partial(paths, trial, names, run.robot, path_ranges)
+            shown = common_ranges([trial], path_markers_of([trial], names))
+            charts[f"paths-{i}"] = partial(paths, trial, names, run.robot, shown)
         if trial.frequency is not None:
             charts[f"envelope-{i}"] = partial(envelope, trial, ranges)
             charts[f"tail-{i}"] = partial(tail_tip, trial, names, ranges)

@@ -12,50 +12,65 @@ from swim2real.calibration.run_folder import best_losses
 from swim2real.report.marker_errors import MarkerErrors
 from swim2real.report.rounds import accepted_steps
 from swim2real.report.run import ReportedRun, ReportedTrial
-from swim2real.report.style import LIGHT, THIRD, WIDE, chart_name, handle, legend_over, new_chart, titled, titled_points
+from swim2real.report.style import (
+    LIGHT,
+    THIRD,
+    WIDE,
+    chart_name,
+    handle,
+    legend_over,
+    log_axis,
+    new_chart,
+    titled,
+    titled_points,
+)
 from swim2real.report.units import mm, text
 
 _MOST_NUMBERS = 20  # evaluations that each have a number on the axis
+_SMALLEST = 1e-3  # mm, of a loss on the logarithmic axis
 
 
 def convergence(run: ReportedRun) -> Figure:
     """Loss of each evaluation, the best so far, accepted rounds, and diverged simulations at the top."""
     figure, axes = new_chart(WIDE, 2.9, "evaluation", f"loss: {run.loss} (mm)", legend_rows=1)
     proper = [(i + 1, entry) for i, entry in enumerate(run.entries) if not entry["failed"]]
-    top = 1.12 * max((1e3 * entry["loss"] for _, entry in proper), default=1e3)
+    losses = [max(1e3 * entry["loss"], _SMALLEST) for _, entry in proper] or [1e2, 1e3]
+    top = max(losses) * (max(losses) / min(losses)) ** 0.1 * 1.12
     titled_points(
         axes.scatter(
-            [n for n, _ in proper], [1e3 * entry["loss"] for _, entry in proper], s=12, color=LIGHT["faint"],
+            [n for n, _ in proper], losses[: len(proper)], s=12, color=LIGHT["faint"],
             linewidths=0, label="evaluation", zorder=2,
         ),
         [f"evaluation {n}: {'over ' * bool(e.get('lower_bound'))}{mm(e['loss'])} mm" for n, e in proper],
     )  # fmt: skip
     begun = proper[0][0] if proper else len(run.entries) + 1
-    best = 1e3 * np.array(best_losses(run.entries)[begun - 1 :])
+    highest = top / (top / min(losses)) ** 0.03
+    best = np.maximum(1e3 * np.array(best_losses(run.entries)[begun - 1 :]), _SMALLEST)
     axes.step(
         range(begun, len(run.entries) + 1), best, where="post", color=LIGHT["simulated"], linewidth=1.5,
         label="best so far", zorder=3,
     )  # fmt: skip
     accepted = accepted_steps(run)
     if accepted:
-        losses = [run.entries[i]["loss"] for i, _ in accepted]
+        found = [max(1e3 * run.entries[i]["loss"], _SMALLEST) for i, _ in accepted]
         titled_points(
             axes.scatter(
-                [i + 1 for i, _ in accepted], [1e3 * loss for loss in losses], s=42, marker="*", color=LIGHT["good"],
+                [i + 1 for i, _ in accepted], found, s=42, marker="*", color=LIGHT["good"],
                 linewidths=0, label="accepted round", zorder=4,
             ),
-            [f"round {n} accepted: {mm(loss)} mm" for (_, n), loss in zip(accepted, losses, strict=True)],
+            [f"round {n} accepted: {mm(1e-3 * loss)} mm" for (_, n), loss in zip(accepted, found, strict=True)],
         )  # fmt: skip
     failed = [(i + 1, entry) for i, entry in enumerate(run.entries) if entry["failed"]]
     if failed:
         titled_points(
             axes.scatter(
-                [n for n, _ in failed], [0.97 * top] * len(failed), s=22, marker="^", color=LIGHT["warning"],
+                [n for n, _ in failed], [highest] * len(failed), s=22, marker="^", color=LIGHT["warning"],
                 linewidths=0, label="diverged (no loss)", zorder=4,
             ),
             [f"evaluation {n}: {entry.get('reason') or 'diverged'}" for n, entry in failed],
         )  # fmt: skip
-    axes.set(xlim=(0.4, len(run.entries) + 0.6), ylim=(0, top))
+    axes.set_xlim(0.4, len(run.entries) + 0.6)
+    log_axis(axes.yaxis, min(losses) / 1.25, top)
     if len(run.entries) <= _MOST_NUMBERS:
         axes.set_xticks(range(1, len(run.entries) + 1))
     legend_over(axes)
