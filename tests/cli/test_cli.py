@@ -29,8 +29,8 @@ from swim2real.trials import save_reference
 
 COMMANDS = (
     "board", "calibrate", "check", "compare", "cut", "demo", "deploy", "ensemble", "evaluate", "export-commands",
-    "export-model", "export-sysid", "fetch", "identify", "import-sysid", "import-tracks", "init", "overlay", "pick",
-    "quality", "report", "rollout", "simulate", "track", "train",
+    "export-model", "export-sysid", "fetch", "identify", "import-recording", "import-sysid", "import-tracks", "init",
+    "overlay", "pick", "quality", "report", "rollout", "simulate", "track", "train", "view",
 )  # fmt: skip
 SPEC_FIGURES = {  # of the interface's `evaluate --json`
     "marker_error", "aligned_marker_error", "shape_error", "static_offset", "velocity_error", "left_out_share",

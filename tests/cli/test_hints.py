@@ -23,7 +23,8 @@ URDF = """
 @pytest.mark.parametrize(
     ("typed", "meant"),
     [
-        ("chek", "'check'"), ("Calibrate", "'calibrate'"), ("import", "'import-tracks' or 'import-sysid'"),
+        ("chek", "'check'"), ("Calibrate", "'calibrate'"),
+        ("import", "'import-tracks' or 'import-recording' or 'import-sysid'"),
         ("export_model", "'export-model'"),
     ],
 )  # fmt: skip

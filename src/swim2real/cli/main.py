@@ -23,6 +23,7 @@ from swim2real.cli.compare import compare
 from swim2real.cli.deploy import deploy
 from swim2real.cli.film import cut, fetch, import_tracks, pick, quality, track
 from swim2real.cli.policy import export_commands, rollout, train
+from swim2real.cli.recording import import_recording
 from swim2real.cli.results import evaluate, overlay, report, simulate
 from swim2real.cli.robot import check, export_model, init
 from swim2real.cli.study import ensemble, export_sysid, identify, import_sysid
@@ -37,8 +38,8 @@ Command = Callable[..., int]
 COMMANDS: dict[str, dict[str, Command]] = {
     "A first look": {"demo": demo},
     "Real trials": {
-        "fetch": fetch, "board": board, "pick": pick, "track": track, "import-tracks": import_tracks, "cut": cut,
-        "quality": quality,
+        "fetch": fetch, "board": board, "pick": pick, "track": track, "import-tracks": import_tracks,
+        "import-recording": import_recording, "cut": cut, "quality": quality,
     },
     "A robot of your own": {"init": init, "check": check},
     "Calibration": {"calibrate": calibrate, "compare": compare},

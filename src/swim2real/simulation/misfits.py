@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +21,7 @@ _PIECE = 3.0  # swings of a piece
 _SHORTEST = 0.3  # s, of a piece
 _FAR = 1 / 3  # of the robot's size
 _FAR_OFF = 12.0  # times, by which no parameter is off
+_FAR_BEYOND = 3.0  # times an actuator's range
 _NEAR_UNIT = 2.5  # times, within which a factor is taken for a unit's
 _UNITS = {"degrees in place of radians": 180 / np.pi, "radians in place of degrees": np.pi / 180,
           "thousandths (mm, mN, mA)": 1e3, "thousands": 1e-3}  # fmt: skip
@@ -116,17 +118,22 @@ def long_swings(robot: Robot, reference: TrialSet, horizon: float | None) -> lis
 
 
 def other_units(robot: Robot, reference: TrialSet) -> list[str]:
-    """A warning for each sensor whose readings vary far more, or less, than the robot's own with its published values.
+    """A warning for each command and reading that is probably in another unit than the model's.
+
+    Commands are far beyond what an actuator takes; readings vary far more, or less, than the robot's own with its
+    published values.
 
     Raises:
         TrialError: A trial can't be played back.
         EngineError: The robot itself can't be simulated.
     """
-    if not isinstance(robot.trials, Recordings) or not robot.trials.sensors:
+    if not isinstance(robot.trials, Recordings):
         return []
+    lines = _beyond(robot, robot.trials, reference)
+    if not robot.trials.sensors:
+        return lines
     simulator = PlaybackSimulator(robot)
     made = simulator.simulate(robot.space.published, [simulator.request(trial) for trial in reference])
-    lines: list[str] = []
     for sensor in robot.trials.sensors:
         spreads = np.array([[_spread(trial, sensor.name) for trial in (real, made[real.name])] for real in reference])
         ratios = spreads[(spreads > 0).all(axis=1)]
@@ -140,6 +147,41 @@ def other_units(robot: Robot, reference: TrialSet) -> list[str]:
             f"compared in the model's unit, here '{sensor.unit}'"
         )
     return lines
+
+
+def _beyond(robot: Robot, about: Recordings, reference: TrialSet) -> list[str]:
+    """A warning for each actuator whose commands are far beyond what it takes."""
+    model = robot.build(robot.space.published).compile()
+    lines: list[str] = []
+    for name in (name for name, by in about.controls.items() if by == "table"):
+        allowed = _command_range(model, int(model.actuator(name).id))
+        tables = [trial.controls for trial in reference if trial.controls is not None and name in trial.controls.names]
+        if not tables or allowed is None:
+            continue
+        sizes = np.abs(np.concatenate([table.column(name) for table in tables]))
+        largest, most = float(np.nanmax(sizes, initial=0.0)), max(map(abs, allowed))
+        if largest > _FAR_BEYOND * most:
+            lines.append(
+                f"commands of actuator '{name}' reach {largest:.4g}, and it takes {allowed[0]:.4g} to {allowed[1]:.4g}: "
+                f"these look like degrees, mm or the like; they must be in the model's unit"
+            )
+    return lines
+
+
+def _command_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float] | None:
+    """What an actuator takes: its own range, or that of the joint that it holds in a position; None without any."""
+    if model.actuator_ctrllimited[actuator]:
+        low, high = model.actuator_ctrlrange[actuator]
+        return float(low), float(high)
+    gain = model.actuator_gainprm[actuator, 0]
+    of_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+    if not of_joint or gain == 0 or model.actuator_biasprm[actuator, 1] != -gain:
+        return None
+    joint, gear = int(model.actuator_trnid[actuator, 0]), float(model.actuator_gear[actuator, 0])
+    if model.jnt_limited[joint] and gear > 0:
+        low, high = gear * model.jnt_range[joint]
+        return float(low), float(high)
+    return (-np.pi, np.pi) if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE and gear == 1 else None
 
 
 def _spread(trial: Trial, name: str) -> float:

@@ -221,14 +221,14 @@ def read_lines(table: Path) -> list[str]:
     return text.splitlines()
 
 
-def read_header(table: Path, lines: list[str]) -> list[str]:
+def read_header(table: Path, lines: list[str], separator: str = ",") -> list[str]:
     """The cells of a table's first line, none where there is no line.
 
     Raises:
         TrialError: It can't be taken apart.
     """
     try:
-        return next(csv.reader(lines[:1]), [])
+        return next(csv.reader(lines[:1], delimiter=separator), [])
     except csv.Error as error:
         raise TrialError(f"{table}, line 1: not readable as a table ({error})") from error
 
@@ -265,13 +265,18 @@ def read_numbers(table: Path, lines: list[str], first_line: int) -> NDArray[np.f
             if len(cells) != width:
                 raise TrialError(f"{table}, line {line}: {len(cells)} columns, the rows above have {width}")
             for column, cell in enumerate(cells, start=1):
-                numbers.append(_number(table, line, column, cell))
+                numbers.append(read_number(table, line, column, cell))
     except csv.Error as error:
         raise TrialError(f"{table}, after line {line}: not readable as a table ({error})") from error
     return np.array(numbers).reshape(count, width)
 
 
-def _number(table: Path, line: int, column: int, cell: str) -> float:
+def read_number(table: Path, line: int, column: int, cell: str) -> float:
+    """The number in a cell, NaN where it is empty or infinite.
+
+    Raises:
+        TrialError: It is no number, or beyond ±1e12; the message names line and column.
+    """
     try:
         number = float(cell) if cell.strip() else math.nan
     except ValueError:

@@ -1,0 +1,101 @@
+"""`import-recording`: logs of a controller, of encoders or of motion capture, to a reference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from swim2real.cli.options import Positional, finite_above_0, one_each, word
+from swim2real.cli.terminal import say, tell
+from swim2real.errors import ArgumentError, Swim2RealError
+
+Named = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN[:UNIT] ...")]
+NamedPairs = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=XCOLUMN,YCOLUMN[:UNIT] ...")]
+From = Annotated[tuple[float, ...], tyro.conf.arg(name="from")]  # which Python doesn't take as a name
+_MOST_GAPS = 3  # that are told of a log
+
+
+def import_recording(
+    tables: Positional[tuple[Path, ...]], *, robot: str, to: Path,
+    time: Annotated[str | None, tyro.conf.arg(metavar="COLUMN[:UNIT]")] = None, controls: Named = (),
+    sensors: Named = (), markers: NamedPairs = (), control_tables: tuple[Path, ...] = (),
+    frequency: tuple[float, ...] = (), begin: From = (), until: tuple[float, ...] = (),
+) -> int:  # fmt: skip
+    """Make trials of logs: CSV tables with a header, whose columns are taken by name, in whatever unit they are.
+
+    Reads a table a trial; adds the trials to a reference folder, reference.json included. What isn't named is taken
+    from the column of its name. A column is in the unit that is given (hip=q1:deg), or that its name ends in (hip_deg,
+    'load [mN]'), else in the model's. Of a trial that was tracked, whose log has no markers, the track is kept.
+
+    Args:
+        tables: Tables, one per trial, separated by commas, semicolons or tabs; their names become the trials'.
+        robot: Whose recordings they are: a robot file (.toml), or fish.
+        to: Reference folder to add the trials to.
+        time: Column of the time stamps; by default the one that is called time, t, timestamp or stamp.
+        controls: Columns of the actuators that the robot file drives by a table.
+        sensors: Columns of the sensors that the robot file compares.
+        markers: Columns of the markers in the camera's plane; by default NAME_x and NAME_y, or as the plane's axes are
+            called.
+        control_tables: Tables of the controls, where they are in tables of their own, one for each table and on its
+            clock.
+        frequency: What was asked of the motor in each trial [Hz].
+        begin: Take the log from this time after its first row on [s], which becomes time 0 of the trial; one for all
+            tables, or one for each. Of a trial that was tracked: when the video begins; without it the log is on the
+            video's clock.
+        until: Take the log up to this time after its first row [s]; one for all tables, or one for each.
+    """
+    if not tables:
+        raise ArgumentError("no table was given")
+    for option, values in (("control-tables", control_tables), ("frequency", frequency)):
+        one_each(option, values, len(tables), "tables")
+    finite_above_0("frequency", *frequency, unit=" Hz")
+    from swim2real.names import composed
+    from swim2real.pipeline.recording import Recorded, Wanted, recorded
+    from swim2real.robots import load_robot
+    from swim2real.simulation.misfits import other_units
+    from swim2real.trials import TrialSet, load_reference
+    from swim2real.trials.log_table import gaps, read_log
+    from swim2real.trials.reference import INDEX, add_trial, check_folder
+    from swim2real.trials.span import spans
+
+    stretches = spans(begin, until, len(tables), "tables")
+    body = load_robot(robot, markers_only=True)
+    wanted = Wanted.of(body, time, controls, sensors, markers)
+    names = [composed(path.stem) for path in tables]
+    if len(set(names)) < len(names):
+        raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(names)}); rename one")
+    for name in names:
+        check_folder(to, name, body.marker_names)
+    there = {trial.name: trial for trial in load_reference(to)} if (to / INDEX).is_file() else {}
+    made: list[Recorded] = []
+    for i, (name, path) in enumerate(zip(names, tables, strict=True)):  # all are read before any is written
+        commands = read_log(control_tables[i]) if control_tables else None
+        made.append(
+            recorded(
+                name, read_log(path), body, wanted, span=stretches[i], from_first_row=bool(begin), commands=commands,
+                tracked=there.get(name), frequency=frequency[i] if frequency else None,
+            )
+        )  # fmt: skip
+    for one, path in zip(made, tables, strict=True):
+        add_trial(to, one.trial, body.marker_names)
+        rate = 1 / float(np.median(np.diff(one.times)))
+        seconds = one.trial.track.duration
+        say(f"{one.trial.name}: {len(one.times)} rows of {path}, {rate:.4g} Hz; the trial has {seconds:.2f} s")
+        say(f"  {', '.join(f'{what} from {column}' for what, column in one.columns.items())}")
+        missing = gaps(one.times)
+        told = ", ".join(f"{length:.3g} s from {at - one.times[0]:.3f} s on" for at, length in missing[:_MOST_GAPS])
+        if missing:
+            more = f" and {len(missing) - _MOST_GAPS} more" if len(missing) > _MOST_GAPS else ""
+            tell(
+                f"warning: {path}: rows are missing for {told}{more}; cut it off with --from and --until if it matters"
+            )
+    try:
+        for line in other_units(body, TrialSet(tuple(one.trial for one in made), body.marker_names)):
+            tell(f"warning: {line}; say NAME=COLUMN:UNIT if that is so")
+    except Swim2RealError as error:
+        tell(f"warning: whether the units are right wasn't seen: {error}")
+    say(f"{to}: {len(made)} trials. Next: swim2real check {word(robot)} --reference {word(to)}")
+    return 0

@@ -1,0 +1,219 @@
+"""A recording of other programs' logs: which of their columns a robot's trial is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import ArgumentError, TrialError
+from swim2real.robots.robot import Recordings, Robot
+from swim2real.trials import MarkerTrack, Signals, Trial
+from swim2real.trials.log_table import Column, LogTable, choices
+from swim2real.trials.span import Span
+
+Array = NDArray[np.float64]
+
+_DIGITS = 9  # of times in s
+_MARKER_UNITS = ("", "_m", "_mm", "_cm")  # that columns of markers end in
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Which columns are taken for what; what isn't named is taken from the column of its name.
+
+    Attributes:
+        time: Column of the time stamps, with its unit; None for the one that is called so.
+        controls: Columns by the names of actuators.
+        sensors: Columns by the names of sensors.
+        markers: Columns by the names of markers: x and y of the camera's plane, with a comma between them.
+    """
+
+    time: str | None
+    controls: Mapping[str, str]
+    sensors: Mapping[str, str]
+    markers: Mapping[str, str]
+
+    @classmethod
+    def of(
+        cls, robot: Robot, time: str | None, controls: Sequence[str], sensors: Sequence[str], markers: Sequence[str]
+    ) -> Wanted:
+        """What options say, each as NAME=COLUMN.
+
+        Raises:
+            ArgumentError: The robot has no actuator that takes a table, no such sensor or no such marker.
+        """
+        return cls(
+            time,
+            choices("controls", controls, _commanded(robot), f"actuator that robot '{robot.name}' takes from a table"),
+            choices("sensors", sensors, _measured(robot), f"sensor that robot '{robot.name}' compares"),
+            choices("markers", markers, robot.marker_names, f"marker of robot '{robot.name}'"),
+        )
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A trial, and what it is made of.
+
+    Attributes:
+        trial: The trial.
+        times: Time stamps of the whole log [s]. Shape (R,).
+        columns: Columns in words, by what they were taken for, such as `sensor load`.
+    """
+
+    trial: Trial
+    times: Array
+    columns: Mapping[str, str]
+
+
+def recorded(
+    name: str, log: LogTable, robot: Robot, wanted: Wanted, *, span: Span, from_first_row: bool,
+    commands: LogTable | None = None, tracked: Trial | None = None, frequency: float | None = None,
+) -> Recorded:  # fmt: skip
+    """Makes a trial of a log, or adds the log's controls and sensors to a trial that was tracked.
+
+    Args:
+        name: Name of the trial.
+        log: The log.
+        robot: Whose trial it is.
+        wanted: Which columns are taken.
+        span: The stretch that is taken, counted from the log's first row [s].
+        from_first_row: Of a trial that was tracked: whether the beginning of the stretch is the time of its video's
+            first frame; otherwise the log is on the video's clock.
+        commands: Log of the controls, where it is another one, on the same clock.
+        tracked: The trial of this name that is there, whose track is kept if the log has no markers.
+        frequency: What was asked of the motor [Hz].
+
+    Raises:
+        ArgumentError: A column isn't there, or its unit isn't known.
+        TrialError: Cells or times are wrong, or there is nothing to compare.
+    """
+    stamps = log.times(wanted.time)
+    columns = {"time": str(stamps)}
+    positions = _positions(log, robot, wanted, columns)
+    into = tracked if positions is None and robot.marker_names else None
+    if into is None and positions is None and robot.marker_names:
+        raise ArgumentError(
+            f"{log.path} has no columns of the markers {', '.join(robot.marker_names)}, and there is no trial '{name}' "
+            f"that was tracked: say --markers NAME=XCOLUMN,YCOLUMN for each, or track its film first"
+        )
+    if into is not None and span.until is not None:
+        raise ArgumentError(f"--until is for new trials; '{name}' was tracked, and its frames say where it ends")
+    first = float(stamps.values[0])
+    zero = first if into is None else first + span.begin if from_first_row else 0.0
+    driving = log if commands is None else commands
+    driving_times = stamps if commands is None else commands.times(wanted.time)
+    limits = {sensor.name: sensor.unit for sensor in robot.trials.sensors}
+    controls = _signals(
+        "actuator", driving, driving_times, zero, dict.fromkeys(_commanded(robot), ""), wanted.controls, columns,
+        optional=into is not None and into.controls is not None,
+    )  # fmt: skip
+    sensors = _signals(
+        "sensor", log, stamps, zero, limits, wanted.sensors, columns,
+        optional=into is not None and into.sensors is not None,
+    )  # fmt: skip
+    if into is not None:
+        if controls is None and sensors is None:
+            raise ArgumentError(f"{log.path}: nothing of it is taken; say --controls or --sensors NAME=COLUMN")
+        trial = replace(into, controls=controls or into.controls, sensors=sensors or into.sensors)
+        return Recorded(_on_clock(trial, log), stamps.values, columns)
+    if positions is None:
+        if sensors is None:
+            raise TrialError(f"robot '{robot.name}' has neither markers nor sensors, so there is nothing to compare")
+        track = MarkerTrack(sensors.times, np.zeros((len(sensors.times), 0, 2)))
+    else:
+        seen = np.isfinite(positions).all(axis=2).any(axis=-1)
+        if seen.sum() < 2:
+            raise TrialError(f"{log.path}: {seen.sum()} rows have a marker; a trial needs at least 2")
+        track = MarkerTrack(np.round(stamps.values - zero, _DIGITS)[seen], positions[seen])
+    trial = Trial(name, track, frequency, provenance=f"log {log.path.name}", controls=controls, sensors=sensors)
+    return Recorded(span.of_trial(_on_clock(trial, log)), stamps.values, columns)
+
+
+def _commanded(robot: Robot) -> list[str]:
+    """Actuators that a table drives."""
+    about = robot.trials
+    return [name for name, by in about.controls.items() if by == "table"] if isinstance(about, Recordings) else []
+
+
+def _measured(robot: Robot) -> list[str]:
+    return [sensor.name for sensor in robot.trials.sensors]
+
+
+def _signals(
+    kind: str, log: LogTable, times: Column, zero: float, units: Mapping[str, str], given: Mapping[str, str],
+    columns: dict[str, str], *, optional: bool,
+) -> Signals | None:  # fmt: skip
+    """Columns as signals, rows without any left out; None where none is needed, or none is there that needn't be."""
+    if optional and not given and not any(log.has(name) for name in units):
+        return None
+    option = "--controls" if kind == "actuator" else "--sensors"
+    found: list[Column] = []
+    for name, unit in units.items():
+        what = f"{kind} '{name}'" + ("" if name in given else f", so say {option} {name}=COLUMN")
+        found.append(log.column(given.get(name, name), what, unit))
+        columns[f"{kind} {name}"] = str(found[-1])
+    if not found:
+        return None
+    values = np.stack([column.values for column in found], axis=1)
+    kept = np.isfinite(values).any(axis=-1)
+    if not kept.any():
+        raise TrialError(f"{log.path}: the columns {', '.join(map(str, found))} are empty; take others")
+    return Signals(np.round(times.values - zero, _DIGITS)[kept], tuple(units), values[kept])
+
+
+def _positions(log: LogTable, robot: Robot, wanted: Wanted, columns: dict[str, str]) -> Array | None:
+    """Positions of all markers [m], shape (R, M, 2); None where the log has no columns of theirs."""
+    pairs = {name: wanted.markers.get(name) or _named_so(log, robot, name) for name in robot.marker_names}
+    if not any(pairs.values()):
+        return None
+    lacking = [name for name, pair in pairs.items() if not pair]
+    if lacking:
+        raise ArgumentError(
+            f"{log.path} has no columns for the markers {', '.join(lacking)}; say --markers NAME=XCOLUMN,YCOLUMN for "
+            f"each"
+        )
+    found: list[list[Column]] = []
+    for name, pair in pairs.items():
+        texts = _pair(log, name, pair or "")
+        axes = [log.column(text, f"{axis} of marker '{name}'", "m") for axis, text in zip("xy", texts, strict=True)]
+        columns[f"marker {name}"] = " and ".join(map(str, axes))
+        found.append(axes)
+    return np.stack([np.stack([axis.values for axis in axes], axis=1) for axes in found], axis=1)
+
+
+def _named_so(log: LogTable, robot: Robot, name: str) -> str | None:
+    """The two columns that are called after a marker and the axes of its plane."""
+    planes = ("".join("xyz"[axis] for axis in robot.plane), "xy")
+    pairs = [[f"{name}_{axis}{unit}" for axis in axes] for axes in planes for unit in _MARKER_UNITS]
+    return next((",".join(pair) for pair in pairs if all(column in log.headers for column in pair)), None)
+
+
+def _pair(log: LogTable, name: str, text: str) -> tuple[str, str]:
+    """Two columns that were given as X,Y or X,Y:UNIT."""
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise ArgumentError(f"--markers has '{name}={text}'; say {name}=XCOLUMN,YCOLUMN or {name}=XCOLUMN,YCOLUMN:UNIT")
+    x, y = parts
+    unit = "" if y in log.headers else y.rpartition(":")[2] if ":" in y else ""
+    return (f"{x}:{unit}" if unit and x in log.headers else x), y
+
+
+def _on_clock(trial: Trial, log: LogTable) -> Trial:
+    """The trial, if its tables are on the clock of its track.
+
+    Raises:
+        TrialError: They aren't.
+    """
+    for what, signals in (("controls", trial.controls), ("sensors", trial.sensors)):
+        try:
+            if signals is not None:
+                signals.check_clock(float(trial.track.times[0]), float(trial.track.times[-1]))
+        except TrialError as error:
+            raise TrialError(
+                f"{log.path}: the {what} of trial '{trial.name}' aren't on its clock: {error}; --from T says at which "
+                f"second after the log's first row the video begins"
+            ) from error
+    return trial

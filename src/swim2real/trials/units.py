@@ -1,0 +1,74 @@
+"""Units in which other programs write their columns, and how many of a model's unit one of them is."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from swim2real.checking import did_you_mean
+from swim2real.errors import ArgumentError
+
+_TURN = 2 * math.pi
+_DEGREE = math.pi / 180
+_IN_SI: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "°": _DEGREE, "rev": _TURN},
+    "angular velocity": {"rad/s": 1.0, "deg/s": _DEGREE, "°/s": _DEGREE, "rev/s": _TURN, "rpm": _TURN / 60},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6},
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "acceleration": {"m/s²": 1.0, "m/s^2": 1.0, "m/s2": 1.0, "mm/s²": 1e-3, "mm/s^2": 1e-3, "mm/s2": 1e-3},
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "torque": {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "mN·m": 1e-3, "mNm": 1e-3, "N·mm": 1e-3, "Nmm": 1e-3},
+    "voltage": {"V": 1.0, "mV": 1e-3},
+    "current": {"A": 1.0, "mA": 1e-3},
+    "pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "mbar": 1e2, "bar": 1e5},
+    "share": {"1": 1.0, "%": 1e-2},
+}
+_KINDS = {unit: kind for kind, units in _IN_SI.items() for unit in units}
+UNITS = tuple(_KINDS)
+"""Units that are known."""
+_NONE = ("", "-")  # of what has no unit, or isn't said to have one
+_ENDINGS = ("ms", "us", "ns", "deg", "rpm", "mm", "cm", "mN", "mNm", "mA", "mV")  # that mean nothing but a unit
+_BRACKETS = re.compile(r"[\[(]([^\[\]()]+)[\])]\s*$")
+
+
+def unit_of_header(header: str) -> str | None:
+    """The unit that a column's name ends in, such as `hip_deg`, `load [mN]` or `t (ms)`; None without one."""
+    found = _BRACKETS.search(header)
+    if found is not None:
+        unit = found[1].strip()
+        return unit if unit in _KINDS and not unit.isdigit() else None  # gyro[1] is one number of a vector
+    ending = header.strip().rpartition("_")[2]
+    return ending if ending in _ENDINGS and ending != header.strip() else None
+
+
+def without_unit(header: str) -> str:
+    """A column's name without the unit that it ends in."""
+    unit, name = unit_of_header(header), header.strip()
+    if unit is None:
+        return name.removesuffix("_s")
+    return _BRACKETS.sub("", name).strip() if _BRACKETS.search(name) else name.removesuffix(f"_{unit}")
+
+
+def factor(unit: str, into: str = "") -> float:
+    """How many of one unit another one is, such as 0.001 of mm in m.
+
+    Args:
+        unit: Unit of a column.
+        into: Unit that is wanted; by default that of SI.
+
+    Raises:
+        ArgumentError: A unit isn't known, or they measure different things.
+    """
+    if unit == into:
+        return 1.0
+    for one in (unit, into):
+        if one not in _KINDS and (one == unit or one not in _NONE):
+            near = did_you_mean(one, UNITS) or f"; there are {', '.join(UNITS)}"
+            raise ArgumentError(f"there is no unit '{one}'{near}")
+    kind = _KINDS[unit]
+    if into in _NONE:
+        return _IN_SI[kind][unit]
+    if _KINDS[into] != kind:
+        raise ArgumentError(f"'{unit}' is a unit of {kind}, and '{into}' one of {_KINDS[into]}")
+    return _IN_SI[kind][unit] / _IN_SI[kind][into]
