@@ -159,11 +159,11 @@ def _beyond(robot: Robot, about: Recordings, reference: TrialSet) -> list[str]:
         if not tables or allowed is None:
             continue
         sizes = np.abs(np.concatenate([table.column(name) for table in tables]))
-        largest, most = float(np.nanmax(sizes, initial=0.0)), max(map(abs, allowed))
+        largest, most = float(sizes[np.isfinite(sizes)].max(initial=0.0)), max(map(abs, allowed))
         if largest > _FAR_BEYOND * most:
             lines.append(
-                f"commands of actuator '{name}' reach {largest:.4g}, and it takes {allowed[0]:.4g} to {allowed[1]:.4g}: "
-                f"these look like degrees, mm or the like; they must be in the model's unit"
+                f"commands of actuator '{name}' reach {largest:.4g}, and it takes {allowed[0]:.4g} to "
+                f"{allowed[1]:.4g}: these look like degrees, mm or the like; they must be in the model's unit"
             )
     return lines
 
