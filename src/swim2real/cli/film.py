@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from swim2real.cli.options import Positional, finite_above_0, for_robot, one_each, word
+from swim2real.cli.options import From, Positional, finite_above_0, for_robot, one_each, word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError, Swim2RealError, TrialError
 from swim2real.names import composed
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 AUTO = "auto"
 LOST = "Frames for which each marker is lost [%]"
 MOST_REFUSED = 10  # markers of a trial that a refusal names
-From = Annotated[tuple[float, ...], tyro.conf.arg(name="from")]  # which Python doesn't take as a name
 Findings = dict[str, dict[str, Any]]  # of the trials, by name
 
 

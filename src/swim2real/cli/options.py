@@ -13,6 +13,7 @@ from swim2real.errors import ArgumentError
 
 Positional = tyro.conf.Positional
 RobotOption = Annotated[str, tyro.conf.arg(aliases=["--parameters"])]
+From = Annotated[tuple[float, ...], tyro.conf.arg(name="from")]  # which Python doesn't take as a name
 DEFAULT_ROBOT = "fish"
 PUBLISHED = "published"  # the prior work's values, in place of a parameters file
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from swim2real.cli.options import Positional
-from swim2real.cli.terminal import say, say_json
+from swim2real.cli.options import From, Positional
+from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
 from swim2real.settings import EvaluationSettings
 
@@ -47,12 +47,14 @@ def evaluate(
 
 def overlay(
     parameters: Positional[Path], settings: EvaluationSettings, *, reference: Path, out: Path, fps: float = 30.0,
-    width: int = 960,
+    width: int = 960, video: tuple[Path, ...] = (), camera: Path | None = None, begin: From = (),
+    until: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
     """Draw simulated trials over real ones: films and pictures to see what differs.
 
     Reads a run folder or parameters file and a reference; writes NAME.mp4 and NAME.png a trial, and all.png. Blue is
-    simulated, red is real. Costs about 2 s a trial.
+    simulated, red is real. Costs about 2 s a trial. With --video it draws the simulated markers on your own films
+    instead and writes NAME.on-film.mp4: on the real path, in phase and registered, as the loss sees them.
 
     Args:
         parameters: Run folder or parameters file; 'published' for the prior work's values.
@@ -61,14 +63,54 @@ def overlay(
         out: Folder to write.
         fps: Frames a second of the films.
         width: Width of the films [px].
+        video: Your own films of trials, each with its trial's name.
+        camera: Camera file with which the films were tracked.
+        begin: Time of the film at which the trial begins [s], one for all films or one for each; by default as it was
+            tracked.
+        until: Draw up to this time of the film [s]; one for all films, or one for each.
     """
     from swim2real.cli.subject import problem_of
     from swim2real.pipeline.overlays import write_overlays
 
+    if video:
+        _draw_on_films(parameters, settings, reference, out, video, camera, begin, until)
+        return 0
+    for option, given in (("camera", camera), ("from", begin), ("until", until)):
+        if given:
+            raise ArgumentError(f"--{option} is of your own films; give them too, with --video")
     problem, values = problem_of(parameters, reference, settings)
     problem.robot.check_markers("draw")
     write_overlays(problem.evaluate(values), problem.robot, out, fps, width, lambda path: say(str(path)))
     return 0
+
+
+def _draw_on_films(
+    parameters: Path, settings: EvaluationSettings, reference: Path, out: Path, videos: tuple[Path, ...],
+    camera: Path | None, begins: tuple[float, ...], untils: tuple[float, ...],
+) -> None:  # fmt: skip
+    from swim2real.calibration import Problem
+    from swim2real.cli.subject import robot_for, values_of
+    from swim2real.pipeline.film_overlays import chosen_trials, draw_on_film
+    from swim2real.tracking.camera_file import read_camera
+    from swim2real.trials import TrialSet, load_reference
+    from swim2real.trials.span import Span, spans
+
+    if settings.pieces is not None:
+        raise ArgumentError("--pieces cuts trials into pieces, which can't be drawn on a film; leave it out")
+    stretches = spans(begins, untils, len(videos), "films")
+    robot = robot_for(parameters)
+    robot.check_markers("draw")
+    trials = chosen_trials(videos, load_reference(reference))
+    known = None if camera is None else read_camera(camera)
+    problem = Problem.with_settings(robot, trials, settings)
+    values = values_of(parameters, problem)
+    for video, trial, stretch in zip(videos, trials, stretches, strict=True):
+        span = stretch if begins else Span(trial.video_begin + float(trial.track.times[0]), stretch.until)
+        alone = problem.of(TrialSet((trial,), trials.marker_names))
+        drawn = draw_on_film(video, alone, values, known, span, reference, out)
+        say(f"{drawn.path}: {drawn.frames} frames")
+        for note in drawn.notes:
+            tell(f"warning: {trial.name}: {note}")
 
 
 def simulate(

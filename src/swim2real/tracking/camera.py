@@ -71,6 +71,23 @@ class Camera:
             points = lowered(points, project(self.plane, self.center), self.heights, self.height)
         return MarkerTrack(track.times, points, track.confidence)
 
+    def to_pixels(self, positions: Array) -> Array:
+        """Where the camera sees markers in the upright video; undoes `to_meters` [px].
+
+        Args:
+            positions: In the world, NaN where unknown [m]. Shape (T, M, 2).
+
+        Returns:
+            NaN where unknown. Shape (T, M, 2).
+        """
+        points = positions
+        if self.height is not None and self.center is not None:
+            below = project(self.plane, self.center)
+            points = below + (points - below) / (1 - self.heights / self.height)[:, None]
+        back: Array = np.linalg.inv(self.plane).astype(np.float64)
+        pixels = project(back, points)
+        return pixels if self.lens is None else self.lens.distort(pixels)
+
     def with_scale(self, scale: Scale) -> Camera:
         """The same camera with another scale, such as one for several videos.
 
@@ -155,6 +172,37 @@ def camera_for(
         _scaling(scale.meters_per_pixel) if plane is None else plane,
         scale, above, camera.camera_height, center, camera.lens, residual, tuple(notes),
     )  # fmt: skip
+
+
+def fixed_camera(
+    known: CameraFile | None, meters_per_pixel: float | None, heights: Array, size: tuple[int, int]
+) -> Camera:
+    """The camera that took a video whose scale is known, as `camera_for` had it when the video was tracked.
+
+    Args:
+        known: What the camera file says; None without one.
+        meters_per_pixel: Scale at the head [m]; a camera file with a plane needs none.
+        heights: Heights of the markers [m]. Shape (M,).
+        size: Width and height of the upright video [px].
+
+    Raises:
+        TrackingError: There is no scale.
+        MissingExtraError: The camera file has a lens, and OpenCV isn't installed.
+    """
+    camera = known if known is not None else CameraFile()
+    middle = (np.array(size, dtype=float) - 1) / 2
+    plane, residual = _plane(camera, np.tile(middle, (1, 2, 1)))
+    if plane is None:
+        if meters_per_pixel is None:
+            raise TrackingError(
+                "there is no scale: the trial doesn't say its meters per pixel, and the camera file has no plane; "
+                "track the film with `swim2real track`, or add points to the camera file"
+            )
+        plane = _scaling(meters_per_pixel)
+    scale = Scale(local_scale(plane, middle), 0.0, ())
+    return Camera(
+        plane, scale, heights - heights[0], camera.camera_height, _center(camera, size), camera.lens, residual
+    )
 
 
 def _plane(camera: CameraFile, pixels: Array) -> tuple[Array | None, float | None]:

@@ -72,6 +72,23 @@ class Lens:
             )[:, 0]
         return out
 
+    def distort(self, points: Array) -> Array:
+        """Where points of the picture of a pinhole camera lie in this camera's picture; undoes `undistort` [px].
+
+        Args:
+            points: NaN stays NaN [px]. Shape (..., 2).
+
+        Raises:
+            MissingExtraError: OpenCV isn't installed.
+        """
+        cv2 = _opencv("the lens in a camera file")
+        out = np.full(points.shape, np.nan)
+        seen = np.isfinite(points).all(axis=-1)
+        if seen.any():
+            rays = np.column_stack([points[seen], np.ones(int(seen.sum()))]) @ np.linalg.inv(self.camera_matrix).T
+            out[seen] = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), self.camera_matrix, self.distortion)[0][:, 0]
+        return out
+
 
 @dataclass(frozen=True)
 class Length:

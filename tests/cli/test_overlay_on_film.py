@@ -1,0 +1,87 @@
+"""`overlay --video`: simulated markers on a person's own film."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swim2real.video import VideoReader, VideoWriter
+
+SIZE = (320, 240)
+SCALE = 400.0  # px/m
+ORIGIN = (120.0, 230.0)  # px, of the world
+PIVOT = (160, 30)  # px, 0.1 m to the right of it and 0.5 m above
+
+
+@pytest.fixture
+def words(pendulum_folder, tmp_path) -> list:
+    """A command; the film begins 0.2 s before the trial."""
+    values, camera = tmp_path / "parameters.json", tmp_path / "camera.json"
+    robot = {"robot": "pendulum", "robot_file": str(pendulum_folder / "pendulum.toml")}
+    dampings = {"shoulder_damping": 0.004, "elbow_damping": 0.001}
+    values.write_text(json.dumps({"format": 1, **robot, "parameters": dampings}))
+    plane = [[1 / SCALE, 0, -ORIGIN[0] / SCALE], [0, -1 / SCALE, ORIGIN[1] / SCALE], [0, 0, 1]]
+    camera.write_text(json.dumps({"format": 1, "homography": plane}))
+    (tmp_path / "films").mkdir()
+    with VideoWriter(tmp_path / "films" / "a.mp4", *SIZE, fps=20.0) as film:
+        for k in range(20):
+            film.write(np.full((SIZE[1], SIZE[0], 3), 120, dtype=np.uint8), k / 20)
+    return [
+        "overlay", values, "--reference", pendulum_folder / "tracks", "--out", tmp_path / "out", "--horizon", 0.5,
+        "--video", tmp_path / "films" / "a.mp4", "--camera", camera, "--from", 0.2,
+    ]  # fmt: skip
+
+
+def test_markers_lie_on_the_film_where_the_camera_sees_them(program, words, tmp_path) -> None:
+    program(*words).done()
+    assert program.out.strip() == f"{tmp_path / 'out' / 'a.on-film.mp4'}: 11 frames"
+    with VideoReader(tmp_path / "out" / "a.on-film.mp4") as film:
+        frames = [frame.image.astype(int) for frame in film]
+    assert len(frames) == 11
+    assert frames[0].shape == (SIZE[1], SIZE[0], 3)
+    for image in (frames[0], frames[-1]):
+        blue = image[:, :, 2] - image[:, :, 0] > 60
+        assert blue[PIVOT[1], PIVOT[0]]
+        assert np.argwhere(blue)[:, 0].max() > PIVOT[1] + 60  # the end hangs below
+
+
+def test_it_draws_up_to_a_time(program, words) -> None:
+    program(*words, "--until", 0.35).done()
+    assert program.out.strip().endswith(": 4 frames")
+
+
+def without(words: list, option: str) -> list:
+    k = words.index(option)
+    return words[:k] + words[k + 2 :]
+
+
+def test_what_is_missing_or_wrong_is_named(program, words, tmp_path) -> None:
+    assert "there is no scale: the trial doesn't say its meters per pixel" in program(
+        *without(words, "--camera")
+    ).sentence(1)
+    assert program(*without(words, "--video")).sentence(2) == (
+        "--camera is of your own films; give them too, with --video"
+    )
+    assert "has no frame of trial 'a'" in program(*without(words, "--from"), "--from", 0.99).sentence(1)
+    other = Path(tmp_path / "films" / "q.mp4")
+    other.write_bytes((tmp_path / "films" / "a.mp4").read_bytes())
+    assert "no trial is named 'q'; there are a, b" in program(*without(words, "--video"), "--video", other).sentence(1)
+    assert "--pieces cuts trials" in program(*words, "--pieces", 0.2).sentence(2)
+    assert not (tmp_path / "out" / "q.on-film.mp4").exists()
+    assert not list(tmp_path.rglob("*.part*"))
+
+
+@pytest.mark.slow
+def test_a_film_that_was_tracked_from_a_time_on_is_drawn_without_being_told(program, shot, tmp_path) -> None:
+    program(
+        "track", shot.video, "--markers", shot.points, "--to", tmp_path / "reference", "--camera", shot.camera
+    ).done()
+    words = ["overlay", "published", "--reference", tmp_path / "reference", "--out", tmp_path / "out"]
+    program(*words, "--protocol", "aligned", "--video", shot.video, "--camera", shot.camera).done()
+    assert "37 frames" in program.out
+    assert "warning" not in program.err
+    lens = {"format": 1, "homography": [[0.002, 0, 0], [0, -0.002, 0], [0, 0, 1]]}
+    (tmp_path / "other.json").write_text(json.dumps(lens))
+    program(*words, "--protocol", "aligned", "--video", shot.video, "--camera", tmp_path / "other.json").done()
+    assert "give the same --camera as to track" in program.err
