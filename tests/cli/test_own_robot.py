@@ -64,8 +64,7 @@ def test_a_parameters_file_that_has_left_its_robot_file_is_named_with_what_to_do
     copy = Path(shutil.copy(run / "best.json", tmp_path))
     assert program("export-model", copy, "--out", tmp_path / "model.xml").sentence(2) == (
         f"parameters file '{copy}': its robot file '../pendulum.toml', looked up from the folder of the parameters "
-        f"file, is not there; leave the parameters file where it was, or give the robot file's place as its "
-        f"'robot_file'"
+        f"file, is not there; give its place with --robot, or as the parameters file's 'robot_file'"
     )
     content = {**json.loads(copy.read_text()), "robot_file": str(run.parent / "pendulum.toml")}
     copy.write_text(json.dumps(content))

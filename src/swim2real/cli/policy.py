@@ -48,7 +48,8 @@ def train(
         out: Folder to write; with --seeds one for each seed is in it.
         ensemble: File that `swim2real ensemble` wrote: one of its sets is drawn for every episode, instead of
             --parameters.
-        robot: Robot or robot file, for --parameters published; others name their robot themselves.
+        robot: Robot or robot file, for --parameters published, or where its file isn't the place that the parameters
+            name.
         seeds: Several seeds instead of --seed: numbers, and ranges without their end: 0:3 is 0 1 2.
         workers: Seeds trained at a time; 0 for as many as there are cores.
         threads: Threads of one run; 0 for as many as there are cores, or one where several seeds are trained at a time.
@@ -131,9 +132,10 @@ def train(
 
 def rollout(
     policy: Positional[Path], *, episodes: int = 50, goals: int = 0, parameters: Path | None = None,
-    which: Literal["best", "last"] = "best", stage: int | None = None, tendon_friction: float | None = None,
-    current: tuple[float, float] | None = None, closed_loop: bool = False, noise: float = 0.001, delay: int = 2,
-    beside: tuple[Path, ...] = (), out: Path | None = None, film: bool = True, json: bool = False,
+    robot: str | None = None, which: Literal["best", "last"] = "best", stage: int | None = None,
+    tendon_friction: float | None = None, current: tuple[float, float] | None = None, closed_loop: bool = False,
+    noise: float = 0.001, delay: int = 2, beside: tuple[Path, ...] = (), out: Path | None = None, film: bool = True,
+    json: bool = False,
 ) -> int:  # fmt: skip
     """Assess a trained policy: distance and return, success and time to target, against waves of commands.
 
@@ -146,6 +148,7 @@ def rollout(
         episodes: Episodes to run.
         goals: For a task with goals: random goals to go to, instead of --episodes.
         parameters: Run folder or parameters file of another simulator; by default that of the training.
+        robot: Robot file, where it isn't the place that the training names.
         which: best: in the evaluations while it learned. last: at the end.
         stage: Of the curriculum: how far goals are away, and how closely they must be met; by default the last.
         tendon_friction: Share of the rubbing tendon's tension that friction takes; by default as in the training.
@@ -170,16 +173,16 @@ def rollout(
     from swim2real.rl.training_run import TrainingRun
     from swim2real.store import source_at, write_json
 
-    run = TrainingRun.open(policy, allow_code=consent.given(consent.CODE))
-    others = [TrainingRun.open(folder, allow_code=consent.given(consent.CODE)) for folder in beside]
+    run = TrainingRun.open(policy, allow_code=consent.given(consent.CODE), robot=robot)
+    others = [TrainingRun.open(folder, allow_code=consent.given(consent.CODE), robot=robot) for folder in beside]
     task = find_task(run.task)
     stages = task.stages
     if goals and not stages:
         raise ArgumentError(f"--goals is for tasks with goals; this policy's is {run.settings.task}: use --episodes")
     if stage is not None and stage not in stages:
         raise ArgumentError(f"--stage is {stage}; this task has {', '.join(map(str, stages)) or 'no stages'}")
-    robot, cores = run.robot, os.cpu_count() or 1
-    values = None if parameters is None else [values_for(parameters, robot)]
+    body, cores = run.robot, os.cpu_count() or 1
+    values = None if parameters is None else [values_for(parameters, body)]
     disturbances = run.settings.disturbances
     if tendon_friction is not None:
         disturbances = replace(disturbances, tendon_friction=tendon_friction)
@@ -197,11 +200,11 @@ def rollout(
     if film:
         sets = run.settings.parameters if values is None else values
         swims = [
-            run_policy(other, [TEST_SEED], robot, sets, disturbances, which=which, stage=stage)[0] for other in others
+            run_policy(other, [TEST_SEED], body, sets, disturbances, which=which, stage=stage)[0] for other in others
         ]
         titles = ["/".join(one.folder.resolve().parts[-2:]) for one in (run, *others)] if others else [""]
         scenes = [
-            Scene(title, swim, robot) for title, swim in zip(titles, [assessment.episodes[0], *swims], strict=True)
+            Scene(title, swim, body) for title, swim in zip(titles, [assessment.episodes[0], *swims], strict=True)
         ]
         threshold = STAGES[stage or stages[-1]].threshold if issubclass(task, Target) else None
         write_film(folder / "rollout.mp4", scenes, width=1280 if others else 720, threshold=threshold)
@@ -215,8 +218,9 @@ def rollout(
 
 
 def export_commands(
-    policy: Positional[Path], *, out: Path, seconds: float, which: Literal["best", "last"] = "best",
-    phase: float = 0.0, goal: tuple[float, float] | None = None, json: bool = False,
+    policy: Positional[Path], *, out: Path, seconds: float, robot: str | None = None,
+    which: Literal["best", "last"] = "best", phase: float = 0.0, goal: tuple[float, float] | None = None,
+    json: bool = False,
 ) -> int:  # fmt: skip
     """Write a policy's commands as a table, 50 rows a second: .csv as `deploy` reads it, or .npz for other controllers.
 
@@ -228,6 +232,7 @@ def export_commands(
         policy: Folder that `train` wrote.
         out: Table to write, .csv or .npz.
         seconds: Length [s].
+        robot: Robot file, where it isn't the place that the training names.
         which: best: in the evaluations while it learned. last: at the end.
         phase: Angle of the motor at the start [rad].
         goal: Goal of a task with goals [m]: x (ahead is negative) and y; by default 1 m straight ahead.
@@ -240,7 +245,7 @@ def export_commands(
 
     if out.suffix not in (".csv", ".npz"):
         raise ArgumentError(f"--out is '{out}'; it must end in .csv, for `deploy`, or in .npz, for other controllers")
-    run = TrainingRun.open(policy, allow_code=consent.given(consent.CODE))
+    run = TrainingRun.open(policy, allow_code=consent.given(consent.CODE), robot=robot)
     actuators, commands = policy_commands(run, seconds, which=which, phase=phase, goal=goal)
     columns = {
         f"{name}_{unit.replace('/', '_')}": commands[:, i].tolist()

@@ -11,8 +11,8 @@ from swim2real.settings import EvaluationSettings
 
 
 def evaluate(
-    parameters: Positional[Path], settings: EvaluationSettings, *, reference: Path, sensitivity: bool = False,
-    json: bool = False,
+    parameters: Positional[Path], settings: EvaluationSettings, *, reference: Path, robot: str | None = None,
+    sensitivity: bool = False, json: bool = False,
 ) -> int:  # fmt: skip
     """Compare parameters with real trials: every figure, per trial and per marker.
 
@@ -22,6 +22,8 @@ def evaluate(
         parameters: Run folder or parameters file; 'published' for the prior work's values.
         settings: How they are compared.
         reference: Folder with the real trials.
+        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
+            robot whose own values are taken.
         sensitivity: Also print each parameter's effect on the loss: about 30 more evaluations.
         json: Print JSON in SI units.
     """
@@ -30,7 +32,7 @@ def evaluate(
     from swim2real.cli.subject import problem_of
     from swim2real.objective import evidence
 
-    problem, values = problem_of(parameters, reference, settings)
+    problem, values = problem_of(parameters, reference, settings, robot)
     content = evidence(problem.evaluate(values))
     effects = None
     if sensitivity:
@@ -46,9 +48,9 @@ def evaluate(
 
 
 def overlay(
-    parameters: Positional[Path], settings: EvaluationSettings, *, reference: Path, out: Path, fps: float = 30.0,
-    width: int = 960, video: tuple[Path, ...] = (), camera: Path | None = None, begin: From = (),
-    until: tuple[float, ...] = (),
+    parameters: Positional[Path], settings: EvaluationSettings, *, reference: Path, out: Path,
+    robot: str | None = None, fps: float = 30.0, width: int = 960, video: tuple[Path, ...] = (),
+    camera: Path | None = None, begin: From = (), until: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
     """Draw simulated trials over real ones: films and pictures to see what differs.
 
@@ -61,6 +63,8 @@ def overlay(
         settings: How they are compared.
         reference: Folder with the real trials.
         out: Folder to write.
+        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
+            robot whose own values are taken.
         fps: Frames a second of the films.
         width: Width of the films [px].
         video: Your own films of trials, each with its trial's name.
@@ -73,20 +77,20 @@ def overlay(
     from swim2real.pipeline.overlays import write_overlays
 
     if video:
-        _draw_on_films(parameters, settings, reference, out, video, camera, begin, until)
+        _draw_on_films(parameters, robot, settings, reference, out, video, camera, begin, until)
         return 0
     for option, given in (("camera", camera), ("from", begin), ("until", until)):
         if given:
             raise ArgumentError(f"--{option} is of your own films; give them too, with --video")
-    problem, values = problem_of(parameters, reference, settings)
+    problem, values = problem_of(parameters, reference, settings, robot)
     problem.robot.check_markers("draw")
     write_overlays(problem.evaluate(values), problem.robot, out, fps, width, lambda path: say(str(path)))
     return 0
 
 
 def _draw_on_films(
-    parameters: Path, settings: EvaluationSettings, reference: Path, out: Path, videos: tuple[Path, ...],
-    camera: Path | None, begins: tuple[float, ...], untils: tuple[float, ...],
+    parameters: Path, given: str | None, settings: EvaluationSettings, reference: Path, out: Path,
+    videos: tuple[Path, ...], camera: Path | None, begins: tuple[float, ...], untils: tuple[float, ...],
 ) -> None:  # fmt: skip
     from swim2real.calibration import Problem
     from swim2real.cli.subject import robot_for, values_of
@@ -98,7 +102,7 @@ def _draw_on_films(
     if settings.pieces is not None:
         raise ArgumentError("--pieces cuts trials into pieces, which can't be drawn on a film; leave it out")
     stretches = spans(begins, untils, len(videos), "films")
-    robot = robot_for(parameters)
+    robot = robot_for(parameters, given)
     robot.check_markers("draw")
     trials = chosen_trials(videos, load_reference(reference))
     known = None if camera is None else read_camera(camera)
@@ -114,8 +118,8 @@ def _draw_on_films(
 
 
 def simulate(
-    parameters: Positional[Path], *, frequency: tuple[float, ...], out: Path, seconds: float = 4.0, rate: float = 60.0,
-    from_rest: bool = False, threads: int = 0,
+    parameters: Positional[Path], *, frequency: tuple[float, ...], out: Path, robot: str | None = None,
+    seconds: float = 4.0, rate: float = 60.0, from_rest: bool = False, threads: int = 0,
 ) -> int:  # fmt: skip
     """Simulate swims and write the markers' paths.
 
@@ -125,6 +129,8 @@ def simulate(
         parameters: Run folder or parameters file; 'published' for the prior work's values.
         frequency: Motor frequencies [Hz].
         out: File to write.
+        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
+            robot whose own values are taken.
         seconds: Length of each swim [s].
         rate: Samples a second [Hz].
         from_rest: Start from rest with the motor turning; otherwise a steady cycle, from motor angle 0.
@@ -137,15 +143,15 @@ def simulate(
     from swim2real.cli.subject import robot_for, values_for
     from swim2real.store import write_arrays
 
-    robot = robot_for(parameters)
-    values = values_for(parameters, robot)
+    body = robot_for(parameters, robot)
+    values = values_for(parameters, body)
     trials = api.simulate(
-        values, robot, frequency, seconds=seconds, rate=rate, from_rest=from_rest, threads=threads
+        values, body, frequency, seconds=seconds, rate=rate, from_rest=from_rest, threads=threads
     )  # fmt: skip
     arrays = {
         "times": trials.trials[0].track.times, "frequencies": np.array(frequency),
         "markers": np.stack([trial.track.positions for trial in trials]),
-        "marker_names": np.array(robot.marker_names),
+        "marker_names": np.array(body.marker_names),
     }  # fmt: skip
     try:
         write_arrays(out, arrays)
@@ -156,13 +162,14 @@ def simulate(
     return 0
 
 
-def report(run: Positional[Path]) -> int:
+def report(run: Positional[Path], *, robot: str | None = None) -> int:
     """Write the report page of a run or a comparison: one self-contained HTML file that opens without a network.
 
     For a comparison also tables.md and the figures for papers (PDF and PNG).
 
     Args:
         run: Folder of a run or a comparison.
+        robot: Robot file, where it isn't the place that the run names.
     """
     from swim2real.api import recorded_robot
     from swim2real.calibration import RunFolder
@@ -170,6 +177,6 @@ def report(run: Positional[Path]) -> int:
     from swim2real.comparison.plan import PLAN
     from swim2real.report import write_report
 
-    page = write_files(run)[-1] if (run / PLAN).is_file() else write_report(run, recorded_robot(RunFolder(run)))
+    page = write_files(run)[-1] if (run / PLAN).is_file() else write_report(run, recorded_robot(RunFolder(run), robot))
     say(str(page))
     return 0

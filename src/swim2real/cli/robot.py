@@ -87,7 +87,7 @@ def check(robot: Positional[str], *, reference: Path | None = None, out: Path | 
     return 0 if check_robot(robot, reference, out, threads_or_all) else 1
 
 
-def export_model(parameters: Positional[Path], *, out: Path) -> int:
+def export_model(parameters: Positional[Path], *, out: Path, robot: str | None = None) -> int:
     """Write the calibrated simulator as one MJCF file, for any program that loads MuJoCo models.
 
     Reads a run folder or parameters file. The markers' sensors are in the model, and so are cameras, a light and the
@@ -97,6 +97,8 @@ def export_model(parameters: Positional[Path], *, out: Path) -> int:
     Args:
         parameters: Run folder or parameters file; 'published' for the prior work's values.
         out: MJCF file to write (.xml).
+        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
+            robot whose own values are taken.
     """
     import mujoco
 
@@ -107,13 +109,13 @@ def export_model(parameters: Positional[Path], *, out: Path) -> int:
     from swim2real.robots.scenery import furnish
     from swim2real.store import write_text
 
-    robot = robot_for(parameters)
+    body = robot_for(parameters, robot)
     published = str(parameters) == PUBLISHED
-    values = robot.space.published if published else read_parameters(parameters, robot.name, robot.space).values
-    spec = robot.build(values)
-    if robot.source is not None:  # assets are found from anywhere
+    values = body.space.published if published else read_parameters(parameters, body.name, body.space).values
+    spec = body.build(values)
+    if body.source is not None:  # assets are found from anywhere
         for folder in ("meshdir", "texturedir"):
-            setattr(spec, folder, str((robot.source.parent / spec.modelfiledir / getattr(spec, folder)).resolve()))
+            setattr(spec, folder, str((body.source.parent / spec.modelfiledir / getattr(spec, folder)).resolve()))
     furnish(spec)
     model = spec.compile()
     try:
@@ -128,7 +130,7 @@ def export_model(parameters: Positional[Path], *, out: Path) -> int:
     except ValueError as error:
         raise RobotError(f"MuJoCo can't read its own '{out}' back: {error}") from error
     exact = "all numbers read back the same" if not gap else f"numbers read back within {gap:.1g}, relative ({name})"
-    late = [f"{name} = {values[name]:g} s" for name in robot.delays]
+    late = [f"{name} = {values[name]:g} s" for name in body.delays]
     told = f"; delays are no part of a model, so these aren't in it: {', '.join(late)}" if late else ""
-    say(f"{out}: robot '{robot.name}', {exact}{told}")
+    say(f"{out}: robot '{body.name}', {exact}{told}")
     return 0

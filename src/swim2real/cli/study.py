@@ -16,8 +16,8 @@ _NAMED = 3  # parameters that are named in a cell
 
 
 def identify(
-    run: Positional[Path], settings: IdentifiabilitySettings, *, reference: Path, again: bool = False, threads: int = 0,
-    json: bool = False, quiet: bool = False,
+    run: Positional[Path], settings: IdentifiabilitySettings, *, reference: Path, robot: str | None = None,
+    again: bool = False, threads: int = 0, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Tell which parameters the trials determine at a run's best fit, and which make up for one another.
 
@@ -30,6 +30,7 @@ def identify(
         run: Run folder.
         settings: What decides the result.
         reference: Folder with the real trials that the run was made with.
+        robot: Robot file, where it isn't the place that the run names.
         again: Begin anew even if there is a study.
         threads: Swims simulated at a time; 0 for all cores. Results don't depend on it.
         json: Print JSON in SI units.
@@ -43,7 +44,7 @@ def identify(
     from swim2real.interruption import Interruption
     from swim2real.trials import load_reference
 
-    opened = reopen(run, load_reference(reference), robot_for(run), all_cores(threads))
+    opened = reopen(run, load_reference(reference), robot_for(run, robot), all_cores(threads))
     console = progress_console()
     try:
         with Interruption() as interruption:
@@ -70,8 +71,8 @@ def identify(
 
 
 def ensemble(
-    runs: Positional[tuple[Path, ...]], settings: EnsembleSettings, *, reference: Path, out: Path, threads: int = 0,
-    json: bool = False, quiet: bool = False,
+    runs: Positional[tuple[Path, ...]], settings: EnsembleSettings, *, reference: Path, out: Path,
+    robot: str | None = None, threads: int = 0, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Gather parameter sets that fit nearly as well as the best, as ranges for domain randomization.
 
@@ -83,6 +84,7 @@ def ensemble(
         settings: What decides the result.
         reference: Folder with the real trials that the runs were made with.
         out: File to write.
+        robot: Robot file, where it isn't the place that the runs name.
         threads: Swims simulated at a time; 0 for all cores. Results don't depend on it.
         json: Print the file's content.
         quiet: Print no progress.
@@ -97,7 +99,7 @@ def ensemble(
     if not out.resolve().parent.is_dir():
         raise ArgumentError(f"--out is '{out}'; its folder is not there, make it first")
     trials = load_reference(reference)
-    opened = [reopen(path, trials, robot_for(path), all_cores(threads)) for path in runs]
+    opened = [reopen(path, trials, robot_for(path, robot), all_cores(threads)) for path in runs]
     console = tables.progress_console()
     try:
         with Interruption() as interruption:
@@ -135,7 +137,13 @@ def ensemble(
 
 
 def export_sysid(
-    parameters: Positional[Path], *, reference: Path, out: Path, horizon: float = 4.0, threads: int = 0
+    parameters: Positional[Path],
+    *,
+    reference: Path,
+    out: Path,
+    robot: str | None = None,
+    horizon: float = 4.0,
+    threads: int = 0,
 ) -> int:
     """Write a reference and parameters as files of MuJoCo's own identification toolbox, mujoco.sysid.
 
@@ -147,6 +155,8 @@ def export_sysid(
             work's values.
         reference: Folder with the real trials.
         out: New folder to write.
+        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
+            robot whose own values are taken.
         horizon: Seconds of each trial that are written; 0 for all of it.
         threads: Trials simulated at a time; 0 for all cores.
     """
@@ -154,13 +164,13 @@ def export_sysid(
     from swim2real.cli.subject import problem_of
     from swim2real.sysid import save, to_sysid
 
-    problem, values = problem_of(parameters, reference, settings)
+    problem, values = problem_of(parameters, reference, settings, robot)
     save(to_sysid(problem, values), out)
     say(f"{out}: {len(problem.robot.space)} parameters, {len(problem.trials)} trials")
     return 0
 
 
-def import_sysid(results: Positional[Path], *, like: Path, out: Path) -> int:
+def import_sysid(results: Positional[Path], *, like: Path, out: Path, robot: str | None = None) -> int:
     """Make a parameters file of what MuJoCo's identification toolbox has found.
 
     Names and bounds are checked against the robot's.
@@ -170,17 +180,19 @@ def import_sysid(results: Positional[Path], *, like: Path, out: Path) -> int:
         like: Run folder or parameters file of the same robot, whose values parameters keep that the toolbox didn't
             have; 'published' for the prior work's values.
         out: Parameters file to write.
+        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
+            robot whose own values are taken.
     """
     from swim2real.cli.subject import robot_for
     from swim2real.parameters import read_parameters, write_parameters
     from swim2real.simulation import Engine
     from swim2real.sysid import read_values
 
-    robot = robot_for(like)
+    body = robot_for(like, robot)
     published = str(like) == PUBLISHED
-    others = robot.space.published if published else read_parameters(like, robot.name, robot.space).values
-    values, engine = read_values(results, robot.space, others), Engine.of(robot)
-    write_parameters(out, robot.name, values, engine.name, engine.as_dict(), robot.source)
+    others = body.space.published if published else read_parameters(like, body.name, body.space).values
+    values, engine = read_values(results, body.space, others), Engine.of(body)
+    write_parameters(out, body.name, values, engine.name, engine.as_dict(), body.source)
     changed = sum(values[name] != others[name] for name in values)
     say(f"{out}: {changed} of {len(values)} parameters differ from {like}")
     return 0

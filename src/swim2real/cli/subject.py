@@ -27,8 +27,10 @@ class Simulates(Protocol):
     def engine(self) -> Engine: ...
 
 
-def robot_for(path: Path) -> Robot:
-    """The robot that parameters are for; the fish for the published ones."""
+def robot_for(path: Path, given: str | None = None) -> Robot:
+    """The robot that parameters are for, or the given one; by default the fish for the published ones."""
+    if given is not None:
+        return load_robot(given)
     name = DEFAULT_ROBOT if str(path) == PUBLISHED else robot_of(path)
     try:
         return load_robot(name)
@@ -63,8 +65,10 @@ def values_of(path: Path, simulator: Simulates) -> dict[str, float]:
     return file.values
 
 
-def problem_of(parameters: Path, reference: Path, settings: EvaluationSettings) -> tuple[Problem, dict[str, float]]:
+def problem_of(
+    parameters: Path, reference: Path, settings: EvaluationSettings, given: str | None = None
+) -> tuple[Problem, dict[str, float]]:
     """The comparison of a robot with real trials, and the values of its parameters."""
-    robot = robot_for(parameters)
+    robot = robot_for(parameters, given)
     problem = Problem.with_settings(robot, load_reference(reference), settings)
     return problem, values_of(parameters, problem)

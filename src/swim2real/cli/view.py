@@ -22,7 +22,7 @@ SAME_FREQUENCY = 0.05  # share by which a real trial's beat may differ from the 
 
 
 def view(
-    subject: Positional[str], *, reference: Path | None = None, trial: str | None = None,
+    subject: Positional[str], *, robot: str | None = None, reference: Path | None = None, trial: str | None = None,
     frequency: float | None = None, seconds: float = 8.0, camera: Literal["above", "side"] | None = None,
     film: Path | None = None, width: int = 960,
 ) -> int:  # fmt: skip
@@ -33,6 +33,8 @@ def view(
 
     Args:
         subject: Run folder, parameters file, robot (its name or .toml file), MJCF model (.xml), or 'published'.
+        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
+            robot whose own values are taken.
         reference: Folder with the real trials that are shown as ghosts; of a run by default its own.
         trial: Which of them; by default the first, or the one whose frequency is nearest to --frequency.
         frequency: Frequency of the motor [Hz]; by default that of the trial, or 1 Hz.
@@ -52,7 +54,7 @@ def view(
     if subject.endswith((".xml", ".mjcf")):
         shown = shown_model(Path(subject), frequency or FREQUENCY, seconds)
     else:
-        shown = _of_robot(subject, reference, trial, frequency, seconds)
+        shown = _of_robot(subject, robot, reference, trial, frequency, seconds)
     begin = camera or shown.camera
     if film is not None:
         say(f"{film}: {shown.title}, {shown.times[-1]:.1f} s, rendered by {write_film(shown, film, begin, width)}")
@@ -63,14 +65,14 @@ def view(
 
 
 def _of_robot(
-    subject: str, reference: Path | None, trial: str | None, frequency: float | None, seconds: float
+    subject: str, given: str | None, reference: Path | None, trial: str | None, frequency: float | None, seconds: float
 ) -> Shown:
     """A robot's motion, beside a real trial where there is one at this frequency."""
     from swim2real.calibration import Problem
     from swim2real.trials import TrialSet, load_reference
     from swim2real.viewing import shown_swim, shown_trial
 
-    robot, values = _robot_and_values(subject)
+    robot, values = _robot_and_values(subject, given)
     swims = robot.trials.nearly_straight
     folder = reference or _own_reference(Path(subject))
     if folder is None:
@@ -95,14 +97,16 @@ def _of_robot(
     return shown_swim(robot, values, beat, seconds, compared)
 
 
-def _robot_and_values(subject: str) -> tuple[Robot, Values]:
+def _robot_and_values(subject: str, given: str | None) -> tuple[Robot, Values]:
     from swim2real.cli.subject import robot_for, values_for
     from swim2real.robots import load_robot
 
     path = Path(subject)
     if subject == PUBLISHED or path.is_dir() or path.suffix == ".json":
-        robot = robot_for(path)
+        robot = robot_for(path, given)
         return robot, dict(values_for(path, robot))
+    if given is not None:
+        raise ArgumentError(f"--robot is '{given}', and '{subject}' is a robot itself; leave one of them out")
     robot = load_robot(subject)
     return robot, dict(robot.space.published)
 

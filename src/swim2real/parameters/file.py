@@ -62,8 +62,7 @@ def robot_of(path: str | Path) -> str:
     if not source.is_file():
         raise ParameterError(
             f"parameters file '{place}': its robot file '{content.robot_file}', looked up from the folder of the "
-            f"parameters file, is not there; leave the parameters file where it was, or give the robot file's place as "
-            f"its 'robot_file'"
+            f"parameters file, is not there; give its place with --robot, or as the parameters file's 'robot_file'"
         )
     return str(source)
 

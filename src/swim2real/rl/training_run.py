@@ -138,20 +138,23 @@ class TrainingRun:
         settings: Its settings.
         allow_code: Whether code may run that its task or its robot file names, or that is in the pickle of a policy of
             version 0.1; where not, named code that was allowed before may.
+        given_robot: Where its robot file is; None for where its settings say.
     """
 
     folder: Path
     settings: RecordedSettings
     allow_code: bool = False
+    given_robot: str | None = None
 
     @classmethod
-    def open(cls, folder: str | Path, *, allow_code: bool = False) -> TrainingRun:
+    def open(cls, folder: str | Path, *, allow_code: bool = False, robot: str | None = None) -> TrainingRun:
         """Opens a training folder.
 
         Args:
             folder: The folder.
             allow_code: Run the Python code that its task and its robot file name, when they are asked for, and
                 remember that.
+            robot: Where its robot file is; by default where its settings say.
 
         Raises:
             RunError: The folder is no training run, or its settings are damaged.
@@ -162,7 +165,7 @@ class TrainingRun:
             settings = read(RecordedSettings, path, "training settings", RunError)
         except ArgumentError as error:
             raise RunError(f"training settings '{path}': {error}") from error
-        return cls(Path(folder), settings, allow_code)
+        return cls(Path(folder), settings, allow_code, robot)
 
     @property
     def task(self) -> str:
@@ -181,11 +184,24 @@ class TrainingRun:
         """The robot that the policy was trained for.
 
         Raises:
-            RunError: It isn't known here.
+            RunError: It isn't known here, or another one was given.
             ConsentError: Its file names Python code that wasn't allowed.
         """
+        if self.given_robot is not None:
+            robot = load_robot(self.given_robot, allow_code=self.allow_code)
+            if robot.name != self.settings.robot:
+                raise RunError(
+                    f"training run '{self.folder}' is of robot '{self.settings.robot}', not '{robot.name}'; give its "
+                    f"file"
+                )
+            return robot
         try:
             file = self.settings.robot_file
+            if file is not None and not (self.folder / file).is_file():
+                raise RunError(
+                    f"robot file '{self.folder / file}' of training run '{self.folder}' is not there; give its place "
+                    f"with --robot"
+                )
             return load_robot(self.settings.robot if file is None else self.folder / file, allow_code=self.allow_code)
         except ArgumentError as error:
             raise RunError(f"'{self.folder}': {error}") from error
