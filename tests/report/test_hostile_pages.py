@@ -6,6 +6,7 @@ unchecked, so the pages hold without that.
 
 import json
 import re
+import shutil
 import socket
 import unicodedata
 from collections.abc import Callable, Generator
@@ -28,10 +29,10 @@ from swim2real.calibration import RunFolder
 from swim2real.calibration.run_folder import TRIALS as SAVED
 from swim2real.names import file_name_fault
 from swim2real.parameters import ParameterSpace
-from swim2real.report import write_quality_page, write_report
+from swim2real.report import write_quality_page, write_report, write_runs_page
 from swim2real.report.comparison_page import write_comparison_report
 from swim2real.robots.fish import FISH
-from swim2real.robots.robot import PolicySetup
+from swim2real.robots.robot import PolicySetup, Robot
 from swim2real.tracking import LostMarkers
 from swim2real.tracking.points import write_pick_page
 from swim2real.trials import MarkerTrack, Trial
@@ -77,6 +78,19 @@ def hostile(*names: str) -> dict[str, str]:
 
 
 def run_page(folder: Path) -> Path:
+    return write_report(*hostile_run(folder))
+
+
+def runs_page(folder: Path) -> Path:
+    run, robot = hostile_run(folder)
+    other = run.with_name(f"{run.name}2")
+    shutil.copytree(run, other)
+    settings = json.loads((other / "settings.json").read_text())
+    (other / "settings.json").write_text(json.dumps({**settings, "commit": f"{ATTACK} 2"}))
+    return write_runs_page([(run, robot), (other, robot)], folder / "runs.html")
+
+
+def hostile_run(folder: Path) -> tuple[Path, Robot]:
     run = VlmRun(folder / FOLDER)
     run.advisor = f"openai:{ATTACK}"
     run.add(0.3, (0.5, 0.5, 0.5))
@@ -97,7 +111,7 @@ def run_page(folder: Path) -> Path:
         arrays = {key: np.array(names[str(a)]) if str(a) in names else a for key, a in saved.items()}
     np.savez(run.path / SAVED, **arrays)
     space = ParameterSpace(tuple(replace(p, name=names[p.name], unit=ATTACK, meaning=ATTACK) for p in SPACE))
-    return write_report(run.path, replace(ROBOT, space=space, marker_names=tuple(names[m] for m in MARKERS)))
+    return run.path, replace(ROBOT, space=space, marker_names=tuple(names[m] for m in MARKERS))
 
 
 def comparison_page(folder: Path) -> Path:
@@ -181,8 +195,8 @@ def pick_page(folder: Path) -> Path:
 
 
 PAGES: dict[str, Callable[[Path], Path]] = {
-    "run": run_page, "comparison": comparison_page, "quality": quality_page, "training": training_page,
-    "rollout": rollout_page, "pick": pick_page,
+    "run": run_page, "runs": runs_page, "comparison": comparison_page, "quality": quality_page,
+    "training": training_page, "rollout": rollout_page, "pick": pick_page,
 }  # fmt: skip
 
 
@@ -245,10 +259,10 @@ def check(page: str, scripts: int) -> Audit:
     return found
 
 
-SCRIPTS = {"run": 1, "comparison": 1, "quality": 0, "training": 1, "rollout": 1, "pick": 2}
+SCRIPTS = {"run": 1, "runs": 1, "comparison": 1, "quality": 0, "training": 1, "rollout": 1, "pick": 2}
 
 
-@pytest.mark.parametrize("kind", ["run", "comparison"])  # whose charts take long; the browser sees them
+@pytest.mark.parametrize("kind", ["run", "runs", "comparison"])  # whose charts take long; the browser sees them
 def test_hostile_text_stays_text(kind: str, tmp_path: Path) -> None:
     check_file(kind, tmp_path)
 

@@ -2,5 +2,6 @@
 
 from swim2real.report.page import write_report
 from swim2real.report.quality_page import write_quality_page
+from swim2real.report.runs_page import write_runs_page
 
-__all__ = ["write_quality_page", "write_report"]
+__all__ = ["write_quality_page", "write_report", "write_runs_page"]

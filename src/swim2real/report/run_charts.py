@@ -26,15 +26,15 @@ from swim2real.report.style import (
 )
 from swim2real.report.units import mm, text
 
+SMALLEST = 1e-3  # mm, of a loss on the logarithmic axis
 _MOST_NUMBERS = 20  # evaluations that each have a number on the axis
-_SMALLEST = 1e-3  # mm, of a loss on the logarithmic axis
 
 
 def convergence(run: ReportedRun) -> Figure:
     """Loss of each evaluation, the best so far, accepted rounds, and diverged simulations at the top."""
     figure, axes = new_chart(WIDE, 2.9, "evaluation", f"loss: {run.loss} (mm)", legend_rows=1)
     proper = [(i + 1, entry) for i, entry in enumerate(run.entries) if not entry["failed"]]
-    losses = [max(1e3 * entry["loss"], _SMALLEST) for _, entry in proper] or [1e2, 1e3]
+    losses = [max(1e3 * entry["loss"], SMALLEST) for _, entry in proper] or [1e2, 1e3]
     top = max(losses) * (max(losses) / min(losses)) ** 0.1 * 1.12
     titled_points(
         axes.scatter(
@@ -45,14 +45,14 @@ def convergence(run: ReportedRun) -> Figure:
     )  # fmt: skip
     begun = proper[0][0] if proper else len(run.entries) + 1
     highest = top / (top / min(losses)) ** 0.03
-    best = np.maximum(1e3 * np.array(best_losses(run.entries)[begun - 1 :]), _SMALLEST)
+    best = np.maximum(1e3 * np.array(best_losses(run.entries)[begun - 1 :]), SMALLEST)
     axes.step(
         range(begun, len(run.entries) + 1), best, where="post", color=LIGHT["simulated"], linewidth=1.5,
         label="best so far", zorder=3,
     )  # fmt: skip
     accepted = accepted_steps(run)
     if accepted:
-        found = [max(1e3 * run.entries[i]["loss"], _SMALLEST) for i, _ in accepted]
+        found = [max(1e3 * run.entries[i]["loss"], SMALLEST) for i, _ in accepted]
         titled_points(
             axes.scatter(
                 [i + 1 for i, _ in accepted], found, s=42, marker="*", color=LIGHT["good"],

@@ -1,0 +1,118 @@
+"""The page of several runs side by side."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from charts import check_page
+from test_report import ROBOT, SPACE, Run, searched, visible
+
+from browser import opened
+from swim2real.errors import RunError
+from swim2real.parameters import ParameterSpace
+from swim2real.report import write_runs_page
+from swim2real.report.run import read_run
+from swim2real.report.runs_page import content, parameter_lines
+
+
+@pytest.fixture
+def two(tmp_path: Path) -> tuple[Run, Run]:
+    """A line search, and a random run with another seed that hasn't ended."""
+    first = searched(tmp_path / "first")
+    first.conclude(0.1)
+    second = Run(tmp_path / "second", method="random", budget=3)
+    second.add(0.3, (0.5, 0.4, 0.7))
+    second.add(0.25, (0.95, 0.3, 0.7))
+    settings = json.loads((second.path / "settings.json").read_text())
+    (second.path / "settings.json").write_text(json.dumps({**settings, "seed": 4}))
+    return first, second
+
+
+def page_of(*runs: Run) -> str:
+    path = write_runs_page([(run.path, ROBOT) for run in runs], runs[0].path.parent / "runs.html")
+    return path.read_text(encoding="utf-8")
+
+
+def test_two_runs_are_side_by_side(two: tuple[Run, Run]) -> None:
+    shown = visible(page_of(*two))
+    for words in (
+        "2 runs side by side", "A first : line-search with advisor physics, robot fish, seed 3, 7 of 7 evaluations",
+        "B second : random, robot fish, seed 4, 2 of 3 evaluations", "B second : it has not ended",
+        "Aligned marker error", "held out", "Settings that differ", "Method line-search random", "Seed 3 4",
+        "on its upper bound",
+    ):  # fmt: skip
+        assert words in shown, words
+    assert "aren't of the same thing" not in shown
+    assert "Begun" not in shown
+
+
+def test_figures_are_those_of_the_runs_own_pages(two: tuple[Run, Run]) -> None:
+    shown = content([read_run(run.path, ROBOT) for run in two])
+    label, _, main, cells = next(row for row in shown["figures"] if row[1] == "aligned_marker_error")
+    losses = [min(entry["loss"] for entry in run.folder.record() if not entry["failed"]) for run in two]
+    assert (label, main) == ("Aligned marker error", True)
+    assert [fitted for fitted, _ in cells] == [f"{1e3 * loss:.1f} mm" for loss in losses]
+    assert cells[0][1].endswith(" mm")
+    assert cells[1][1] == ""
+
+
+def test_parameters_say_what_differs(two: tuple[Run, Run]) -> None:
+    arm, stiffness, drag = parameter_lines([read_run(run.path, ROBOT) for run in two])
+    assert (arm.name, arm.apart, arm.note) == ("arm", "5 %", "")
+    assert [row.bound for row in arm.rows if row] == ["upper", ""]
+    assert (stiffness.apart, drag.apart) == ("5 %", "0 %")
+    moved = Run(two[0].path.with_name("third"), method="random")
+    moved.add(0.1, (0.2, 0.35, 0.7))
+    arm, *_ = parameter_lines([read_run(run.path, ROBOT) for run in (two[0], moved)])
+    assert (arm.apart, arm.note) == ("80 %", "differs")
+
+
+def test_other_bounds_and_other_parameters_are_not_compared(two: tuple[Run, Run]) -> None:
+    wider = ParameterSpace((replace(SPACE.parameters[0], upper=0.09), *SPACE.parameters[1:]))
+    fewer = ParameterSpace(SPACE.parameters[:2])
+    first = read_run(two[0].path, ROBOT)
+    arm, *_ = parameter_lines([first, replace(first, space=replace(wider, scale=first.space.scale))])
+    assert (arm.apart, arm.note) == ("–", "other bounds")
+    entries = tuple({**entry, "values": {**entry["values"]}} for entry in first.entries)
+    for entry in entries:
+        del entry["values"]["drag"]
+    *_, drag = parameter_lines([first, replace(first, entries=entries, space=replace(fewer, scale=first.space.scale))])
+    assert drag.rows[1] is None
+    assert (drag.apart, drag.note) == ("–", "")
+
+
+def test_runs_whose_figures_are_of_other_things_say_so(two: tuple[Run, Run]) -> None:
+    settings = json.loads((two[1].path / "settings.json").read_text())
+    other = {**settings, "protocol": "paper", "reference_fingerprint": "other"}
+    (two[1].path / "settings.json").write_text(json.dumps(other))
+    said = "The runs differ in protocol and trials, so their figures aren't of the same thing."
+    assert said in page_of(*two).replace("&#39;", "'")
+
+
+def test_paths_are_shared_and_on_one_scale(two: tuple[Run, Run]) -> None:
+    two[1].conclude(0.2)
+    shown = content([read_run(run.path, ROBOT) for run in two])
+    assert len(shown["trials"]) == 3
+    pairs = [[shown["charts"][f"paths-{k}-{i}"]().axes[0].get_xlim() for i in (0, 1)] for k in range(3)]
+    assert all(a == b for a, b in pairs)
+
+
+def test_a_run_without_evaluations_is_refused(two: tuple[Run, Run]) -> None:
+    empty = Run(two[0].path.with_name("empty"))
+    with pytest.raises(RunError, match="nothing to report"):
+        page_of(two[0], empty)
+
+
+@pytest.mark.slow
+def test_a_whole_page_is_sound_and_a_browser_shows_it(two: tuple[Run, Run], drawn: None) -> None:
+    two[1].conclude(0.2)
+    page = page_of(*two)
+    check_page(page)
+    assert len(page) < 5e5
+    assert not re.findall(r"<(link|iframe|img|object|base)\b", page)
+    assert "M3, simulated" in page
+    shown, told = opened(two[0].path.parent / "runs.html")
+    assert "CONSOLE" not in told, told[-2000:]
+    assert "2 runs side by side" in shown
