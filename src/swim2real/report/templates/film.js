@@ -28,7 +28,9 @@
   };
 
   const draw = () => {
-    const width = canvas.clientWidth, scale = width / film.width, height = film.height * scale;
+    const most = (0.7 * innerHeight * film.width) / film.height; // so that all of it and the controls are seen at once
+    const width = Math.min(player.clientWidth, Math.max(most, 240)), scale = width / film.width, height = film.height * scale;
+    canvas.style.width = `${width}px`;
     canvas.style.height = `${height}px`;
     const dots = window.devicePixelRatio || 1;
     canvas.width = Math.round(width * dots);
