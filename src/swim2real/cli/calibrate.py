@@ -51,6 +51,7 @@ def calibrate(
     from swim2real import pipeline
     from swim2real.robots import load_robot
     from swim2real.simulation.misfits import hasty, long_swings, misplaced, other_units
+    from swim2real.simulation.resting import in_motion
     from swim2real.trials import load_reference
 
     settings = pipeline.as_replayed(settings)
@@ -58,7 +59,7 @@ def calibrate(
     far = misplaced(body, trials)
     if far is not None:
         tell(f"warning: {far}")
-    for line in other_units(body, trials):
+    for line in (*in_motion(body, trials), *other_units(body, trials)):
         tell(f"warning: {line}")
     if settings.pieces is None:
         for line in (*hasty(body, trials), *long_swings(body, trials, settings.horizon)):

@@ -21,6 +21,7 @@ from swim2real.simulation.fitted_start import STRETCH
 from swim2real.simulation.misfits import hasty, long_swings, misfits, misplaced, other_units, starts
 from swim2real.simulation.pose import MarkerView
 from swim2real.simulation.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
+from swim2real.simulation.resting import at_rest, in_motion
 from swim2real.trials import TrialSet, load_reference
 
 
@@ -121,6 +122,11 @@ def _starts(robot: Robot, reference: TrialSet) -> None:
         table("Simulated markers, values of the file, from the real ones of the first frame [mm]", columns, rows)
     for line in (*hasty(robot, reference), *long_swings(robot, reference, HORIZON), *other_units(robot, reference)):
         say(f"Warning: {line}.")
+    for line in in_motion(robot, reference):
+        say(f"Warning: {line}.")
+    proposal = at_rest(robot, reference)
+    if proposal is not None:
+        say(f"{proposal}.")
 
 
 def _side(robot: Robot) -> str:

@@ -1,0 +1,97 @@
+"""Recordings that begin at rest, in a keyframe, or in motion, of the pendulum, of floating links and of encoders."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from recorded import (
+    FLOATER,
+    FLOATER_HIDDEN,
+    PENDULUM,
+    PENDULUM_HIDDEN,
+    blank,
+    pendulum_reference,
+    recorded,
+    telling,
+    torque_table,
+)
+from swim2real.robots.robot import Sine
+from swim2real.simulation.resting import at_rest, in_motion
+from swim2real.trials import MarkerTrack, TrialSet
+
+RESTING, RAISED = telling(PENDULUM, start="rest"), telling(PENDULUM, start="raised")
+
+
+def from_pose(robot, seconds=2.0, noise=3e-4, names="ab") -> TrialSet:
+    blanks = [blank(robot, name, seconds, controls=torque_table(seconds, k)) for k, name in enumerate(names)]
+    return recorded(robot, PENDULUM_HIDDEN, blanks, noise)
+
+
+@pytest.mark.parametrize("fitted", ["fitted", "markers"])
+def test_a_start_at_rest_is_proposed(fitted):
+    told = at_rest(telling(PENDULUM, start=fitted), from_pose(RESTING))
+    assert told is not None
+    assert told.startswith("All 2 recordings begin at rest in the model's own pose, within ")
+    assert f'start = "rest" in the robot file says so, and leaves less to be found than "{fitted}"' in told
+    assert in_motion(RESTING, from_pose(RESTING)) == []
+    assert at_rest(RESTING, from_pose(RESTING)) is None
+
+
+def test_a_keyframe_is_proposed():
+    trials = from_pose(RAISED)
+    told = at_rest(telling(PENDULUM, start="fitted"), trials)
+    assert told is not None
+    assert "at rest in keyframe 'raised'" in told
+    assert 'start = "raised"' in told
+    assert in_motion(RAISED, trials) == []
+
+
+def test_a_recording_in_motion_is_told_where_the_file_says_rest():
+    trials = pendulum_reference(1e-3)  # cut out of longer ones
+    assert at_rest(telling(PENDULUM, start="fitted"), trials) is None
+    told = in_motion(RESTING, trials)
+    assert len(told) >= 1
+    assert told[0].startswith("trial 'a' moves as it begins (")
+    assert 'start is "rest" in the robot file' in told[0]
+    assert 'say start = "fitted"' in told[0]
+    assert in_motion(telling(PENDULUM, start="fitted"), trials) == []
+
+
+def test_links_that_float_begin_at_rest_wherever_they_are():
+    blanks = [blank(FLOATER, "swim", 2.0, nominal_frequency=1.0)]
+    floater = telling(FLOATER, controls={"bender": Sine(0.5), "flapper": Sine(0.4)})
+    trials = recorded(floater, FLOATER_HIDDEN, blanks, 1e-4)
+    (swim,) = trials
+    turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    track = type(swim.track)(swim.track.times, swim.track.positions @ turn + [3.0, 1.0])
+    elsewhere = TrialSet((type(swim)(**{**vars(swim), "track": track}),), trials.marker_names)
+    told = at_rest(telling(floater, start="fitted"), elsewhere)
+    assert told is not None
+    assert told.startswith("The recording begins at rest in the model's own pose")
+    assert in_motion(floater, elsewhere) == []
+
+
+def test_a_known_start_is_not_looked_at():
+    blanks = [blank(RESTING, "a", 0.5, controls=torque_table(0.5), start={"shoulder": 1.0, "elbow": 0.2})]
+    trials = recorded(RESTING, PENDULUM_HIDDEN, blanks, 1e-3)
+    assert at_rest(telling(PENDULUM, start="fitted"), trials) is None
+    assert in_motion(RESTING, trials) == []
+
+
+def test_markers_that_are_lost_at_first_tell_nothing():
+    trials = from_pose(RESTING)
+    fitted = telling(PENDULUM, start="fitted")
+
+    def without(count, markers) -> TrialSet:
+        made = []
+        for trial in trials:
+            positions = trial.track.positions.copy()
+            positions[:count, markers] = np.nan
+            made.append(replace(trial, track=MarkerTrack(trial.track.times, positions)))
+        return TrialSet(tuple(made), trials.marker_names)
+
+    assert at_rest(fitted, without(None, [0])) is not None
+    assert at_rest(fitted, without(20, [0, 1, 2])) is None
+    assert in_motion(RESTING, without(20, [0, 1, 2])) == []
+    assert at_rest(fitted, TrialSet(trials.trials, ("a", "b", "c"))) is None
