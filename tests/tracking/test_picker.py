@@ -322,3 +322,32 @@ def test_a_film_whose_name_is_no_text_has_a_page(tmp_path) -> None:
     (script,) = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     assert f"script-src 'sha256-{digest}';" in text
+
+
+@pytest.mark.slow
+def test_a_click_beside_the_middle_snaps_to_it_unless_it_is_not_wanted(play, tmp_path):
+    result = play(
+        """
+        const places = [];
+        for (const color of COLORS) places.push(await see(color));
+        const beside = ([x, y]) => [x + 6, y - 4];   // on the disc, whose radius is 16 px of the screen here
+        for (const p of places) click(beside(p));
+        said.push(...rows());
+        press("clear");
+        for (const p of places) click(beside(p), { altKey: true });
+        said.push(...rows());
+        press("clear"); press("snap");
+        for (const p of places) click(beside(p));
+        said.push(...rows());
+        press("clear"); press("snap");
+        click([places[1][0] + 100, places[1][1] - 100]);   // plain water
+        said.push(rows()[0]);
+        """
+    )
+    rows = [np.array([list(map(float, row.split(", "))) for row in result["said"][k : k + 4]]) for k in (0, 4, 8)]
+    np.testing.assert_allclose(rows[0], TARGETS, atol=0.15)
+    offs = [np.linalg.norm(each - TARGETS, axis=1) for each in rows[1:]]
+    assert np.min(offs) > 2
+    np.testing.assert_array_equal(rows[1], rows[2])
+    water = np.array(list(map(float, result["said"][12].split(", "))))
+    assert np.linalg.norm(water - TARGETS[1]) > 30
