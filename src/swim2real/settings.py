@@ -160,7 +160,10 @@ class CalibrationSettings(EvaluationSettings):
         budget: Simulation evaluations, the first included.
         seed: Decides the first point and every random choice.
         first: First point. model: the values that the robot's model has. random: anywhere within the bounds, by the
-            seed. auto: the model's for recordings with seed 0, random for other seeds and for swims.
+            seed. auto: the model's for recordings with seed 0 or several starts, else random.
+        starts: Points that the line search evaluates first, spread over the bounds by the seed, the first point
+            included; it goes down from the best, and from the next best where it stalls. By default, of recordings with
+            the physics advisor a tenth of the budget and at most two a parameter, else 1.
         scale: Scale of the parameters; auto: linear for protocol paper, log otherwise.
         max_steps: Steps of the line search; 1 is the ablation without it.
         early_stop: Stop a step's evaluation once it is certain to be rejected. The advisor then sees less of rejected
@@ -177,6 +180,7 @@ class CalibrationSettings(EvaluationSettings):
     budget: int = 40
     seed: int = 0
     first: First = "auto"
+    starts: int | None = None
     scale: ScaleChoice = "auto"
     max_steps: int = 3
     early_stop: bool = False
@@ -192,6 +196,10 @@ class CalibrationSettings(EvaluationSettings):
         _least("budget", self.budget, 1)
         _seed(self.seed)
         _choice("first", self.first, get_args(First))
+        if self.starts is not None:
+            _least("starts", self.starts, 1)
+            if self.starts > 1 and self.method != "line-search":
+                raise ArgumentError(f"starts is for method line-search; method {self.method} has starts of its own")
         _choice("scale", self.scale, get_args(ScaleChoice))
         _least("max_steps", self.max_steps, 1)
         if self.early_stop and self.method != "line-search":

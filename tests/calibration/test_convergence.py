@@ -2,7 +2,7 @@
 
 import pytest
 
-from swim2real.calibration.run_folder import best_losses, still_falling
+from swim2real.calibration.convergence import best_losses, never_beaten, still_falling
 
 FAILED = None
 
@@ -42,3 +42,24 @@ def test_nothing_is_told_of_any_other_run(found, budget):
 def test_the_first_that_doesnt_fail_late_counts_as_falling():
     assert best_losses(entries(FAILED, 2.0, FAILED, 0.5)) == [1.0, 2.0, 2.0, 0.5]
     assert "90 % lower" in (still_falling(entries(FAILED, FAILED, FAILED, 0.1), settings(4)) or "")
+
+
+def by(source, count, lowest):
+    """Evaluations whose best is a point of a source."""
+    losses = [5.0] * count
+    losses[lowest] = 1.0
+    sources = ["first point", *["start"] * 3, *["line search"] * count]
+    sources[lowest] = source
+    return [
+        {"index": i, "failed": False, "loss": loss, "note": {"source": sources[i]}} for i, loss in enumerate(losses)
+    ]
+
+
+def test_a_search_that_hasnt_beaten_its_own_first_points_is_told_with_what_to_do():
+    told = never_beaten(by("start", 12, 2), settings(12))
+    assert told.startswith("the search hasn't beaten its own first points: the best of 12 is evaluation 3, which no ")
+    assert "--seeds 3" in told
+    assert never_beaten(by("line search", 12, 8), settings(12)) is None
+    assert never_beaten(by("start", 12, 2), settings(13)) is None  # it goes on
+    assert never_beaten(by("start", 9, 2), settings(9)) is None  # too short
+    assert never_beaten(by("start", 12, 2), settings(12, "random")) is None  # it doesn't search

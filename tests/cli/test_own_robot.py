@@ -10,7 +10,7 @@ import pytest
 from program import process
 
 from swim2real.calibration import RunFolder
-from swim2real.calibration.run_folder import still_falling
+from swim2real.calibration.convergence import still_falling
 from swim2real.tracking.camera_file import CameraFile, Length, write_camera
 from swim2real.trials import load_reference
 from swim2real.video import VideoWriter

@@ -38,6 +38,7 @@ class RunSettings(_Part):
     budget: Whole = 0
     seed: Annotated[int, Field(strict=True, ge=0)] = 0
     first: Text | None = None
+    starts: Whole | None = None
     scale: Literal["log", "linear"] = "log"
     max_steps: Whole | None = None
     early_stop: bool = True

@@ -29,8 +29,8 @@ ADDED = {
     "give_up": None,
     "pieces": None,
     "first": "random",
+    "starts": 1,
 }  # settings that earlier versions didn't write
-_FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
 
 
 class RunFolder:
@@ -292,42 +292,6 @@ def _damage(line: bytes) -> str:
         return "" if isinstance(store.from_json(line), dict) else "no evaluation"
     except ValueError as error:
         return str(error)
-
-
-def best_losses(entries: Sequence[Mapping[str, Any]]) -> list[float]:
-    """Loss of the incumbent after each evaluation [m]; that of a failure as long as all failed."""
-    losses: list[float] = []
-    best: float | None = None
-    for entry in entries:
-        if not entry["failed"]:
-            best = entry["loss"] if best is None else min(best, entry["loss"])
-        losses.append(entry["loss"] if best is None else best)
-    return losses
-
-
-def still_falling(entries: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]) -> str | None:
-    """A warning that a run hadn't converged: its last quarter lowered the loss by more than 5 %.
-
-    Args:
-        entries: Evaluations on record.
-        settings: Settings of the run; `budget` and `method` are read.
-
-    Returns:
-        None for a run that converged, hasn't spent its budget, or is shorter than four evaluations.
-    """
-    budget = settings.get("budget", 0)
-    if budget < 4 or len(entries) < budget:
-        return None
-    losses = best_losses(entries)
-    before, end = losses[len(losses) - len(losses) // 4 - 1], losses[-1]
-    if end >= (1 - _FALLING) * before:
-        return None
-    more = "begin a new run with a higher --budget"  # its stages are planned by the budget
-    if settings.get("method") != "staged":
-        more = "raise --budget and add --resume"
-    return (
-        f"the loss was still falling: {100 * (1 - end / before):.0f} % lower in the last quarter of the budget; {more}"
-    )
 
 
 def upgraded_evidence(evidence: Any) -> Any:

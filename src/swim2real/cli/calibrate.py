@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swim2real.cli.options import Positional, RobotOption
 from swim2real.cli.terminal import say, say_json, tell
-from swim2real.errors import ArgumentError
+from swim2real.errors import ArgumentError, RunError
 from swim2real.settings import CalibrationSettings, VlmAccess
 
 if TYPE_CHECKING:
@@ -22,7 +25,7 @@ MOST_LINES = 10  # on lost tracks, before they are told in a line for each trial
 def calibrate(
     reference: Positional[Path], settings: CalibrationSettings, access: VlmAccess, *, out: Path,
     robot: RobotOption = "fish", sensitivity: bool = False, resume: bool = False, accept_edited: bool = False,
-    json: bool = False, quiet: bool = False,
+    seeds: int = 1, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Find simulator parameters that make simulated trials match real ones.
 
@@ -43,9 +46,13 @@ def calibrate(
         resume: Go on with the run in --out.
         accept_edited: With --resume, take a record that was edited or cut as it is. What doesn't fit the rest any more
             is evaluated anew; the record as it was is kept as record-edited-1.jsonl.
+        seeds: Make so many runs, with --seed and the numbers after it, in folders beside --out, and copy the best one
+            to --out.
         json: Print the outcome as JSON.
         quiet: Print no progress.
     """
+    if seeds < 1:
+        raise ArgumentError(f"seeds is {seeds}; it must be at least 1")
     if accept_edited and not resume:
         raise ArgumentError("--accept-edited is for a run that goes on; add --resume")
     from swim2real import pipeline
@@ -65,13 +72,46 @@ def calibrate(
         for line in (*hasty(body, trials), *long_swings(body, trials, settings.horizon)):
             tell(f"warning: {line}")
 
-    def work(callbacks: RunCallbacks) -> Outcome:
-        return pipeline.calibrate(
-            trials, body, settings, out, source=str(reference), resume=resume, accept_edited=accept_edited,
-            sensitivity=sensitivity, access=access, on_progress=callbacks.progress, on_advisor=callbacks.advisor,
-        )  # fmt: skip
+    def run(chosen: CalibrationSettings, folder: Path, resume: bool) -> Outcome | None:
+        def work(callbacks: RunCallbacks) -> Outcome:
+            return pipeline.calibrate(
+                trials, body, chosen, folder, source=str(reference), resume=resume, accept_edited=accept_edited,
+                sensitivity=sensitivity, access=access, on_progress=callbacks.progress, on_advisor=callbacks.advisor,
+            )  # fmt: skip
 
-    return _finished(work, settings.budget, out, quiet, json)
+        return _watched(work, chosen.budget, folder, quiet)
+
+    outcome = run(settings, out, resume) if seeds == 1 else _best_of(seeds, settings, out, resume, run)
+    return 1 if outcome is None else _told(outcome, out, quiet, json)
+
+
+def _best_of(
+    count: int, settings: CalibrationSettings, out: Path, resume: bool,
+    run: Callable[[CalibrationSettings, Path, bool], Outcome | None],
+) -> Outcome | None:  # fmt: skip
+    """Makes a run a seed beside a folder, and puts a copy of the best into it; None when it is interrupted.
+
+    The copy lies as deep as the runs, so that paths that are relative to them hold.
+    """
+    from swim2real.calibration import RunFolder
+    from swim2real.store import LOCK, whole_folder
+
+    if RunFolder(out).exists and not resume:
+        raise RunError(f"'{out}' holds a run already; go on with --resume or choose another folder")
+    ends: list[tuple[float, Path, Outcome]] = []
+    for seed in range(settings.seed, settings.seed + count):
+        folder = out.with_name(f"{out.name}-seed-{seed}")
+        outcome = run(replace(settings, seed=seed), folder, resume and RunFolder(folder).exists)
+        if outcome is None:
+            return None
+        loss = inf if outcome.fit.loss is None else outcome.fit.loss  # without one where the simulation diverged
+        ends.append((loss, folder, outcome))
+        tell(f"seed {seed}: {1e3 * loss:.2f} mm in '{folder}'")
+    _, best, outcome = min(ends, key=lambda end: end[0])
+    with whole_folder(out) as part:
+        shutil.copytree(best, part, dirs_exist_ok=True, ignore=shutil.ignore_patterns(LOCK))
+    tell(f"the best is a copy of '{best}'")
+    return outcome
 
 
 def demo(
@@ -114,7 +154,8 @@ def demo(
     def work(callbacks: RunCallbacks) -> Outcome:
         return fit(out, settings, callbacks.progress)
 
-    code = _finished(work, budget, out / "run", quiet, False)
+    outcome = _watched(work, budget, out / "run", quiet)
+    code = 1 if outcome is None else _told(outcome, out / "run", quiet, False)
     if not quiet and code == 0:
         run = open_run(out / "run")
         effects = run.outcome.sensitivity if run.outcome is not None else None
@@ -124,34 +165,35 @@ def demo(
     return code
 
 
-def _finished(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path, quiet: bool, as_json: bool) -> int:
-    """Does the work of a run with its progress shown, prints the outcome and its warnings, and writes the report."""
-    from swim2real.api import recorded_robot
+def _watched(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path, quiet: bool) -> Outcome | None:
+    """Does the work of a run with its progress shown; None when it is interrupted, which is told."""
     from swim2real.calibration import RunFolder
-    from swim2real.calibration.from_rest import backward_from_rest
-    from swim2real.calibration.run_folder import still_falling
     from swim2real.cli.progress import run_shown
-    from swim2real.report import write_report
 
-    run = RunFolder(folder)
     try:
         with run_shown(budget, quiet) as callbacks:
-            outcome = work(callbacks).to_json()
+            return work(callbacks)
     except KeyboardInterrupt:
-        if not run.exists:
+        if not RunFolder(folder).exists:
             raise
         tell(f"interrupted; '{folder}' is usable as it is, --resume goes on with it")
-        return 1
-    unusable, unfinished = backward_from_rest(outcome.get("from_rest", {})), still_falling(run.record(), run.settings())
-    if unusable:
-        tell(f"warning: {unusable}")
+        return None
+
+
+def _told(outcome: Outcome, folder: Path, quiet: bool, as_json: bool) -> int:
+    """Prints the outcome of a run and its warnings, and writes the report."""
+    from swim2real.api import recorded_robot
+    from swim2real.calibration import RunFolder
+    from swim2real.report import read_run, warnings, write_report
+
+    reported = read_run(folder, recorded_robot(RunFolder(folder)))
     if as_json:
-        say_json(outcome)
+        say_json(outcome.to_json())
     elif not quiet:
-        _print(outcome)
-    if unfinished:
-        tell(f"warning: {unfinished}")
-    page = write_report(folder, recorded_robot(run))
+        _print(outcome.to_json())
+    for warning in warnings(reported):
+        tell(f"warning: {warning}")
+    page = write_report(folder, reported.robot)
     if not as_json and not quiet:
         say(f"Parameters: {folder / 'best.json'}   Report: {page}")
     return 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -10,6 +12,35 @@ from swim2real.errors import OptimizerError
 from swim2real.optimizers.advisor import Advisor, Measurement, Proposal, Round, Situation, Step, reads_residuals
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
 
+_DESCENTS = 3  # searches that are begun at most; then the lowest goes on
+_FAILURES, _CLEARLY = 2, 0.02  # rounds that may fail before the loss is lower by this share of it
+
+
+@dataclass
+class _Descent:
+    """A search from one start.
+
+    Attributes:
+        first: Evaluation of the start.
+        incumbent: Lowest evaluation that it came to.
+        rounds: Its finished rounds.
+    """
+
+    first: Evaluation
+    incumbent: Evaluation
+    rounds: list[Round] = field(default_factory=list[Round])
+
+    @property
+    def is_stalled(self) -> bool:
+        """Whether two rounds have failed since the loss was last clearly lowered."""
+        mark, failures = self.first.loss, 0
+        for finished in self.rounds:
+            lowest = min(finished.incumbent.loss, *(step.evaluation.loss for step in finished.steps))
+            if lowest < (1 - _CLEARLY) * mark:
+                mark, failures = lowest, 0
+            failures += not finished.accepted
+        return failures >= _FAILURES
+
 
 class BacktrackingLineSearch(Optimizer):
     """Tries an advisor's direction at the full step, then at ever smaller ones, and keeps the first improvement.
@@ -17,11 +48,15 @@ class BacktrackingLineSearch(Optimizer):
     From the incumbent θ and the proposal θ′ it evaluates clip(θ + βᵏ (θ′ − θ)) for k = 0 … K − 1. A round without an
     improvement is rejected; the advisor finds it in the history when it is asked again. Points that the advisor wants
     measured first are evaluated as they are.
+
+    Of several starts all are evaluated first, and the search goes on from the best of them. When two rounds have failed
+    with hardly a gain between them, a new search begins at the next best start, with a history of its own; after three
+    searches the lowest goes on.
     """
 
     def __init__(
         self, advisor: Advisor, first: Array, decrease_factor: float = 0.5, max_steps: int = 3,
-        early_stop: bool = False, give_up: float | None = None,
+        early_stop: bool = False, give_up: float | None = None, more_starts: Sequence[Array] = (),
     ) -> None:  # fmt: skip
         """Prepares the search.
 
@@ -34,6 +69,7 @@ class BacktrackingLineSearch(Optimizer):
                 accepted, but the advisor then sees less of rejected ones.
             give_up: A direction is left after its full step where every trial's loss is more than so many times the
                 incumbent's; None tries all steps, as the paper does.
+            more_starts: Points where a search may begin as well. Shapes (d,).
 
         Raises:
             OptimizerError: A setting is out of range.
@@ -48,56 +84,76 @@ class BacktrackingLineSearch(Optimizer):
         self._give_up = give_up
         self._advisor = advisor
         self.needs_residual = reads_residuals(advisor)
-        self._first_point = cube_point(first)
+        self._start_points = [cube_point(first), *(cube_point(point, len(first)) for point in more_starts)]
         self._decrease_factor, self._max_steps, self._early_stop = decrease_factor, max_steps, early_stop
-        self._first: Evaluation | None = None
-        self._incumbent: Evaluation | None = None
-        self._rounds: list[Round] = []
+        self._starts: list[Evaluation] = []
+        self._descents: list[_Descent] = []
+        self._descent: _Descent | None = None
+        self._count = 0  # finished rounds of all descents
         self._proposal: Proposal | None = None
         self._steps: list[Step] = []
         self._measurements: list[Evaluation] = []
 
     @property
     def rounds(self) -> tuple[Round, ...]:
-        """The finished rounds."""
-        return tuple(self._rounds)
+        """The finished rounds of the present search."""
+        return tuple(self._descent.rounds) if self._descent is not None else ()
 
     def _next(self) -> Candidate:
-        if self._incumbent is None or self._first is None:
-            return Candidate(self._first_point, {"source": "first point"})
+        evaluated = len(self._starts)
+        if evaluated < len(self._start_points):
+            note = {"source": "start", "start": evaluated + 1} if evaluated else {"source": "first point"}
+            return Candidate(self._start_points[evaluated], note)
+        descent = self._present_descent()
         if self._proposal is None:
-            situation = Situation(self._incumbent, self.rounds, self._first, tuple(self._measurements))
+            situation = Situation(descent.incumbent, self.rounds, descent.first, tuple(self._measurements))
             advice = self._advisor.propose(situation)
             if isinstance(advice, Measurement):
                 return advice.candidate
             cube_point(advice.point, self.dimension)
             self._proposal = advice
         step_size = self._step_size
-        start = self._incumbent.candidate.point
+        start = descent.incumbent.candidate.point
         point = cube_point(np.clip(start + step_size * (self._proposal.point - start), 0.0, 1.0))
-        note: dict[str, Any] = {"source": "line search", "round": len(self._rounds) + 1, "step_size": step_size}
+        note: dict[str, Any] = {"source": "line search", "round": self._count + 1, "step_size": step_size}
         if not self._steps:
             note["proposal"] = self._proposal.as_dict()
-        return Candidate(point, note, self._incumbent.loss if self._early_stop else None)
+        return Candidate(point, note, descent.incumbent.loss if self._early_stop else None)
+
+    def _present_descent(self) -> _Descent:
+        """The search that goes on, or the one that takes its place where it has stalled between two rounds."""
+        between = self._proposal is None and not self._measurements
+        if self._descent is not None and not (between and self._descent.is_stalled):
+            return self._descent
+        begun = [descent.first for descent in self._descents]
+        left = [one for one in self._starts if not any(one is first for first in begun)]
+        if left and len(begun) < _DESCENTS:
+            best = min(left, key=lambda one: (one.failed, one.loss))
+            self._descents.append(_Descent(best, best))
+            self._descent = self._descents[-1]
+        else:
+            self._descent = min(self._descents, key=lambda one: (one.incumbent.failed, one.incumbent.loss))
+        return self._descent
 
     @property
     def _step_size(self) -> float:
         return self._decrease_factor ** len(self._steps)
 
     def _learn(self, evaluation: Evaluation) -> None:
-        if self._incumbent is None:
-            self._first = self._incumbent = evaluation
+        if self._descent is None:
+            self._starts.append(evaluation)
             return
+        incumbent = self._descent.incumbent
         better = not evaluation.failed and not evaluation.lower_bound
-        better = better and (self._incumbent.failed or evaluation.loss < self._incumbent.loss)
+        better = better and (incumbent.failed or evaluation.loss < incumbent.loss)
+        if better:
+            self._descent.incumbent = evaluation
         if self._proposal is None:
             self._measurements.append(evaluation)
         else:
             self._steps.append(Step(self._step_size, evaluation))
-            if better or len(self._steps) == self._max_steps or self._is_hopeless(evaluation, self._incumbent):
-                self._finish(self._proposal, self._incumbent, accepted=better)
-        if better:
-            self._incumbent = evaluation
+            if better or len(self._steps) == self._max_steps or self._is_hopeless(evaluation, incumbent):
+                self._finish(self._descent, self._proposal, incumbent, accepted=better)
 
     def _is_hopeless(self, step: Evaluation, incumbent: Evaluation) -> bool:
         """Whether a direction is left early, because a step is far worse in every trial."""
@@ -111,8 +167,9 @@ class BacktrackingLineSearch(Optimizer):
         known = [(there, here) for there, here in pairs if there is not None and here is not None]
         return bool(known) and all(there > self._give_up * here for there, here in known)
 
-    def _finish(self, proposal: Proposal, incumbent: Evaluation, accepted: bool) -> None:
-        self._rounds.append(Round(proposal, incumbent, tuple(self._steps), accepted, tuple(self._measurements)))
+    def _finish(self, descent: _Descent, proposal: Proposal, incumbent: Evaluation, accepted: bool) -> None:
+        descent.rounds.append(Round(proposal, incumbent, tuple(self._steps), accepted, tuple(self._measurements)))
+        self._count += 1
         self._proposal, self._steps, self._measurements = None, [], []
 
 

@@ -27,10 +27,10 @@ from swim2real.calibration import (
 from swim2real.calibration.run_folder import ADDED
 from swim2real.errors import ArgumentError, RunError
 from swim2real.optimizers import Advice, recorded_advice
-from swim2real.pipeline.methods import make_optimizer
+from swim2real.pipeline.methods import default_starts, make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
-from swim2real.settings import ADVISED, CalibrationSettings, First, VlmAccess
+from swim2real.settings import ADVISED, PHYSICS, CalibrationSettings, First, VlmAccess
 from swim2real.store import path_from, source_from
 from swim2real.trials import TrialSet
 
@@ -75,7 +75,9 @@ def calibrate(
     for name, found in problem.examinations().items():
         for doubt in found["doubts"]:
             _log.warning("trial '%s': %s", name, doubt)
-    first = _first(settings, problem.protocol.name, folder if resume else None)
+    begun = folder.settings() if resume else None
+    starts = _starts(settings, problem.protocol.name, len(space), begun)
+    first = _first(settings, problem.protocol.name, starts, begun)
     resolved = {
         "robot": robot.name,
         **({} if robot.source is None else {"robot_fingerprint": fingerprint(robot.source)}),
@@ -84,6 +86,7 @@ def calibrate(
         "start": problem.protocol.start,
         "scale": settings.resolved_scale,
         "first": first,
+        "starts": starts,
         "briefing": asdict(settings.briefing) if asks_a_vlm(settings.advisor) else None,
         "hold_out": sorted(out.name for out in unseen or ()),
         "reference_fingerprint": reference_fingerprint(reference),
@@ -122,8 +125,8 @@ def calibrate(
         def run() -> dict[str, Any]:
             optimizer = make_optimizer(
                 settings.method, robot, space, settings.seed, settings.budget, advisor, _recorded_advice(folder),
-                from_model=first == "model", max_steps=settings.max_steps, early_stop=settings.early_stop,
-                give_up=settings.give_up,
+                from_model=first == "model", starts=starts, max_steps=settings.max_steps,
+                early_stop=settings.early_stop, give_up=settings.give_up,
             )  # fmt: skip
             return minimize(problem, space, optimizer, settings.budget, folder, on_progress, prior)
 
@@ -138,13 +141,23 @@ def calibrate(
         return conclude(folder, problem, held_out, best["values"], effects)
 
 
-def _first(settings: CalibrationSettings, protocol: str, begun: RunFolder | None) -> First:
+def _starts(settings: CalibrationSettings, protocol: str, dimension: int, begun: Mapping[str, Any] | None) -> int:
+    """How many starts a run has; one that goes on, as many as it had, unless another number is asked for."""
+    if settings.starts is not None:
+        return settings.starts
+    if begun is not None:
+        return begun.get("starts", ADDED["starts"])
+    unknown = protocol == "playback" and settings.method == "line-search" and settings.advisor == PHYSICS
+    return default_starts(dimension, settings.budget) if unknown else 1
+
+
+def _first(settings: CalibrationSettings, protocol: str, starts: int, begun: Mapping[str, Any] | None) -> First:
     """Where a run begins; one that goes on, where it began, unless another first point is asked for."""
     if settings.first != "auto":
         return settings.first
     if begun is not None:
-        return begun.settings().get("first", ADDED["first"])
-    return "model" if protocol == "playback" and settings.seed == 0 else "random"
+        return begun.get("first", ADDED["first"])
+    return "model" if protocol == "playback" and (settings.seed == 0 or starts > 1) else "random"
 
 
 def _recorded_advice(folder: RunFolder) -> list[Advice]:
@@ -160,6 +173,7 @@ _TAKEN = (
     "start",
     "seed",
     "first",
+    "starts",
     "budget",
     "scale",
     "max_steps",
@@ -186,7 +200,7 @@ def as_replayed(settings: CalibrationSettings) -> CalibrationSettings:
     if source is None:
         return settings
     there, default = RunFolder(source).settings(), CalibrationSettings()
-    there.setdefault("first", ADDED["first"])
+    there: dict[str, Any] = {"first": ADDED["first"], "starts": ADDED["starts"], **there}
     taken = {
         name: there[name] for name in _TAKEN if name in there and getattr(settings, name) == getattr(default, name)
     }

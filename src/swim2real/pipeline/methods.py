@@ -37,8 +37,8 @@ _INSIDE = 0.02  # of a parameter's range
 
 def make_optimizer(
     method: Method, robot: Robot, space: ParameterSpace, seed: int, budget: int, advisor: Advisor | None = None,
-    advice: Sequence[Advice] = (), *, from_model: bool = False, max_steps: int = 3, early_stop: bool = False,
-    give_up: float | None = None,
+    advice: Sequence[Advice] = (), *, from_model: bool = False, starts: int = 1, max_steps: int = 3,
+    early_stop: bool = False, give_up: float | None = None,
 ) -> Optimizer:  # fmt: skip
     """The optimizer of a name, fresh.
 
@@ -52,6 +52,7 @@ def make_optimizer(
         advice: On record, which isn't asked for again.
         from_model: Whether the first point is the model's own values; else it is random, by the seed. Where a method
             draws a population, it doesn't begin there.
+        starts: Points that the line search evaluates first, the first point included.
         max_steps: Largest number of steps tried in a round of the line search.
         early_stop: Whether the line search lets evaluations stop once a step is certain to be rejected.
         give_up: When the line search leaves a direction after its full step; None never.
@@ -84,7 +85,21 @@ def make_optimizer(
         advisor = ScriptedAdvisor(advice, then=advisor)
     if method == "warm-start":
         return WarmStart(advisor, first, RandomSearch(dimension, rng))
-    return BacktrackingLineSearch(advisor, first, max_steps=max_steps, early_stop=early_stop, give_up=give_up)
+    return BacktrackingLineSearch(
+        advisor, first, max_steps=max_steps, early_stop=early_stop, give_up=give_up,
+        more_starts=_spread(dimension, starts - 1, rng),
+    )  # fmt: skip
+
+
+def default_starts(dimension: int, budget: int) -> int:
+    """Starts of a line search where nothing is known of the robot: a tenth of the budget, at most two a parameter."""
+    return max(1, min(2 * dimension, budget // 10))
+
+
+def _spread(dimension: int, count: int, rng: np.random.Generator) -> list[Array]:
+    """Points that share each parameter's range evenly: a Latin hypercube. Shapes (d,)."""
+    layers = rng.permuted(np.tile(np.arange(count), (dimension, 1)), axis=1).T
+    return list((layers + rng.random((count, dimension))) / max(count, 1))
 
 
 def _of_model(space: ParameterSpace) -> Array:

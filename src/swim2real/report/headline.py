@@ -131,6 +131,11 @@ def split(run: ReportedRun) -> tuple[SplitRow, ...]:
     return tuple(rows)
 
 
+def warnings(run: ReportedRun) -> tuple[str, ...]:
+    """What to know before the best parameters are used."""
+    return (*run.warnings, *poor_fit(run))
+
+
 def poor_fit(run: ReportedRun) -> tuple[str, ...]:
     """A sentence that the fit is bad for the size of the real motion, where it is.
 
@@ -155,7 +160,7 @@ def poor_fit(run: ReportedRun) -> tuple[str, ...]:
     return (
         f"the fit is bad: its error is {mm(error)} mm, and the real markers move by {mm(size)} mm about their mean "
         f"places (root mean square), so it explains little of the motion; look at the film for what is wrong, and try "
-        f"another seed or a larger --budget",
+        f"other seeds (--seeds 3) or a larger --budget",
     )
 
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from swim2real.calibration.run_folder import best_losses
+from swim2real.calibration.convergence import best_losses
 from swim2real.objective import ComparedTrial
 from swim2real.report.calls import call_section
 from swim2real.report.film import films
-from swim2real.report.headline import poor_fit, split, tiles
+from swim2real.report.headline import split, tiles, warnings
 from swim2real.report.marker_errors import marker_errors
 from swim2real.report.pages import Charts, render_page, write_page
 from swim2real.report.rounds import advisor_rounds
@@ -83,7 +83,7 @@ def content(run: ReportedRun) -> dict[str, Any]:
         "calls": call_section(run.calls),
         "saved": saved,
         "films": films(saved, run.robot),
-        "warnings": [*run.warnings, *poor_fit(run)],
+        "warnings": warnings(run),
         "trials": trial_table(run),
         "settings": settings_rows(run),
         "charts": charts | trial_charts([one.compared for one in saved], run),

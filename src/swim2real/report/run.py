@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from swim2real.calibration import RunFolder, SavedTrial, load_trials
+from swim2real.calibration.convergence import never_beaten, still_falling
 from swim2real.calibration.from_rest import backward_from_rest
-from swim2real.calibration.run_folder import TRIALS, still_falling
+from swim2real.calibration.run_folder import TRIALS
 from swim2real.errors import RunError
 from swim2real.parameters import ParameterSpace
 from swim2real.report.calls import RecordedCalls, read_calls
@@ -92,7 +93,8 @@ class ReportedRun:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before the best parameters are used."""
-        return tuple(warning for warning in (self.backward, still_falling(self.entries, self.settings)) if warning)
+        told = (self.backward, *(tell(self.entries, self.settings) for tell in (still_falling, never_beaten)))
+        return tuple(warning for warning in told if warning)
 
     @property
     def loss(self) -> str:

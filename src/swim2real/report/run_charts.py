@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from swim2real.calibration.run_folder import best_losses
+from swim2real.calibration.convergence import best_losses
 from swim2real.report.marker_errors import MarkerErrors
 from swim2real.report.rounds import accepted_steps
 from swim2real.report.run import ReportedRun, ReportedTrial

@@ -54,7 +54,7 @@ class SensitivityAdvisor:
         trust = trust_radius(situation.rounds)
         parameter = self._next_to_measure(situation)
         if parameter is not None:
-            return self._measurement(parameter, situation, sensitivities, trust)
+            return self._measurement(parameter, situation, sensitivities)
         return self._proposal(incumbent, sensitivities, trust)
 
     def _elsewhere(self, situation: Situation) -> Measurement:
@@ -75,11 +75,11 @@ class SensitivityAdvisor:
                 return i
         return None
 
-    def _measurement(self, i: int, situation: Situation, sensitivities: Sensitivities, trust: float) -> Measurement:
+    def _measurement(self, i: int, situation: Situation, sensitivities: Sensitivities) -> Measurement:
         """A step of one parameter: downhill where that is known, and the other way where that has diverged."""
         here = situation.incumbent
         point, name = here.candidate.point, self._space.names[i]
-        width = min(DIFFERENCE, max(trust / 2, LEAST_DIFFERENCE))
+        width = measured_change(situation.rounds)
         slope = sensitivities.slopes(residual_of(here))[i]
         side = -np.sign(slope) if slope else 1.0 if point[i] <= 0.5 else -1.0
         if any(e.candidate.note.get("parameter") == name for e in situation.measurements):
@@ -113,18 +113,34 @@ class SensitivityAdvisor:
 
 
 def trust_radius(rounds: Sequence[Round]) -> float:
-    """Half width of the box around the incumbent that a proposal stays in, from how far the steps so far were good."""
+    """Half width of the box around the incumbent that a proposal stays in, from how far the steps so far were good.
+
+    After a round that failed it is twice the difference that is measured next, or more.
+    """
     trust = TRUST_START
-    for finished in rounds:
+    for number, finished in enumerate(rounds, start=1):
         full, last = (
             float(np.abs(step.evaluation.candidate.point - finished.incumbent.candidate.point).max())
             for step in (finished.steps[0], finished.steps[-1])
         )
         if not finished.accepted:
-            trust = SHRINK * last
+            trust = max(SHRINK * last, 2 * measured_change(rounds[:number]))
         elif len(finished.steps) == 1:
             trust = max(trust, GROW * full)
         else:
             trust = last
         trust = float(np.clip(trust, TRUST_LEAST, TRUST_MOST))
     return trust
+
+
+def measured_change(rounds: Sequence[Round]) -> float:
+    """By how much a parameter is changed to measure it, in the unit cube: half as much after each failure in a row.
+
+    Where the error is rough, a narrow difference says nothing of what lies a little farther off.
+    """
+    failures = 0
+    for finished in reversed(rounds):
+        if finished.accepted:
+            break
+        failures += 1
+    return max(DIFFERENCE * SHRINK**failures, LEAST_DIFFERENCE)
