@@ -13,7 +13,7 @@ from swim2real.optimizers.advisor import Advisor, Measurement, Proposal, Round, 
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
 
 _DESCENTS = 3  # searches that are begun at most; then the lowest goes on
-_FAILURES, _CLEARLY = 2, 0.02  # rounds that may fail before the loss is lower by this share of it
+_FAILURES, _PASSED, _CLEARLY = 2, 4, 0.02  # rounds that may fail and pass before the loss is lower by this share
 
 
 @dataclass
@@ -32,14 +32,14 @@ class _Descent:
 
     @property
     def is_stalled(self) -> bool:
-        """Whether two rounds have failed since the loss was last clearly lowered."""
-        mark, failures = self.first.loss, 0
+        """Whether two rounds have failed, or four have passed, since the loss was last clearly lowered."""
+        mark, passed, failures = self.first.loss, 0, 0
         for finished in self.rounds:
             lowest = min(finished.incumbent.loss, *(step.evaluation.loss for step in finished.steps))
             if lowest < (1 - _CLEARLY) * mark:
-                mark, failures = lowest, 0
-            failures += not finished.accepted
-        return failures >= _FAILURES
+                mark, passed, failures = lowest, 0, 0
+            passed, failures = passed + 1, failures + (not finished.accepted)
+        return failures >= _FAILURES or passed > _PASSED
 
 
 class BacktrackingLineSearch(Optimizer):

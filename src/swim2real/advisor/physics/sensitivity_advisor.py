@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 TRUST_START, TRUST_LEAST, TRUST_MOST = 0.4, 1e-4, 1.0  # half width of the trusted box, in the unit cube
 GROW, SHRINK = 2.0, 0.5
 DIFFERENCE, LEAST_DIFFERENCE = 0.03, 1e-3  # change of a parameter that is measured, in the unit cube
+GAIN = 0.01  # of the loss: a round that lowers it by less calls for new slopes
 _ATTEMPTS = 2  # at measuring a parameter: to one side, and where that diverges to the other
 
 
@@ -66,7 +67,7 @@ class SensitivityAdvisor:
         """A parameter, None when a proposal is due."""
         measured = [e for e in situation.measurements if "parameter" in e.candidate.note]
         last = situation.rounds[-1] if situation.rounds else None
-        outworn = last is not None and not last.accepted and not last.measurements
+        outworn = last is not None and not last.measurements and not _gained(last)
         if last is not None and not outworn and not measured:
             return None
         for i, name in enumerate(self._space.names):
@@ -110,6 +111,11 @@ class SensitivityAdvisor:
             reason(self._space, here, point, np.array(without) - left),
             notes,
         )
+
+
+def _gained(finished: Round) -> bool:
+    """Whether a round has lowered the loss by more than what old slopes give."""
+    return finished.accepted and finished.steps[-1].evaluation.loss < (1 - GAIN) * finished.incumbent.loss
 
 
 def trust_radius(rounds: Sequence[Round]) -> float:
