@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Annotated
 
-import numpy as np
 import tyro
 
 from swim2real.cli.options import Positional, finite_above_0, one_each, word
@@ -81,7 +82,7 @@ def import_recording(
         )  # fmt: skip
     for one, path in zip(made, tables, strict=True):
         add_trial(to, one.trial, body.marker_names)
-        rate = 1 / float(np.median(np.diff(one.times)))
+        rate = 1 / median(after - before for before, after in pairwise(one.times.tolist()))
         seconds = one.trial.track.duration
         say(f"{one.trial.name}: {len(one.times)} rows of {path}, {rate:.4g} Hz; the trial has {seconds:.2f} s")
         say(f"  {', '.join(f'{what} from {column}' for what, column in one.columns.items())}")

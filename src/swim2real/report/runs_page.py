@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from swim2real.calibration.run_folder import best_losses
+from swim2real.calibration.convergence import best_losses
 from swim2real.report.headline import poor_fit, split
 from swim2real.report.pages import Charts, render_page, write_page
 from swim2real.report.run import ReportedRun, incumbent, read_run
