@@ -116,6 +116,7 @@ def test_the_lowest_point_is_a_parameters_file(studied):
     assert written["loss"] < best["loss"]
 
 
+@pytest.mark.slow
 def test_an_interrupted_study_goes_on_and_ends_the_same(run, run_path, reference, tmp_path):
     shutil.copytree(run_path, tmp_path / "whole")
     whole = identify(reopen(tmp_path / "whole", reference, toy.ROBOT, 2), QUICK)

@@ -83,6 +83,7 @@ def test_films_are_to_be_tracked_first(program, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_a_urdf_becomes_a_model_to_which_markers_are_added(program, tmp_path):
     urdf = tmp_path / "an arm.urdf"
     urdf.write_text(URDF)

@@ -50,6 +50,7 @@ def rows(program) -> str:
     return " ".join(program.text.replace("━", " ").split())
 
 
+@pytest.mark.slow
 def test_a_file_that_is_there_is_not_written_over(program, model):
     out = model.with_suffix(".toml")
     out.write_text("mine")
@@ -75,6 +76,7 @@ def test_wrong_arguments_of_init_are_named_and_nothing_is_written(program, model
     assert set(tmp_path.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_a_parameter_that_changes_nothing_fails_the_check(program, tmp_path):
     place = made(tmp_path, ROBOT, RECORDINGS, UNUSED)
     program("check", place)

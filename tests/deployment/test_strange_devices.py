@@ -46,7 +46,9 @@ def swim(*faults):
     raise AssertionError("it was sent")
 
 
-@pytest.mark.parametrize("kind", [*KINDS[2:], *(pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS[:2])])
+@pytest.mark.parametrize(
+    "kind", [KINDS[2], *(pytest.param(kind, marks=pytest.mark.slow) for kind in (*KINDS[:2], *KINDS[3:]))]
+)
 def test_from_the_beginning(kind):
     emulator, said, seconds = swim(Fault(kind))
     assert SENTENCES[kind] in said
@@ -55,7 +57,9 @@ def test_from_the_beginning(kind):
     assert emulator.motor.get(ct.TORQUE_ENABLE) == 0
 
 
-@pytest.mark.parametrize("kind", [*KINDS[2:], *(pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS[:2])])
+@pytest.mark.parametrize(
+    "kind", [KINDS[2], *(pytest.param(kind, marks=pytest.mark.slow) for kind in (*KINDS[:2], *KINDS[3:]))]
+)
 def test_in_the_middle_the_motor_is_stopped(kind):
     emulator, said, seconds = swim(Fault(kind, MIDDLE))
     assert "10 commands in a row without an answer: motor 1 on" in said or "watchdog" in said

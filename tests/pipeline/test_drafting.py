@@ -155,12 +155,14 @@ def test_names_of_parameters_differ():
     assert found["tendon_knuckle_stiffness"].kind == "tendon"
 
 
+@pytest.mark.slow
 def test_ellipsoids_without_a_fluid_are_only_suggested(begun):
     draft, _ = begun(snake().replace('density="1000" viscosity="0.001"', ""))
     assert draft.aside["fluid_blunt_drag"] == "option density is 0, so there is no fluid"
     assert "fluid_density" not in draft.candidates
 
 
+@pytest.mark.slow
 def test_a_bound_that_diverges_is_only_suggested(begun):
     stiff = PENDULUM.replace('<joint name="elbow"', '<joint name="elbow" stiffness="60"')
     draft, _ = begun(stiff)

@@ -54,6 +54,7 @@ def written(tmp_path_factory) -> tuple[Path, list[Path]]:
     return folder, paths
 
 
+@pytest.mark.slow
 def test_figures_are_written_as_vectors_and_as_pixels(written) -> None:
     names = [path.name for path in written[1]]
     assert names == [f"{name}.{kind}" for name in ("strip", "bodies") for kind in ("pdf", "svg", "png")]

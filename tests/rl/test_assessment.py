@@ -110,6 +110,7 @@ def run(tmp_path_factory):
     return TrainingRun.open(out)
 
 
+@pytest.mark.slow
 def test_a_policy_is_assessed_the_same_way_every_time(run, tmp_path, monkeypatch):
     monkeypatch.setattr("swim2real.rl.assessment.SCANNED_PHASES", 1)
     monkeypatch.setattr("swim2real.rl.assessment.constant_waves", lambda: [Wave(1.0)])

@@ -50,6 +50,7 @@ def swinging(amplitude):
     return places
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("amplitude", [20, 60])  # 6 and 19 px a frame
 def test_rows_of_equal_dots_are_followed(amplitude):
     places = swinging(amplitude)
