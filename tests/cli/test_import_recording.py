@@ -139,3 +139,10 @@ def test_the_example_of_the_docs(program, tmp_path, monkeypatch):
     wrong = line.replace("cmd1_deg", "cmd1_deg:rad")
     program(*shlex.split(wrong)).done()
     assert "commands of actuator 'shoulder_servo' reach 20, and it takes" in program.err
+
+
+def test_logs_in_place_of_a_reference_are_told_of_it(program, reference, pendulum_folder, tmp_path):
+    write_log(tmp_path / "a.csv", reference["a"])
+    said = program("quality", tmp_path, "--robot", pendulum_folder / "pendulum.toml").sentence(1)
+    assert "line 1: it names columns ('t_ms')" in said
+    assert "`swim2real import-recording` makes a reference" in said

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from swim2real.checking import FileName, Label, Number, PathText, Positive, read
 from swim2real.errors import TrialError
-from swim2real.names import composed, file_key
+from swim2real.names import composed, file_key, quoted
 from swim2real.store import locked, path_from, reason, whole_file, write_json
 from swim2real.trials.signals import TIME, Signals, read_header, read_lines, read_numbers, read_signals, write_signals
 from swim2real.trials.trial import MarkerTrack, Trial, TrialSet, check_trial_name
@@ -158,7 +158,14 @@ def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
     table = Path(path)
     if not (np.isfinite(fps) and fps > 0):
         raise TrialError(f"{table.name}: fps is {fps}; it must be finite and above 0")
-    rows = read_numbers(table, read_lines(table), first_line=1)
+    lines = read_lines(table)
+    named = [cell for cell in read_header(table, lines) if cell.strip()]
+    if named and not any(map(_is_number, named)):
+        raise TrialError(
+            f"{table}, line 1: it names columns ({quoted(named[0])}), and the published tables have none; of logs "
+            f"`swim2real import-recording` makes a reference, of DeepLabCut's tables `swim2real import-tracks`"
+        )
+    rows = read_numbers(table, lines, first_line=1)
     width = 2 * PUBLISHED_MARKERS
     _check_table(table, rows, width, f"{width} numbers a row (x and y of {PUBLISHED_MARKERS} markers)")
     pixels = rows.reshape(len(rows), PUBLISHED_MARKERS, 2)
@@ -399,6 +406,14 @@ def _write_track(path: Path, track: MarkerTrack, markers: tuple[str, ...]) -> No
         writer.writerow(_columns(markers))
         for time, row in zip(track.times, cells, strict=True):
             writer.writerow(["" if np.isnan(value) else repr(float(value)) for value in (time, *row)])
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _check_table(table: Path, rows: NDArray[np.float64], width: int, wanted: str) -> None:
