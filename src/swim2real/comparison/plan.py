@@ -129,7 +129,7 @@ class Plan:
                             key += f"/without-{folder_name(trial)}"
                         settings = CalibrationSettings(
                             method=contestant.method, advisor=contestant.advisor, protocol=protocol,
-                            budget=self.budget, seed=seed, first="random", scale=contestant.scale or "auto",
+                            budget=self.budget, seed=seed, first="random", starts=1, scale=contestant.scale or "auto",
                             max_steps=contestant.max_steps, horizon=self.horizon,
                             start=start_of(protocol, self.start if chooses_start(protocol) else None),
                             hold_out=() if trial is None else (trial,), briefing=self.briefing, threads=1,

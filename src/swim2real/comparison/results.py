@@ -32,6 +32,7 @@ _NOT_AVERAGED = ("loss", "skipped", "protocol", "horizon", "trials")  # entries 
 Array = NDArray[np.float64]
 
 
+_MOST_LOSS = 1e6  # m
 _REMEDY = "run the comparison again to write it anew"
 
 
@@ -112,6 +113,11 @@ class RunResult:
     def __post_init__(self) -> None:
         if not self.losses or len(self.losses) != len(self.failed):
             raise RunError(f"run '{self.folder}' has {len(self.losses)} losses and {len(self.failed)} marks of failure")
+        for loss in self.losses:
+            if not 0 <= loss < _MOST_LOSS:
+                raise RunError(
+                    f"run '{self.folder}' has a loss of {loss:g}; it must lie between 0 and {_MOST_LOSS:g} m"
+                )
 
     @cached_property
     def best(self) -> Array:

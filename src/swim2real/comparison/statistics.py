@@ -290,7 +290,8 @@ def marker_errors(runs: Sequence[RunResult], kind: MarkerKind) -> pd.DataFrame:
     """
     key = _MARKER_KEYS[kind]
     rows = [
-        pd.DataFrame([trial.get(key, []) for trial in run.fit["trials"].values()], dtype=float).mean() for run in runs
+        pd.DataFrame([trial[key] for trial in run.fit["trials"].values() if trial.get(key)], dtype=float).mean()
+        for run in runs
     ]
     return pd.DataFrame(rows, [run.seed for run in runs])
 

@@ -237,7 +237,9 @@ def _velocity_table(methods: Sequence[MethodStatistics], theory: Mapping[str, fl
         return None
     first = next(iter(by_method.values()))
     rows = [
-        (method, [*map(mm_cell, own.errors.mean()), spread_cell(own.mean_error)]) for method, own in by_method.items()
+        (method, [*map(mm_cell, own.errors.mean()), spread_cell(own.mean_error)])
+        for method, own in by_method.items()
+        if own.trials == first.trials
     ]
     if theory is not None:
         errors = first.real.rsub([theory.get(name, math.nan) for name in first.trials]).abs()
