@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from watching import Watching
 
-from swim2real.optimizers import BacktrackingLineSearch, Evaluation
+from swim2real.optimizers import BacktrackingLineSearch, Evaluation, ScriptedAdvisor
 from swim2real.pipeline.methods import default_starts
 
 STARTS = [np.array([x, 0.5]) for x in (0.1, 0.3, 0.5, 0.7, 0.9)]
@@ -44,6 +44,15 @@ def test_a_search_that_fails_twice_gives_way_to_the_next_best_start_and_the_lowe
     assert numbers == sorted(numbers)
     assert numbers[-1] == 8
     assert len(search.rounds) == 4
+
+
+def test_advice_on_record_is_taken_again_in_every_search():
+    """As a run that goes on takes it."""
+    script = [np.array([0.1 * k, 0.5]) for k in range(9)]
+    losses = [5.0, 4.0, 1.0, 3.0, 2.0, *FALSE, *FALSE, *TRUE, *FALSE, *FALSE, *FALSE, *FALSE, *FALSE]
+    _, told = search_of(ScriptedAdvisor(script), losses)
+    proposed = [one.candidate.note["proposal"]["point"] for one in told if "proposal" in one.candidate.note]
+    np.testing.assert_array_equal(proposed, script[:8])
 
 
 def test_a_start_that_failed_is_searched_from_last():

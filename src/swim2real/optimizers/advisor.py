@@ -120,12 +120,14 @@ class Situation:
         rounds: Earlier rounds, rejected ones too, in order.
         first: The evaluation that the run began with.
         measurements: Measurements so far of the round that begins.
+        in_other_searches: Pieces of advice that the run had for searches from other starts.
     """
 
     incumbent: Evaluation
     rounds: tuple[Round, ...]
     first: Evaluation
     measurements: tuple[Evaluation, ...] = ()
+    in_other_searches: int = 0
 
     @property
     def evaluations(self) -> tuple[Evaluation, ...]:
@@ -169,7 +171,8 @@ class ScriptedAdvisor:
         self.needs_residual = reads_residuals(then)
 
     def propose(self, situation: Situation) -> Advice:
-        number = sum(1 + len(r.measurements) for r in situation.rounds) + len(situation.measurements)
+        here = sum(1 + len(r.measurements) for r in situation.rounds) + len(situation.measurements)
+        number = here + situation.in_other_searches
         if number < len(self._script):
             return self._script[number]
         if self._then is None:

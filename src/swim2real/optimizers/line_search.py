@@ -106,7 +106,10 @@ class BacktrackingLineSearch(Optimizer):
             return Candidate(self._start_points[evaluated], note)
         descent = self._present_descent()
         if self._proposal is None:
-            situation = Situation(descent.incumbent, self.rounds, descent.first, tuple(self._measurements))
+            elsewhere = sum(1 + len(r.measurements) for d in self._descents if d is not descent for r in d.rounds)
+            situation = Situation(
+                descent.incumbent, self.rounds, descent.first, tuple(self._measurements), elsewhere
+            )  # fmt: skip
             advice = self._advisor.propose(situation)
             if isinstance(advice, Measurement):
                 return advice.candidate
