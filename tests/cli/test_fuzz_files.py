@@ -216,7 +216,7 @@ READERS: dict[str, tuple[Callable[[Path], object], ...]] = {
     "motors.toml": (_motors,),
     "poses.csv": (lambda folder: read_dlc(folder / "poses.csv", 60.0),),
     "compared/plan.json": (lambda folder: read_plan(folder / "compared"),),
-    "compared/results.json": (_compared, program("report", "compared")),
+    "compared/results.json": (*(_compared,) * 24, program("report", "compared")),  # figures take seconds
     "policy/settings.json": (_policy, program("rollout", "policy", "--out", "rolled")),
 }  # fmt: skip
 
