@@ -344,3 +344,12 @@ def test_labels_stand_at_their_markers_where_there_is_room():
     np.testing.assert_allclose(at[:3], [[50, 10], [100, 90], [200, 10]])
     assert np.isnan(at[3]).all()
     assert np.isnan(label_places(places, [(300, 20)] * 4, low, high)[[0, 2]]).all()  # a row of 600 px
+
+
+@pytest.mark.parametrize(("fps", "step"), [(30, 1), (25, 1), (60, 2), (50, 2), (120, 4), (29.97, 1)])
+def test_a_fast_film_is_drawn_at_30_frames_a_second_and_wherever_a_marker_is_lost(tmp_path, fps, step):
+    seen, lost = np.ones(2), np.array([1.0, 0.0])
+    with TrackOverlay(tmp_path / "o.mp4", WIDTH, HEIGHT, fps, NAMES[:2]) as video:
+        assert [number for number in range(17) if video.wants(number / fps, seen)] == list(range(0, 17, step))
+        assert all(video.wants(number / fps, lost) for number in range(17, 23))
+        video.add(np.zeros((HEIGHT, WIDTH, 3), np.uint8), 1.0, 1.0, np.full((2, 2), 50.0), seen)

@@ -285,7 +285,7 @@ def _follow(
             times.append(time)
             positions.append(position)
             confidences.append(confidence)
-            if overlay is not None:
+            if overlay is not None and overlay.wants(time, confidence):
                 small = frame.scaled(overlay.width)
                 overlay.add(small, overlay.width / info.width, time, position, confidence, detail=frame.image)
             lost = int(np.count_nonzero(confidence <= 0))

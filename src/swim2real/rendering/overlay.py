@@ -31,6 +31,8 @@ ALERT: Color = (198, 40, 40)
 TAIL = 2  # of the last markers have trails
 TRAIL_TIME = 0.5  # s
 EDGE = 0.8  # px
+_EARLY = 0.1  # of the time between two drawn frames, by which the next one may come early
+RATE = 30.0  # frames a second that are drawn at most while all markers are seen
 
 
 class TrackOverlay:
@@ -39,7 +41,8 @@ class TrackOverlay:
     A marker that is seen has a ring in its color; one that was filled in (a position with confidence 0) a dotted ring;
     one that is lost a broken ring with a cross, where it was last. A line joins neighbors that have a position, and the
     last two markers draw their last half second. An enlarged view of the fish, with labels, stands in a corner where it
-    hides nothing of the track. The strip below the film says the frame, its time, and how each marker is.
+    hides nothing of the track. The strip below the film says the frame, its time, and how each marker is. Of a faster
+    film 30 frames a second are drawn, and every frame in which a marker is lost.
 
     Attributes:
         width: Width of the film in the overlay [px]: `Frame.scaled(overlay.width)` fits without being scaled again.
@@ -81,6 +84,7 @@ class TrackOverlay:
         self._inset: Inset | None = None
         self._radius = 6.0
         self._count = 0
+        self._due = -np.inf  # when the next frame is drawn [s]
 
     def __enter__(self) -> Self:
         self._writer.__enter__()
@@ -88,6 +92,15 @@ class TrackOverlay:
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         self._writer.__exit__(kind, *error)
+
+    def wants(self, time: float, confidence: Array) -> bool:
+        """Whether the next frame is drawn; one that isn't is counted and needn't be added."""
+        drawn = time >= self._due or not np.all(confidence > 0)
+        if drawn:
+            self._due = time + (1 - _EARLY) / RATE
+        else:
+            self._count += 1
+        return drawn
 
     def add(
         self, image: Bytes, scale: float, time: float, positions: Array, confidence: Array,
