@@ -68,9 +68,13 @@ class Evaluator:
     def comparisons(self, points: Sequence[Array]) -> list[Comparison]:
         """Comparisons of points of the unit cube. Each of shape (d,)."""
         comparisons = self.problem.evaluate_many([self.space.to_values(point) for point in points])
-        self.count += len(points)
-        self._on_batch(self.count)
+        self.add(len(points))
         return comparisons
+
+    def add(self, count: int) -> None:
+        """Counts evaluations that were made elsewhere."""
+        self.count += count
+        self._on_batch(self.count)
 
     def __call__(self, points: Sequence[Array]) -> list[EvaluatedPoint]:
         return [

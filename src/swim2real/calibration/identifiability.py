@@ -23,9 +23,10 @@ from swim2real.calibration.file_models import Share
 from swim2real.calibration.finished_run import FinishedRun
 from swim2real.calibration.gauss_newton import STEP, EvaluatedPoint, Evaluator, jacobian, refit
 from swim2real.calibration.loop import write_fit
-from swim2real.calibration.neighborhood import Neighborhood, neighborhood
+from swim2real.calibration.neighborhood import neighborhood
 from swim2real.calibration.profile import DISTANCES, ProfilePoint, profile, summarize
 from swim2real.calibration.provenance import commit, versions
+from swim2real.calibration.start_noise import DRAWS, pulls
 from swim2real.checking import check
 from swim2real.errors import RunError
 from swim2real.settings import IdentifiabilitySettings
@@ -106,11 +107,12 @@ def identify(
         return _Profiling(run, settings or IdentifiabilitySettings(), on_progress).run(again)
 
 
-def most_evaluations(settings: IdentifiabilitySettings, dimension: int) -> int:
+def most_evaluations(settings: IdentifiabilitySettings, dimension: int, starts_are_seen: bool = False) -> int:
     """An upper limit for a study of this many parameters that needn't begin again."""
     values = 2 * len(DISTANCES)
     polish = _POLISH_ROUNDS * (2 * dimension + 3 * settings.polish) if settings.polish else 0
-    return 2 + polish + 2 * dimension + dimension * values * (5 + 3 * settings.steps)
+    draws = 1 + DRAWS if starts_are_seen else 0
+    return 2 + polish + 2 * dimension + draws + dimension * values * (5 + 3 * settings.steps)
 
 
 class _Profiling:
@@ -122,7 +124,9 @@ class _Profiling:
         self._run, self._settings, self._tell = run, settings, on_progress
         self._names = run.space.names
         self._path = run.folder.path / IDENTIFIABILITY
-        self._most = most_evaluations(settings, len(self._names))
+        self._starts_are_seen = any(trial.start_is_seen for trial in run.problem.prepared)
+        self._most_of_one = most_evaluations(settings, len(self._names), self._starts_are_seen)
+        self._most = self._most_of_one
         self._stage = ""
         self._before = 0
         self._evaluate = Evaluator(run.problem, run.space, self._count)
@@ -149,7 +153,7 @@ class _Profiling:
             self._fit(state, np.array(state["start"]["point"]))
         while not self._profiled(state):
             state["recentered"] += 1
-            self._most = state["evaluations"] + most_evaluations(self._settings, len(self._names))
+            self._most = state["evaluations"] + self._most_of_one
             self._fit(state, np.array(state["lowest"]["point"]))
         state["complete"] = True
         state.update(versions=versions(), commit=commit(), created=datetime.now(UTC).isoformat(timespec="seconds"))
@@ -173,7 +177,7 @@ class _Profiling:
         if known:  # the study goes on, and counted these before
             self._before -= self._evaluate.count - counted
         else:
-            state["local"] = self._local_content(neighborhood(slopes, best.residual, self._run.problem.blocks()), best)
+            state["local"] = self._local_content(best, slopes)
             state["local"]["jumps"] = [self._names[i] for i in jumps]
             self._write(state)
         rise = self._settings.rise * best.loss
@@ -212,7 +216,10 @@ class _Profiling:
             best = min((best, refitted), key=lambda point: point.loss)
         return best
 
-    def _local_content(self, around: Neighborhood, best: EvaluatedPoint) -> dict[str, Any]:
+    def _local_content(self, best: EvaluatedPoint, slopes: NDArray[np.float64]) -> dict[str, Any]:
+        drawn = pulls(self._evaluate, best, slopes) if self._starts_are_seen else np.zeros((0, len(self._names)))
+        enough = 2 * len(drawn) >= DRAWS
+        around = neighborhood(slopes, best.residual, self._run.problem.blocks(), drawn if enough else None)
         errors = around.standard_errors
         values = [_around(self._run, best.point, i, float(e)) for i, e in enumerate(errors)]
         return {
@@ -220,6 +227,7 @@ class _Profiling:
             "misfit": best.misfit,
             "rise": self._settings.rise * best.loss,
             "effective_count": around.effective_count,
+            "starts_left_out": self._starts_are_seen and not enough,
             "standard_errors": {
                 name: {"cube": float(e) if np.isfinite(e) else None, "values": v}
                 for name, e, v in zip(self._names, errors, values, strict=True)

@@ -3,7 +3,8 @@
 The residual of a good fit is mostly what the model can't do, strongly correlated in time and between markers. Counting
 frames as independent would make standard errors many times too small. Here the noise of a trial is taken as stationary,
 with the residual's own covariance between markers and its own autocorrelation in time, and errors come from a sandwich
-estimator, (J'J)^-1 (J'WJ) (J'J)^-1 with W that covariance. Trials, and sensors, are taken as independent.
+estimator, (J'J)^-1 (J'WJ) (J'J)^-1 with W that covariance. Trials, and sensors, are taken as independent. Where the
+start of a playback comes from the frames, J'WJ is the covariance of draws (`start_noise`).
 """
 
 from __future__ import annotations
@@ -69,13 +70,16 @@ class Neighborhood:
         return out
 
 
-def neighborhood(slopes: Array, residual: Array, blocks: Sequence[tuple[int, int]]) -> Neighborhood:
+def neighborhood(
+    slopes: Array, residual: Array, blocks: Sequence[tuple[int, int]], pulls: Array | None = None
+) -> Neighborhood:
     """Standard errors and directions from a Jacobian and the residual at a fit.
 
     Args:
         slopes: Jacobian of the residual by the cube's coordinates [m]. Shape (n, d).
         residual: Residual at the fit [m]. Shape (n,).
         blocks: Rows, in time, and columns of the numbers that belong together; n is the sum of their products.
+        pulls: Draws of J'r by noise, whose covariance takes the place of J'WJ; None estimates it. Shape (K, d).
     """
     count = slopes.shape[1]
     normal = slopes.T @ slopes
@@ -90,6 +94,8 @@ def neighborhood(slopes: Array, residual: Array, blocks: Sequence[tuple[int, int
         over_time = np.tensordot(toeplitz(along), sway, axes=1)
         over_both = np.einsum("tci,ce->tei", over_time, between)
         middle += np.tensordot(sway, over_both, axes=((0, 1), (0, 1)))
+    if pulls is not None:
+        middle = pulls.T @ pulls / len(pulls)
     values, vectors = np.linalg.eigh(normal)
     determined = values > _NO_EFFECT * max(float(values[-1]), 1e-300)
     inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T

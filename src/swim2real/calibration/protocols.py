@@ -53,6 +53,7 @@ class PreparedTrial:
         request: What is asked of the simulator.
         cost: Something that grows with the time that its simulation takes.
         examination: What was found in the trial, ready for JSON: quality (`usable`, `findings`, …) and what drove it.
+        start_is_seen: Whether a playback starts as the first frames, or joint sensors, show.
     """
 
     trial: Trial
@@ -60,6 +61,7 @@ class PreparedTrial:
     request: Any
     cost: float
     examination: Mapping[str, Any]
+    start_is_seen: bool = False
 
 
 class Protocol(ABC, Generic[Model]):
@@ -289,7 +291,8 @@ class Playback(Protocol[PlaybackSimulator]):
         request = simulator.request(cut, weights, self.pieces)
         if request.first is not None and request.stretch is None:
             summary["findings"] += too_fast(cut, weights)
-        return PreparedTrial(trial, target, request, cut.track.duration, summary)
+        seen = bool(request.pieces) or request.first is not None or request.stretch is not None
+        return PreparedTrial(trial, target, request, cut.track.duration, summary, seen)
 
 
 def protocol_for(
