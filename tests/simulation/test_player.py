@@ -160,7 +160,9 @@ def test_results_depend_neither_on_threads_nor_on_the_batch():
             assert np.array_equal(alone.sensors.values, one.sensors.values)
 
 
-def test_a_simulation_that_diverges_says_when_and_disturbs_no_other():
+def test_a_simulation_that_diverges_says_when_and_disturbs_no_other(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
     def build(values):
         spec = AT_REST.build(values)
         if values["lower_mass"] > 0.1:
@@ -177,6 +179,7 @@ def test_a_simulation_that_diverges_says_when_and_disturbs_no_other():
     assert np.isnan(bad["a"].track.positions).all()
     assert np.array_equal(bad["a"].track.times, trial.track.times)
     assert good["a"].divergence is None
+    assert not list(tmp_path.iterdir())  # nor a log of the engine's
     assert np.array_equal(good["a"].track.positions, played(AT_REST, trial).track.positions)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import mujoco
@@ -15,6 +16,10 @@ from swim2real.simulation.fast_step import FastStep
 Array = NDArray[np.float64]
 
 _PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
+
+# a simulation that diverges is told by whoever steps it; the engine would write MUJOCO_LOG.TXT into the working folder
+if mujoco.get_mju_user_warning() is None:
+    mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
 
 
 @dataclass(frozen=True)
