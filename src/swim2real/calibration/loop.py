@@ -163,7 +163,7 @@ def _check_replay(
     ):
         raise RecordMismatchError(
             f"run '{folder.path}' can't go on: evaluation {index + 1} on record isn't the one that these settings ask "
-            f"for (another version of swim2real, or an edited record?); begin a new run",
+            f"for (another version of swim2real, another kind of processor, or an edited record?); begin a new run",
             index,
         )
 
