@@ -52,6 +52,9 @@ COMMANDS: dict[str, dict[str, Command]] = {
 }  # fmt: skip
 # packages whose absence means that only the command line was installed
 CORE = ("av", "filelock", "jinja2", "matplotlib", "mujoco", "numba", "numpy", "PIL", "pooch", "pydantic", "scipy")
+EVERYWHERE = """\
+With every command --debug shows tracebacks; --allow-code runs the Python code that a robot file or a policy
+names, and --allow-outside reads files outside of a model's folder: both are refused until they were allowed once."""
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -118,9 +121,13 @@ def parsed(words: list[str]) -> Callable[[], int]:
         near = begun or difflib.get_close_matches(name.lower().replace("_", "-"), commands, n=1)
         hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else "."
         raise ArgumentError(f"there is no command '{name}'{hint} There are {', '.join(commands)}")
-    work: Any = tyro.cli(
-        _deferred(commands[name]), prog=f"swim2real {name}", args=rest, config=(tyro.conf.OmitArgPrefixes,)
-    )
+    flags = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
+    try:
+        work: Any = tyro.cli(_deferred(commands[name]), prog=f"swim2real {name}", args=rest, config=flags)
+    except SystemExit as ended:
+        if not ended.code:
+            say(EVERYWHERE)
+        raise
     return work
 
 
@@ -141,9 +148,8 @@ def overview() -> str:
             lines.append(f"  {name:<{width}}  {(command.__doc__ or '').strip().splitlines()[0]}")
     ends = (
         "swim2real COMMAND --help explains a command.",
-        "--version prints the version. With every command --debug shows tracebacks; --allow-code runs the Python code",
-        "that a robot file or a policy names, and --allow-outside reads files outside of a model's folder: both are",
-        "refused until they were allowed once.",
+        "--version prints the version.",
+        EVERYWHERE,
     )
     return "\n".join([*lines, "", *ends])
 
