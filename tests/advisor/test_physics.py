@@ -1,7 +1,10 @@
 """The built-in physics advisor: in worlds without a simulator, and once against the real thing."""
 
 import json
+import os
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from importlib import resources
 
@@ -108,6 +111,29 @@ def test_the_same_situation_gets_the_same_proposal():
     one = advisor()
     first, again, other = one.propose(shown), one.propose(shown), advisor().propose(shown)
     assert first.as_dict() == again.as_dict() == other.as_dict()
+
+
+SEARCH = """
+import json, numpy as np
+from worlds import SPACE, World, search
+from swim2real.advisor import PhysicsAdvisor
+from swim2real.robots.fish import FISH
+seen, _ = search(World(), PhysicsAdvisor(FISH, SPACE, 0), np.full(16, 0.5), 4)
+print(json.dumps([list(one.candidate.point) for one in seen]))
+"""
+
+
+@pytest.mark.slow
+def test_another_processors_linear_algebra_leads_to_the_same_points():
+    """OpenBLAS sums in another order on another kind of processor; elsewhere the variable does nothing."""
+    found = []
+    for kind in ("Nehalem", "Haswell"):
+        environment = {**os.environ, "OPENBLAS_CORETYPE": kind, "PYTHONPATH": os.pathsep.join(sys.path)}
+        done = subprocess.run([sys.executable, "-c", SEARCH], env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        found.append(json.loads(done.stdout))
+    assert found[0] == found[1]
+    assert len(set(map(tuple, found[0]))) == 4
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from swim2real.errors import AdvisorError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, cube_point
 
 MEASUREMENT = "measurement"
+DECIMALS = 6  # of what a built-in advisor proposes: a processor's last digits must not decide where a search goes
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ FASTEST = 5.0  # Hz
 LONG = 100.0  # s of a trial that are searched for the beat at first
 LEAST_CYCLES = 1.0  # that a trial must show
 LEAST_SHARE = 0.5  # of the lateral motion's variance that the fit must explain
+_DECIMALS = 9  # so that a processor's last digits don't reach the simulation, which may amplify them
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
 
     bounds = _peak(signals, span, lowest, highest)
     fit = minimize_scalar(misfit, bounds=bounds, args=(HARMONICS,), method="bounded", options={"xatol": 1e-7})
-    frequency, residual = float(fit.x), float(fit.fun)
+    frequency, residual = round(float(fit.x), _DECIMALS), float(fit.fun)
     explained = 1 - residual / total
     if explained < LEAST_SHARE:
         raise TrialError(
@@ -112,10 +113,10 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
     amplitude = float(np.hypot(cosine, sine))
     noise = np.sqrt(rss / max(len(y) - 2 * HARMONICS - 2, 1) * _correlation_time(y, t, frequency))
     phase_std = float(np.hypot(noise / amplitude * np.sqrt(2 / len(y)), np.pi * span * frequency_std))
+    phase = round(float(np.arctan2(-sine, cosine)), _DECIMALS)
     speed, speed_std = _start_speed(track, 2 / frequency)
-    return Beat(
-        frequency, frequency_std, float(np.arctan2(-sine, cosine)), phase_std, speed, speed_std, amplitude, explained
-    )
+    speed = round(speed, _DECIMALS)
+    return Beat(frequency, frequency_std, phase, phase_std, speed, speed_std, amplitude, explained)
 
 
 def _peak(signals: list[tuple[Array, Array]], span: float, lowest: float, highest: float) -> tuple[float, float]:

@@ -30,6 +30,7 @@ from swim2real.advisor.physics.model import (
 from swim2real.advisor.physics.words import diagnose_swims, reason
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import Evaluation, Proposal, Round, Situation
+from swim2real.optimizers.advisor import DECIMALS
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
 
@@ -41,6 +42,7 @@ TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.08, 0.7  # half width of the trust
 GROW, SHRINK = 1.3, 0.7
 _SAMPLES, _STARTS = 3000, 4
 _DIFFERENCE = 1e-4
+_GRAIN = 9  # decimals of an expected loss [m], for the same reason as those of a proposal
 
 
 class PhysicsAdvisor:
@@ -94,7 +96,7 @@ class PhysicsAdvisor:
         return self._own.to_cube(self._space.to_values(evaluation.candidate.point))
 
     def _back(self, point: Array) -> Array:
-        return self._space.to_cube(self._own.to_values(point))
+        return self._space.to_cube(self._own.to_values(point)).round(DECIMALS)
 
     def _expectation(
         self, evaluations: Sequence[Evaluation], incumbent: Evaluation, rounds: Sequence[Round]
@@ -127,7 +129,7 @@ class PhysicsAdvisor:
         # half of them change few parameters only
         keep = rng.random((_SAMPLES // 2, len(here))) < 0.7
         samples[: _SAMPLES // 2][keep] = np.broadcast_to(here, keep.shape)[keep]
-        losses = expectation.losses(samples)
+        losses = expectation.losses(samples).round(_GRAIN)
         starts = [here, *samples[np.argsort(losses)[:_STARTS]]]
         minima = [self._descend(expectation, start, low, high) for start in starts]
         return min(minima, key=lambda result: result[0])[1]
@@ -135,7 +137,7 @@ class PhysicsAdvisor:
     def _descend(self, expectation: Expectation, start: Array, low: Array, high: Array) -> tuple[float, Array]:
         def value_and_slope(point: Array) -> tuple[float, Array]:
             steps = np.where(point + _DIFFERENCE <= high, _DIFFERENCE, -_DIFFERENCE)
-            losses = expectation.losses(np.vstack([point, point + np.diag(steps)]))
+            losses = expectation.losses(np.vstack([point, point + np.diag(steps)])).round(_GRAIN)
             return float(losses[0]), (losses[1:] - losses[0]) / steps
 
         result = minimize(

@@ -21,6 +21,7 @@ from swim2real.advisor.physics.sensitivities import (
 )
 from swim2real.advisor.physics.words import diagnose_sensitivities, reason
 from swim2real.optimizers import Advice, Evaluation, Measurement, Proposal, Round, Situation
+from swim2real.optimizers.advisor import DECIMALS
 from swim2real.parameters import ParameterSpace
 
 Array = NDArray[np.float64]
@@ -92,7 +93,7 @@ class SensitivityAdvisor:
     def _proposal(self, incumbent: Evaluation, sensitivities: Sensitivities, trust: float) -> Proposal:
         here, residual = incumbent.candidate.point, residual_of(incumbent)
         step = sensitivities.step(residual, here, trust)
-        point = np.clip(here + step, 0.0, 1.0)
+        point = np.clip(here + step, 0.0, 1.0).round(DECIMALS)
         all_but_one = np.where(np.eye(len(step), dtype=bool), 0.0, step)
         left, *without = incumbent.loss * sensitivities.remaining(residual, np.vstack([step, all_but_one]))
         unidentified = unidentified_directions(sensitivities, residual)

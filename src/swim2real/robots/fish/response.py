@@ -49,16 +49,16 @@ class PosteriorMean:
     def __call__(self, points: Array) -> Array:
         """Outputs at points of the logarithmic unit cube. Shape (N, d) to (N, K)."""
         here, (far, far_squared, weights, linear) = 2 * points - 1, self._prepared
-        near = (here / self.lengths).astype(np.float32)  # exponentials take most of the time
+        near = here / self.lengths
         halved = near @ far.T - 0.5 * ((near**2).sum(axis=1)[:, None] + far_squared)
         return self.mean + self.scale * (np.exp(halved, out=halved) @ weights + here @ linear)
 
     @cached_property
-    def _prepared(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], Array]:
+    def _prepared(self) -> tuple[Array, Array, Array, Array]:
         """Points in units of the lengths, their squares, weights, and the linear part with its weights."""
-        far = (self.points / self.lengths).astype(np.float32)
+        far = self.points / self.lengths
         linear = self.slope / len(self.lengths) * (self.points.T @ self.weights)
-        return far, (far**2).sum(axis=1), (self.bend * self.weights).astype(np.float32), linear
+        return far, (far**2).sum(axis=1), self.bend * self.weights, linear
 
 
 @dataclass(frozen=True)
