@@ -93,7 +93,7 @@ class SensitivityAdvisor:
     def _proposal(self, incumbent: Evaluation, sensitivities: Sensitivities, trust: float) -> Proposal:
         here, residual = incumbent.candidate.point, residual_of(incumbent)
         step = sensitivities.step(residual, here, trust)
-        point = np.clip(here + step, 0.0, 1.0).round(DECIMALS)
+        point = np.clip(here + step.round(DECIMALS), 0.0, 1.0)
         all_but_one = np.where(np.eye(len(step), dtype=bool), 0.0, step)
         left, *without = incumbent.loss * sensitivities.remaining(residual, np.vstack([step, all_but_one]))
         unidentified = unidentified_directions(sensitivities, residual)
