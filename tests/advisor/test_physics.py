@@ -31,6 +31,7 @@ from swim2real.errors import ArgumentError
 from swim2real.objective.head import head_motion
 from swim2real.objective.motion import beat
 from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, Situation, Step
+from swim2real.optimizers.advisor import DECIMALS
 from swim2real.pipeline import calibrate
 from swim2real.robots.fish import FISH
 from swim2real.robots.fish.response import fish_response
@@ -151,7 +152,7 @@ def test_a_proposal_stays_within_its_trust():
     for rounds in (0, 1, 3):
         shown = situation(World(), rounds)
         apart = np.abs(advisor().propose(shown).point - shown.incumbent.candidate.point).max()
-        assert 0 < apart <= trust_radius(shown.rounds) + 1e-9
+        assert 0 < apart <= trust_radius(shown.rounds) + 10**-DECIMALS
 
 
 def test_rejected_rounds_change_the_next_proposal():
