@@ -83,7 +83,9 @@ def survives(command: str, words, out: Path, monkeypatch, resume: str = "") -> N
     _, err = peaceful.communicate(timeout=600)
     assert peaceful.returncode == 0, err
     duration = time.monotonic() - began
-    killed, rng, place = 0, random.Random(command), out / "killed"
+    killed, rng, place, given = 0, random.Random(command), out / "killed", out / "given"
+    if place.exists():  # what the command begins with
+        shutil.copytree(place, given)
     for attempt in range(3 * KILLS):
         mark = uuid.uuid4().hex
         monkeypatch.setenv("SWIM2REAL_TEST", mark)
@@ -105,6 +107,8 @@ def survives(command: str, words, out: Path, monkeypatch, resume: str = "") -> N
             break
         if started.returncode == 0:  # it was quicker than the one in peace: anew
             shutil.rmtree(place)
+            if given.exists():
+                shutil.copytree(given, place)
     assert killed >= KILLS
     assert not [path for path in place.rglob("*.part") if "html" not in path.name]
     peace, war = contents(out / "peace"), contents(place)
