@@ -90,6 +90,8 @@ def neighborhood(
         noise = residual[part].reshape(rows, columns)
         between, along = noise.T @ noise / rows, autocorrelation(noise)
         effective += _participation(between) * _independent_frames(along)
+        if pulls is not None:
+            continue
         sway = slopes[part].reshape(rows, columns, count)
         over_time = np.tensordot(toeplitz(along), sway, axes=1)
         over_both = np.einsum("tci,ce->tei", over_time, between)
