@@ -6,7 +6,7 @@ the sensor counts photons, and only then come gamma and the codec.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 
 import av
@@ -21,8 +21,8 @@ NOISE_BANK = 1 << 22
 QP_TO_LAMBDA = 118  # FFmpeg's FF_QP2LAMBDA
 
 
-def write(film: Film) -> None:
-    """Draws the film and writes its file."""
+def write(film: Film, frames: Iterable[NDArray[np.uint8]] | None = None) -> None:
+    """Draws the film, unless its frames are given, and writes its file."""
     camera, rate = film.camera, Fraction(film.camera.fps).limit_denominator(1001)
     part = film.path.with_name("part-" + film.path.name)
     jpeg = camera.codec == "mjpeg"
@@ -39,7 +39,7 @@ def write(film: Film) -> None:
         context.color_primaries = context.color_trc = int(Colorspace.ITU709)
         if jpeg:
             context.qscale, context.global_quality = True, camera.quality * QP_TO_LAMBDA
-        for index, image in enumerate(drawn(film)):
+        for index, image in enumerate(drawn(film) if frames is None else frames):
             frame = av.VideoFrame.from_ndarray(image, format="rgb24").reformat(
                 format=pixels, dst_colorspace=space, dst_color_range=span
             )
@@ -54,8 +54,8 @@ def drawn(film: Film) -> Iterator[NDArray[np.uint8]]:
     camera, scene = film.camera, film.scene
     rng = np.random.default_rng([camera.seed, 1])
     bank = rng.standard_normal(NOISE_BANK, dtype=np.float32)
-    light = _light(camera, rng)
-    empty = light[..., None] * _background(camera, rng)
+    light = lamp_light(camera, rng)
+    empty = light[..., None] * background(camera, rng)
     levels = np.round(255 * np.linspace(0, 1, 1 << 14) ** (1 / camera.gamma)).astype(np.uint8)
     shot, read = np.float32(1 / camera.electrons), np.float32((camera.read_noise / camera.electrons) ** 2)
     lens = np.array([*camera.center, camera.corner, camera.bend])
@@ -64,27 +64,27 @@ def drawn(film: Film) -> Iterator[NDArray[np.uint8]]:
     picture, out = np.empty_like(empty), np.empty(empty.shape, np.uint8)
     for index, time in enumerate(film.times):
         np.copyto(picture, empty)
-        moments = _moments(film, index)
+        moments = moments_of(film, index)
         poses = scene.poses(moments)
         for b, body in enumerate(scene.bodies):
             pose = poses[:, b] if np.ptp(poses[:, b], axis=0).max() > 0 else poses[:1, b]
             for box in body.boxes:
-                _draw(picture, light, camera, lens, pose[:: 1 + (len(pose) > 24)], box, shades[b], over=True)
+                draw(picture, light, camera, lens, pose[:: 1 + (len(pose) > 24)], box, shades[b], over=True)
             for x, y in body.markers:
                 size, rounding = (scene.radius, scene.radius), 0.0 if scene.squares else scene.radius
-                _draw(picture, light, camera, lens, pose, Box((x, y), size, rounding), contrast[b], over=False)
+                draw(picture, light, camera, lens, pose, Box((x, y), size, rounding), contrast[b], over=False)
         for cover in scene.covers:
             if cover.start <= time <= cover.end:
                 if isinstance(cover, Glare):
                     _add_glare(picture, cover)
                 else:
                     pose = np.array([[*np.multiply(cover.velocity, time - cover.start), 0.0]])
-                    _draw(picture, light, camera, lens, pose, cover.box, camera.linear(cover.color), over=True)
-        _expose(picture, bank, int(rng.integers(NOISE_BANK)), shot, read, levels, camera.gray, out)
+                    draw(picture, light, camera, lens, pose, cover.box, camera.linear(cover.color), over=True)
+        expose(picture, bank, int(rng.integers(NOISE_BANK)), shot, read, levels, camera.gray, out)
         yield out
 
 
-def _moments(film: Film, index: int) -> Array:
+def moments_of(film: Film, index: int) -> Array:
     """Moments of an exposure, evenly spread [s]. Shape (S,)."""
     camera = film.camera
     way = float(film.speed[index].max()) * camera.shutter
@@ -100,7 +100,7 @@ def _add_glare(picture: NDArray[np.float32], glare: Glare) -> None:
     picture[top:bottom, left:right] += glow(columns, rows, glare)[..., None]
 
 
-def _light(camera: Camera, rng: np.random.Generator) -> NDArray[np.float32]:
+def lamp_light(camera: Camera, rng: np.random.Generator) -> NDArray[np.float32]:
     """Light on the scene: brightest somewhere, less in the picture's corners. Shape (H, W)."""
     x = np.linspace(-1, 1, camera.width, dtype=np.float32)
     y = np.linspace(-1, 1, camera.height, dtype=np.float32)[:, None]
@@ -109,13 +109,13 @@ def _light(camera: Camera, rng: np.random.Generator) -> NDArray[np.float32]:
     return (rng.uniform(0.75, 0.95) * (1 - camera.uneven * fall / fall.max())).astype(np.float32)
 
 
-def _background(camera: Camera, rng: np.random.Generator) -> NDArray[np.float32]:
+def background(camera: Camera, rng: np.random.Generator) -> NDArray[np.float32]:
     """Color of what lies below: stains, grain, and some straight edges. Shape (H, W, 3)."""
     height, width = camera.height, camera.width
     bumps = np.zeros((height, width), np.float32)
     for size, weight in ((300, 0.5), (60, 0.3), (12, 0.15), (3, 0.1)):
         grid = rng.standard_normal((height // size + 2, width // size + 2)).astype(np.float32)
-        bumps += weight * _hat(height, grid.shape[0], size) @ grid @ _hat(width, grid.shape[1], size).T
+        bumps += weight * hat(height, grid.shape[0], size) @ grid @ hat(width, grid.shape[1], size).T
     y, x = np.mgrid[:height, :width].astype(np.float32)
     for _ in range(int(rng.integers(0, 5))):  # tapes, cables, gaps between boards
         angle, place = rng.uniform(0, np.pi), rng.uniform(0, 1, 2) * (width, height)
@@ -126,12 +126,12 @@ def _background(camera: Camera, rng: np.random.Generator) -> NDArray[np.float32]
     )
 
 
-def _hat(count: int, knots: int, size: int) -> NDArray[np.float32]:
+def hat(count: int, knots: int, size: int) -> NDArray[np.float32]:
     """Weights of linear interpolation. Shape (count, knots)."""
     return np.maximum(0, 1 - np.abs(np.arange(count)[:, None] / size - np.arange(knots))).astype(np.float32)
 
 
-def _draw(
+def draw(
     picture: NDArray[np.float32], light: NDArray[np.float32], camera: Camera, lens: Array, poses: Array, box: Box,
     color: Array, over: bool,
 ) -> None:  # fmt: skip
@@ -179,7 +179,7 @@ def _cover(picture, light, area, lens, course, shape, color, over):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _expose(picture, bank, offset, shot, read, levels, gray, out):
+def expose(picture, bank, offset, shot, read, levels, gray, out):
     """Photon noise, read noise, saturation, gamma."""
     zero, one, top = np.float32(0), np.float32(1), np.float32(len(levels) - 1)
     height, width, _ = picture.shape

@@ -22,7 +22,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from lattice_camera import write
+from lattice_camera import drawn, write
+from lattice_looks import filmed
+from lattice_real import KINDS, real_film
 from lattice_scenes import SCENES, random_film
 from lattice_truth import Array, Film
 from numpy.typing import NDArray
@@ -216,7 +218,7 @@ def run(films: list[Film], names: list[str]) -> None:
         print("|---" + "|---:" * (len(HEADINGS) - 1) + "|", flush=True)
         for film in films:
             if not film.path.exists():
-                write(film)
+                write(film, filmed(film) if film.scene.look else drawn(film))
             try:
                 results[name].append(tracked(film, TRACKERS[name](film)))
             except TrackingError as error:
@@ -226,13 +228,14 @@ def run(films: list[Film], names: list[str]) -> None:
             row(results[name][-1])
     for name in names:
         every = results[name]
-        for kind in dict.fromkeys(SCENES):
+        for kind in dict.fromkeys((*SCENES, *KINDS)):
             summary(f"{name}, {kind}", [r for r in every if r.film.name.startswith(kind)], refused=0)
         summary(f"{name}, all", every, refused[name])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kind", choices=("plain", "real"), default="plain", help="of films (%(default)s)")
     parser.add_argument("--films", type=int, default=40, help="how many (%(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of all that is random (%(default)s)")
     parser.add_argument("--only", default="", metavar="NAME", help="films whose name holds this, of these")
@@ -250,7 +253,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = arguments.keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        films = [random_film(arguments.seed, index, folder) for index in range(arguments.films)]
+        chosen = real_film if arguments.kind == "real" else random_film
+        films = [chosen(arguments.seed, index, folder) for index in range(arguments.films)]
         run([f for f in films if arguments.only in f.name], list(TRACKERS) if arguments.csrt else ["detection"])
 
 

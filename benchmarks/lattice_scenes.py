@@ -37,7 +37,7 @@ Colors = tuple[Color, Color, Color]
 Shape = Callable[[Array], Array]  # from phases, shape (N,), to poses of the bodies, shape (N, B, 3)
 
 
-class _DoesNotFitError(Exception):
+class DoesNotFitError(Exception):
     """These numbers give no film; others are drawn."""
 
 
@@ -47,27 +47,33 @@ def random_film(seed: int, index: int, folder: Path) -> Film:
     kind = SCENES[index % len(SCENES)]
     speed = rng.uniform(*(MILD if kind.startswith("mild") else FAST))
     while True:
-        camera, colors = _camera(rng)
+        camera, colors = random_camera(rng)
         try:
-            scene = _MAKERS[kind.split()[-1]](rng, camera, colors, speed)
-            _check(planned("", scene, camera, folder))
-        except _DoesNotFitError:
+            scene = MAKERS[kind.split()[-1]](rng, camera, colors, speed)
+            check(planned("", scene, camera, folder))
+        except DoesNotFitError:
             continue
         if not kind.startswith("mild") and rng.random() < COVERED:
             scene = replace(scene, covers=(_cover(rng, camera, scene, colors),))
-        film = planned(f"{kind} {seed}/{index}", scene, camera, folder)
-        suffix = ".mkv" if camera.codec == "mjpeg" else ".mp4"
-        return replace(film, path=folder / f"{film.name.replace(' ', '-').replace('/', '-')}-{_settings(film)}{suffix}")
+        return stored(planned(f"{kind} {seed}/{index}", scene, camera, folder))
+
+
+def stored(film: Film) -> Film:
+    """The film with a name for its file, in the folder that was its path."""
+    suffix = ".mkv" if film.camera.codec == "mjpeg" else ".mp4"
+    name = f"{film.name.replace(' ', '-').replace('/', '-')}-{_settings(film)}{suffix}"
+    return replace(film, path=film.path / name)
 
 
 def _settings(film: Film) -> str:
     """Letters and digits that differ when films do."""
     scene = film.scene
     drawn = (film.camera, scene.bodies, scene.marker_color, scene.squares, scene.radius, scene.covers)
+    drawn += (scene.look,) if scene.look else ()
     return hashlib.sha256(repr(drawn).encode() + film.places.tobytes()).hexdigest()[:8]
 
 
-def _camera(rng: np.random.Generator) -> tuple[Camera, Colors]:
+def random_camera(rng: np.random.Generator) -> tuple[Camera, Colors]:
     """What films, and the colors before it: of markers, bodies and background."""
     gray = bool(rng.random() < 0.3)
     told_apart = [c for c in COLORS if not gray or abs(sum(c[0]) - sum(c[1])) > 250]
@@ -86,20 +92,20 @@ def _camera(rng: np.random.Generator) -> tuple[Camera, Colors]:
     return camera, colors
 
 
-def _check(film: Film) -> None:
+def check(film: Film) -> None:
     """Markers stay in the picture and apart, and hardly ever go below another body."""
     edge = np.array([film.camera.width, film.camera.height]) - 1 - film.radius - 2
     if (film.places < film.radius + 2).any() or (film.places > edge).any():
-        raise _DoesNotFitError
+        raise DoesNotFitError
     used = np.ptp(film.places.reshape(-1, 2), axis=0) / edge
     if used.max() < (0.4 if len(film.bodies) > 2 else 0.1):  # nobody films from so far away
-        raise _DoesNotFitError
+        raise DoesNotFitError
     for places in film.places:
         apart = np.linalg.norm(places[:, None] - places[None], axis=2) + 1e9 * np.eye(len(places))
         if apart.min() < 2.6 * film.radius:
-            raise _DoesNotFitError
+            raise DoesNotFitError
     if (film.covered > 0).mean() > 0.05 or (film.covered[0] > 0).any():
-        raise _DoesNotFitError
+        raise DoesNotFitError
 
 
 def _released(shape: Shape, bodies: tuple[Body, ...], fps: float, speed: float, phases: float) -> Shape:
@@ -117,7 +123,7 @@ def _released(shape: Shape, bodies: tuple[Body, ...], fps: float, speed: float, 
     fastest = np.linalg.norm(np.diff(places, axis=0), axis=2).max() / fine[1]
     period = fastest / speed  # frames
     if not SHORTEST_PERIOD <= period <= LONGEST_PERIOD:
-        raise _DoesNotFitError
+        raise DoesNotFitError
     rate = fps / period
     return lambda times: shape(rate * np.maximum(times - REST, 0.0))
 
@@ -136,7 +142,7 @@ def _lattice(rng: np.random.Generator, camera: Camera, colors: Colors, speed: fl
     if rng.random() < 0.3:
         counts = np.clip(counts + rng.integers(-2, 3, rows), 3, 10)
     if not 9 <= counts.sum() <= 40:
-        raise _DoesNotFitError
+        raise DoesNotFitError
     radius = float(rng.uniform(6, 15))
     spacing = radius * float(rng.uniform(3.5, 8))
     bodies = tuple(_row(int(n), spacing, radius, colors[1]) for n in counts)
@@ -167,7 +173,7 @@ def _lattice(rng: np.random.Generator, camera: Camera, colors: Colors, speed: fl
         return np.stack([middle[0] + cos * x - sin * y, middle[1] + sin * x + cos * y, angle], axis=2)
 
     poses = _released(shape, bodies, camera.fps, speed, 2.0)
-    return Scene(bodies, fixed, (), poses, colors[0], False, radius, _seconds(rng, camera))
+    return Scene(bodies, fixed, (), poses, colors[0], False, radius, seconds(rng, camera))
 
 
 def _arm(rng: np.random.Generator, camera: Camera, colors: Colors, speed: float) -> Scene:
@@ -200,7 +206,7 @@ def _arm(rng: np.random.Generator, camera: Camera, colors: Colors, speed: float)
     poses = _released(shape, tuple(bodies), camera.fps, speed, 2.0)
     start = poses(np.zeros(1))[0]
     hinges = tuple((k, k + 1, (float(start[k + 1, 0]), float(start[k + 1, 1]))) for k in range(links))
-    return Scene(tuple(bodies), 0, hinges, poses, colors[0], False, radius, _seconds(rng, camera))
+    return Scene(tuple(bodies), 0, hinges, poses, colors[0], False, radius, seconds(rng, camera))
 
 
 def _sheet(rng: np.random.Generator, camera: Camera, colors: Colors, speed: float) -> Scene:
@@ -210,7 +216,7 @@ def _sheet(rng: np.random.Generator, camera: Camera, colors: Colors, speed: floa
     markers = rng.uniform(-1, 1, (count, 2)) * (half - 2 * radius)
     apart = np.linalg.norm(markers[:, None] - markers[None], axis=2) + 1e9 * np.eye(count)
     if apart.min() < 4 * radius:
-        raise _DoesNotFitError
+        raise DoesNotFitError
     angle = np.deg2rad(rng.uniform(15, 40)) * rng.choice([-1, 1])
     heading, way = rng.uniform(0, 2 * np.pi), rng.uniform(0.1, 0.35) * camera.width
     slide = way * np.array([np.cos(heading), np.sin(heading)])
@@ -242,13 +248,13 @@ def _pendulum(rng: np.random.Generator, camera: Camera, colors: Colors, speed: f
     radius = float(rng.uniform(6, 13))
     lengths = rng.uniform(0.12, 0.2, 2) * min(camera.width, camera.height)
     if lengths.min() < 6 * radius:
-        raise _DoesNotFitError
+        raise DoesNotFitError
     bodies: list[Body] = []
     for length in lengths:
         rod = Box(((length + 1.9 * radius) / 2, 0.0), ((length - 1.9 * radius) / 2, 0.6 * radius), 0.0)
-        bodies.append(Body((rod, _disc(length, 1.8 * radius)), np.array([[length, 0.0]]), colors[1]))
+        bodies.append(Body((rod, disc(length, 1.8 * radius)), np.array([[length, 0.0]]), colors[1]))
     marked = rng.random() < 0.5
-    pivot = Body((_disc(0.0, 1.8 * radius),), np.zeros((1, 2)), colors[1])
+    pivot = Body((disc(0.0, 1.8 * radius),), np.zeros((1, 2)), colors[1])
     start = rng.uniform(-1.8, 1.8, 2) * np.exp(rng.uniform(np.log(0.1), 0))
     swing = CubicSpline(*_double_pendulum(start, lengths / lengths.mean()))
     place = camera.center + rng.uniform(-0.1, 0.1, 2) * camera.width
@@ -268,7 +274,7 @@ def _pendulum(rng: np.random.Generator, camera: Camera, colors: Colors, speed: f
     if marked:
         hinges.insert(0, (0, 1, (float(place[0]), float(place[1]))))
     fixed = 0 if marked else None
-    return Scene(every, fixed, tuple(hinges), poses, colors[0], False, radius, _seconds(rng, camera))
+    return Scene(every, fixed, tuple(hinges), poses, colors[0], False, radius, seconds(rng, camera))
 
 
 def _double_pendulum(start: Array, lengths: Array) -> tuple[Array, Array]:
@@ -314,11 +320,11 @@ def _puck(rng: np.random.Generator, camera: Camera, colors: Colors, speed: float
         frames = (times - REST) * camera.fps - 2
         return np.mean([sharp(frames + away) for away in np.linspace(-1.5, 1.5, 13)], axis=0)
 
-    puck = Body((_disc(0.0, 2.2 * radius),), np.zeros((1, 2)), colors[1])
-    return Scene((puck,), None, (), poses, colors[0], False, radius, _seconds(rng, camera))
+    puck = Body((disc(0.0, 2.2 * radius),), np.zeros((1, 2)), colors[1])
+    return Scene((puck,), None, (), poses, colors[0], False, radius, seconds(rng, camera))
 
 
-def _disc(x: float, radius: float) -> Box:
+def disc(x: float, radius: float) -> Box:
     return Box((x, 0.0), (radius, radius), radius)
 
 
@@ -340,10 +346,10 @@ def _cover(rng: np.random.Generator, camera: Camera, scene: Scene, colors: Color
     return Occluder(start, end, box, skin if rng.random() < 0.5 else colors[1], (float(speed[0]), float(speed[1])))
 
 
-def _seconds(rng: np.random.Generator, camera: Camera) -> float:
+def seconds(rng: np.random.Generator, camera: Camera) -> float:
     return float((np.ceil(REST * camera.fps) + int(rng.integers(60, 100))) / camera.fps)
 
 
-_MAKERS: dict[str, Callable[[np.random.Generator, Camera, Colors, float], Scene]] = {
+MAKERS: dict[str, Callable[[np.random.Generator, Camera, Colors, float], Scene]] = {
     "lattice": _lattice, "arm": _arm, "sheet": _sheet, "pendulum": _pendulum, "puck": _puck,
 }  # fmt: skip

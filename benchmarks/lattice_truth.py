@@ -38,6 +38,14 @@ class Body:
     markers: Array
     color: Color
 
+    def scaled(self, by: float) -> Body:
+        """The same, larger."""
+        boxes = [
+            Box((by * b.center[0], by * b.center[1]), (by * b.half[0], by * b.half[1]), by * b.rounding, b.angle)
+            for b in self.boxes
+        ]
+        return Body(tuple(boxes), by * self.markers, self.color)
+
 
 @dataclass(frozen=True)
 class Occluder:
@@ -62,6 +70,53 @@ class Glare:
 
 
 @dataclass(frozen=True)
+class Look:
+    """What real dots and cameras have, and plain ones don't. None of it is there unless given.
+
+    Attributes:
+        dots: Half axes of each dot as shares of the radius, and the first one's angle on the body [rad]. Shape (M, 3).
+        hub: Radius of the dots' middle, of another color, as a share of theirs.
+        hub_color: As in the film, 0 to 255.
+        lamp: Direction of the lamp, from which balls have a highlight [rad].
+        clear: Of bodies, only the dots can be seen.
+        ground: What lies below: see `lattice_looks.ground`.
+        shadows: x, y [px] of a point on the edge of each, its direction [rad], share of light it takes, width of the
+            edge [px]. Shape (K, 5).
+        clipping: By which light is multiplied before highlights are clipped.
+        s_curve: Weight of an S-curve over gamma, 0 to 1.
+        sharpening: Weight of an unsharp mask.
+        interlaced: Even rows are a quarter of a frame early, odd rows are late.
+        waves: How the camera sways: x, y [px], frequency [Hz], phase [rad], and the power of the sine, which is 1, or
+            odd and large for jerks. Shape (K, 5).
+        exposure: How its automatic exposure sways: share of the light, frequency [Hz], phase [rad].
+    """
+
+    dots: Array
+    hub: float = 0.0
+    hub_color: Color = (0, 0, 0)
+    lamp: float | None = None
+    clear: bool = False
+    ground: str = ""
+    shadows: Array = field(default_factory=lambda: np.zeros((0, 5)))
+    clipping: float = 1.0
+    s_curve: float = 0.0
+    sharpening: float = 0.0
+    interlaced: bool = False
+    waves: Array = field(default_factory=lambda: np.zeros((0, 5)))
+    exposure: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def shift(self, times: Array) -> Array:
+        """By how much all is moved in the plane, by a camera that isn't at rest [px]. Shape (N, 2)."""
+        ways, frequencies, phases, powers = self.waves[:, :2], *self.waves[:, 2:].T
+        return np.sin(2 * np.pi * np.outer(times, frequencies) + phases) ** powers @ ways
+
+    def gain(self, time: float) -> float:
+        """By which light is multiplied."""
+        share, frequency, phase = self.exposure
+        return float(1 + share * np.sin(2 * np.pi * frequency * time + phase))
+
+
+@dataclass(frozen=True)
 class Scene:
     """What is filmed.
 
@@ -75,6 +130,9 @@ class Scene:
         radius: Of markers [px].
         seconds: Duration of the film.
         covers: Occluders and glare.
+        growth: Size of all in the picture, as a share of what is given here, by time.
+        soft: All are one body, which isn't rigid.
+        look: What films of it have and plain ones don't.
     """
 
     bodies: tuple[Body, ...]
@@ -86,6 +144,9 @@ class Scene:
     radius: float
     seconds: float
     covers: tuple[Occluder | Glare, ...] = ()
+    growth: Callable[[Array], Array] = np.ones_like
+    soft: bool = False
+    look: Look | None = None
 
     @property
     def owners(self) -> NDArray[np.int64]:
@@ -95,7 +156,8 @@ class Scene:
     def plane(self, times: Array) -> Array:
         """Markers in the plane [px]. Shape (N, M, 2)."""
         poses = self.poses(times)
-        parts = [moved(body.markers, poses[:, b]) for b, body in enumerate(self.bodies)]
+        size = self.growth(times)
+        parts = [moved(body.markers, poses[:, b], size) for b, body in enumerate(self.bodies)]
         return np.concatenate(parts, axis=1)
 
 
@@ -198,7 +260,7 @@ class Film:
     @property
     def bodies(self) -> NDArray[np.int64]:
         """The body of each marker. Shape (M,)."""
-        return self.scene.owners
+        return self.scene.owners * (not self.scene.soft)
 
     @property
     def fixed(self) -> int | None:
@@ -212,8 +274,8 @@ class Film:
 
     @property
     def radius(self) -> float:
-        """Of markers [px]."""
-        return self.scene.radius
+        """Of markers in the first frame [px]."""
+        return self.scene.radius * float(self.scene.growth(self.times[:1])[0])
 
     @property
     def fps(self) -> float:
@@ -233,11 +295,11 @@ def planned(name: str, scene: Scene, camera: Camera, path: Path) -> Film:
     return Film(name, path, scene, camera, times, places, speed, _covered(scene, camera, times, places), picks)
 
 
-def moved(points: Array, poses: Array) -> Array:
-    """Points of a body at its poses. Shapes (N, 2), (T, 3) to (T, N, 2)."""
+def moved(points: Array, poses: Array, size: Array | float = 1.0) -> Array:
+    """Points of a body at its poses, and grown to a size. Shapes (N, 2), (T, 3), (T,) to (T, N, 2)."""
     cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     turn = np.stack([np.stack([cos, -sin], axis=1), np.stack([sin, cos], axis=1)], axis=1)
-    return np.einsum("tij,nj->tni", turn, points) + poses[:, None, :2]
+    return np.einsum("tij,nj->tni", turn, points) * np.reshape(size, (-1, 1, 1)) + poses[:, None, :2]
 
 
 def _inside(points: Array, box: Box) -> NDArray[np.bool_]:
@@ -251,14 +313,15 @@ def _covered(scene: Scene, camera: Camera, times: Array, places: Array) -> Array
     """Share of each marker that can't be seen. Shape (T, M)."""
     poses, owners = scene.poses(times), scene.owners
     plane = scene.plane(times)
-    samples = plane[:, :, None] + scene.radius * _RINGS  # (T, M, S, 2)
+    size = scene.growth(times)
+    samples = plane[:, :, None] + scene.radius * size[:, None, None, None] * _RINGS  # (T, M, S, 2)
     hidden = np.zeros(samples.shape[:3], bool)
     for b, body in enumerate(scene.bodies):
         below = np.flatnonzero(owners < b)
         for t in range(len(times)) if len(below) else ():
             back = samples[t, below] - poses[t, b, :2]
             cos, sin = np.cos(poses[t, b, 2]), np.sin(poses[t, b, 2])
-            back = back @ np.array([[cos, -sin], [sin, cos]])
+            back = back @ np.array([[cos, -sin], [sin, cos]]) / size[t]
             for box in body.boxes:
                 hidden[t, below] |= _inside(back, box)
     seen_at = places[:, :, None] + scene.radius * _RINGS

@@ -1,9 +1,12 @@
 """Opens pages in Chromium, without a screen and without a network."""
 
+import json
 import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
 
 import pytest
 
@@ -44,3 +47,54 @@ def open_to_scripts(page: str) -> str:
     """The page without the policy that lets only its own script run: a test puts one of its own into it."""
     assert len(_POLICY.findall(page)) == 1
     return _POLICY.sub("", page)
+
+
+# what came of a scenario: what was downloaded, what the hand said, and what went wrong on the page
+_PLAYED = """
+const said = [], downloads = [], names = [], wrong = [];
+const keep = URL.createObjectURL;
+URL.createObjectURL = blob => { downloads.push(blob); return keep.call(URL, blob); };
+HTMLAnchorElement.prototype.click = function () { names.push(this.download); };
+for (const kind of ["error", "unhandledrejection", "securitypolicyviolation"])
+  addEventListener(kind, event => wrong.push(`${kind}: ${event.message ?? event.reason ?? event.blockedURI}`));
+const key = (key, more = {}) =>
+  document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true, ...more }));
+const press = id => document.getElementById(id).click();
+const alert_ = () => document.getElementById("alert").textContent;
+HAND
+addEventListener("load", async () => {
+  let result;
+  try {
+    await (async () => { SCENARIO })();
+    result = { files: await Promise.all(downloads.map(blob => blob.text())), names, said, wrong };
+  } catch (error) { result = { error: String(error.stack) }; }
+  const out = document.createElement("pre");
+  out.id = "result";
+  out.textContent = encodeURIComponent(JSON.stringify(result));
+  document.body.append(out);
+});
+"""
+
+
+def played(page: Path, place: Path, hand: str, scenario: str, window: str = "1400,860") -> dict[str, Any]:
+    """Opens a page, plays a scenario on it and returns what came of it: its files, their names, and what it said.
+
+    Args:
+        page: The page.
+        place: Where it is put with a script of the test in it.
+        hand: What a hand and an eye do: functions that the scenario calls, beside `key`, `press` and `alert_`.
+        scenario: What is done; it pushes to `said` what is of interest.
+        window: Width and height of the window [px].
+    """
+    script = _PLAYED.replace("HAND", hand).replace("SCENARIO", scenario)
+    # without a screen there are no animation frames
+    clock = "<script>window.requestAnimationFrame = step => setTimeout(step, 1);</script></head>"
+    text = open_to_scripts(page.read_text(encoding="utf-8")).replace("</head>", clock)
+    place.write_text(text.replace("</body>", f"<script>{script}</script></body>"), encoding="utf-8")
+    shown, _ = opened(place, f"--window-size={window}", milliseconds=8000)
+    found = re.search(r'<pre id="result">([^<]*)</pre>', shown)
+    assert found, shown[-2000:]
+    result = json.loads(unquote(found.group(1)))
+    assert "error" not in result, result["error"]
+    assert result["wrong"] == []
+    return result

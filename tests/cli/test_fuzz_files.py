@@ -38,7 +38,7 @@ from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
 from swim2real.settings import EnsembleSettings
 from swim2real.tracking.camera_file import read_camera
-from swim2real.tracking.points import load_points
+from swim2real.tracking.points import load_anchors, load_points
 from swim2real.trials import load_reference
 from swim2real.trials.pose_tables import read_dlc
 
@@ -74,6 +74,7 @@ def made(folder: Path) -> Path:
     shutil.copy(PROJECT / "examples/vlm-runs/seed-0/advisor/call_0001.json", calls)
     (folder / "camera.json").write_text(json.dumps(CAMERA))
     (folder / "points.json").write_text(json.dumps(POINTS))
+    (folder / "corrections.json").write_text(json.dumps(CORRECTIONS))
     rows = "".join(f"{k / 50:.2f},{0.1 * k},{0.02 * k}\n" for k in range(40))
     (folder / "commands.csv").write_text("time_s,wheel_rad_s,tail_rad\n" + rows)
     (folder / "motors.toml").write_text(MOTORS)
@@ -103,6 +104,10 @@ CAMERA = {
 }  # fmt: skip
 POINTS = {"video": "swim.mp4", "width": 640, "height": 480, "frame": 0,
           "markers": {"pivot": [10, 20], "middle": [100.5, 20], "end": [200, 40]}}  # fmt: skip
+CORRECTIONS = {
+    "video": "a.mp4", "width": 640, "height": 480,
+    "frames": [{"frame": 7, "markers": {"end": [1, 2], "middle": None}}, {"frame": 9, "markers": {}}],
+}  # fmt: skip
 MOTORS = "[wheel]\nid = 1\nspeed = 6\ndirection = -1\n\n[tail]\nid = 2\nlowest = -1\nhighest = 1.5\nzero = 3.0\n"
 POSES = "scorer,a,a,a,a,a,a\nbodyparts,M0,M0,M0,M1,M1,M1\ncoords,x,y,likelihood,x,y,likelihood\n" + "".join(
     f"{k},{k},1,0.9,{k + 5},2,1\n" for k in range(20)
@@ -212,6 +217,7 @@ READERS: dict[str, tuple[Callable[[Path], object], ...]] = {
     "pendulum.toml": (_robot,),
     "camera.json": (lambda folder: read_camera(folder / "camera.json"),),
     "points.json": (lambda folder: load_points(folder / "points.json", NAMES, 640, 480),),
+    "corrections.json": (lambda folder: load_anchors(folder / "corrections.json", NAMES, 640, 480, "a.mp4"),),
     "commands.csv": (_commands,),
     "motors.toml": (_motors,),
     "poses.csv": (lambda folder: read_dlc(folder / "poses.csv", 60.0),),

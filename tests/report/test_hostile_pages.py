@@ -35,6 +35,8 @@ from swim2real.robots.fish import FISH
 from swim2real.robots.robot import PolicySetup, Robot
 from swim2real.tracking import LostMarkers
 from swim2real.tracking.points import write_pick_page
+from swim2real.tracking.review import make_strips, write_review_page
+from swim2real.tracking.stretches import find_stretches
 from swim2real.trials import MarkerTrack, Trial
 
 OWN = "document.documentElement.setAttribute('data-pwned', 1)"
@@ -194,9 +196,21 @@ def pick_page(folder: Path) -> Path:
     return write_pick_page(frame, names, f"{ATTACK}.mp4", folder / "pick.html")
 
 
+def review_page(folder: Path) -> Path:
+    names = tuple(hostile("a", "b", "__proto__").values())
+    track = MarkerTrack(range(9), np.tile([[[9.0, 9.0], [30.0, 9.0], [50.0, 9.0]]], (9, 1, 1)), np.full((9, 3), 0.2))
+    strips = make_strips(track, find_stretches(track), 64, 36)
+    pictures = {cut: cut.picture(np.full((36, 64, 3), 90, dtype=np.uint8)) for strip in strips for cut in strip.cuts}
+    return write_review_page(
+        folder / "review.html", f"{ATTACK}.mp4", names, 64, 36, strips, pictures, {t: t / 2 for t in range(9)},
+        command=ATTACK,
+    )  # fmt: skip
+
+
 PAGES: dict[str, Callable[[Path], Path]] = {
     "run": run_page, "runs": runs_page, "comparison": comparison_page, "quality": quality_page,
     "training": training_page, "rollout": rollout_page, "pick": pick_page,
+    "review": review_page,
 }  # fmt: skip
 
 
@@ -259,7 +273,7 @@ def check(page: str, scripts: int) -> Audit:
     return found
 
 
-SCRIPTS = {"run": 1, "runs": 1, "comparison": 1, "quality": 0, "training": 1, "rollout": 1, "pick": 2}
+SCRIPTS = {"run": 1, "runs": 1, "comparison": 1, "quality": 0, "training": 1, "rollout": 1, "pick": 2, "review": 2}
 
 
 @pytest.mark.parametrize("kind", ["run", "runs", "comparison"])  # whose charts take long; the browser sees them
@@ -267,7 +281,7 @@ def test_hostile_text_stays_text(kind: str, tmp_path: Path) -> None:
     check_file(kind, tmp_path)
 
 
-@pytest.mark.parametrize("kind", ["quality", "training", "rollout", "pick"])
+@pytest.mark.parametrize("kind", ["quality", "training", "rollout", "pick", "review"])
 def test_hostile_text_stays_text_in_charts(kind: str, tmp_path: Path, drawn: None) -> None:
     check_file(kind, tmp_path)
 
@@ -277,8 +291,8 @@ def check_file(kind: str, folder: Path) -> None:
     page = PAGES[kind](folder).read_text("utf-8")
     found = check(page, SCRIPTS[kind])
     text = " ".join(" ".join(found.text).split())
-    assert f"<script>{OWN}</script>" in text or kind == "pick"
-    assert "{{ 7 * 7 }}" in text or kind == "pick"
+    assert f"<script>{OWN}</script>" in text or kind in ("pick", "review")
+    assert "{{ 7 * 7 }}" in text or kind in ("pick", "review")
     assert "a\\u202eb\\u2066c\\u200bd" in text
     (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)
     assert "default-src 'none'" in policy
@@ -310,7 +324,10 @@ def elsewhere() -> Generator[tuple[int, list[object]]]:
         server.shutdown(socket.SHUT_RDWR)
 
 
-OWN_WORK = {"run": '<div class="player">', "comparison": '<button type="button">', "pick": "<span>next</span>"}
+OWN_WORK = {
+    "run": '<div class="player">', "comparison": '<button type="button">', "pick": "<span>next</span>",
+    "review": "0 clicks; 0 placed",
+}  # fmt: skip
 
 
 @pytest.mark.slow

@@ -84,10 +84,10 @@ def test_equal_places_have_no_lead():
     """Two markers of three on a row: the third is to the left or to the right."""
     shape, right = np.array([[100.0, 50.0], [130.0, 50.0], [160.0, 50.0]]), np.array([15.0, 0.0])
     body = Expected(shape + right, pairs_of(shape), 20.0, 20.0, 0.1, 60.0, 60.0, 3.0, False)
-    both = label([body], shape[:2] + 2 * right, np.ones(2), (WIDTH, HEIGHT))
+    both = label([body], shape[:2] + 2 * right, [np.ones((3, 2))], (WIDTH, HEIGHT))
     assert np.count_nonzero(both.spots[0] >= 0) == 2
     assert both.leads[0] < LEAD
-    three = label([body], shape + right, np.ones(3), (WIDTH, HEIGHT))
+    three = label([body], shape + right, [np.ones((3, 3))], (WIDTH, HEIGHT))
     assert three.spots[0].tolist() == [0, 1, 2]
     assert three.leads[0] > LEAD
 

@@ -4,14 +4,13 @@ import io
 import json
 import re
 from pathlib import Path
-from urllib.parse import unquote
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import swim2real
-from browser import open_to_scripts, opened
+from browser import played
 from swim2real.errors import ArgumentError, TrackingError
 from swim2real.tracking.points import load_points, write_pick_page
 
@@ -22,14 +21,8 @@ COLORS = [(255, 0, 0), (0, 255, 0), (255, 255, 0), (255, 0, 255)]
 
 # What a hand and an eye do. The eye finds each disc by its color on the canvas; nothing of the page's script is used.
 HAND = """
-const canvas = document.querySelector("canvas"), downloads = [], names = [], said = [];
-const keep = URL.createObjectURL;
-URL.createObjectURL = blob => { downloads.push(blob); return keep.call(URL, blob); };
-HTMLAnchorElement.prototype.click = function () { names.push(this.download); };
+const canvas = document.querySelector("canvas");
 const drawn = () => new Promise(done => requestAnimationFrame(() => setTimeout(done, 0)));
-const wrong = [];
-for (const kind of ["error", "unhandledrejection", "securitypolicyviolation"])
-  addEventListener(kind, event => wrong.push(`${kind}: ${event.message ?? event.reason ?? event.blockedURI}`));
 function pixels() {  // of a copy, since reading makes a browser treat a canvas differently
   const copy = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height });
   const context = copy.getContext("2d", { willReadFrequently: true });
@@ -47,10 +40,6 @@ function drag([ax, ay], [bx, by], more) {
   for (let i = 1; i <= 8; i++) send("pointermove", [ax + (bx - ax) * i / 8, ay + (by - ay) * i / 8], more);
   send("pointerup", [bx, by], more);
 }
-const key = (key, more = {}) =>
-  document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true, ...more }));
-const press = id => document.getElementById(id).click();
-const alert_ = () => document.getElementById("alert").textContent;
 const rows = () => [...document.querySelectorAll("#list button span")].map(span => span.textContent);
 // mean place of a color in CSS pixels; the corners where the magnifier may be are left out
 async function see([r, g, b], corners = innerWidth < 620 ? 120 : 170) {
@@ -75,17 +64,6 @@ async function closer(color) {  // zooms in by the wheel and brings a disc to th
   drag(p, middle());
   return see(color);
 }
-addEventListener("load", async () => {
-  let result;
-  try {
-    await SCENARIO;
-    result = { files: await Promise.all(downloads.map(blob => blob.text())), names, said, rows: rows(), wrong };
-  } catch (error) { result = { error: String(error.stack) }; }
-  const out = document.createElement("pre");
-  out.id = "result";
-  out.textContent = encodeURIComponent(JSON.stringify(result));
-  document.body.append(out);
-});
 """
 
 
@@ -108,20 +86,8 @@ def play(page, tmp_path):
     """Opens the page in Chromium, plays a scenario on it and returns what came of it."""
 
     def run(scenario, window="1400,860"):
-        script = HAND.replace("SCENARIO", "(async () => {" + scenario + "})()")
-        script = f"<script>const COLORS = {json.dumps(COLORS)};\n{script}</script></body>"
-        path = tmp_path / "played.html"
-        # without a screen there are no animation frames
-        clock = "<script>window.requestAnimationFrame = step => setTimeout(step, 1);</script></head>"
-        text = open_to_scripts(page.read_text(encoding="utf-8")).replace("</head>", clock).replace("</body>", script)
-        path.write_text(text, encoding="utf-8")
-        shown, _ = opened(path, f"--window-size={window}", milliseconds=8000)
-        found = re.search(r'<pre id="result">([^<]*)</pre>', shown)
-        assert found, shown[-2000:]
-        result = json.loads(unquote(found.group(1)))
-        assert "error" not in result, result["error"]
-        assert result["wrong"] == []
-        return result
+        hand = f"const COLORS = {json.dumps(COLORS)};\n{HAND}"
+        return played(page, tmp_path / "played.html", hand, scenario, window)
 
     return run
 
@@ -236,10 +202,11 @@ def test_neighbors_that_are_close_can_be_clicked_without_zoom(play):
         """
         const p = await see(COLORS[1]);
         for (let i = 0; i < 4; i++) click([p[0] + 8 * i, p[1]]);
+        said.push(...rows());
         """
     )
-    assert "–" not in result["rows"]
-    assert "next" not in result["rows"]
+    assert "–" not in result["said"]
+    assert "next" not in result["said"]
 
 
 @pytest.mark.slow

@@ -23,6 +23,8 @@ SURROUNDINGS = 3.0  # radii around a marker that its color is told apart from
 FORGET = 0.9  # of what was learned, at each relearning
 KEEP_FIRST = 0.5  # share of the first frame in what is known, for good
 INNER_EDGE = 0.4  # of the largest change of color, from which an edge further inside is a marker's
+FEW = 3  # markers of which each may have a radius of its own
+UNEQUAL = 0.7  # by which the logarithm of a marker's radius easily differs from the usual one's
 LONE_GAP = 80.0  # px to the next marker that is assumed where there is none: it tells how large one may be
 UNKNOWN_COLOR = 25.0  # squared distance (Mahalanobis) from the colors seen, above which a color is unknown
 SURE_CONTRAST = 0.8  # below it on average, the first guess of the radius is doubted
@@ -45,6 +47,28 @@ def radius_at(image: Image, points: Array) -> float:
         image: RGB. Shape (H, W, 3).
         points: Near the markers' centers [px]. Shape (M, 2).
     """
+    return _radius_of(*_changes(image, points))
+
+
+def own_radii(image: Image, points: Array) -> Array:
+    """Radius of each marker, likelier near the usual one; of few markers each by itself [px]. Shape (M,)."""
+    radii, changes = _changes(image, points)
+    if len(points) < FEW:
+        return np.array([_radius_of(radii, changes[m : m + 1]) for m in range(len(points))])
+    unusual = np.log(radii / _radius_of(radii, changes)) / UNEQUAL
+    return radii[np.argmax(changes * np.exp(-(unusual**2) / 2), axis=1)]
+
+
+def _radius_of(radii: Array, changes: Array) -> float:
+    change = np.median(changes, axis=0)
+    if len(changes) == 1:  # it may be on something round: its own edge is the inner one
+        inner = (change >= np.roll(change, 1)) & (change >= np.roll(change, -1)) & (change > INNER_EDGE * change.max())
+        return float(radii[int(np.argmax(inner))])
+    return float(radii[int(np.argmax(change))])
+
+
+def _changes(image: Image, points: Array) -> tuple[Array, Array]:
+    """Change of color at circles around points, and the radii of these. Shapes (R,), (M, R)."""
     largest = 0.6 * _typical_gap(points)  # two may seem to overlap, but not most
     radii = _RADII[max(largest, 2.0) >= _RADII]
     reach = int(np.ceil(1.5 * radii[-1])) + 1
@@ -58,11 +82,7 @@ def radius_at(image: Image, points: Array) -> float:
             inside, ring = (away <= radius) & (away > radius - thick), (away > radius) & (away <= radius + thick)
             if inside.any() and ring.any():
                 totals[m, k] = np.linalg.norm(colors[inside].mean(axis=0) - colors[ring].mean(axis=0))
-    change = np.median(totals, axis=0)
-    if len(points) == 1:  # it may be on something round: its own edge is the inner one
-        inner = (change >= np.roll(change, 1)) & (change >= np.roll(change, -1)) & (change > INNER_EDGE * change.max())
-        return float(radii[int(np.argmax(inner))])
-    return float(radii[int(np.argmax(change))])
+    return np.asarray(radii, dtype=float), totals
 
 
 def _edge_radius(image: Image, table: Table, points: Array, radius: float) -> float:

@@ -15,9 +15,9 @@ from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.appearance import Appearance
+from swim2real.tracking.looks import LIKE, Looks, squares
 from swim2real.tracking.rigid import Expected, Labeling, label, pairs_of, rigid_fit
-from swim2real.tracking.spots import SpotFinder, Spots
+from swim2real.tracking.spots import Spots, streaks
 from swim2real.tracking.tracker import Array, Image
 
 LEAD = 4.0  # by which labels must be better than any others to be sure: two fifths of a missing marker
@@ -27,9 +27,16 @@ FEW = 0.4  # of the markers of a body that was lost, with fewer of which it isn'
 STIFF = 0.1  # rad by which a body may turn in a frame without notice
 FAR = 4.0  # times how far a body may easily be from where it is expected: a push, or a mistake
 FORGET = 0.7  # of a surprise, in each frame
+BLURRED = 0.7  # radii of a streak, above what its motion explains, that tell that it moved farther
+LIKELIER = 1.0  # lead with which one or two markers are believed again in time, if they look as they did
+MOST_DOUBT = 2000.0  # px, more than any picture is wide in which a marker is looked for
+LEAST_LIKE = 0.4  # likeness of a spot that is certain to be the marker
+FEWEST = 0.25  # of a body's markers that may have no streak where the body is blurred
+NEIGHBORS, LEAST_NEIGHBORS = 4, 3  # whose motion tells how a marker moved that isn't seen
 FAINT = 4.0  # radii of a streak, of which the ends are too faint to be seen
 AGAIN_FRAMES = 3  # that a body must be followed for after it was lost
 ADAPT_TIME, ADAPT_WAY = 1.0, 200.0  # s and px over which a body's shape in the picture changes: perspective, lens
+FIRM = 0.1  # radii by which markers may be beside their places on a rigid body
 SHAPE_SHARE = 0.1  # of a length by which it may differ from the first frame's
 _BEND = 0.9  # of the last change of velocity that is expected again
 _FADE = 0.5  # of the velocity that is left in each frame in which a body isn't seen
@@ -49,12 +56,15 @@ class _Body:
         self.markers, self.fixed = markers, fixed
         self.shape, self._first_shape = places.copy(), places.copy()
         self.pairs = pairs_of(places)
+        self.give = 0.0  # by how much its shape was seen to change beyond what a rigid body's does [px]
         self.doubt = 0.0
         self.swing = 0.0  # how far it may have turned while nobody knows how [rad]
         self.unseen = 0  # frames since it was seen last
         self.followed = AGAIN_FRAMES  # frames since it was found
         self.surprise = 0.0  # how far it was from where it was expected, lately [px]
         self.history: list[tuple[float, Array]] = [(time, places)]
+        self.drift = np.zeros(2)  # how far its neighbors moved since it was seen last [px]
+        self.errors = np.array([0.0, 1e-3])  # of its place, expected by itself and from its neighbors [px]
 
     @property
     def step(self) -> float:
@@ -84,6 +94,22 @@ class _Body:
 
     def predicted(self, time: float) -> Array:
         """Where its markers should be [px]. Shape (M, 2)."""
+        if self.unseen and self.with_others:
+            return self.history[-1][1] + self.drift
+        return self._by_itself(time)
+
+    @property
+    def with_others(self) -> bool:
+        """Whether it moved with its neighbors rather than by itself, as far as it was seen."""
+        return self.errors[1] < self.errors[0]
+
+    def compare(self, places: Array, alone: Array, step: Array) -> None:
+        """Takes in how well its places were expected by itself, and by the step (2,) of its neighbors [px]."""
+        last = self.history[-2][1] if len(self.history) > 1 else places
+        off = [_distance(places, alone), _distance(places, last + step)]
+        self.errors = FORGET * self.errors + (1 - FORGET) * np.array(off)
+
+    def _by_itself(self, time: float) -> Array:
         when, last = self.history[-1]
         if self.fixed or len(self.history) < 2:
             return last
@@ -108,6 +134,7 @@ class _Body:
     def follow(self, places: Array, time: float) -> None:
         """Takes in where its markers are seen, NaN where they aren't [px]. Shape (M, 2)."""
         self.unseen = 0
+        self.drift = np.zeros(2)
         self.followed += 1
         if not self.fixed:
             expected = self.predicted(time)
@@ -115,30 +142,40 @@ class _Body:
             self.surprise = max(FORGET * self.surprise, _distance(moved, expected))
             self.history = [*self.history, (time, rigid_fit(self.shape, moved))][-3:]
 
-    def begin(self, places: Array, time: float) -> None:
-        """Takes in that it is somewhere else than expected."""
+    def begin(self, places: Array, time: float, surprise: float) -> None:
+        """Takes in that it is somewhere else than expected, and how far it may be from there in the next frame."""
         self.unseen = self.followed = 0
-        self.surprise = 0.0
+        self.surprise, self.drift = surprise, np.zeros(2)
         self.history = [(time, rigid_fit(self.shape, rigid_fit(self.history[-1][1], places)))]
 
     def lose(self, way: float) -> None:
         """Takes in that it isn't seen, while it may go some way [px]."""
         self.unseen += 1
         self.followed = 0
+        self.surprise *= FORGET
         if not self.fixed:
-            self.doubt += way
+            self.doubt = min(self.doubt + way, MOST_DOUBT)
             self.swing += STIFF + self.turn
 
-    def adapt(self, places: Array, rate: float) -> None:
-        """Lets the shape follow what is seen, as far as perspective may change it. Shape (M, 2)."""
+    def adapt(self, places: Array, rate: float, firm: float) -> None:
+        """Lets the shape follow what is seen: slowly and as far as perspective may change it, or at once if it is soft.
+
+        Args:
+            places: Where its markers are seen without a doubt, NaN where they aren't [px]. Shape (M, 2).
+            rate: Share of a change that is taken in.
+            firm: By how much half of the markers may be beside their places on a body that is rigid [px].
+        """
         known = np.isfinite(places[:, 0])
         if known.sum() < 3:
             return
         back = rigid_fit(places[known], self.shape[known])
+        off = float(np.median(np.linalg.norm(back - self.shape[known], axis=1)))
+        if off > firm:
+            self.give += off
         shape = self.shape.copy()
-        shape[known] += rate * (back - shape[known])
+        shape[known] += max(rate, min(off / firm, 1.0)) * (back - shape[known])
         extent = np.linalg.norm(self._first_shape - self._first_shape.mean(axis=0), axis=1, keepdims=True)
-        limit = SHAPE_SHARE * extent + 0.5
+        limit = SHAPE_SHARE * extent + 0.5 + self.give
         change = shape - self._first_shape
         self.shape = self._first_shape + change * np.minimum(1.0, limit / np.maximum(np.abs(change), 1e-9))
 
@@ -161,112 +198,208 @@ class BodyTracker:
         height, width = image.shape[:2]
         if not ((points >= 0) & (points <= [width - 1, height - 1])).all():
             raise TrackingError(f"{len(points)} points must be finite and lie in the frame of {width} x {height} px")
-        look = Appearance(image, points)
-        self._radius = look.radius
-        self._finder = SpotFinder(image, look.points, look.radius)
-        spots = self._finder.find(image, _boxes(look.points, 2 * self._radius))
-        away = np.linalg.norm(look.points[:, None] - spots.centers[None], axis=2)
-        near = away.argmin(axis=1) if len(spots) else np.zeros(len(points), dtype=np.int64)
-        seen = away.min(axis=1, initial=np.inf) < 0.7 * self._radius
-        seen &= np.array([np.count_nonzero(near == spot) == 1 for spot in near])
-        if not seen.any():
-            listed = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in points[:3])
-            raise TrackingError(
-                f"no spot as large as a marker stands out at the points in the first frame, such as {listed}; pick the "
-                f"points on the markers' centers (`swim2real pick`)"
-            )
-        positions = look.points.copy()
-        positions[seen] = spots.centers[near[seen]]
-        self._area = float(np.median(spots.areas[near[seen]]))
+        self._looks = Looks(image, points)
+        positions = self._looks.points
         self._bodies = [
             _Body(
                 np.flatnonzero(self._numbers == number), number == self._fixed, positions[self._numbers == number], time
             )
             for number in dict.fromkeys(self._numbers.tolist())
         ]
+        self._known = positions.copy()
         self._time = time
         self._fastest = 0.0
-        confidence = np.where(seen, self._confidence(spots, near, np.zeros(len(points))), 0.0)
-        return np.where(confidence[:, None] > 0, positions, np.nan), confidence
+        return positions.copy(), np.ones(len(points))
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Finds the markers in the next frame."""
         if time <= self._time:
             raise TrackingError(f"frame time {time:.4f} s isn't after the last one; call start() first, then in order")
         predicted = [body.predicted(time) for body in self._bodies]
-        pushed = [False] * len(predicted)
-        spots, labeling, reaches = self._labeled(image, predicted, pushed)
+        expected = self._expected(predicted, [False] * len(predicted))
+        spots, labeling = self._labeled(image, expected)
+        spots, labeling, pictures = self._with_pictures(image, spots, labeling, expected)
         size = np.array(image.shape[1::-1]) - 1
         missing = [
             bool(np.count_nonzero(labels >= 0) < _inside(places, size))
             for labels, places in zip(labeling.spots, predicted, strict=True)
         ]
         if any(missing):
-            spots, labeling, reaches = self._labeled(image, predicted, missing)
-        positions, streaks, confidence = self._taken(spots, labeling, reaches, time)
-        self._adapt(image, positions, streaks, confidence, time)
+            expected = self._expected(predicted, missing)
+            spots, labeling = self._labeled(image, expected, pictures)
+            spots, labeling, _ = self._with_pictures(image, spots, labeling, expected)
+        result = self._taken(image, spots, labeling, expected, time)
         self._time = time
-        return positions, confidence
+        return result
 
-    def _labeled(self, image: Image, predicted: list[Array], pushed: list[bool]) -> tuple[Spots, Labeling, list[float]]:
-        """Labels of the bodies, of which some may have been pushed farther than they are usually looked for."""
+    def _expected(self, predicted: list[Array], pushed: list[bool]) -> list[Expected]:
+        """Where the bodies should be, of which some may have been pushed farther than they are usually looked for."""
         expected: list[Expected] = []
-        boxes = np.empty((len(self._numbers), 4), dtype=np.int64)
         for body, places, far in zip(self._bodies, predicted, pushed, strict=True):
-            usual, reach = body.spread(self._radius), 3 * self._radius + 4
+            radius = self._radius(body)
+            usual, reach = body.spread(radius), 3 * radius + 4
             spread = max(usual, body.doubt)
             near = reach if body.fixed else max(3 * spread, reach)
-            reach = near if body.fixed or not far else max(near, 18 * self._radius)
-            tolerance = min(0.3 * self._radius + 1.0 + 0.08 * body.step, self._radius)
+            reach = near if body.fixed or not far else max(near, 18 * radius)
+            tolerance = min(0.3 * radius + 1.0 + 0.08 * body.step, radius)
             lost = not body.fixed and body.doubt > 0
             swing = STIFF + 0.5 * body.turn + body.swing
             expected.append(Expected(places, body.pairs, spread, usual, swing, near, reach, tolerance, lost))
-            boxes[body.markers] = _boxes(places, reach)
-        spots = self._finder.find(image, boxes)
-        sizes = np.abs(np.log2(np.maximum(spots.areas / self._area, 1e-3)))
-        looks = np.clip(1.5 - sizes, 0.0, 1.0) * np.minimum(spots.fills, 1.0)
-        height, width = image.shape[:2]
-        return spots, label(expected, spots.centers, looks, (width, height)), [body.reach for body in expected]
+        return expected
 
-    def _taken(self, spots: Spots, labeling: Labeling, reaches: list[float], time: float) -> tuple[Array, Array, Array]:
-        """Positions, streaks and confidence; each body takes in how it moved and how certain that is."""
+    def _radius(self, body: _Body) -> float:
+        return float(np.median(self._looks.radii[body.markers]))
+
+    def _labeled(self, image: Image, expected: list[Expected], others: Spots | None = None) -> tuple[Spots, Labeling]:
+        """Labels of the bodies among the spots of the markers' colors, and others."""
+        boxes = np.empty((len(self._numbers), 4), dtype=np.int64)
+        for body, one in zip(self._bodies, expected, strict=True):
+            boxes[body.markers] = squares(one.places, one.reach)
+        spots = self._looks.find(image, boxes)
+        if others is not None:
+            spots = self._looks.added(spots, self._likeness(spots), others)
+        return self._among(image, spots, expected)
+
+    def _among(self, image: Image, spots: Spots, expected: list[Expected]) -> tuple[Spots, Labeling]:
+        looks = self._likeness(spots)
+        height, width = image.shape[:2]
+        return spots, label(expected, spots.centers, [looks[body.markers] for body in self._bodies], (width, height))
+
+    def _likeness(self, spots: Spots) -> Array:
+        """How much each spot looks like each marker, of which none is blurred by more than it moved. Shape (M, P)."""
+        last, slack = np.empty((len(self._numbers), 2)), np.empty(len(self._numbers))
+        for body in self._bodies:
+            last[body.markers] = body.history[-1][1]
+            slack[body.markers] = BLURRED * self._radius(body) + 1.5 * body.step
+        return self._looks.likeness(spots, last, slack)
+
+    def _with_pictures(
+        self, image: Image, spots: Spots, labeling: Labeling, expected: list[Expected]
+    ) -> tuple[Spots, Labeling, Spots | None]:
+        """Looks by their pictures for markers of which no spot of their color was found that is like them."""
+        looks, size = self._likeness(spots), np.array(image.shape[1::-1]) - 1
+        markers: list[int] = []
+        places: list[Array] = []
+        reaches: list[float] = []
+        for body, labels, one in zip(self._bodies, labeling.spots, expected, strict=True):
+            like = np.where(labels >= 0, looks[body.markers, labels] if len(spots) else 0.0, 0.0)
+            found = np.full_like(one.places, np.nan)
+            good = like > LIKE
+            found[good] = spots.centers[labels[good]]
+            laid = rigid_fit(one.places, found)
+            reach = one.tolerance + 1.0
+            if not good.any() or (len(labels) < 3 and _distance(laid, one.places) > 2 * one.usual):
+                good[:], laid, reach = False, one.places, min(one.near, one.tolerance + 2 * one.usual)
+            for m in np.flatnonzero(~good & ((laid >= 0) & (laid <= size)).all(axis=1)):
+                markers.append(int(body.markers[m]))
+                places.append(laid[m])
+                reaches.append(reach)
+        if not markers:
+            return spots, labeling, None
+        more = self._looks.find_pictures(image, np.array(markers), np.array(places), np.array(reaches))
+        if not len(more):
+            return spots, labeling, None
+        return (*self._among(image, self._looks.added(spots, looks, more), expected), more)
+
+    def _taken(
+        self, image: Image, spots: Spots, labeling: Labeling, expected: list[Expected], time: float
+    ) -> tuple[Array, Array]:
+        """Positions and confidence; each body takes in how it moved and how certain that is."""
         count = len(self._numbers)
-        positions, confidence, off = np.full((count, 2), np.nan), np.zeros(count), np.zeros(count)
+        positions, off, blur = np.full((count, 2), np.nan), np.zeros(count), np.zeros((count, 2))
+        share, fill, own_lead = np.zeros(count), np.zeros(count), np.full(count, np.inf)
+        looks, like = self._likeness(spots), np.zeros(count)
         chosen = np.full(count, -1)
-        for body, labels, lead, reach in zip(self._bodies, labeling.spots, labeling.leads, reaches, strict=True):
+        for body, labels, lead, own, one in zip(
+            self._bodies, labeling.spots, labeling.leads, labeling.own_leads, expected, strict=True
+        ):
             seen = labels >= 0
+            own_lead[body.markers] = own
+            radius = self._radius(body)
             places = np.full((len(labels), 2), np.nan)
             places[seen] = spots.centers[labels[seen]]
-            last, frames, expected = body.history[-1][1], body.unseen + 1, body.predicted(time)
-            away = _distance(rigid_fit(expected, places), expected) if seen.any() else 0.0
-            far = not body.fixed and away > FAR * body.spread(self._radius)
+            last, frames, guess = body.history[-1][1], body.unseen + 1, body.predicted(time)
+            away = _distance(rigid_fit(guess, places), guess) if seen.any() else 0.0
+            far = not body.fixed and away > FAR * body.spread(radius)
+            if far and len(seen) < 3 and self._looks.by_picture(spots, labels[seen]).any():
+                seen[:] = False  # a picture alone isn't enough to find it elsewhere
             few = body.doubt > 0 and seen.sum() < min(len(seen), max(2, FEW * len(seen)))
             if not seen.any() or few or (far and lead < LEAD):
-                body.lose(max(1.5 * self._fastest, 2 * self._radius))
+                body.lose(0.5 * radius if body.with_others else max(1.5 * self._fastest, 2 * radius))
+                continue
+            markers, spot = body.markers[seen], labels[seen]
+            chosen[markers], positions[markers], like[markers] = spot, places[seen], looks[markers, spot]
+            spread = self._looks.spread(spots, markers, spot)
+            blur[markers] = streaks(spread)
+            share[markers], fill[markers] = self._looks.share(spots, markers, spot), spots.fills[spot]
+            whole = (share[markers] > WHOLE[0]) & (share[markers] < WHOLE[1])
+            poor = len(seen) < 3 and not (like[markers] > LEAST_LIKE).any()
+            if poor or (len(seen) < 3 and body.with_others and lead < LEAD):  # better where it was expected than there
+                body.doubt = body.doubt or body.spread(radius)
+                body.lose(0.0 if body.with_others else 0.5 * (radius + body.step))
                 continue
             if far:
-                body.begin(places, time)
+                body.begin(places, time, self._fastest if len(seen) < 3 else 0.0)
             else:
                 body.follow(places, time)
-            chosen[body.markers], positions[body.markers] = labels, places
-            off[body.markers[seen]] = np.linalg.norm(rigid_fit(body.shape, places) - places, axis=1)[seen]
-            blur = float(np.median(np.linalg.norm(spots.streaks[labels[seen]], axis=1)))
+            off[markers] = np.linalg.norm(rigid_fit(body.shape, places) - places, axis=1)[seen]
+            streak = _common_streak(spread[whole])
             moved = away if far else body.step
-            if lead < LEAD or blur > 1.5 * moved + 0.7 * self._radius:  # it moved farther than these labels say
-                body.doubt = body.doubt or 0.5 * reach
+            # it moved farther than these labels say
+            blurred = streak > 1.5 * moved + BLURRED * radius and not (
+                len(seen) < 3 and self._looks.unchanged(image, markers, places[seen])
+            )
+            if lead < LEAD or blurred:
+                body.doubt = body.doubt or 0.5 * one.reach
+                if len(seen) < 3 and lead > LIKELIER and self._looks.unchanged(image, markers, places[seen]):
+                    body.doubt *= FORGET
             elif body.followed >= AGAIN_FRAMES:
                 body.doubt = body.swing = 0.0
             if body.doubt == 0.0 and not body.fixed:
                 self._fastest = max(self._fastest, _distance(body.history[-1][1], last) / frames)
-        sure = np.repeat(False, count)
+        for body in self._twice(positions):
+            body.lose(0.0 if body.with_others else 2 * self._radius(body))
+            body.doubt = body.doubt or body.spread(self._radius(body))
+            chosen[body.markers], positions[body.markers] = -1, np.nan
+        confidence = self._confidence(share, fill, off, blur)
+        sure = np.zeros(count, dtype=bool)
         for body in self._bodies:
             sure[body.markers] = body.doubt == 0.0
-        seen = chosen >= 0
-        confidence[seen] = self._confidence(spots, chosen[seen], off[seen])
-        streaks = np.zeros((count, 2))
-        streaks[seen] = spots.streaks[chosen[seen]]
-        sure &= ~self._cut(np.linalg.norm(streaks, axis=1), seen)
-        return positions, streaks, np.where(sure, confidence, np.minimum(confidence, DOUBT))
+        sure &= (own_lead >= LEAD) & (like > LEAST_LIKE) & ~self._cut(np.linalg.norm(blur, axis=1), chosen >= 0)
+        confidence = np.where(chosen >= 0, np.where(sure, confidence, np.minimum(confidence, DOUBT)), 0.0)
+        known = np.where((confidence > DOUBT)[:, None], positions, np.nan)
+        self._share_motion(known, expected)
+        for body in self._bodies:
+            if body.doubt == 0.0 and not body.fixed:
+                rate = min(1.0, (time - self._time) / ADAPT_TIME + body.step / ADAPT_WAY)
+                body.adapt(known[body.markers], rate, FIRM * self._radius(body) + 0.3)
+        certain = np.flatnonzero(confidence > DOUBT)
+        self._looks.learn(image, spots, certain, chosen[certain], blur[certain])
+        return positions, confidence
+
+    def _twice(self, positions: Array) -> list[_Body]:
+        """Bodies of which a marker is where that of another body is, which is the more certain of the two (M, 2)."""
+        apart = np.linalg.norm(positions[:, None] - positions, axis=2)
+        near = (apart < self._looks.radii) & (self._numbers[:, None] != self._numbers)
+        bodies = {int(m): body for body in self._bodies for m in body.markers}
+        pairs = [(bodies[int(i)], bodies[int(j)]) for i, j in np.argwhere(near) if i < j]
+        return [max(pair, key=lambda body: (body.doubt, -body.followed)) for pair in pairs]
+
+    def _share_motion(self, known: Array, expected: list[Expected]) -> None:
+        """Takes in how markers move with their neighbors, which tells where one is that isn't seen. Shape (M, 2)."""
+        steps, self._known = known - self._known, known
+        moved = np.isfinite(steps[:, 0])
+        for body, one in zip(self._bodies, expected, strict=True):
+            others = moved & (self._numbers != self._numbers[body.markers[0]])
+            if body.fixed or others.sum() < LEAST_NEIGHBORS:
+                continue
+            away = np.linalg.norm(known[others] - one.places.mean(axis=0), axis=1)
+            nearest = np.argsort(away, kind="stable")[:NEIGHBORS]
+            step = np.average(steps[others][nearest], axis=0, weights=1 / (away[nearest] + 1.0))
+            if body.unseen:
+                body.drift = body.drift + step
+            elif moved[body.markers].all():
+                body.compare(known[body.markers], one.places, step)
 
     def _cut(self, streaks: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Markers with a streak that is too long or too short for how far they moved, off its middle. Shape (M,)."""
@@ -274,26 +407,31 @@ class BodyTracker:
         for body in self._bodies:
             if len(body.history) > 1:
                 steps[body.markers] = np.linalg.norm(body.history[-1][1] - body.history[-2][1], axis=1)
-        fast = seen & (steps > self._radius)
+        radii = self._looks.radii
+        fast = seen & (steps > radii)
         if fast.sum() < 3:
             return np.zeros(len(seen), dtype=bool)
         shutter = np.median(streaks[fast] / steps[fast])
-        return fast & (np.abs(streaks - shutter * steps) > max(6.0, 0.6 * self._radius))
+        return fast & (np.abs(streaks - shutter * steps) > np.maximum(6.0, 0.6 * radii))
 
-    def _confidence(self, spots: Spots, chosen: NDArray[np.int64], off: Array) -> Array:
-        """How much spots look like a marker at its place, from 0 to 1. Shape (K,)."""
-        area, fill = spots.areas[chosen] / self._area, np.minimum(spots.fills[chosen], 1.0)
-        confidence = (0.5 + 0.5 * fill) * (1 - 0.3 * np.minimum(off / (0.3 * self._radius + 1.0), 1.0) ** 2)
-        streak = np.linalg.norm(spots.streaks[chosen], axis=1)
-        sure = (area > WHOLE[0]) & (area < WHOLE[1]) & (off < 0.3 * self._radius + 1.0)
-        return np.where(sure & (streak < FAINT * self._radius), confidence, np.minimum(confidence, DOUBT))
+    def _confidence(self, share: Array, fill: Array, off: Array, blur: Array) -> Array:
+        """How much spots look like their marker at its place, from 0 to 1. Shape (M,)."""
+        radii = self._looks.radii
+        allowed = 0.3 * radii + 1.0
+        confidence = (0.5 + 0.5 * np.minimum(fill, 1.0)) * (1 - 0.3 * np.minimum(off / allowed, 1.0) ** 2)
+        sure = (share > WHOLE[0]) & (share < WHOLE[1]) & (off < allowed)
+        sure &= np.linalg.norm(blur, axis=1) < FAINT * radii
+        return np.where(sure, confidence, np.minimum(confidence, DOUBT))
 
-    def _adapt(self, image: Image, positions: Array, streaks: Array, confidence: Array, time: float) -> None:
-        sure = np.where((confidence > DOUBT)[:, None], positions, np.nan)
-        for body in self._bodies:
-            if body.doubt == 0.0 and not body.fixed:
-                body.adapt(sure[body.markers], min(1.0, (time - self._time) / ADAPT_TIME + body.step / ADAPT_WAY))
-        self._finder.learn(image, sure, streaks)
+
+def _common_streak(spread: Array) -> float:
+    """Length of the streak that nearly all markers of a body have, by what their moments exceed theirs (K, 3) [px]."""
+    if not len(spread):
+        return 0.0
+    uneven = np.stack([(spread[:, 0] - spread[:, 2]) / 2, spread[:, 1]], axis=1)
+    mean = uneven.mean(axis=0)
+    along = uneven @ mean / max(float(np.linalg.norm(mean)), 1e-9)
+    return float(np.sqrt(24 * max(float(np.quantile(along, FEWEST)), 0.0)))
 
 
 @njit(cache=True, nogil=True)
@@ -304,8 +442,3 @@ def _distance(here: Array, there: Array) -> float:
 
 def _inside(places: Array, size: Array) -> int:
     return int(((places >= 0) & (places <= size)).all(axis=1).sum())
-
-
-def _boxes(places: Array, reach: float) -> NDArray[np.int64]:
-    """Squares around places: left, top, right, bottom. Shape (N, 4)."""
-    return np.concatenate([np.floor(places - reach), np.ceil(places + reach) + 1], axis=1).astype(np.int64)

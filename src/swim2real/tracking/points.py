@@ -1,52 +1,77 @@
-"""The markers of a first frame: their file, and the page to click them on.
+"""Where a person says that markers are: the files, and the page on which a first frame's are clicked.
 
 The points file is `{"format": 1, "video": "swim.mp4", "width": 3840, "height": 2160, "frame": 0, "markers": {"M0": [x,
 y], …}}`, in pixels of the upright frame; the center of the top-left pixel is (0, 0). A plain list of pairs, in the
-order of the markers, is read as well. The page is one HTML file without network or libraries.
+order of the markers, is read as well. A corrections file has several frames in place of one, `"frames": [{"frame": 120,
+"markers": {"M3": [x, y], "M4": null}}, …]`: of a marker that isn't named in a frame nothing is said, and null says that
+it is hidden there.
 """
 
 from __future__ import annotations
 
-import base64
-import html
-import json
-import re
-from collections.abc import Sequence
-from io import BytesIO
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image as Picture
 from pydantic import BaseModel, Field, model_validator
 
 from swim2real.checking import Number, did_you_mean, read
 from swim2real.errors import ArgumentError, TrackingError
-from swim2real.escaping import script_source, visible
-from swim2real.names import quoted
-from swim2real.store import write_json, write_text
+from swim2real.escaping import visible
+from swim2real.names import composed, quoted
+from swim2real.store import write_json
+from swim2real.tracking.page import jpeg_source, write_page
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Image = NDArray[np.uint8]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+FrameNumber = Annotated[int, Field(ge=0, strict=True)]
 
 FORMAT = 1
 CLOSEST_PX = 2.0  # two markers nearer than this are one marker clicked twice
 PICK_AGAIN = "pick the points again with `swim2real pick`"
+CORRECT_AGAIN = "make it again on the page of this video's doubtful stretches, or correct it by hand"
 _JPEG_QUALITY = 95  # keeps a 4K frame at some megabytes
 _TEMPLATE = Path(__file__).with_name("picker.html")
 
 
+@dataclass(frozen=True)
+class Anchor:
+    """What a person says of one frame.
+
+    Attributes:
+        frame: Number of the frame in the video.
+        points: Where the markers are, NaN where nothing is said or a marker is hidden [px]. Shape (M, 2).
+        hidden: True where a marker is said to be hidden. Shape (M,).
+    """
+
+    frame: int
+    points: Array
+    hidden: Mask
+
+
+class _Entry(BaseModel):
+    """What a corrections file says of one frame: a marker's place, or null where it is hidden."""
+
+    frame: FrameNumber
+    markers: dict[str, Pair | None]
+
+
 class _Content(BaseModel):
-    """What a points file says: markers by name, or a plain list of points."""
+    """What a file says: markers of one frame by name, a plain list of points, or markers of several frames."""
 
     format: Literal[1] = 1
+    video: str | None = None
     width: int | None = None
     height: int | None = None
-    frame: Annotated[int, Field(ge=0, strict=True)] | None = None
-    markers: dict[str, Pair] | None = None
+    frame: FrameNumber | None = None
+    markers: dict[str, Pair | None] | None = None
     points: list[Pair] | None = None
+    frames: list[_Entry] | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -55,7 +80,7 @@ class _Content(BaseModel):
 
 
 def load_points(path: str | Path, names: Sequence[str], width: int, height: int, frame: int = 0) -> Array:
-    """Reads a points file and checks it against the robot and the video.
+    """Reads a points file and checks it against the robot and the video. Every marker must have a place.
 
     Args:
         path: Path of the file.
@@ -71,33 +96,71 @@ def load_points(path: str | Path, names: Sequence[str], width: int, height: int,
         TrackingError: The file is missing, can't be read, or its points aren't of this robot and this video.
     """
     content = read(_Content, path, "points", TrackingError, f"{PICK_AGAIN} (`swim2real pick VIDEO`)")
-    size = content.width or width, content.height or height
-    if size != (width, height):
-        raise TrackingError(
-            f"points '{path}' were picked on a frame of {size[0]} x {size[1]} px; "
-            f"the video's is {width} x {height} px; {PICK_AGAIN} on this video"
-        )
+    file = f"points '{path}'"
+    if content.frames is not None:
+        raise TrackingError(f"{file} are corrections, of {len(content.frames)} frames; give them with --corrections")
+    _check_size(content, file, width, height, f"{PICK_AGAIN} on this video")
     if content.frame not in (None, frame):
         raise TrackingError(
-            f"points '{path}' were picked in frame {content.frame} of the video; tracking begins with frame {frame}; "
+            f"{file} were picked in frame {content.frame} of the video; tracking begins with frame {frame}; "
             f"begin with the same one (--from of `swim2real pick` and of `swim2real track`)"
         )
+    anchor = _anchor(frame, _all_named(content, names, file), names, width, height, file, PICK_AGAIN)
+    if anchor.hidden.any():
+        name = names[int(np.argmax(anchor.hidden))]
+        raise TrackingError(f"{file}: 'markers.{name}' is null; it must be a list, [x, y]; {PICK_AGAIN}")
+    return anchor.points
+
+
+def load_anchors(
+    path: str | Path, names: Sequence[str], width: int, height: int, video_name: str
+) -> tuple[Anchor, ...]:  # fmt: skip
+    """Reads a corrections file, or a points file as the corrections of one frame, and checks it likewise.
+
+    Args:
+        path: Path of the file.
+        names: Names of the robot's markers, head first.
+        width: Width of the video's upright frame [px].
+        height: Height of the video's upright frame [px].
+        video_name: Name of the video, which corrections must be of.
+
+    Returns:
+        What is said of each frame, first frame first. A frame that nothing is said of is left out.
+
+    Raises:
+        TrackingError: The file is missing, can't be read, contradicts itself, or isn't of this robot and this video.
+    """
+    content = read(_Content, path, "corrections", TrackingError, CORRECT_AGAIN)
+    if content.frames is None:
+        file = f"points '{path}'"
+        _check_size(content, file, width, height, f"{PICK_AGAIN} on this video")
+        said = _all_named(content, names, file)
+        return (_anchor(content.frame or 0, said, names, width, height, file, PICK_AGAIN),)
+    file = f"corrections '{path}'"
     if content.markers is not None:
-        pairs = _in_order(path, content.markers, names)
-    elif content.points is not None:
-        pairs = content.points
-    else:
+        raise TrackingError(f"{file} hold both 'frames' and 'markers'; put the markers into one of the frames")
+    if content.video is not None and _shown(content.video) != _shown(video_name):
         raise TrackingError(
-            f"points '{path}' hold neither 'markers' nor a plain list of [x, y]; {PICK_AGAIN}, which writes them right"
+            f"{file}: these corrections are of {quoted(content.video)}; the video is {quoted(video_name)}; give each "
+            f"video its own, or, where it is the same film under another name, change 'video' there"
         )
-    if len(pairs) != len(names):
-        raise TrackingError(
-            f"points '{path}' hold {len(pairs)} points; expected are {len(names)}, "
-            f"one for each of {', '.join(names)}; {PICK_AGAIN}"
-        )
-    points = np.array(pairs, dtype=float)
-    _check_places(path, points, names, width, height)
-    return points
+    _check_size(content, file, width, height, CORRECT_AGAIN)
+    frames: dict[int, dict[str, list[float] | None]] = {}
+    for entry in content.frames:
+        _check_names(entry.markers, names, f"frame {entry.frame} of {file}")
+        said = frames.setdefault(entry.frame, {})
+        for name, place in entry.markers.items():
+            before = said.setdefault(name, place)
+            if before != place:
+                raise TrackingError(
+                    f"{file}: frame {entry.frame} comes twice and says that {name} is {_told(before)} and that it is "
+                    f"{_told(place)}; remove one of them"
+                )
+    return tuple(
+        _anchor(frame, frames[frame], names, width, height, f"frame {frame} of {file}", CORRECT_AGAIN)
+        for frame in sorted(frames)
+        if frames[frame]
+    )
 
 
 def save_points(path: str | Path, points: Array, names: Sequence[str], video: str, width: int, height: int) -> None:
@@ -117,7 +180,7 @@ def save_points(path: str | Path, points: Array, names: Sequence[str], video: st
     if np.shape(points) != (len(names), 2):
         raise TrackingError(f"points have shape {np.shape(points)}; expected is ({len(names)}, 2), x and y of a marker")
     places = np.array(points, dtype=float)
-    _check_places(path, places, names, width, height)
+    _check_places(f"points '{path}'", places, names, width, height, PICK_AGAIN)
     markers = {name: [round(x, 3), round(y, 3)] for name, (x, y) in zip(names, places.tolist(), strict=True)}
     content = {"format": FORMAT, "video": video, "width": width, "height": height, "frame": 0, "markers": markers}
     try:
@@ -154,54 +217,81 @@ def write_pick_page(
         "names": list(names), "video": visible(video_name), "width": width, "height": height, "number": frame,
         "places": _places(len(names), rest_markers),
     }  # fmt: skip
-    template = _TEMPLATE.read_text(encoding="utf-8")
-    script = template[template.rindex("<script>") + len("<script>") : template.rindex("</script>")]
-    parts = {
-        "SCRIPTS": script_source(script),
-        "VIDEO": html.escape(visible(video_name)),
-        "DATA": json.dumps(data).replace("<", "\\u003c"),
-        "IMAGE": "data:image/jpeg;base64," + base64.b64encode(_jpeg(frame_image)).decode("ascii"),
-    }
-    page = re.sub("@@([A-Z]+)@@", lambda match: parts[match.group(1)], template)
-    path = Path(path)
-    try:
-        write_text(path, page)
-    except OSError as error:
-        raise TrackingError(
-            f"can't write '{path}': {error.strerror or error}; give a place that can be written to with --out"
-        ) from error
-    return path
+    image = jpeg_source(frame_image, _JPEG_QUALITY)
+    remedy = "give a place that can be written to with --out"
+    return write_page(_TEMPLATE, path, video_name, data, remedy, IMAGE=image)
 
 
-def _in_order(path: str | Path, markers: dict[str, list[float]], names: Sequence[str]) -> list[list[float]]:
-    missing = [name for name in names if name not in markers]
-    for name in markers:
-        if name not in names:
-            hint = did_you_mean(name.upper(), missing) or f"; known are {', '.join(names)}"
-            raise TrackingError(f"points '{path}' hold an unknown marker {quoted(name)}{hint}")
-    if missing:
+def _check_size(content: _Content, file: str, width: int, height: int, remedy: str) -> None:
+    size = content.width or width, content.height or height
+    if size != (width, height):
         raise TrackingError(
-            f"points '{path}' lack {', '.join(missing)}; expected are {len(names)} points, "
-            f"one for each of {', '.join(names)}; {PICK_AGAIN}"
+            f"{file} were picked on a frame of {size[0]} x {size[1]} px; the video's is {width} x {height} px; {remedy}"
         )
-    return [markers[name] for name in names]
 
 
-def _check_places(path: str | Path, points: Array, names: Sequence[str], width: int, height: int) -> None:
+def _all_named(content: _Content, names: Sequence[str], file: str) -> Mapping[str, list[float] | None]:
+    """What a points file says, of every marker."""
+    if content.markers is None and content.points is None:
+        raise TrackingError(
+            f"{file} hold neither 'markers' nor a plain list of [x, y]; {PICK_AGAIN}, which writes them right"
+        )
+    remedy = f"one for each of {', '.join(names)}; {PICK_AGAIN}"
+    if content.markers is None:
+        pairs = content.points or []
+        if len(pairs) != len(names):
+            raise TrackingError(f"{file} hold {len(pairs)} points; expected are {len(names)}, {remedy}")
+        return dict(zip(names, pairs, strict=True))
+    _check_names(content.markers, names, file)
+    missing = [name for name in names if name not in content.markers]
+    if missing:
+        raise TrackingError(f"{file} lack {', '.join(missing)}; expected are {len(names)} points, {remedy}")
+    return content.markers
+
+
+def _anchor(
+    frame: int, said: Mapping[str, list[float] | None], names: Sequence[str], width: int, height: int, file: str,
+    remedy: str,
+) -> Anchor:  # fmt: skip
+    points = np.array([said.get(name) or (np.nan, np.nan) for name in names], dtype=float).reshape(-1, 2)
+    placed = [m for m, name in enumerate(names) if said.get(name)]
+    _check_places(file, points[placed], [names[m] for m in placed], width, height, remedy)
+    return Anchor(frame, points, np.array([name in said and said[name] is None for name in names], dtype=bool))
+
+
+def _check_names(said: Mapping[str, Any], names: Sequence[str], file: str) -> None:
+    for name in said:
+        if name not in names:
+            free = [known for known in names if known not in said]
+            hint = did_you_mean(name.upper(), free) or f"; known are {', '.join(names)}"
+            raise TrackingError(f"{file}: unknown marker {quoted(name)}{hint}")
+
+
+def _check_places(file: str, points: Array, names: Sequence[str], width: int, height: int, remedy: str) -> None:
     for name, (x, y) in zip(names, points, strict=True):
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
             raise TrackingError(
-                f"{name} of points '{path}' is at ({x:g}, {y:g}), outside of the frame of {width} x {height} px; "
-                f"{PICK_AGAIN}"
+                f"{name} of {file} is at ({x:g}, {y:g}), outside of the frame of {width} x {height} px; {remedy}"
             )
+    if len(points) < 2:
+        return
     distances = np.linalg.norm(points[:, None] - points[None], axis=2)
     distances[np.tril_indices(len(points))] = np.inf
     first, second = divmod(int(np.argmin(distances)), len(points))
     if distances[first, second] < CLOSEST_PX:
         raise TrackingError(
-            f"{names[first]} and {names[second]} of points '{path}' are {distances[first, second]:.1f} px apart; "
-            f"two markers can't be on the same spot, so {PICK_AGAIN}"
+            f"{names[first]} and {names[second]} of {file} are {distances[first, second]:.1f} px apart; "
+            f"two markers can't be on the same spot, so {remedy}"
         )
+
+
+def _shown(video: str) -> str:
+    """A film's name as pages write it into their files."""
+    return composed(visible(video))
+
+
+def _told(place: list[float] | None) -> str:
+    return "hidden" if place is None else f"at ({place[0]:g}, {place[1]:g})"
 
 
 def _size(image: Image) -> tuple[int, int]:
@@ -219,10 +309,3 @@ def _places(count: int, rest_markers: Array | None) -> list[float]:
     else:
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rest_markers, axis=0), axis=1))])
     return [float(v) for v in np.round(along / max(float(along[-1]), 1e-9), 4)]
-
-
-def _jpeg(image: Image) -> bytes:
-    buffer = BytesIO()
-    # without subsampling a marker's color isn't blurred over its neighbors
-    Picture.fromarray(np.ascontiguousarray(image)).save(buffer, "JPEG", quality=_JPEG_QUALITY, subsampling=0)
-    return buffer.getvalue()

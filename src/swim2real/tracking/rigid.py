@@ -22,7 +22,7 @@ Labels = NDArray[np.int64]
 
 MISSED = 10.0  # cost of a marker that should be in the frame and has no spot, while one is left over elsewhere
 BESIDE = 0.5  # cost of a spot that is as far from its place as is allowed
-POOR = 1.0  # cost of a spot that doesn't look like a marker at all
+POOR = 4.0  # cost of a spot that doesn't look like its marker at all
 FARTHEST = 9.0  # cost of a body that isn't where it was expected, and of one turned, at most: it may have been pushed
 NEARER = 0.6  # cost that prefers the last labels among those that are as good, by the logarithm of the distance
 MOST_WAYS = 16  # to lay one body that are kept
@@ -37,11 +37,14 @@ class Labeling:
 
     Attributes:
         spots: Index of each marker's spot, -1 for none, body by body.
-        leads: By how much each body's labels are better than the next ones, in units of cost.
+        leads: By how much each body's labels are better than the next ones in which half of its markers have others, in
+            units of cost.
+        own_leads: By how much those of each marker are better than the next other ones of it, body by body.
     """
 
     spots: list[Labels]
     leads: list[float]
+    own_leads: list[Array]
 
 
 @dataclass(frozen=True)
@@ -88,17 +91,18 @@ def rigid_fit(shape: Array, places: Array) -> Array:
     return np.stack((c * shape[:, 0] - s * shape[:, 1] + x, s * shape[:, 0] + c * shape[:, 1] + y), axis=1)
 
 
-def label(expected: Sequence[Expected], centers: Array, looks: Array, size: tuple[int, int]) -> Labeling:
+def label(expected: Sequence[Expected], centers: Array, looks: Sequence[Array], size: tuple[int, int]) -> Labeling:
     """Labels the markers of all bodies: first of those that are where they should be, then of those that may be away.
 
     Args:
         expected: Where the bodies should be.
         centers: Centers of the spots [px]. Shape (P, 2).
-        looks: How much each spot looks like a marker, from 0 to 1. Shape (P,).
+        looks: How much each spot looks like each marker, body by body, from 0 to 1; below 0 it can't be it. Shapes
+            (M, P).
         size: Width and height of the frame [px].
     """
     spots = [np.full(len(body.places), -1) for body in expected]
-    leads = [np.inf] * len(expected)
+    leads, own_leads = [np.inf] * len(expected), [np.full(len(body.places), np.inf) for body in expected]
     near = [index for index, body in enumerate(expected) if not body.lost]
     far = [index for index, body in enumerate(expected) if body.lost or body.reach > body.near]
     for group, narrow in ((near, True), (far, False)):
@@ -108,22 +112,22 @@ def label(expected: Sequence[Expected], centers: Array, looks: Array, size: tupl
         bodies = [replace(expected[index], reach=expected[index].near if narrow else expected[index].reach)
                   for index in group]  # fmt: skip
         if group:
-            labeling = _labeled(bodies, centers[free], looks[free], size)
-            for index, labels, lead in zip(group, labeling.spots, labeling.leads, strict=True):
+            labeling = _labeled(bodies, centers[free], [looks[index][:, free] for index in group], size)
+            for index, labels, lead, own in zip(group, labeling.spots, labeling.leads, labeling.own_leads, strict=True):
                 spots[index] = np.where(labels >= 0, free[labels] if len(free) else -1, -1)
-                leads[index] = lead
-    return Labeling(spots, leads)
+                leads[index], own_leads[index] = lead, own
+    return Labeling(spots, leads, own_leads)
 
 
-def _labeled(expected: Sequence[Expected], centers: Array, looks: Array, size: tuple[int, int]) -> Labeling:
+def _labeled(expected: Sequence[Expected], centers: Array, looks: Sequence[Array], size: tuple[int, int]) -> Labeling:
     """Labels some bodies at once."""
     ways: list[NDArray[np.int64]] = []
     costs: list[Array] = []
-    for body in expected:
+    for body, like in zip(expected, looks, strict=True):
         markers = len(body.places)
         labels, cost = np.full((MOST_WAYS, markers), -1, dtype=np.int64), np.full(MOST_WAYS, np.inf)
         limits = np.array([body.spread, body.usual, body.swing, body.tolerance, *size], dtype=float)
-        count = _ways(body.places, limits, body.reach, body.pairs, centers, looks, labels, cost)
+        count = _ways(body.places, limits, body.reach, body.pairs, centers, np.ascontiguousarray(like), labels, cost)
         inside = ((body.places >= 0) & (body.places <= np.array(size) - 1)).all(axis=1)
         visible = markers if body.lost else int(inside.sum())
         ways.append(np.concatenate([labels[:count], np.full((1, markers), -1)]))
@@ -131,10 +135,17 @@ def _labeled(expected: Sequence[Expected], centers: Array, looks: Array, size: t
     rows, total = _together(ways, costs)
     spots = np.concatenate([way[rows[:, body]] for body, way in enumerate(ways)], axis=1)  # (B, all markers)
     owner = np.repeat(np.arange(len(ways)), [len(body.places) for body in expected])
-    changed = _changed(spots[0], spots[1:], owner, len(centers))
-    leads = np.where(changed, (total[1:] - total[0])[:, None], np.inf).min(axis=0, initial=np.inf)
+    changed = _changed(spots[0], spots[1:], len(centers))
+    dearer = (total[1:] - total[0])[:, None]
+    own_leads = np.where(changed, dearer, np.inf).min(axis=0, initial=np.inf)
+    of = np.arange(len(ways)) == owner[:, None]
+    mostly = changed.astype(float) @ of >= of.sum(axis=0) / 2
+    leads = np.where(mostly, dearer, np.inf).min(axis=0, initial=np.inf)
     best = [way[index] for way, index in zip(ways, rows[0], strict=True)]
-    return Labeling(_without_doubles(best, [body.places for body in expected], centers), leads.tolist())
+    return Labeling(
+        _without_doubles(best, [body.places for body in expected], centers), leads.tolist(),
+        [own_leads[owner == body] for body in range(len(ways))],
+    )  # fmt: skip
 
 
 def _together(ways: list[NDArray[np.int64]], costs: list[Array]) -> tuple[NDArray[np.int64], Array]:
@@ -152,27 +163,24 @@ def _together(ways: list[NDArray[np.int64]], costs: list[Array]) -> tuple[NDArra
     return rows, total
 
 
-def _changed(best: Labels, others: Labels, bodies: Labels, count: int) -> NDArray[np.bool_]:
-    """Whether a marker of each body has another spot, or its spot another marker; one only left out has not.
+def _changed(best: Labels, others: Labels, count: int) -> NDArray[np.bool_]:
+    """Whether each marker has another spot, or its spot another marker; one only left out has not.
 
     Args:
         best: Spot of each marker. Shape (M,).
         others: Spots in other ways. Shape (B, M).
-        bodies: Body of each marker. Shape (M,).
         count: Number of spots.
 
     Returns:
-        By way and body. Shape (B, bodies).
+        By way and marker. Shape (B, M).
     """
     holder = np.full(count + 1, -1)  # the last one stands for no spot
     holder[best[best >= 0]] = np.flatnonzero(best >= 0)
     before = holder[others]
     taken = (before >= 0) & (before != np.arange(len(best)))
-    changed = np.zeros((len(others), int(bodies.max()) + 1), dtype=bool)
-    row, marker = np.nonzero(taken | ((others != best) & (others >= 0) & (best >= 0)))
-    changed[row, bodies[marker]] = True
+    changed = taken | ((others != best) & (others >= 0) & (best >= 0))
     row, marker = np.nonzero(taken)
-    changed[row, bodies[before[row, marker]]] = True
+    changed[row, before[row, marker]] = True
     return changed
 
 
@@ -210,7 +218,8 @@ def _ways(
     near = np.zeros((markers, len(centers)), dtype=np.bool_)
     for m in range(markers):
         for p in range(len(centers)):
-            near[m, p] = (centers[p, 0] - predicted[m, 0]) ** 2 + (centers[p, 1] - predicted[m, 1]) ** 2 < reach**2
+            away = (centers[p, 0] - predicted[m, 0]) ** 2 + (centers[p, 1] - predicted[m, 1]) ** 2
+            near[m, p] = looks[m, p] >= 0 and away < reach**2
     trial, off = np.empty(markers, dtype=np.int64), np.empty(markers)
     count = _tried(predicted, (1.0, 0.0, 0.0, 0.0), limits, centers, looks, trial, off, labels, costs, 0)
     for m in range(markers):
@@ -253,7 +262,7 @@ def _tried(
     markers = len(predicted)
     for turn in range(3):
         gate = (2.5 if turn == 0 else 1.0) * tolerance
-        seen = _nearest(predicted, (c, s, x, y), centers, gate, trial, off)
+        seen = _nearest(predicted, (c, s, x, y), centers, looks, gate, trial, off)
         if seen == 0:
             return count
         if turn < 2:
@@ -263,7 +272,7 @@ def _tried(
         px, py = c * predicted[m, 0] - s * predicted[m, 1] + x, s * predicted[m, 0] + c * predicted[m, 1] + y
         away += (px - predicted[m, 0]) ** 2 + (py - predicted[m, 1]) ** 2
         if trial[m] >= 0:
-            cost += BESIDE * (off[m] / tolerance) ** 2 + POOR * (1 - looks[trial[m]])
+            cost += BESIDE * (off[m] / tolerance) ** 2 + POOR * (1 - looks[m, trial[m]])
         elif _inside(px, py, width, height) or _inside(predicted[m, 0], predicted[m, 1], width, height):
             cost += MISSED
     away /= 2 * markers
@@ -304,7 +313,7 @@ def _inside(x: float, y: float, width: float, height: float) -> bool:
 
 @njit(cache=True, nogil=True)
 def _nearest(
-    predicted: Array, motion: tuple[float, float, float, float], centers: Array, gate: float,
+    predicted: Array, motion: tuple[float, float, float, float], centers: Array, looks: Array, gate: float,
     trial: NDArray[np.int64], off: Array,
 ) -> int:  # fmt: skip
     """Gives each marker the nearest spot to its place, where it is the nearest of that spot; gives their number."""
@@ -312,12 +321,13 @@ def _nearest(
     seen = 0
     for m in range(len(predicted)):
         px, py = c * predicted[m, 0] - s * predicted[m, 1] + x, s * predicted[m, 0] + c * predicted[m, 1] + y
-        trial[m], best = -1, gate * gate
+        trial[m], best, off[m] = -1, 2 * gate * gate, 0.0
         for p in range(len(centers)):
             away = (centers[p, 0] - px) ** 2 + (centers[p, 1] - py) ** 2
-            if away < best:
-                trial[m], best = p, away
-        off[m] = np.sqrt(best)
+            if away < gate * gate and looks[m, p] >= 0:
+                poor = (1 - looks[m, p]) * gate  # a spot that looks like the marker is preferred to one that is nearer
+                if away + poor * poor < best:
+                    trial[m], best, off[m] = p, away + poor * poor, np.sqrt(away)
         if trial[m] < 0:
             continue
         seen += 1

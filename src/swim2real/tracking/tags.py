@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 SMALLEST_TAG = 10.0  # px of a side, below which its bits can't be read
+COMMON = ("APRILTAG_36h11", "4X4_1000", "5X5_1000", "6X6_1000", "APRILTAG_25h9", "APRILTAG_16h5", "7X7_1000",
+          "ARUCO_ORIGINAL")  # fmt: skip  # dictionaries that tags at the points are looked up in
 SIZES = 1.5  # by which a tag may look larger or smaller than when it was last seen
 
 
@@ -142,6 +144,20 @@ class TagTracker:
         quads = np.array(corners, dtype=float).reshape(-1, 4, 2)
         sides = np.linalg.norm(quads - np.roll(quads, 1, axis=1), axis=2).mean(axis=1)
         return [int(number) for number in np.ravel(numbers)], _centers(quads), sides
+
+
+def dictionary_at(image: Image, points: Array) -> str | None:
+    """The dictionary of which tags lie at most of some points, if there is one.
+
+    Args:
+        image: RGB. Shape (H, W, 3).
+        points: Places [px]. Shape (K, 2).
+    """
+    for name in COMMON:
+        numbers, centers, sides = TagTracker(name)._read(image, SMALLEST_TAG)
+        if numbers and np.mean((np.linalg.norm(points[:, None] - centers, axis=2) < sides).any(axis=1)) > 0.5:
+            return name
+    return None
 
 
 def _centers(quads: Array) -> Array:
