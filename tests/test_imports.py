@@ -7,10 +7,10 @@ import sys
 import pytest
 
 EXTRAS = (
-    "plotly", "torch", "cv2", "pydantic_ai", "openai", "anthropic", "google", "genai_prices", "cma", "skopt", "sklearn",
+    "plotly", "torch", "pydantic_ai", "openai", "anthropic", "google", "genai_prices", "cma", "skopt", "sklearn",
     "distributed", "dask", "gymnasium", "stable_baselines3", "dynamixel_sdk", "imageio", "tabulate", "pandas",
 )  # fmt: skip
-CORE = ("mujoco", "scipy", "numpy", "numba", "jinja2", "matplotlib", "PIL", "av", "pooch", "requests")
+CORE = ("mujoco", "scipy", "numpy", "numba", "jinja2", "matplotlib", "PIL", "av", "cv2", "pooch", "requests")
 HEAVY = (*CORE, *EXTRAS)
 
 
@@ -35,6 +35,12 @@ def test_trials_need_no_physics_engine():
 @pytest.mark.slow
 def test_videos_and_tracking_need_no_physics_engine():
     assert "mujoco" not in loaded_by("import swim2real.video, swim2real.tracking.detection, swim2real.tracking.tracker")
+
+
+@pytest.mark.slow
+def test_only_tracking_needs_opencv():
+    rest = "sysid, report, rl, viewing, rendering, video, tracking"  # the package; its trackers are modules of it
+    assert "cv2" not in loaded_by(f"from swim2real import {rest}")
 
 
 @pytest.mark.slow

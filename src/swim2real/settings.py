@@ -280,7 +280,7 @@ class TrackingSettings:
 
     Attributes:
         tracker: detection: finds all markers anew in every frame. csrt: the paper's, for comparison. aruco:
-            ArUco and AprilTag markers, each told by its number; needs the extra opencv.
+            ArUco and AprilTag markers, each told by its number.
         tags: Dictionary that the tags of --tracker aruco are of, as OpenCV names it: 4X4_50, APRILTAG_36h11 and others.
         camera: JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it.
         smooth: Smooth the track over time; at 60 frames a second 98 % of a beat of 2.25 Hz and its harmonic are left.

@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import cv2
 import mujoco
 import numpy as np
 import pytest
@@ -88,7 +89,6 @@ def test_tracking_and_its_check_take_a_robot_file_that_calibrate_refuses(program
 
 
 def test_a_film_of_tags_becomes_a_trial_without_a_click(program, pendulum_folder, tmp_path):
-    cv2 = pytest.importorskip("cv2")
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_50)
     corners = np.array([[40, 30], [120, 60], [200, 90]])
     with VideoWriter(tmp_path / "pull.mp4", 320, 200, 30) as writer:

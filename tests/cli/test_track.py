@@ -336,20 +336,6 @@ def test_a_folder_that_cant_be_made_is_told(program, clip, tmp_path):
     assert file.read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("library", "extra", "options"),
-    [("cv2", "opencv", ["--tracker", "csrt", "--no-overlay"])],
-    ids=["cv2"],
-)
-def test_a_library_that_isnt_installed_is_named(program, clip, tmp_path, monkeypatch, library, extra, options):
-    for name in {library, *(name for name in sys.modules if name.startswith(f"{library}."))}:
-        monkeypatch.setitem(sys.modules, name, None)  # what an import finds then is what it finds without the library
-    to = tmp_path / "reference"
-    sentence = program(*words(clip, to=to), "--quiet", *options).sentence(1)
-    assert sentence.endswith(f"install it with: pip install 'swim2real[{extra}]'")
-    assert contents(to) == {}
-
-
 # pick and import-tracks
 
 
@@ -427,7 +413,6 @@ def test_import_tracks_refuses_wrong_arguments_and_tables(program, tmp_path):
 
 @pytest.mark.parametrize("ending", ["png", "mp4"])
 def test_a_chessboard_makes_a_camera_file(program, tmp_path, ending):
-    pytest.importorskip("cv2")
     picture = np.full((360, 480, 3), 255, np.uint8)
     for i in range(6):
         for j in range(9):

@@ -1,14 +1,14 @@
 import json
 import re
-import sys
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swim2real.errors import ArgumentError, MissingExtraError, TrackingError
+from swim2real.errors import ArgumentError, TrackingError
 from swim2real.robots.fish import FISH
 from swim2real.tracking.camera import Camera, camera_for, camera_height_seen
 from swim2real.tracking.camera_file import CameraFile, Length, Lens, camera_from_board, read_camera, write_camera
@@ -388,8 +388,6 @@ def test_a_plane_has_its_own_scale():
 
 
 def distorted(points, lens=LENS):
-    import cv2
-
     matrix = lens.camera_matrix
     rays = np.concatenate(
         [(points - matrix[:2, 2]) / matrix[[0, 1], [0, 1]], np.ones((*points.shape[:-1], 1))], axis=-1
@@ -399,7 +397,6 @@ def distorted(points, lens=LENS):
 
 
 def test_a_lens_is_taken_out_of_everything_that_is_in_pixels():
-    pytest.importorskip("cv2")
     true = swim()
     eye = Eye(2.0, (0.1, -0.1), focal=2400.0, center=(1930.0, 1070.0))
     straight = eye.track(true)
@@ -417,7 +414,6 @@ def test_a_lens_is_taken_out_of_everything_that_is_in_pixels():
 
 
 def test_unseen_points_pass_a_lens():
-    pytest.importorskip("cv2")
     points = np.array([[[100.0, 200.0], [np.nan, 3.0]]])
     out = LENS.undistort(points)
     assert np.isnan(out[0, 1]).all()
@@ -426,7 +422,6 @@ def test_unseen_points_pass_a_lens():
 
 
 def test_the_picture_s_center_is_the_lens_s():
-    pytest.importorskip("cv2")
     assert see(Eye().track(swim()), CameraFile(lens=LENS), size=None).center.tolist() == [1930.0, 1070.0]
 
 
@@ -435,8 +430,6 @@ def test_the_picture_s_center_is_the_lens_s():
 
 def board_picture(eye, squares=(9, 6), size=0.05, upside_down=False):
     """A chessboard in the water's plane, as the camera sees it."""
-    import cv2
-
     columns, rows = squares
     per_square = 40
     canvas = np.full(((rows + 2) * per_square, (columns + 2) * per_square), 255, dtype=np.uint8)
@@ -457,7 +450,6 @@ def board_picture(eye, squares=(9, 6), size=0.05, upside_down=False):
     ("tilt", "upside_down"), [pytest.param((0.0, 0.0), False, marks=pytest.mark.slow), ((0.12, -0.1), True)]
 )
 def test_a_chessboard_gives_the_plane(tilt, upside_down):
-    pytest.importorskip("cv2")
     eye = Eye(1.0, tilt, focal=1500.0, center=(959.5, 539.5))
     picture = board_picture(eye, upside_down=upside_down)
     known = camera_from_board(np.repeat(picture[:, :, None], 3, axis=2), (9, 6), 0.05)
@@ -471,7 +463,6 @@ def test_a_chessboard_gives_the_plane(tilt, upside_down):
 
 
 def test_a_board_that_isnt_there_is_refused():
-    pytest.importorskip("cv2")
     blank = np.full((400, 600), 200, dtype=np.uint8)
     assert refusal(camera_from_board, blank, (9, 6), 0.05) == (
         "no chessboard of 9 x 6 squares is in the picture; count its squares (not its corners), and let all of it be "
@@ -571,13 +562,3 @@ def test_a_camera_file_that_isnt_one_is_refused(tmp_path):
     assert refusal(read_camera, path).startswith(f"camera file '{path}' can't be read as JSON: ")
     path.write_text("[]")
     assert refusal(read_camera, path).startswith(f"camera file '{path}': []")
-
-
-def test_a_lens_without_opencv_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "cv2", None)  # as if it weren't installed
-    says = "needs OpenCV; install it with: pip install 'swim2real[opencv]'"
-    track = Eye().track(swim())
-    assert refusal(see, track, CameraFile(lens=LENS), error=MissingExtraError) == f"the lens in a camera file {says}"
-    blank = np.zeros((9, 9), dtype=np.uint8)
-    assert refusal(camera_from_board, blank, (9, 6), 0.1, error=MissingExtraError) == f"a chessboard {says}"
-    assert see(track).findings()  # all else works without it

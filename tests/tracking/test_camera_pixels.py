@@ -22,8 +22,6 @@ PLANE = np.array([[0.002, 1e-4, -1.2], [5e-5, -0.0021, 0.8], [1e-5, 2e-5, 1.0]])
     ids=["scale", "height", "plane", "lens", "all"],
 )  # fmt: skip
 def test_markers_come_back_to_their_pixels(known: CameraFile | None) -> None:
-    if known is not None and known.lens is not None:
-        pytest.importorskip("cv2")
     rng = np.random.default_rng(0)
     start = np.array([400.0, 300.0]) + 500 * REST
     pixels = start + 4 * np.cumsum(rng.normal(size=(40, 3, 2)), axis=0)

@@ -20,7 +20,7 @@ def board(film: Positional[Path], *, squares: str, square_size: float, to: Path,
     """Make a camera file of a chessboard that lies in the robot's plane, as `track --camera` takes it.
 
     Reads a film or a picture in which the whole board is seen, at the height of the head's markers. A camera file that
-    is there keeps what it says beside the plane, such as camera_height. Needs the extra opencv.
+    is there keeps what it says beside the plane, such as camera_height.
 
     Args:
         film: Film or picture of the board, taken with the camera where it is for the robot, in the same size.

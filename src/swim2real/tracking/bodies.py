@@ -267,11 +267,13 @@ class BodyTracker:
 
     def _likeness(self, spots: Spots) -> Array:
         """How much each spot looks like each marker, of which none is blurred by more than it moved. Shape (M, P)."""
-        last, slack = np.empty((len(self._numbers), 2)), np.empty(len(self._numbers))
+        count = len(self._numbers)
+        last, steps, slack = np.empty((count, 2)), np.empty(count), np.empty(count)
         for body in self._bodies:
             last[body.markers] = body.history[-1][1]
-            slack[body.markers] = BLURRED * self._radius(body) + 1.5 * body.step
-        return self._looks.likeness(spots, last, slack)
+            slack[body.markers] = BLURRED * self._radius(body)
+            steps[body.markers] = body.step
+        return self._looks.likeness(spots, last, steps, slack)
 
     def _with_pictures(
         self, image: Image, spots: Spots, labeling: Labeling, expected: list[Expected]
@@ -369,10 +371,11 @@ class BodyTracker:
         confidence = np.where(chosen >= 0, np.where(sure, confidence, np.minimum(confidence, DOUBT)), 0.0)
         known = np.where((confidence > DOUBT)[:, None], positions, np.nan)
         self._share_motion(known, expected)
+        colored = np.where(self._looks.by_picture(spots, chosen)[:, None], np.nan, known) if len(spots) else known
         for body in self._bodies:
             if body.doubt == 0.0 and not body.fixed:
                 rate = min(1.0, (time - self._time) / ADAPT_TIME + body.step / ADAPT_WAY)
-                body.adapt(known[body.markers], rate, FIRM * self._radius(body) + 0.3)
+                body.adapt(colored[body.markers], rate, FIRM * self._radius(body) + 0.3)
         certain = np.flatnonzero(confidence > DOUBT)
         self._looks.learn(image, spots, certain, chosen[certain], blur[certain])
         return positions, confidence

@@ -125,7 +125,6 @@ def camera_for(
 
     Raises:
         TrackingError: There is no scale, or the camera file contradicts itself or the video.
-        MissingExtraError: The camera file has a lens, and OpenCV isn't installed.
     """
     camera = known if known is not None else CameraFile()
     if not track.marker_count == len(rest_markers) == len(heights) == len(names):
@@ -187,7 +186,6 @@ def fixed_camera(
 
     Raises:
         TrackingError: There is no scale.
-        MissingExtraError: The camera file has a lens, and OpenCV isn't installed.
     """
     camera = known if known is not None else CameraFile()
     middle = (np.array(size, dtype=float) - 1) / 2

@@ -17,16 +17,16 @@ Pixels are those of the upright video; the center of the top-left one is (0, 0).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from swim2real.checking import Number, Positive, read
-from swim2real.errors import ArgumentError, MissingExtraError, TrackingError
+from swim2real.errors import ArgumentError, TrackingError
 from swim2real.store import write_json
 
 Array = NDArray[np.float64]
@@ -58,11 +58,7 @@ class Lens:
 
         Args:
             points: NaN stays NaN [px]. Shape (..., 2).
-
-        Raises:
-            MissingExtraError: OpenCV isn't installed.
         """
-        cv2 = _opencv("the lens in a camera file")
         out = np.full(points.shape, np.nan)
         seen = np.isfinite(points).all(axis=-1)
         if seen.any():
@@ -77,11 +73,7 @@ class Lens:
 
         Args:
             points: NaN stays NaN [px]. Shape (..., 2).
-
-        Raises:
-            MissingExtraError: OpenCV isn't installed.
         """
-        cv2 = _opencv("the lens in a camera file")
         out = np.full(points.shape, np.nan)
         seen = np.isfinite(points).all(axis=-1)
         if seen.any():
@@ -192,7 +184,6 @@ def camera_from_board(image: NDArray[np.uint8], squares: tuple[int, int], square
     Raises:
         ArgumentError: No board has these squares.
         TrackingError: The board isn't in the picture.
-        MissingExtraError: OpenCV isn't installed.
     """
     return CameraFile(points=find_board(image, squares, square_size))
 
@@ -290,13 +281,11 @@ def find_board(image: NDArray[np.uint8], squares: tuple[int, int], square_size: 
     Raises:
         ArgumentError: No board has these squares.
         TrackingError: The board isn't in the picture.
-        MissingExtraError: OpenCV isn't installed.
     """
     if min(squares) < 3:
         raise ArgumentError(f"squares are {squares[0]} x {squares[1]}; a board needs at least 3 along each side")
     if not (np.isfinite(square_size) and square_size > 0):
         raise ArgumentError(f"square_size is {square_size} m; it must be finite and above 0")
-    cv2 = _opencv("a chessboard")
     gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     columns, rows = squares[0] - 1, squares[1] - 1
     for flags in (cv2.CALIB_CB_NORMALIZE_IMAGE, 0):  # a picture of full contrast may be lost by more of it
@@ -314,10 +303,3 @@ def find_board(image: NDArray[np.uint8], squares: tuple[int, int], square_size: 
     row, column = np.mgrid[:rows, :columns]
     places = np.stack([column, -row if downward else row], axis=2) * square_size
     return pixels.reshape(-1, 2), places.reshape(-1, 2).astype(float)
-
-
-def _opencv(wanted_by: str) -> Any:
-    try:
-        return import_module("cv2")
-    except ImportError:
-        raise MissingExtraError(f"{wanted_by} needs OpenCV; install it with: pip install 'swim2real[opencv]'") from None

@@ -25,6 +25,7 @@ CLICK_SHARE = 0.7  # of the radius by which a point may be beside the spot's cen
 LONGEST = 3.0  # ratio of the axes of a marker
 PICTURE_RADIUS = 12.0  # px of a marker that is known by its picture, if there is room
 BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
+MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
 LIKE = 0.5  # likeness of a spot, below which the marker is looked for by its picture
 SAME = 0.85  # correlation of a marker that looks as before
 GROWTH = 0.1  # of a change of a marker's area that is taken in, in each frame
@@ -116,7 +117,7 @@ class Looks:
         new = ~(near & (looks[of] > LIKE)).any(axis=1)
         return Spots(*(np.concatenate([vars(spots)[name], vars(pictures)[name][new]]) for name in vars(spots)))
 
-    def likeness(self, spots: Spots, last: Array, slack: Array) -> Array:
+    def likeness(self, spots: Spots, last: Array, steps: Array, slack: Array) -> Array:
         """How much each spot looks like each marker, from 0 to 1, and -1 where it is of another kind.
 
         Of a marker that is known by its picture now, a spot of its color that is little like it is none.
@@ -124,7 +125,8 @@ class Looks:
         Args:
             spots: Spots of a picture.
             last: Where each marker was last [px]. Shape (M, 2).
-            slack: By how much its streak may be longer than it moved since [px]. Shape (M,).
+            steps: How far it moved then in a frame [px]. Shape (M,).
+            slack: By how much its streak may be longer than it moves [px]. Shape (M,).
 
         Returns:
             Likeness. Shape (M, P).
@@ -134,7 +136,8 @@ class Looks:
             return np.empty((count, 0))
         sizes = np.abs(np.log2(np.maximum(spots.areas / self._areas[:, None], 1e-3)))
         moved = np.linalg.norm(spots.centers - last[:, None], axis=2)
-        excess = streak_lengths(spots.moments - self._moments[:, None]) - 1.5 * moved - slack[:, None]
+        explained = MOST_STREAK * np.maximum(moved, steps[:, None]) + slack[:, None]
+        excess = streak_lengths(spots.moments - self._moments[:, None]) - explained
         looks = np.clip(1.5 - 2 * sizes, 0.0, 1.0) * np.minimum(spots.fills, 1.0)
         looks *= np.exp(-np.maximum(excess, 0.0) / self.radii[:, None])
         looks = np.where(spots.kinds < count, looks, np.maximum(2 * spots.fills - 1, 0.0))

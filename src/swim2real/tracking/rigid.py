@@ -22,7 +22,7 @@ Labels = NDArray[np.int64]
 
 MISSED = 10.0  # cost of a marker that should be in the frame and has no spot, while one is left over elsewhere
 BESIDE = 0.5  # cost of a spot that is as far from its place as is allowed
-POOR = 4.0  # cost of a spot that doesn't look like its marker at all
+POOR, POOR_FEW = 1.0, 4.0  # cost of a spot that isn't like its marker at all, and where a body has one or two
 FARTHEST = 9.0  # cost of a body that isn't where it was expected, and of one turned, at most: it may have been pushed
 NEARER = 0.6  # cost that prefers the last labels among those that are as good, by the logarithm of the distance
 MOST_WAYS = 16  # to lay one body that are kept
@@ -272,7 +272,7 @@ def _tried(
         px, py = c * predicted[m, 0] - s * predicted[m, 1] + x, s * predicted[m, 0] + c * predicted[m, 1] + y
         away += (px - predicted[m, 0]) ** 2 + (py - predicted[m, 1]) ** 2
         if trial[m] >= 0:
-            cost += BESIDE * (off[m] / tolerance) ** 2 + POOR * (1 - looks[m, trial[m]])
+            cost += BESIDE * (off[m] / tolerance) ** 2 + (POOR if markers > 2 else POOR_FEW) * (1 - looks[m, trial[m]])
         elif _inside(px, py, width, height) or _inside(predicted[m, 0], predicted[m, 1], width, height):
             cost += MISSED
     away /= 2 * markers

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
-
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError, MissingExtraError, TrackingError
+from swim2real.errors import ArgumentError, TrackingError
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -37,15 +35,13 @@ class TagTracker:
 
         Raises:
             ArgumentError: OpenCV has no dictionary of this name.
-            MissingExtraError: OpenCV isn't installed, or has no detector of tags.
         """
         self.tags = tags
-        self._aruco = _aruco()
-        dictionary = self._aruco.getPredefinedDictionary(_number(self._aruco, tags))
-        self._parameters = self._aruco.DetectorParameters()
+        dictionary = cv2.aruco.getPredefinedDictionary(_number(tags))
+        self._parameters = cv2.aruco.DetectorParameters()
         # lines along the sides: a quarter of the error of the other refinements on blurred tags
-        self._parameters.cornerRefinementMethod = self._aruco.CORNER_REFINE_CONTOUR
-        self._detector = self._aruco.ArucoDetector(dictionary, self._parameters)
+        self._parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
+        self._detector = cv2.aruco.ArucoDetector(dictionary, self._parameters)
         self._numbers: list[int] = []  # of the markers' tags
         self._sides = np.empty(0)  # of each marker's tag when it was last seen [px]
 
@@ -62,7 +58,7 @@ class TagTracker:
         Raises:
             TrackingError: There are more or fewer tags, or one number twice.
         """
-        numbers, centers, _ = self._read(image, SMALLEST_TAG)
+        numbers, centers, _ = self.read(image)
         if len(numbers) != count or len(set(numbers)) < count:
             seen = ", ".join(map(str, sorted(numbers))) or "none"
             raise TrackingError(
@@ -85,7 +81,7 @@ class TagTracker:
         Raises:
             TrackingError: A point lies on no tag, or two lie on one.
         """
-        numbers, centers, sides = self._read(image, SMALLEST_TAG)
+        numbers, centers, sides = self.read(image)
         if not numbers:
             raise TrackingError(
                 f"no tag of {self.tags} is in the first frame; give the dictionary of your tags with --tags, let each "
@@ -121,7 +117,7 @@ class TagTracker:
         Returns:
             Centers (M, 2) [px], NaN where a tag isn't read, and confidence (M,): 1 or 0.
         """
-        numbers, centers, sides = self._read(image, float(self._sides.min()) / SIZES)
+        numbers, centers, sides = self.read(image, float(self._sides.min()) / SIZES)
         found = np.full((len(self._numbers), 2), np.nan)
         for m, number in enumerate(self._numbers):
             if numbers.count(number) != 1:
@@ -131,15 +127,23 @@ class TagTracker:
                 found[m], self._sides[m] = centers[tag], sides[tag]
         return found, np.isfinite(found[:, 0]).astype(float)
 
-    def _read(self, image: Image, smallest: float) -> tuple[list[int], Array, Array]:
-        """Numbers of all tags that are read, their centers [px], shape (N, 2), and the means of their sides [px]."""
+    def read(self, image: Image, smallest: float = SMALLEST_TAG) -> tuple[list[int], Array, Array]:
+        """Reads all tags of a picture, whichever markers they are.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            smallest: Side below which tags are left out [px].
+
+        Returns:
+            Their numbers, centers [px], shape (N, 2), and the means of their sides [px], shape (N,).
+        """
         # OpenCV leaves out what is small against the picture: 4 of 100 of a 4K one are 40 px
         self._parameters.minMarkerPerimeterRate = 4 * smallest / max(image.shape[:2])
         self._detector.setDetectorParameters(self._parameters)
         # the weights of the eye; tags are black and white
         gray = (image @ np.array([0.299, 0.587, 0.114])).round().astype(np.uint8)
         corners, numbers, _ = self._detector.detectMarkers(gray)
-        if numbers is None or not len(numbers):
+        if not corners:
             return [], np.empty((0, 2)), np.empty(0)
         quads = np.array(corners, dtype=float).reshape(-1, 4, 2)
         sides = np.linalg.norm(quads - np.roll(quads, 1, axis=1), axis=2).mean(axis=1)
@@ -154,7 +158,7 @@ def dictionary_at(image: Image, points: Array) -> str | None:
         points: Places [px]. Shape (K, 2).
     """
     for name in COMMON:
-        numbers, centers, sides = TagTracker(name)._read(image, SMALLEST_TAG)
+        numbers, centers, sides = TagTracker(name).read(image)
         if numbers and np.mean((np.linalg.norm(points[:, None] - centers, axis=2) < sides).any(axis=1)) > 0.5:
             return name
     return None
@@ -170,22 +174,11 @@ def _centers(quads: Array) -> Array:
     return quads[:, 0] + along[:, None] * first
 
 
-def _number(aruco: Any, tags: str) -> int:
+def _number(tags: str) -> int:
     """The number of a dictionary."""
-    known = {name.removeprefix("DICT_").lower(): name for name in dir(aruco) if name.startswith("DICT_")}
+    known = {name.removeprefix("DICT_").lower(): name for name in dir(cv2.aruco) if name.startswith("DICT_")}
     name = known.get(tags.removeprefix("DICT_").lower())
     if name is None:
         listed = ", ".join(sorted({name.removeprefix("DICT_") for name in known.values()}))
         raise ArgumentError(f"tags is '{tags}'; OpenCV has the dictionaries {listed}")
-    return int(getattr(aruco, name))
-
-
-def _aruco() -> Any:
-    try:
-        aruco = import_module("cv2").aruco
-        _ = aruco.ArucoDetector
-    except (ImportError, AttributeError) as error:
-        raise MissingExtraError(
-            "the aruco tracker needs OpenCV 4.7 or later; install it with: pip install 'swim2real[opencv]'"
-        ) from error
-    return aruco
+    return int(getattr(cv2.aruco, name))

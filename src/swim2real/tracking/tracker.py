@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any, Protocol
+from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,10 +67,16 @@ class CsrtTracker:
     def __init__(self, box: int = 40, crop: bool = True):
         if box < SMALLEST_BOX:
             raise ArgumentError(f"the box of CSRT is {box} px; it must be {SMALLEST_BOX} px or more, about 40")
+        if not hasattr(cv2, "TrackerCSRT"):
+            version = getattr(cv2, "__version__", "of unknown version")
+            raise MissingExtraError(
+                f"the installed OpenCV {version} has no TrackerCSRT: a wheel without the contrib modules, such as "
+                "opencv-python, has overwritten the one with them; repair it with: "
+                "pip install --force-reinstall --no-deps opencv-contrib-python-headless"
+            )
         self.box = box
         self.crop = crop
-        self._cv2 = _opencv()
-        self._trackers: list[Any | None] = []
+        self._trackers: list[cv2.TrackerCSRT | None] = []
         self._offsets = np.empty((0, 2))
         self._last = np.empty((0, 2))
 
@@ -91,7 +97,7 @@ class CsrtTracker:
         self._last = points.copy()
         self._trackers = []
         for (x, y), point in zip(corners.tolist(), points, strict=True):
-            tracker = self._cv2.TrackerCSRT_create()
+            tracker = cv2.TrackerCSRT.create()
             tracker.init(self._shown(frame, point), (x, y, self.box, self.box))
             self._trackers.append(tracker)
         return points.copy(), np.ones(len(points))
@@ -113,7 +119,7 @@ class CsrtTracker:
                 continue
             try:
                 seen, (x, y, width, height) = tracker.update(self._shown(frame, self._last[m]))
-            except self._cv2.error:  # the target has left the frame, and so will it for all further frames
+            except cv2.error:  # the target has left the frame, and so will it for all further frames
                 self._trackers[m] = None
                 continue
             if seen:
@@ -121,29 +127,12 @@ class CsrtTracker:
                 positions[m] = self._last[m] + self._offsets[m]
         return positions, np.isfinite(positions).all(axis=1).astype(float)
 
-    def _bgr(self, image: Image) -> Any:
-        return self._cv2.cvtColor(image, self._cv2.COLOR_RGB2BGR)
+    def _bgr(self, image: Image) -> cv2.typing.MatLike:
+        return cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
 
-    def _shown(self, frame: Any, point: Array) -> Any:
+    def _shown(self, frame: cv2.typing.MatLike, point: Array) -> cv2.typing.MatLike:
         """The frame up to some way beyond a point; its origin stays, since CSRT's state is in its coordinates."""
         if not self.crop:
             return frame
         right, bottom = np.maximum(point, 0).astype(int) + REACH * self.box
         return frame[: int(bottom), : int(right)]
-
-
-def _opencv() -> Any:
-    try:
-        cv2 = import_module("cv2")
-    except ImportError as error:
-        raise MissingExtraError(
-            "the csrt tracker needs OpenCV with its contrib modules; install it with: pip install 'swim2real[opencv]'"
-        ) from error
-    if not hasattr(cv2, "TrackerCSRT_create"):
-        version = getattr(cv2, "__version__", "of unknown version")
-        raise MissingExtraError(
-            f"the installed OpenCV {version} has no TrackerCSRT: a wheel without the contrib modules, such as "
-            "opencv-python, has overwritten the one with them; repair it with: "
-            "pip install --force-reinstall --no-deps opencv-contrib-python-headless"
-        )
-    return cv2
