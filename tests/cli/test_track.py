@@ -115,8 +115,30 @@ def test_a_stretch_of_a_film_becomes_a_trial_from_time_0(program, clip, tmp_path
     assert program(*command).done().err == "f1_25: done before\n"
     program(*command[:-2], "--until", 0.2).done()
     assert load_reference(tmp_path / "reference")["f1_25"].track.frame_count == 4
-    wrong = program(*command[:8])
-    assert "were picked in frame 3 of the video; tracking begins with frame 0" in wrong.err
+    late = program(*command[:8], "--from", 0.14)
+    assert "were picked in frame 3 of the video; tracking begins with frame 5" in late.err
+
+
+def test_points_of_a_later_frame_are_followed_in_both_directions(program, clip, tmp_path):
+    points, corrections = tmp_path / "there.json", tmp_path / "f1_25.corrections.json"
+    truth = clip.filmed.truth.positions
+    markers = dict(zip(NAMES, truth[3].tolist(), strict=True))
+    points.write_text(json.dumps({"format": 1, "width": 640, "height": 360, "frame": 3, "markers": markers}))
+    command = ["track", clip.video, "--markers", points, "--camera", clip.camera, "--to", tmp_path / "reference"]
+    program(*command).done()
+    (trial,) = load_reference(tmp_path / "reference")
+    assert trial.track.frame_count == len(truth)
+    assert (trial.track.confidence > 0.5).all()
+    # a click elsewhere counts, and a frame that isn't there is refused
+    said = [{"frame": 5, "markers": {"M4": (truth[5, 4] + [0, 8]).tolist(), "M5": None}}]
+    about = {"format": 1, "video": clip.video.name, "width": 640, "height": 360}
+    corrections.write_text(json.dumps({**about, "frames": said}))
+    program(*command, "--corrections", corrections).done()
+    table = np.genfromtxt(tmp_path / "reference/tracks/f1_25.pixels.csv", delimiter=",", skip_header=3)
+    np.testing.assert_allclose(table[5, 13:15], truth[5, 4] + [0, 8], atol=0.01)
+    assert not np.isfinite(table[5, 16])
+    corrections.write_text(json.dumps({**about, "frames": [{"frame": 99, "markers": {"M4": [5, 5]}}]}))
+    assert "a marker was picked in frame 99 of video" in program(*command, "--corrections", corrections).err
 
 
 @pytest.mark.parametrize(

@@ -212,7 +212,7 @@ def test_glare_hides_two_markers_in_the_last_film_only(short_demo):
 
 def test_points_are_clicked_as_a_person_would(short_demo):
     for name in ("f0_75", "f1_50"):
-        clicks = load_points(short_demo.out / "videos" / f"{name}.points.json", FISH.marker_names, 640, 360)
+        clicks = load_points(short_demo.out / "videos" / f"{name}.points.json", FISH.marker_names, 640, 360).points
         track, _ = read_dlc(short_demo.out / "reference" / "tracks" / f"{name}.pixels.csv", 30.0)
         off = np.linalg.norm(clicks - track.positions[0], axis=1)
         assert 0.4 < off.mean() < 2.5

@@ -94,7 +94,7 @@ def play(page, tmp_path):
 
 def points_of(text, path):
     path.write_text(text, encoding="utf-8")
-    return load_points(path, NAMES, WIDTH, HEIGHT)
+    return load_points(path, NAMES, WIDTH, HEIGHT).points
 
 
 @pytest.mark.slow

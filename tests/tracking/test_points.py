@@ -1,5 +1,6 @@
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ def refusal(path, width=640, height=480, load=load_points):
 def test_what_was_saved_is_loaded(tmp_path):
     path = tmp_path / "a.json"
     save_points(path, POINTS, NAMES, "swim.mp4", 640, 480)
-    np.testing.assert_array_equal(load_points(path, NAMES, 640, 480), POINTS)
+    np.testing.assert_array_equal(load_points(path, NAMES, 640, 480).points, POINTS)
     assert json.loads(path.read_text()) == {
         "format": 1, "video": "swim.mp4", "width": 640, "height": 480, "frame": 0,
         "markers": {"M0": [10.25, 20.0], "M1": [110.0, 21.5], "M2": [210.0, 30.125]},
@@ -51,18 +52,18 @@ def test_what_was_saved_is_loaded(tmp_path):
 def test_a_plain_list_is_read(tmp_path):
     path = tmp_path / "list.json"
     path.write_text(json.dumps(POINTS.tolist()))
-    np.testing.assert_array_equal(load_points(path, NAMES, 640, 480), POINTS)
+    np.testing.assert_array_equal(load_points(path, NAMES, 640, 480).points, POINTS)
 
 
 def test_names_decide_the_order_not_the_file(file):
     markers = {"M2": [1, 2], "M0": [30, 40], "M1": [50, 60]}
-    points = load_points(file(markers=markers), NAMES, 640, 480)
+    points = load_points(file(markers=markers), NAMES, 640, 480).points
     np.testing.assert_array_equal(points, [[30, 40], [50, 60], [1, 2]])
 
 
 def test_points_may_be_anywhere_in_the_frame_but_not_outside(file):
     corner = {"M0": [-0.5, -0.5], "M1": [639.5, 479.5], "M2": [5, 5]}
-    np.testing.assert_array_equal(load_points(file(markers=corner), NAMES, 640, 480)[1], [639.5, 479.5])
+    np.testing.assert_array_equal(load_points(file(markers=corner), NAMES, 640, 480).points[1], [639.5, 479.5])
     message = refusal(file(markers={**corner, "M1": [700, 20]}))
     assert "M1" in message
     assert "is at (700, 20), outside of the frame of 640 x 480 px" in message
@@ -133,8 +134,9 @@ def test_two_points_on_the_same_spot(file):
 def test_picked_on_another_video(file):
     message = refusal(file(), width=480, height=640)
     assert "were picked on a frame of 640 x 480 px; the video's is 480 x 640 px; pick the points again" in message
-    assert "were picked in frame 7 of the video; tracking begins with frame 0" in refusal(file(frame=7))
-    load_points(file(frame=7), NAMES, 640, 480, frame=7)
+    early = refusal(file(frame=7), load=partial(load_points, first=9))
+    assert "were picked in frame 7 of the video; tracking begins with frame 9; pick them there or later" in early
+    assert load_points(file(frame=7), NAMES, 640, 480, first=5).frame == 7
     assert "'frame' is -1" in refusal(file(frame=-1))
     assert "'format' is 2; it must be 1" in refusal(file(format=2))
     load_points(file(format=None, width=None, height=None, frame=None), NAMES, 640, 480)

@@ -84,17 +84,17 @@ def pick(
 
 def track(
     videos: Positional[tuple[Path, ...]], settings: TrackingSettings, *, to: Path, markers: tuple[str, ...],
-    robot: str = "fish", frequency: tuple[float, ...] = (), controls: tuple[Path, ...] = (),
-    sensors: tuple[Path, ...] = (), begin: From = (), until: tuple[float, ...] = (), workers: int = 0,
-    json: bool = False, quiet: bool = False,
+    corrections: tuple[Path, ...] = (), robot: str = "fish", frequency: tuple[float, ...] = (),
+    controls: tuple[Path, ...] = (), sensors: tuple[Path, ...] = (), begin: From = (), until: tuple[float, ...] = (),
+    workers: int = 0, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Find the markers in videos and make trials of them.
 
-    Reads videos (any codec, frame rate and rotation) and the markers' places in their first frames; adds a trial per
+    Reads videos (any codec, frame rate and rotation) and the markers' places in one of their frames; adds a trial per
     video to a reference folder, and to its folder tracks the track in pixels (.pixels.csv, as DeepLabCut writes it), an
-    overlay video to judge it by (.mp4) and what was found (.json). A marker that isn't seen is lost, not guessed.
-    Costs about twice the video's decoding. Interrupted, it goes on with the videos that aren't
-    done when run again.
+    overlay video to judge it by (.mp4), a page to correct what is doubtful (.review.html) and what was found (.json).
+    A marker that isn't seen is lost, not guessed. Costs about twice the video's decoding. Interrupted, it goes on with
+    the videos that aren't done when run again.
 
     Args:
         videos: Videos, one per trial; their names become the trials'. f1_50.mp4 is a command of 1.50 Hz.
@@ -102,6 +102,8 @@ def track(
         to: Reference folder to add the trials to.
         markers: points.json of each video, in order (`swim2real pick` makes them), or auto to let the markers be found,
             which fails where glare or shadows leave a doubt; tags are taken in the order of their numbers.
+        corrections: File that the page of doubtful stretches saves (NAME.corrections.json), or points of another frame,
+            for each video: markers are followed from there in both directions, and what was right is kept.
         robot: Whose markers they are: fish, or a robot file (.toml).
         frequency: What was asked of the motor in each video [Hz], where the names don't say it. Only protocol paper
             needs it.
@@ -109,7 +111,7 @@ def track(
             actuator.
         sensors: Tables of what was measured in each video, in order: time_s, then a column a sensor.
         begin: Track from this time of the video on [s], which becomes time 0 of the trial and of its tables; one for
-            all videos, or one for each. The points are those of the frame there: `pick --from`.
+            all videos, or one for each. The points are those of that frame or a later one: `pick --from`.
         until: Track up to this time of the video [s]; one for all videos, or one for each.
         workers: Videos tracked at a time; 0 for as many as there are cores.
         json: Print what was found as JSON.
@@ -122,7 +124,8 @@ def track(
         raise ArgumentError(
             f"--markers has {len(markers)} files for {count} videos; give one for each video in order, or auto"
         )
-    for option, values in (("frequency", frequency), ("controls", controls), ("sensors", sensors)):
+    per_video = {"corrections": corrections, "frequency": frequency, "controls": controls, "sensors": sensors}
+    for option, values in per_video.items():
         one_each(option, values, count, "videos")
     finite_above_0("frequency", *frequency, unit=" Hz")
     from swim2real.cli.progress import films_shown
@@ -137,9 +140,9 @@ def track(
     try:
         with films_shown(quiet or json) as (on_progress, on_done):
             results = track_videos(
-                videos, points, body, settings, to, frequencies=frequency or None, controls=controls or None,
-                sensors=sensors or None, spans=stretches, workers=workers or None, on_progress=on_progress,
-                on_done=on_done,
+                videos, points, body, settings, to, corrections=corrections or None, frequencies=frequency or None,
+                controls=controls or None, sensors=sensors or None, spans=stretches, workers=workers or None,
+                on_progress=on_progress, on_done=on_done,
             )  # fmt: skip
     except KeyboardInterrupt:
         tell("interrupted; the same command goes on with the videos that aren't done")

@@ -186,6 +186,8 @@ def films_shown(quiet: bool) -> Generator[FilmCallbacks]:
         printed: dict[str, float] = {}
 
         def line(p: FrameProgress) -> None:
+            if p.note:
+                console.print(f"{p.name}: {p.note}")
             if time.monotonic() - printed.get(p.name, 0.0) > _FILM_LINES:
                 printed[p.name] = time.monotonic()
                 text = f"{p.name}: frame {p.done} of {p.total or '?'}, {p.lost} markers lost"
@@ -200,6 +202,8 @@ def films_shown(quiet: bool) -> Generator[FilmCallbacks]:
         def update(p: FrameProgress) -> None:
             if p.name not in tasks:
                 tasks[p.name] = bar.add_task(p.name, total=p.total, text="")
+            if p.note:
+                bar.console.print(f"{p.name}: {p.note}")
             bar.update(tasks[p.name], completed=p.done, text=f"{p.lost} lost" if p.lost else "")
 
         def done(name: str, result: TrackedVideo | Swim2RealError) -> None:

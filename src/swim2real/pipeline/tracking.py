@@ -1,8 +1,8 @@
 """From one video to a trial in a reference folder: points, tracker, camera, cleaning, quality, overlay.
 
 Beside the trial's table, the folder `tracks` gets the track in pixels (a DeepLabCut table), an overlay video for a
-person to check it, and a report. The report is written last: with it the video is done, and isn't tracked again as long
-as it, the points and the settings are the same.
+person to check it, a page on which doubtful stretches are corrected, and a report. The report is written last: with it
+the video is done, and isn't tracked again as long as it, the points and the settings are the same.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -24,18 +23,19 @@ from swim2real import __version__
 from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.names import composed
 from swim2real.objective.comparison import rounded
-from swim2real.rendering.overlay import TrackOverlay
+from swim2real.pipeline.following import Film, FrameProgress, follow, within
+from swim2real.pipeline.review import write_review
 from swim2real.robots.compiled import marker_bodies, rigid_markers
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
 from swim2real.store import read_json, reason, write_json
 from swim2real.tracking.bodies import BodyTracker
-from swim2real.tracking.camera import camera_for
-from swim2real.tracking.camera_file import read_camera
+from swim2real.tracking.camera import Camera, camera_for
+from swim2real.tracking.camera_file import CameraFile, read_camera
 from swim2real.tracking.cleaning import fill_gaps, smooth
 from swim2real.tracking.detection import DetectionTracker
 from swim2real.tracking.labeling import label_markers
-from swim2real.tracking.points import load_points
+from swim2real.tracking.points import Anchor, load_anchors, load_points
 from swim2real.tracking.quality import LostMarkers, check_bodies, check_track
 from swim2real.tracking.tags import TagTracker
 from swim2real.tracking.tracker import CsrtTracker, Tracker
@@ -50,25 +50,7 @@ Array = NDArray[np.float64]
 
 TRACKS = "tracks"
 AUTO = "auto"  # in place of a points file: the markers are found without a click
-SMEARED = 0.4  # highest confidence in a picture that may be smeared: doubtful to `check_track`
 _ENDS = 1 << 20  # bytes of a video's beginning and end that tell it from others
-
-
-@dataclass(frozen=True)
-class FrameProgress:
-    """How far the tracking of a video is.
-
-    Attributes:
-        name: Name of the trial.
-        done: Number of frames that are tracked.
-        total: Number of frames in all, as the file states it; None if it doesn't.
-        lost: Number of markers that are lost in the newest frame.
-    """
-
-    name: str
-    done: int
-    total: int | None
-    lost: int
 
 
 class TrackingReport(BaseModel):
@@ -138,23 +120,24 @@ class TrackedVideo:
 
 def track_video(
     video: str | Path, points: str | Path, robot: Robot, settings: TrackingSettings, folder: str | Path, *,
-    frequency: float | None = None, controls: Path | None = None, sensors: Path | None = None, span: Span = WHOLE,
-    threads: int = 0,
+    corrections: Path | None = None, frequency: float | None = None, controls: Path | None = None,
+    sensors: Path | None = None, span: Span = WHOLE, threads: int = 0,
     on_progress: Callable[[FrameProgress], None] = lambda progress: None,
 ) -> TrackedVideo:  # fmt: skip
     """Tracks a video and adds it to a reference folder as a trial of the video's name.
 
     Args:
         video: Path of the video.
-        points: Path of the points file with the markers in its first frame; "auto" finds them without a click, which is
-            refused where it isn't sure.
+        points: Path of the points file with the markers in one of its frames; "auto" finds them in the first one
+            without a click, which is refused where it isn't sure.
         robot: Robot that carries the markers.
         settings: How to track.
         folder: Path of the reference folder.
+        corrections: Path of a file of corrections, or of the points of another frame.
         frequency: Frequency that the motor was commanded to turn at [Hz]; None takes it from a name such as f1_50.
         controls: Path of a table of what drove the robot, on the video's clock.
         sensors: Path of a table of what was measured, on the video's clock.
-        span: Stretch of the video that is tracked. The trial's time is 0 at its first frame, in which the points are.
+        span: Stretch of the video that is tracked. The trial's time is 0 at its first frame.
         threads: Number of threads that decode the video; 0 for as many as the machine has cores.
         on_progress: Called after every frame.
 
@@ -169,31 +152,34 @@ def track_video(
     with VideoReader(source, threads) as reader:
         info = reader.info
         size = (info.width, info.height)
-        frames = _within(reader, span)
+        frames = within(reader, span)
         first = next(frames)
         begin = first.time
-        tracker = _tracker(settings, robot)
         start = (
-            _labeled(first, robot, tracker)
+            Anchor(first.index, _labeled(first, robot, settings), np.zeros(len(robot.marker_names), dtype=bool))
             if points == AUTO
             else load_points(points, robot.marker_names, *size, first.index)
         )
+        anchors = load_anchors(corrections, robot.marker_names, *size, source.name) if corrections else ()
         camera_file = None if settings.camera is None else read_camera(settings.camera)
         commands, readings = (None if table is None else read_signals(table) for table in (controls, sensors))
-        fingerprint = _fingerprint(source, start, settings, robot, frequency, (controls, sensors), span)
+        tables = (settings.camera, controls, sensors, corrections)
+        fingerprint = _fingerprint(source, start, settings, robot, frequency, tables, span)
         before = _finished(report_path, fingerprint, out, name)
         if before is not None:
             return TrackedVideo(name, before, True)
         check_folder(out, name, robot.marker_names)
+        # a film without a scale is refused before it is tracked
+        _camera(MarkerTrack([0.0, 1.0], np.stack([start.points] * 2)), robot, camera_file, size)
         _make_folder(report_path.parent)
         began = time.monotonic()
-        seen = _follow(reader, first, frames, start, tracker, settings, report_path, robot, span, on_progress)
+        overlay = report_path.with_suffix(".mp4") if settings.overlay else None
+        film = Film(name, source, span, robot.marker_names, threads, overlay)
+        seen = follow(film, reader, first, frames, start, anchors, lambda: _tracker(settings, robot), on_progress)
         notes = list(reader.notes)
     seconds = time.monotonic() - began
     pixels = fill_gaps(smooth(seen) if settings.smooth else seen)
-    camera = camera_for(
-        pixels, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid_markers(robot), camera_file, size
-    )
+    camera = _camera(pixels, robot, camera_file, size)
     track = camera.to_meters(pixels)
     quality = check_lost(track, robot)
     made = f"{size[0]}x{size[1]}, {info.codec}, {settings.tracker} tracker, swim2real {__version__}"
@@ -210,13 +196,18 @@ def track_video(
     )  # fmt: skip
     report_path.unlink(missing_ok=True)  # it is of the track that is replaced now
     write_dlc(seen, robot.marker_names, report_path.with_suffix(".pixels.csv"))
+    page = report_path.with_suffix(".review.html")
+    page.unlink(missing_ok=True)
+    if settings.overlay:
+        again = f"swim2real track … --corrections {composed(source.stem)}.corrections.json"
+        write_review(source, seen, robot.marker_names, page, first.index, again, anchors=anchors, threads=threads)
     add_trial(out, trial, robot.marker_names)
     report = TrackingReport.model_validate(
         rounded(
             {
                 "fingerprint": fingerprint, "trial": name, "video": source.name, "width": size[0], "height": size[1],
                 "fps": info.fps, "codec": info.codec, "rotation": info.rotation, "frames": seen.frame_count,
-                "tracker": settings.tracker, "points": start, "points_from": AUTO if points == AUTO else "file",
+                "tracker": settings.tracker, "points": start.points, "points_from": AUTO if points == AUTO else "file",
                 "meters_per_pixel": camera.scale.meters_per_pixel, "scale_spread": camera.scale.spread,
                 "scales": dict(camera.scale.estimates), "confidence": seen.confidence.mean(axis=0),
                 "lost_share": quality.lost_share, "filled_share": _filled_share(seen, pixels),
@@ -246,10 +237,15 @@ def _tracker(settings: TrackingSettings, robot: Robot) -> Tracker:
     return DetectionTracker() if robot.trials.nearly_straight else BodyTracker(marker_bodies(robot), fixed=0)
 
 
-def _labeled(first: Frame, robot: Robot, tracker: Tracker) -> Array:
+def _camera(pixels: MarkerTrack, robot: Robot, file: CameraFile | None, size: tuple[int, int]) -> Camera:
+    rigid = rigid_markers(robot)
+    return camera_for(pixels, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid, file, size)
+
+
+def _labeled(first: Frame, robot: Robot, settings: TrackingSettings) -> Array:
     """Where the markers are in a first frame, found without a click [px]. Shape (M, 2)."""
-    if isinstance(tracker, TagTracker):
-        return tracker.points(first.image, len(robot.marker_names))
+    if settings.tracker == "aruco":
+        return TagTracker(settings.tags).points(first.image, len(robot.marker_names))
     if not robot.trials.nearly_straight:
         raise TrackingError(
             f"the markers of robot '{robot.name}' can't be found by themselves: that takes a straight swimmer, and its "
@@ -258,82 +254,13 @@ def _labeled(first: Frame, robot: Robot, tracker: Tracker) -> Array:
     return label_markers(first.image, robot.rest_markers, robot.marker_heights).points
 
 
-def _follow(
-    reader: VideoReader, first: Frame, frames: Iterator[Frame], start: Array, tracker: Tracker,
-    settings: TrackingSettings, report_path: Path, robot: Robot, span: Span,
-    on_progress: Callable[[FrameProgress], None],
-) -> MarkerTrack:  # fmt: skip
-    """Tracks frames in pixels, the first at time 0, and writes the overlay meanwhile."""
-    times: list[float] = []
-    positions: list[Array] = []
-    confidences: list[Array] = []
-    info, total = reader.info, _total(reader, span)
-    with ExitStack() as stack:
-        overlay = None
-        if settings.overlay:
-            target = report_path.with_suffix(".mp4")
-            overlay = stack.enter_context(TrackOverlay(target, info.width, info.height, info.fps, robot.marker_names))
-        frame: Frame | None = first
-        while frame is not None:
-            time = frame.time - first.time
-            if positions:
-                position, confidence = tracker.follow(frame.image, time)
-            else:
-                position, confidence = tracker.start(frame.image, start, time)
-            if not frame.intact:  # predicted from a broken one: what it shows may be of another time
-                confidence = np.minimum(confidence, SMEARED)
-            times.append(time)
-            positions.append(position)
-            confidences.append(confidence)
-            if overlay is not None and overlay.wants(time, confidence):
-                small = frame.scaled(overlay.width)
-                overlay.add(small, overlay.width / info.width, time, position, confidence, detail=frame.image)
-            lost = int(np.count_nonzero(confidence <= 0))
-            on_progress(FrameProgress(report_path.stem, len(times), total, lost))
-            frame = next(frames, None)
-        if len(times) < 2:
-            where = f" {span.words}" if span.words else ""
-            raise TrackingError(f"'{info.path}' has one frame only{where}; a trial needs at least 2")
-    return MarkerTrack(times, np.array(positions), np.array(confidences))
-
-
-def _within(reader: VideoReader, span: Span) -> Iterator[Frame]:
-    """The frames of a video within a stretch of it, one at least.
-
-    Raises:
-        TrialError: The stretch isn't within the video, as far as the file says how long it is, or holds no frame.
-    """
-    info, last, found = reader.info, 0.0, False
-    what = f"video '{info.path}'"
-    if info.duration is not None:  # before hours of film are decoded
-        span.check(info.duration, what)
-    for frame in reader:
-        last = frame.time
-        if span.after(last):
-            break
-        if not span.before(last):
-            found = True
-            yield frame
-    if not found:
-        span.check(last, what)
-        raise TrialError(f"{what} has no frame {span.words}; make the stretch longer")
-
-
-def _total(reader: VideoReader, span: Span) -> int | None:
-    """The number of frames in a stretch of a video, as far as the file says it."""
-    info = reader.info
-    if span.until is not None:
-        return round((span.until - span.begin) * info.fps) + 1
-    return None if info.frame_count is None else max(1, info.frame_count - round(span.begin * info.fps))
-
-
 def _filled_share(seen: MarkerTrack, pixels: MarkerTrack) -> Array:
     """Share of frames that were filled, per marker. Shape (M,)."""
     return (~np.isfinite(seen.positions[:, :, 0]) & np.isfinite(pixels.positions[:, :, 0])).mean(axis=0)
 
 
 def _fingerprint(
-    video: Path, start: Array, settings: TrackingSettings, robot: Robot, frequency: float | None,
+    video: Path, start: Anchor, settings: TrackingSettings, robot: Robot, frequency: float | None,
     tables: tuple[Path | None, ...], span: Span,
 ) -> str:  # fmt: skip
     digest = hashlib.sha256()
@@ -343,14 +270,15 @@ def _fingerprint(
         file.seek(max(size - _ENDS, 0))
         digest.update(file.read())
     about = [
-        size, start.tolist(), settings.tracker, settings.smooth, settings.overlay, robot.name, frequency, __version__
+        size, start.points.tolist(), start.frame, settings.tracker, settings.smooth, settings.overlay, robot.name,
+        frequency, __version__,
     ]  # fmt: skip
     if settings.tracker == "aruco":
         about.append(settings.tags)
-    if not span.whole:  # so that older tracks stay done
+    if not span.whole:
         about += [span.begin, span.until]
     digest.update(json.dumps(about).encode())
-    for file in (settings.camera, *tables):
+    for file in tables:
         digest.update(b"\0" if file is None else file.read_bytes())
     return digest.hexdigest()
 

@@ -24,9 +24,9 @@ _progress: Any = None  # a process's end of the queue
 
 def track_videos(
     videos: Sequence[str | Path], points: Sequence[str | Path], robot: Robot, settings: TrackingSettings,
-    folder: str | Path, *, frequencies: Sequence[float | None] | None = None,
-    controls: Sequence[Path | None] | None = None, sensors: Sequence[Path | None] | None = None,
-    spans: Sequence[Span] | None = None, workers: int | None = None,
+    folder: str | Path, *, corrections: Sequence[Path | None] | None = None,
+    frequencies: Sequence[float | None] | None = None, controls: Sequence[Path | None] | None = None,
+    sensors: Sequence[Path | None] | None = None, spans: Sequence[Span] | None = None, workers: int | None = None,
     on_progress: Callable[[FrameProgress], None] = lambda progress: None,
     on_done: Callable[[str, TrackedVideo | Swim2RealError], None] = lambda name, result: None,
 ) -> list[TrackedVideo | Swim2RealError]:  # fmt: skip
@@ -38,6 +38,7 @@ def track_videos(
         robot: Robot that carries the markers.
         settings: How to track.
         folder: Path of the reference folder.
+        corrections: File of corrections of each video, None where there is none.
         frequencies: Frequency that the motor was commanded to turn at in each video [Hz], None where it isn't known.
         controls: Table of what drove the robot in each video, None where there is none.
         sensors: Table of what was measured in each video, None where there is none.
@@ -63,8 +64,8 @@ def track_videos(
     if workers is not None and workers < 1:
         raise ArgumentError(f"workers is {workers}; it must be at least 1")
     known: dict[str, Sequence[Any]] = {
-        "points": points, "frequency": frequencies or [None] * count, "controls": controls or [None] * count,
-        "sensors": sensors or [None] * count, "span": spans or [WHOLE] * count,
+        "points": points, "corrections": corrections or [None] * count, "frequency": frequencies or [None] * count,
+        "controls": controls or [None] * count, "sensors": sensors or [None] * count, "span": spans or [WHOLE] * count,
     }  # fmt: skip
     for key, values in known.items():
         if len(values) != count:

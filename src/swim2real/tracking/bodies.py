@@ -30,6 +30,7 @@ FORGET = 0.7  # of a surprise, in each frame
 BLURRED = 0.7  # radii of a streak, above what its motion explains, that tell that it moved farther
 LIKELIER = 1.0  # lead with which one or two markers are believed again in time, if they look as they did
 MOST_DOUBT = 2000.0  # px, more than any picture is wide in which a marker is looked for
+REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
 LEAST_LIKE = 0.4  # likeness of a spot that is certain to be the marker
 FEWEST = 0.25  # of a body's markers that may have no streak where the body is blurred
 NEIGHBORS, LEAST_NEIGHBORS = 4, 3  # whose motion tells how a marker moved that isn't seen
@@ -181,7 +182,11 @@ class _Body:
 
 
 class BodyTracker:
-    """Follows markers on rigid bodies. See `tracker.Tracker`."""
+    """Follows markers on rigid bodies. See `tracker.Tracker`.
+
+    Attributes:
+        reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
+    """
 
     def __init__(self, bodies: Sequence[int], fixed: int | None = None) -> None:
         """Takes what the robot file knows.
@@ -207,6 +212,7 @@ class BodyTracker:
             for number in dict.fromkeys(self._numbers.tolist())
         ]
         self._known = positions.copy()
+        self.reasons = {reason: np.zeros(len(points), dtype=np.int64) for reason in REASONS}
         self._time = time
         self._fastest = 0.0
         return positions.copy(), np.ones(len(points))
@@ -370,6 +376,9 @@ class BodyTracker:
         sure &= (own_lead >= LEAD) & (like > LEAST_LIKE) & ~self._cut(np.linalg.norm(blur, axis=1), chosen >= 0)
         confidence = np.where(chosen >= 0, np.where(sure, confidence, np.minimum(confidence, DOUBT)), 0.0)
         known = np.where((confidence > DOUBT)[:, None], positions, np.nan)
+        failed = confidence <= DOUBT
+        for reason, why in zip(REASONS, (chosen < 0, ~sure & (chosen >= 0), sure), strict=True):
+            self.reasons[reason] += failed & why
         self._share_motion(known, expected)
         colored = np.where(self._looks.by_picture(spots, chosen)[:, None], np.nan, known) if len(spots) else known
         for body in self._bodies:

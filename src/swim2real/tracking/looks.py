@@ -260,7 +260,7 @@ def _check_the_rest(image: Image, points: Array, odd: Mask, radii: Array) -> Non
     tags = dictionary_at(image, points[odd])
     if tags is not None:
         raise TrackingError(
-            f"{odd.sum()} of {len(points)} points lie on tags of {tags}; they are read with: --tracker aruco --tags {tags}"
+            f"{odd.sum()} of {len(points)} points lie on tags of {tags}; read them with: --tracker aruco --tags {tags}"
         )
     if odd.sum() <= len(points) // 3:
         return
@@ -276,8 +276,8 @@ def _check_the_rest(image: Image, points: Array, odd: Mask, radii: Array) -> Non
         if beside.sum() > len(beside) // 2:
             far, blob = away[0, nearest[0]], nearest[0]
             raise TrackingError(
-                f"{start}; the nearest round spot to ({x:.0f}, {y:.0f}) has a radius of {blobs.radii[blob]:.0f} px and is "
-                f"{far:.0f} px away, at ({blobs.points[blob, 0]:.0f}, {blobs.points[blob, 1]:.0f}); {advice}"
+                f"{start}; the nearest round spot to ({x:.0f}, {y:.0f}) has a radius of {blobs.radii[blob]:.0f} px and "
+                f"is {far:.0f} px away, at ({blobs.points[blob, 0]:.0f}, {blobs.points[blob, 1]:.0f}); {advice}"
             )
     flat = [_detail(image, point) < LEAST_DETAIL for point in points[odd]]
     if sum(flat) > len(flat) // 3:

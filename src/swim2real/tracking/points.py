@@ -79,7 +79,7 @@ class _Content(BaseModel):
         return {"points": content} if isinstance(content, list) else content
 
 
-def load_points(path: str | Path, names: Sequence[str], width: int, height: int, frame: int = 0) -> Array:
+def load_points(path: str | Path, names: Sequence[str], width: int, height: int, first: int = 0) -> Anchor:
     """Reads a points file and checks it against the robot and the video. Every marker must have a place.
 
     Args:
@@ -87,10 +87,10 @@ def load_points(path: str | Path, names: Sequence[str], width: int, height: int,
         names: Names of the robot's markers, head first.
         width: Width of the video's upright frame [px].
         height: Height of the video's upright frame [px].
-        frame: Number of the frame that tracking begins with.
+        first: Number of the first frame that is tracked, of which points are that name no frame.
 
     Returns:
-        Points in the order of `names` [px]. Shape (M, 2).
+        Points in the order of `names`, and their frame.
 
     Raises:
         TrackingError: The file is missing, can't be read, or its points aren't of this robot and this video.
@@ -100,16 +100,17 @@ def load_points(path: str | Path, names: Sequence[str], width: int, height: int,
     if content.frames is not None:
         raise TrackingError(f"{file} are corrections, of {len(content.frames)} frames; give them with --corrections")
     _check_size(content, file, width, height, f"{PICK_AGAIN} on this video")
-    if content.frame not in (None, frame):
+    frame = first if content.frame is None else content.frame
+    if frame < first:
         raise TrackingError(
-            f"{file} were picked in frame {content.frame} of the video; tracking begins with frame {frame}; "
-            f"begin with the same one (--from of `swim2real pick` and of `swim2real track`)"
+            f"{file} were picked in frame {frame} of the video; tracking begins with frame {first}; pick them there "
+            f"or later (--from of `swim2real pick`), or begin earlier (--from of `swim2real track`)"
         )
     anchor = _anchor(frame, _all_named(content, names, file), names, width, height, file, PICK_AGAIN)
     if anchor.hidden.any():
         name = names[int(np.argmax(anchor.hidden))]
         raise TrackingError(f"{file}: 'markers.{name}' is null; it must be a list, [x, y]; {PICK_AGAIN}")
-    return anchor.points
+    return anchor
 
 
 def load_anchors(

@@ -1,0 +1,231 @@
+"""A tracker over a film: forward, backward from points in a later frame, and again around corrections."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.errors import TrackingError, TrialError
+from swim2real.rendering.overlay import TrackOverlay
+from swim2real.tracking.bodies import BodyTracker
+from swim2real.tracking.corrections import corrected, gaps_to_correct
+from swim2real.tracking.points import Anchor
+from swim2real.tracking.quality import DOUBTFUL
+from swim2real.tracking.tracker import Tracker
+from swim2real.trials import MarkerTrack
+from swim2real.trials.span import Span
+from swim2real.video import Frame, VideoReader
+from swim2real.video.backwards import frames_backwards
+
+Array = NDArray[np.float64]
+
+SMEARED = 0.4  # highest confidence in a picture that may be smeared: doubtful to `check_track`
+FIRST_LOOK = 2.0  # s after which is reported what can't be tracked
+OFTEN = 0.5  # share of these in which a marker is lost or doubtful, from which it is named
+MOST_NAMED = 6
+
+
+@dataclass(frozen=True)
+class FrameProgress:
+    """How far the tracking of a video is.
+
+    Attributes:
+        name: Name of the trial.
+        done: Number of frames that are tracked.
+        total: Number of frames in all, as the file states it; None if it doesn't.
+        lost: Number of markers that are lost in the newest frame.
+        note: A sentence that a person should read before the rest is tracked.
+    """
+
+    name: str
+    done: int
+    total: int | None
+    lost: int
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Film:
+    """What is tracked.
+
+    Attributes:
+        name: Name of the trial.
+        path: Path of the video.
+        span: Stretch of it.
+        names: Names of the markers.
+        threads: Number of threads that decode.
+        overlay: Path of the overlay video; None for none.
+    """
+
+    name: str
+    path: Path
+    span: Span
+    names: tuple[str, ...]
+    threads: int
+    overlay: Path | None
+
+    def drawn(self, reader: VideoReader) -> TrackOverlay | nullcontext[None]:
+        """The overlay video, to be drawn."""
+        if self.overlay is None:
+            return nullcontext()
+        info = reader.info
+        return TrackOverlay(self.overlay, info.width, info.height, info.fps, self.names)
+
+
+def follow(
+    film: Film, reader: VideoReader, first: Frame, frames: Iterator[Frame], start: Anchor, anchors: Sequence[Anchor],
+    make_tracker: Callable[[], Tracker], on_progress: Callable[[FrameProgress], None],
+) -> MarkerTrack:  # fmt: skip
+    """Tracks a film in pixels, its first frame at time 0, and draws the overlay.
+
+    Args:
+        film: What is tracked.
+        reader: Its frames, of which the first one is taken.
+        first: That frame.
+        frames: Those after it, to the end of the span.
+        start: Places of all markers in one of the frames.
+        anchors: Corrections.
+        make_tracker: Makes a tracker that has seen nothing.
+        on_progress: Called after every frame.
+
+    Raises:
+        TrackingError: The points or corrections aren't of these frames, or there is one frame only.
+    """
+    later = bool(anchors) or start.frame > first.index
+    with nullcontext() if later else film.drawn(reader) as overlay:
+        track = _forward(film, reader, chain([first], frames), start, make_tracker(), overlay, on_progress)
+    last = first.index + track.frame_count - 1
+    for anchor in (start, *anchors):
+        if not first.index <= anchor.frame <= last:
+            raise TrackingError(
+                f"a marker was picked in frame {anchor.frame} of video '{film.path}', of which frames {first.index} to "
+                f"{last} are tracked; begin or end there (--from, --until), or take that frame out of the file"
+            )
+    if start.frame > first.index:
+        track = _backward(film, track, first.index, start, make_tracker())
+    if anchors:
+        said = [Anchor(anchor.frame - first.index, anchor.points, anchor.hidden) for anchor in anchors]
+        track, gaps = gaps_to_correct(track, said)
+        for frame in within(reader, film.span):
+            for gap in gaps:
+                gap.see(frame.index - first.index, frame.image)
+        track = corrected(track, gaps)
+    if later:
+        with film.drawn(reader) as overlay:
+            for k, frame in enumerate(within(reader, film.span) if overlay is not None else ()):
+                _draw(overlay, frame, reader.info.width, track.times[k], track.positions[k], track.confidence[k])
+    return track
+
+
+def _forward(
+    film: Film, reader: VideoReader, frames: Iterable[Frame], start: Anchor, tracker: Tracker,
+    overlay: TrackOverlay | None, on_progress: Callable[[FrameProgress], None],
+) -> MarkerTrack:  # fmt: skip
+    """Tracks from the frame with the points on; markers are lost before."""
+    times: list[float] = []
+    positions: list[Array] = []
+    confidences: list[Array] = []
+    count, begin, looked = _count(reader, film.span), 0.0, False
+    picked: int | None = None
+    for frame in frames:
+        begin = begin if times else frame.time
+        time = frame.time - begin
+        if frame.index < start.frame:
+            position, confidence = np.full_like(start.points, np.nan), np.zeros(len(start.points))
+        elif frame.index == start.frame:
+            position, confidence = tracker.start(frame.image, start.points, time)
+        else:
+            position, confidence = tracker.follow(frame.image, time)
+        if not frame.intact:  # predicted from a broken one: what it shows may be of another time
+            confidence = np.minimum(confidence, SMEARED)
+        times.append(time)
+        positions.append(position)
+        confidences.append(confidence)
+        _draw(overlay, frame, reader.info.width, time, position, confidence)
+        if frame.index == start.frame:
+            picked = len(times) - 1
+        note = ""
+        if picked is not None and not looked and time - times[picked] >= FIRST_LOOK:
+            looked, note = True, _first_look(film.names, np.array(confidences[picked:]), tracker)
+        on_progress(FrameProgress(film.name, len(times), count, int(np.count_nonzero(confidence <= 0)), note))
+    if len(times) < 2:
+        where = f" {film.span.words}" if film.span.words else ""
+        raise TrackingError(f"'{film.path}' has one frame only{where}; a trial needs at least 2")
+    return MarkerTrack(times, np.array(positions), np.array(confidences))
+
+
+def _backward(film: Film, track: MarkerTrack, first: int, start: Anchor, tracker: Tracker) -> MarkerTrack:
+    """The track with what comes before the frame with the points."""
+    positions, confidence = track.positions.copy(), track.confidence.copy()
+    begin = track.times[start.frame - first]
+    for frame in frames_backwards(film.path, first, start.frame, film.threads):
+        k = frame.index - first
+        if frame.index == start.frame:
+            tracker.start(frame.image, start.points, 0.0)
+            continue
+        positions[k], sure = tracker.follow(frame.image, float(begin - track.times[k]))
+        confidence[k] = sure if frame.intact else np.minimum(sure, SMEARED)
+    return MarkerTrack(track.times, positions, confidence)
+
+
+def _draw(
+    overlay: TrackOverlay | None, frame: Frame, width: int, time: float, position: Array, confidence: Array
+) -> None:
+    if overlay is not None and overlay.wants(time, confidence):
+        small = frame.scaled(overlay.width)
+        overlay.add(small, overlay.width / width, time, position, confidence, detail=frame.image)
+
+
+def _first_look(names: Sequence[str], confidence: Array, tracker: Tracker) -> str:
+    """What can't be tracked, why, and what would help; nothing where all is well. `confidence` has shape (T, M)."""
+    share = (confidence < DOUBTFUL).mean(axis=0)
+    bad = [m for m in np.argsort(-share, kind="stable").tolist() if share[m] > OFTEN]
+    if not bad:
+        return ""
+    reasons = tracker.reasons if isinstance(tracker, BodyTracker) else {}
+    named: list[str] = []
+    for m in bad[:MOST_NAMED]:
+        why = max(reasons, key=lambda reason: int(reasons[reason][m]), default="")
+        named.append(f"{names[m]} in {100 * share[m]:.0f} % of frames" + (f" ({why})" if why else ""))
+    more = f" and {len(bad) - MOST_NAMED} more" if len(bad) > MOST_NAMED else ""
+    return (
+        f"lost or doubtful in the first {FIRST_LOOK:g} s: {', '.join(named)}{more}; larger markers, more contrast, a "
+        f"shorter shutter or tags (--tracker aruco) would help; a few of them can be put right on the page of doubtful "
+        f"stretches (--corrections)"
+    )
+
+
+def within(reader: VideoReader, span: Span) -> Iterator[Frame]:
+    """The frames of a video within a stretch of it, one at least.
+
+    Raises:
+        TrialError: The stretch isn't within the video, as far as the file says how long it is, or holds no frame.
+    """
+    info, last, found = reader.info, 0.0, False
+    what = f"video '{info.path}'"
+    if info.duration is not None:  # before hours of film are decoded
+        span.check(info.duration, what)
+    for frame in reader:
+        last = frame.time
+        if span.after(last):
+            break
+        if not span.before(last):
+            found = True
+            yield frame
+    if not found:
+        span.check(last, what)
+        raise TrialError(f"{what} has no frame {span.words}; make the stretch longer")
+
+
+def _count(reader: VideoReader, span: Span) -> int | None:
+    """The number of frames in a stretch of a video, as far as the file says it."""
+    info = reader.info
+    if span.until is not None:
+        return round((span.until - span.begin) * info.fps) + 1
+    return None if info.frame_count is None else max(1, info.frame_count - round(span.begin * info.fps))

@@ -1,0 +1,185 @@
+"""Corrections by hand: a marker that a person put right is followed from there in both directions.
+
+A track keeps what it was sure of, except where a correction contradicts it. Between two places that are known, clicks
+or sure frames, a marker is followed forward from the first and backward from the second by its picture (`patches`), and
+moves with its neighbors meanwhile. Where both ways meet it is sure, where they don't it is doubtful.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swim2real.tracking.appearance import radius_at
+from swim2real.tracking.patches import Patches
+from swim2real.tracking.points import Anchor
+from swim2real.tracking.quality import DOUBTFUL
+from swim2real.tracking.stretches import expected_places, spacing
+from swim2real.trials.trial import MarkerTrack
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+_Found = tuple[Array, float]  # place and score
+
+ROOM = (32, 80)  # px around an expected place that are kept, at least and at most
+AGREE = 0.5  # radii within which the ways from both sides agree, or
+AGREE_PX = 2.0  # px
+SURE = 0.8  # correlation of a marker that is followed without a doubt
+MEANWHILE = 5  # frames that a click is believed against the track, on each side, where it says that a marker is hidden
+DOUBT = 0.45  # confidence of a place on which the two ways don't agree
+
+
+@dataclass
+class Gap:
+    """A stretch of a track in which one marker is followed anew.
+
+    Attributes:
+        marker: Its index.
+        first: Number of the first frame of the stretch in the track.
+        known: Places that are known in it and beside it, by frame [px].
+        hidden: Frames of it in which the marker is hidden.
+        expected: Where it may be in each frame. Shape (T, 2).
+        room: Distance around the expected place that is kept of each picture [px].
+    """
+
+    marker: int
+    first: int
+    last: int
+    known: dict[int, Array]
+    hidden: frozenset[int]
+    expected: Array
+    room: int
+
+    def __post_init__(self) -> None:
+        self._windows: dict[int, tuple[Image, Array]] = {}
+
+    def see(self, frame: int, image: Image) -> None:
+        """Keeps what is needed of a picture. Frames from the last known one before the stretch on are."""
+        if self.first - 1 <= frame <= self.last + 1:
+            left, top = np.maximum(np.round(self.expected[frame]).astype(int) - self.room, 0).tolist()
+            right, bottom = np.round(self.expected[frame]).astype(int) + self.room + 1
+            part = np.ascontiguousarray(image[top : max(int(bottom), top + 1), left : max(int(right), left + 1)])
+            self._windows[frame] = part, np.array([left, top], dtype=float)
+
+    def followed(self) -> tuple[Array, Array]:
+        """Places, NaN where the marker is lost [px], and confidence in each frame. Shapes (L, 2), (L,)."""
+        count = self.last - self.first + 1
+        places, confidence = np.full((count, 2), np.nan), np.zeros(count)
+        stops = sorted({*self.known, *self.hidden, self.first - 1, self.last + 1})
+        for begin, end in pairwise(stops):
+            frames = range(begin + 1, end)
+            forward = self._follow(begin, list(frames)) if begin in self.known else {}
+            backward = self._follow(end, list(reversed(frames))) if end in self.known else {}
+            for frame in frames:
+                place, sure = self._joined(frame, begin, end, forward.get(frame), backward.get(frame))
+                places[frame - self.first], confidence[frame - self.first] = place, sure
+        for frame, place in self.known.items():
+            if self.first <= frame <= self.last:
+                places[frame - self.first], confidence[frame - self.first] = place, 1.0
+        return places, confidence
+
+    def _follow(self, begin: int, frames: list[int]) -> dict[int, _Found]:
+        """Places and scores in frames one after the other, from a known one on."""
+        image, corner = self._windows[begin]
+        place = self.known[begin]
+        self._radius = radius_at(image, (place - corner)[None])
+        patches = Patches(image, (place - corner)[None], np.array([self._radius]), np.full((1, 3), 85.0))
+        found: dict[int, _Found] = {}
+        before = begin
+        for frame in frames:
+            image, corner = self._windows[frame]
+            place = place + self.expected[frame] - self.expected[before]
+            before = frame
+            peaks = patches.find(image, 0, place - corner, 1.5 * self._radius + 3.0)
+            if peaks:
+                place = np.array([peaks[0].x, peaks[0].y]) + corner
+                found[frame] = place, peaks[0].score
+                if peaks[0].score > SURE:
+                    patches.learn(image, 0, place - corner)
+        return found
+
+    def _joined(
+        self, frame: int, begin: int, end: int, forward: _Found | None, backward: _Found | None
+    ) -> tuple[Array | float, float]:
+        """Place and confidence in a frame between two stops."""
+        if forward is None and backward is None:
+            return np.nan, 0.0
+        if forward is not None and backward is not None:
+            if np.hypot(*(forward[0] - backward[0])) < max(AGREE * self._radius, AGREE_PX):
+                share = (frame - begin) / (end - begin)
+                return (1 - share) * forward[0] + share * backward[0], max(forward[1], backward[1], DOUBTFUL)
+            return (forward if frame - begin < end - frame else backward)[0], DOUBT
+        place, score = forward or backward or (np.full(2, np.nan), 0.0)
+        other = end if forward is not None else begin
+        return place, score if score > SURE and other not in self.known else min(score, DOUBT)
+
+
+def gaps_to_correct(track: MarkerTrack, anchors: Sequence[Anchor]) -> tuple[MarkerTrack, list[Gap]]:
+    """The track without what corrections contradict, and the stretches in which markers are followed anew.
+
+    Args:
+        track: Track in pixels.
+        anchors: What a person says of frames of the track; frame numbers are those of the track.
+    """
+    positions, confidence = track.positions.copy(), track.confidence.copy()
+    sure = confidence >= DOUBTFUL
+    clicks: dict[int, dict[int, Array]] = {}
+    hidden: dict[int, set[int]] = {}
+    for anchor in anchors:
+        for m in np.flatnonzero(np.isfinite(anchor.points[:, 0])).tolist():
+            clicks.setdefault(m, {})[anchor.frame] = anchor.points[m]
+            off = np.hypot(*(positions[anchor.frame, m] - anchor.points[m]))
+            if sure[anchor.frame, m] and off > AGREE_PX:
+                sure[_run(sure[:, m], anchor.frame), m] = False
+        for m in np.flatnonzero(anchor.hidden).tolist():
+            hidden.setdefault(m, set()).add(anchor.frame)
+            near = slice(max(anchor.frame - MEANWHILE, 0), anchor.frame + MEANWHILE + 1)
+            sure[near, m] = False
+            positions[near, m], confidence[near, m] = np.nan, 0.0
+    for m, places in clicks.items():
+        for frame, place in places.items():
+            positions[frame, m], confidence[frame, m] = place, 1.0
+    confidence = np.where(sure, confidence, np.minimum(confidence, DOUBT))
+    for m, places in clicks.items():
+        confidence[list(places), m] = 1.0
+    cleaned = MarkerTrack(track.times, positions, confidence)
+    expected = expected_places(cleaned)
+    room = int(np.clip(np.nan_to_num(spacing(expected), nan=ROOM[1]), *ROOM))
+    gaps: list[Gap] = []
+    for m, places in clicks.items():
+        for first, last in sorted({_around(sure[:, m], frame) for frame in places}):
+            known = {frame: place for frame, place in places.items() if first <= frame <= last}
+            for frame in (first - 1, last + 1):
+                if 0 <= frame < len(sure):
+                    known[frame] = positions[frame, m]
+            inside = frozenset(frame for frame in hidden.get(m, ()) if first <= frame <= last)
+            gaps.append(Gap(m, first, last, known, inside, expected[:, m], room))
+    return cleaned, gaps
+
+
+def corrected(track: MarkerTrack, gaps: Sequence[Gap]) -> MarkerTrack:
+    """The track with the markers as they were followed in gaps that have seen all of their pictures."""
+    positions, confidence = track.positions.copy(), track.confidence.copy()
+    for gap in gaps:
+        part = slice(gap.first, gap.last + 1)
+        positions[part, gap.marker], confidence[part, gap.marker] = gap.followed()
+    return MarkerTrack(track.times, positions, confidence)
+
+
+def _run(mask: NDArray[np.bool_], frame: int) -> slice:
+    """The frames around one in which a mask is as there."""
+    first, last = _around(mask != mask[frame], frame)
+    return slice(first, last + 1)
+
+
+def _around(known: NDArray[np.bool_], frame: int) -> tuple[int, int]:
+    """First and last of the frames around one between two that are known; that frame alone if it is known."""
+    if known[frame]:
+        return frame, frame
+    before, after = np.flatnonzero(known[:frame]), np.flatnonzero(known[frame + 1 :])
+    first = int(before[-1]) + 1 if len(before) else 0
+    return first, (frame + int(after[0]) if len(after) else len(known) - 1)
