@@ -59,6 +59,7 @@ class Film:
         path: Path of the video.
         span: Stretch of it.
         names: Names of the markers.
+        bodies: Number of the rigid body that carries each.
         threads: Number of threads that decode.
         overlay: Path of the overlay video; None for none.
     """
@@ -67,6 +68,7 @@ class Film:
     path: Path
     span: Span
     names: tuple[str, ...]
+    bodies: tuple[int, ...]
     threads: int
     overlay: Path | None
 
@@ -111,7 +113,7 @@ def follow(
         track = _backward(film, track, first.index, start, make_tracker())
     if anchors:
         said = [Anchor(anchor.frame - first.index, anchor.points, anchor.hidden) for anchor in anchors]
-        track, gaps = gaps_to_correct(track, said)
+        track, gaps = gaps_to_correct(track, said, film.bodies)
         for frame in within(reader, film.span):
             for gap in gaps:
                 gap.see(frame.index - first.index, frame.image)

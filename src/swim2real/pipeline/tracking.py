@@ -174,7 +174,9 @@ def track_video(
         _make_folder(report_path.parent)
         began = time.monotonic()
         overlay = report_path.with_suffix(".mp4") if settings.overlay else None
-        film = Film(name, source, span, robot.marker_names, threads, overlay)
+        names = robot.marker_names
+        bodies = tuple(range(len(names))) if robot.trials.nearly_straight else marker_bodies(robot)
+        film = Film(name, source, span, names, bodies, threads, overlay)
         seen = follow(film, reader, first, frames, start, anchors, lambda: _tracker(settings, robot), on_progress)
         notes = list(reader.notes)
     seconds = time.monotonic() - began

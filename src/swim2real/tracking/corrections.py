@@ -28,6 +28,10 @@ _Found = tuple[Array, float]  # place and score
 ROOM = (32, 80)  # px around an expected place that are kept, at least and at most
 AGREE = 0.5  # radii within which the ways from both sides agree, or
 AGREE_PX = 2.0  # px
+CLICK_PX, MOST_CLICK_PX = 2.0, 6.0  # by which a click that confirms a place may be off it, at least and at most
+CLICK_SHARE = 0.05  # of the markers' usual spacing, likewise
+JUMP_SHARE = 0.4  # of that spacing by which the velocity of a marker may change per frame
+FAIR = 0.7  # correlation of a marker on which both ways agree
 SURE = 0.8  # correlation of a marker that is followed without a doubt
 MEANWHILE = 5  # frames that a click is believed against the track, on each side, where it says that a marker is hidden
 DOUBT = 0.45  # confidence of a place on which the two ways don't agree
@@ -111,29 +115,42 @@ class Gap:
         if forward is not None and backward is not None:
             if np.hypot(*(forward[0] - backward[0])) < max(AGREE * self._radius, AGREE_PX):
                 share = (frame - begin) / (end - begin)
-                return (1 - share) * forward[0] + share * backward[0], max(forward[1], backward[1], DOUBTFUL)
+                score = max(forward[1], backward[1])
+                return (1 - share) * forward[0] + share * backward[0], score if score > FAIR else DOUBT
             return (forward if frame - begin < end - frame else backward)[0], DOUBT
         place, score = forward or backward or (np.full(2, np.nan), 0.0)
         other = end if forward is not None else begin
         return place, score if score > SURE and other not in self.known else min(score, DOUBT)
 
 
-def gaps_to_correct(track: MarkerTrack, anchors: Sequence[Anchor]) -> tuple[MarkerTrack, list[Gap]]:
+def gaps_to_correct(
+    track: MarkerTrack, anchors: Sequence[Anchor], bodies: Sequence[int]
+) -> tuple[MarkerTrack, list[Gap]]:
     """The track without what corrections contradict, and the stretches in which markers are followed anew.
+
+    A click on a place that was doubted confirms it, and with it all markers of the rigid body, in this frame and in
+    those around it that were doubted and through which the marker moves on steadily.
 
     Args:
         track: Track in pixels.
         anchors: What a person says of frames of the track; frame numbers are those of the track.
+        bodies: Number of the rigid body that carries each marker. Shape (M,).
     """
     positions, confidence = track.positions.copy(), track.confidence.copy()
-    sure = confidence >= DOUBTFUL
+    sure, seen = confidence >= DOUBTFUL, np.isfinite(positions[:, :, 0])
+    apart = np.nan_to_num(spacing(expected_places(track)), nan=np.inf)
     clicks: dict[int, dict[int, Array]] = {}
     hidden: dict[int, set[int]] = {}
     for anchor in anchors:
         for m in np.flatnonzero(np.isfinite(anchor.points[:, 0])).tolist():
-            clicks.setdefault(m, {})[anchor.frame] = anchor.points[m]
             off = np.hypot(*(positions[anchor.frame, m] - anchor.points[m]))
-            if sure[anchor.frame, m] and off > AGREE_PX:
+            if off < max(CLICK_PX, min(CLICK_SHARE * apart, MOST_CLICK_PX)):
+                part = _steady(positions[:, m], seen[:, m] & ~sure[:, m], anchor.frame, JUMP_SHARE * apart)
+                same = np.flatnonzero(np.asarray(bodies) == bodies[m])
+                sure[part, same[:, None]] |= seen[part, same[:, None]]
+                continue
+            clicks.setdefault(m, {})[anchor.frame] = anchor.points[m]
+            if sure[anchor.frame, m]:
                 sure[_run(sure[:, m], anchor.frame), m] = False
         for m in np.flatnonzero(anchor.hidden).tolist():
             hidden.setdefault(m, set()).add(anchor.frame)
@@ -143,7 +160,7 @@ def gaps_to_correct(track: MarkerTrack, anchors: Sequence[Anchor]) -> tuple[Mark
     for m, places in clicks.items():
         for frame, place in places.items():
             positions[frame, m], confidence[frame, m] = place, 1.0
-    confidence = np.where(sure, confidence, np.minimum(confidence, DOUBT))
+    confidence = np.where(sure, np.maximum(confidence, DOUBTFUL), np.minimum(confidence, DOUBT))
     for m, places in clicks.items():
         confidence[list(places), m] = 1.0
     cleaned = MarkerTrack(track.times, positions, confidence)
@@ -151,11 +168,11 @@ def gaps_to_correct(track: MarkerTrack, anchors: Sequence[Anchor]) -> tuple[Mark
     room = int(np.clip(np.nan_to_num(spacing(expected), nan=ROOM[1]), *ROOM))
     gaps: list[Gap] = []
     for m, places in clicks.items():
-        for first, last in sorted({_around(sure[:, m], frame) for frame in places}):
+        certain = sure[:, m].copy()
+        certain[list(places)] = False
+        for first, last in sorted({_around(certain, frame) for frame in places}):
             known = {frame: place for frame, place in places.items() if first <= frame <= last}
-            for frame in (first - 1, last + 1):
-                if 0 <= frame < len(sure):
-                    known[frame] = positions[frame, m]
+            known |= {frame: positions[frame, m] for frame in (first - 1, last + 1) if 0 <= frame < len(sure)}
             inside = frozenset(frame for frame in hidden.get(m, ()) if first <= frame <= last)
             gaps.append(Gap(m, first, last, known, inside, expected[:, m], room))
     return cleaned, gaps
@@ -176,10 +193,23 @@ def _run(mask: NDArray[np.bool_], frame: int) -> slice:
     return slice(first, last + 1)
 
 
+def _steady(places: Array, doubted: NDArray[np.bool_], frame: int, most: float) -> NDArray[np.int64]:
+    """The doubted frames around one, up to where a marker's velocity changes by more than some way per frame [px]."""
+    found = [frame]
+    for step in (-1, 1):
+        t = frame + step
+        while 0 <= t < len(places) and doubted[t]:
+            before = t - 2 * step
+            last = places[t - step] - places[before] if frame != t - step and 0 <= before < len(places) else np.zeros(2)
+            if not np.hypot(*(places[t] - places[t - step] - last)) < most:
+                break
+            found.append(t)
+            t += step
+    return np.array(sorted(found))
+
+
 def _around(known: NDArray[np.bool_], frame: int) -> tuple[int, int]:
-    """First and last of the frames around one between two that are known; that frame alone if it is known."""
-    if known[frame]:
-        return frame, frame
+    """First and last of the frames around one that lie between two that are known."""
     before, after = np.flatnonzero(known[:frame]), np.flatnonzero(known[frame + 1 :])
     first = int(before[-1]) + 1 if len(before) else 0
     return first, (frame + int(after[0]) if len(after) else len(known) - 1)
