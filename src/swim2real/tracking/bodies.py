@@ -48,7 +48,7 @@ class _Body:
 
     Attributes:
         markers: Their indices. Shape (M,).
-        fixed: Whether the body can't move.
+        fixed: Whether the body can't move, but for the camera that films it.
         shape: Their places on the body, in the picture [px]. Shape (M, 2).
         doubt: How far from the chosen labels others may lie that weren't refuted; 0 where these are certain [px].
     """
@@ -137,11 +137,13 @@ class _Body:
         self.unseen = 0
         self.drift = np.zeros(2)
         self.followed += 1
-        if not self.fixed:
-            expected = self.predicted(time)
-            moved = rigid_fit(expected, places)  # one marker alone doesn't tell how it is turned
-            self.surprise = max(FORGET * self.surprise, _distance(moved, expected))
-            self.history = [*self.history, (time, rigid_fit(self.shape, moved))][-3:]
+        if self.fixed:  # it moves with the camera
+            self.history = [(time, rigid_fit(self.history[-1][1], places))]
+            return
+        expected = self.predicted(time)
+        moved = rigid_fit(expected, places)  # one marker alone doesn't tell how it is turned
+        self.surprise = max(FORGET * self.surprise, _distance(moved, expected))
+        self.history = [*self.history, (time, rigid_fit(self.shape, moved))][-3:]
 
     def begin(self, places: Array, time: float, surprise: float) -> None:
         """Takes in that it is somewhere else than expected, and how far it may be from there in the next frame."""
