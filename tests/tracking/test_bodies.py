@@ -13,18 +13,19 @@ ROW = np.stack([60 + SPACING * np.arange(7.0), np.full(7, 60.0)], axis=1)
 FIXED = ROW + np.array([0, 120])
 
 
-def drawn(places, shutter=0.5, seed=0):
+def drawn(places, shutter=0.5, seed=0, radius=lambda frame: RADIUS):
     """Pictures of dark dots on white; `places` gives them at a time in frames. Shape (M, 2)."""
     rng = np.random.default_rng(seed)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
 
     def picture(frame):
-        coverage = np.zeros((HEIGHT, WIDTH))
+        coverage, size = np.zeros((HEIGHT, WIDTH)), radius(frame)
+        reach = int(size) + 3
         for moment in (np.arange(MOMENTS) + 0.5) / MOMENTS - 0.5:
             for x, y in places(frame + shutter * moment):
-                part = np.s_[max(int(y) - 9, 0) : max(int(y) + 10, 0), max(int(x) - 9, 0) : max(int(x) + 10, 0)]
+                part = tuple(np.s_[max(int(v) - reach, 0) : max(int(v) + reach + 1, 0)] for v in (y, x))
                 disc = np.hypot(columns[part] - x, rows[part] - y)
-                coverage[part] += np.clip(RADIUS + 0.5 - disc, 0, 1) / MOMENTS
+                coverage[part] += np.clip(size + 0.5 - disc, 0, 1) / MOMENTS
         light = 0.75 * (1 - coverage) + 0.02 * coverage + rng.normal(0, 0.01, coverage.shape)
         return np.repeat((255 * np.clip(light, 0, 1) ** (1 / 2.2)).astype(np.uint8)[..., None], 3, axis=2)
 
@@ -155,3 +156,103 @@ def test_a_marker_on_a_round_puck_is_no_larger_than_itself():
 def test_a_picture_without_markers_is_refused():
     with pytest.raises(TrackingError, match=r"stands out at .*\(200, 100\)"):
         BodyTracker([1]).start(np.full((HEIGHT, WIDTH, 3), 120, np.uint8), np.array([[200.0, 100.0]]), 0.0)
+
+
+SHEET = np.stack(np.meshgrid(90 + 70 * np.arange(4.0), 60 + 60 * np.arange(3.0)), axis=2).reshape(-1, 2)
+MIDDLE = np.array([WIDTH, HEIGHT]) / 2
+
+
+def errors(tracker, places, frames, shown=None, **options):
+    """Distance of what is found from the truth, and confidence. Shapes (T, M) each."""
+    found, confidence = followed(tracker, drawn(shown or places, **options), places(0), frames)
+    return np.linalg.norm(found - np.array([places(frame) for frame in range(frames)]), axis=2), confidence
+
+
+def silent(off, confidence):
+    return np.argwhere((off > 3) & (confidence >= 0.5)).tolist()
+
+
+def stretched(frame):
+    """A sheet that becomes 25 % longer and 15 % narrower, and bends, within 20 frames."""
+    share = (1 - np.cos(np.pi * np.clip(frame / 20, 0, 1))) / 2
+    places = MIDDLE + (SHEET - MIDDLE) * (1 + share * np.array([0.25, -0.15]))
+    return places + share * np.stack([np.zeros(12), 6 * np.sin(places[:, 0] / 50)], axis=1)
+
+
+@pytest.mark.parametrize("bodies", [[1] * 12, range(12)])
+def test_dots_on_a_soft_sheet_are_followed(bodies):
+    off, confidence = errors(BodyTracker(bodies), stretched, 26)
+    assert np.ptp([np.linalg.norm(np.diff(stretched(frame)[[0, 3]], axis=0)) for frame in (0, 20)]) > 50
+    assert np.nanmax(off) < 0.5
+    assert (confidence >= 0.5).mean() > 0.95
+
+
+@pytest.mark.parametrize("bodies", [[1] * 12, range(12)])
+def test_dots_that_grow_twofold_are_followed(bodies):
+    """As where a camera zooms."""
+
+    def size(frame):
+        return 2 ** np.clip(frame / 24, 0, 1)
+
+    off, confidence = errors(
+        BodyTracker(bodies), lambda k: MIDDLE + 0.5 * (SHEET - MIDDLE) * size(k), 28, radius=lambda k: 4 * size(k)
+    )
+    assert np.nanmax(off) < 0.5
+    assert (confidence >= 0.5).mean() > 0.95
+
+
+@pytest.mark.parametrize("way", [12, 24])
+def test_a_body_that_cannot_move_is_followed_where_the_camera_drifts(way):
+    def places(frame):
+        return np.concatenate([ROW, FIXED]) + way * np.array([0.8, -0.6]) * np.clip(frame / 24, 0, 1)
+
+    off, confidence = errors(BodyTracker([1] * 7 + [0] * 7, fixed=0), places, 30)
+    assert np.nanmax(off) < 1
+    assert (confidence >= 0.5).mean() > 0.95
+
+
+def test_a_free_marker_that_was_hidden_is_found_where_it_went_with_the_others():
+    def places(frame):
+        phase, own = 2 * np.pi * frame / 50, 4 * np.sin(0.1 * frame + np.arange(12)) - 4 * np.sin(np.arange(12))
+        return SHEET + np.stack([20 * np.sin(phase) + own, 15 * (1 - np.cos(phase)) + 0 * own], axis=1)
+
+    off, confidence = errors(
+        BodyTracker(range(12)), places, 32, lambda k: np.delete(places(k), 5 if 9 < k < 16 else [], 0)
+    )
+    assert np.linalg.norm(places(16)[5] - places(9)[5]) > 10
+    assert silent(off, confidence) == []
+    assert (np.delete(confidence, 5, axis=1) >= 0.5).all()
+    assert (confidence[10:16, 5] == 0).all()
+    assert (confidence[20:, 5] >= 0.5).all()
+
+
+@pytest.mark.parametrize("gap", [1.5, 2.5])  # radii
+@pytest.mark.parametrize("turning", [False, True])
+def test_equal_free_markers_that_meet_are_not_swapped_silently(gap, turning):
+    """They pass each other, or turn back where they are closest."""
+
+    def places(frame):
+        along = 3.0 * (frame - 14)
+        half = np.array([np.hypot(along, gap * RADIUS / 2), 0.0] if turning else [along, gap * RADIUS / 2])
+        return np.concatenate([MIDDLE + [-half, half], SHEET[[0, 3, 8, 11]]])
+
+    off, confidence = errors(BodyTracker(range(6)), places, 29)
+    assert silent(off, confidence) == []
+    assert (confidence[[*range(10), *range(19, 29)]] >= 0.5).mean() > 0.95
+
+
+def test_a_marker_is_never_reported_at_the_place_of_another_one():
+    """One goes behind another that is equal, stays there for a while, and comes out on the other side."""
+
+    def places(frame):
+        hidden = np.interp(frame, [0, 12, 18, 30], [-48, 0, 0, 48])
+        return np.concatenate([[MIDDLE, MIDDLE + [hidden, 0.0]], SHEET[[0, 3, 8, 11]]])
+
+    picture = drawn(lambda k: np.delete(places(k), 1 if abs(places(k)[1, 0] - MIDDLE[0]) < 2 * RADIUS else [], 0))
+    found, confidence = followed(BodyTracker(range(6)), picture, places(0), 31)
+    off = np.linalg.norm(found - np.array([places(frame) for frame in range(31)]), axis=2)
+    apart = np.linalg.norm(found[:, 0] - found[:, 1], axis=1)
+    assert not (apart < RADIUS).any()
+    assert silent(off, confidence) == []
+    assert (confidence[12:18, 1] < 0.5).all()
+    assert (confidence[:, 0] >= 0.5).all()

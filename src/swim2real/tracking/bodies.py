@@ -33,6 +33,7 @@ MOST_DOUBT = 2000.0  # px, more than any picture is wide in which a marker is lo
 REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
 LEAST_LIKE = 0.4  # likeness of a spot that is certain to be the marker
 FEWEST = 0.25  # of a body's markers that may have no streak where the body is blurred
+GAP_SHARE = 0.6  # of the distance to the next marker that one that moves with its neighbors may be off its place
 NEIGHBORS, LEAST_NEIGHBORS = 4, 3  # whose motion tells how a marker moved that isn't seen
 FAINT = 4.0  # radii of a streak, of which the ends are too faint to be seen
 AGAIN_FRAMES = 3  # that a body must be followed for after it was lost
@@ -243,12 +244,16 @@ class BodyTracker:
     def _expected(self, predicted: list[Array], pushed: list[bool]) -> list[Expected]:
         """Where the bodies should be, of which some may have been pushed farther than they are usually looked for."""
         expected: list[Expected] = []
+        every = np.concatenate(predicted)
         for body, places, far in zip(self._bodies, predicted, pushed, strict=True):
             radius = self._radius(body)
             usual, reach = body.spread(radius), 3 * radius + 4
             spread = max(usual, body.doubt)
             near = reach if body.fixed else max(3 * spread, reach)
             reach = near if body.fixed or not far else max(near, 18 * radius)
+            if len(places) == 1 and body.with_others:  # it keeps its place among them
+                gap = np.sort(np.linalg.norm(every - places[0], axis=1))[1]
+                near = reach = min(near, max(GAP_SHARE * gap, 1.5 * radius))
             tolerance = min(0.3 * radius + 1.0 + 0.08 * body.step, radius)
             lost = not body.fixed and body.doubt > 0
             swing = STIFF + 0.5 * body.turn + body.swing
