@@ -2,6 +2,8 @@
 
 import sys
 from dataclasses import replace
+from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +13,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from lattice_camera import drawn, write
 from lattice_films import Result
+from lattice_looks import filmed
+from lattice_real import ALONE, real_film
 from lattice_scenes import random_film
 from lattice_truth import Body, Box, Camera, Glare, Occluder, Scene, planned
 
+from swim2real.tracking.bodies import BodyTracker
 from swim2real.video import VideoReader
 
 WHITE, BLACK = (230, 230, 230), (20, 20, 20)
@@ -117,3 +122,53 @@ def test_swaps_doubts_and_losses_are_told_apart():
     assert np.argwhere(result.lost).tolist() == [[3, 0], [4, 1], [5, 1], [6, 1]]
     assert result.longest == pytest.approx(3 / made.fps)
     assert result.worst == pytest.approx(80.0, abs=5.0)  # the markers' distance
+
+
+def digest(made):
+    """Of the truth of a film and of two of its pictures."""
+    parts = [
+        made.times,
+        made.places,
+        made.speed,
+        made.covered,
+        made.picks,
+        made.scene.look.dots,
+        *islice(filmed(made), 2),
+    ]
+    return sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
+
+
+def test_the_same_seed_gives_the_same_real_film(tmp_path):
+    index = len(ALONE) + 1
+    made, again, next_one, reseeded = (
+        real_film(seed, number, tmp_path) for seed, number in ((2, index), (2, index), (2, index + 1), (3, index))
+    )
+    assert made.name == again.name
+    assert made.camera == again.camera
+    assert digest(made) == digest(again)
+    assert len({digest(made), digest(next_one), digest(reseeded)}) == 3
+
+
+def test_each_trait_alone_is_that_of_the_plain_film(tmp_path):
+    """Where it moves, and how large it is, is the same; what it looks like isn't."""
+    plain, *others = (real_film(2, ALONE.index(trait), tmp_path) for trait in ("plain", "hub", "tone", "shade"))
+    for other in others:
+        np.testing.assert_array_equal(other.places, plain.places)
+        assert (next(filmed(other)) != next(filmed(plain))).any()
+
+
+@pytest.mark.parametrize("index", [20])  # oval+tone+halo+shake: 24 markers, up to 15 px a frame
+def test_a_real_film_is_followed_without_a_silent_error(tmp_path, index):
+    made, count = real_film(2, index, tmp_path), 24
+    tracker = BodyTracker(made.bodies.tolist(), made.fixed)
+    found = [
+        tracker.follow(image, time) if frame else tracker.start(image, made.picks, time)
+        for frame, (image, time) in enumerate(zip(islice(filmed(made), count), made.times, strict=False))
+    ]
+    positions, confidence = (np.array(part) for part in zip(*found, strict=True))
+    cut = {name: getattr(made, name)[:count] for name in ("times", "places", "speed", "covered")}
+    result = Result(replace(made, **cut), positions, confidence, track_time=0.0, decode_time=0.0)
+    assert made.speed[:count].max() > 10
+    assert np.argwhere(result.silent).tolist() == []
+    assert result.lost.mean() < 0.02
+    assert result.rmse < 0.3

@@ -1,9 +1,9 @@
-"""Tracks markers on rigid bodies: pendulums, arms, plates, rows of equal dots.
+"""Tracks markers on bodies, rigid, soft or of one marker: pendulums, arms, plates, rows of equal dots, skins.
 
-In each frame: predict how each body moves, find spots of marker color around it (`spots`), label the markers of all
-bodies together (`rigid`), and doubt a body whose labels could as well be others. A body that is lost is searched for
-farther away in each frame. One that was doubted is doubted until its labels are certain from where it may have gone
-since.
+In each frame: predict how each body moves (`body`), find spots that look like its markers (`looks`), label the markers
+of all bodies together (`rigid`), and doubt a body whose labels could as well be others. A body that is lost is searched
+for farther away in each frame. One that was doubted is doubted until its labels are certain from where it may have
+gone since.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
+from swim2real.tracking.body import AGAIN_FRAMES, FORGET, STIFF, Body, distance
 from swim2real.tracking.looks import LIKE, Looks, squares
-from swim2real.tracking.rigid import Expected, Labeling, label, pairs_of, rigid_fit
+from swim2real.tracking.rigid import Expected, Labeling, label, rigid_fit
 from swim2real.tracking.spots import Spots, streaks
 from swim2real.tracking.tracker import Array, Image
 
@@ -24,164 +24,17 @@ LEAD = 4.0  # by which labels must be better than any others to be sure: two fif
 DOUBT = 0.45  # confidence of a marker that may be another one: `quality` counts it as lost
 WHOLE = (0.72, 1.4)  # area of a spot, as a share of a marker's, that is neither partly hidden nor more than one
 FEW = 0.4  # of the markers of a body that was lost, with fewer of which it isn't found again
-STIFF = 0.1  # rad by which a body may turn in a frame without notice
 FAR = 4.0  # times how far a body may easily be from where it is expected: a push, or a mistake
-FORGET = 0.7  # of a surprise, in each frame
 BLURRED = 0.7  # radii of a streak, above what its motion explains, that tell that it moved farther
 LIKELIER = 1.0  # lead with which one or two markers are believed again in time, if they look as they did
-MOST_DOUBT = 2000.0  # px, more than any picture is wide in which a marker is looked for
 REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
 LEAST_LIKE = 0.4  # likeness of a spot that is certain to be the marker
 FEWEST = 0.25  # of a body's markers that may have no streak where the body is blurred
 GAP_SHARE = 0.6  # of the distance to the next marker that one that moves with its neighbors may be off its place
 NEIGHBORS, LEAST_NEIGHBORS = 4, 3  # whose motion tells how a marker moved that isn't seen
 FAINT = 4.0  # radii of a streak, of which the ends are too faint to be seen
-AGAIN_FRAMES = 3  # that a body must be followed for after it was lost
 ADAPT_TIME, ADAPT_WAY = 1.0, 200.0  # s and px over which a body's shape in the picture changes: perspective, lens
 FIRM = 0.1  # radii by which markers may be beside their places on a rigid body
-SHAPE_SHARE = 0.1  # of a length by which it may differ from the first frame's
-_BEND = 0.9  # of the last change of velocity that is expected again
-_FADE = 0.5  # of the velocity that is left in each frame in which a body isn't seen
-
-
-class _Body:
-    """The markers of one rigid body.
-
-    Attributes:
-        markers: Their indices. Shape (M,).
-        fixed: Whether the body can't move, but for the camera that films it.
-        shape: Their places on the body, in the picture [px]. Shape (M, 2).
-        doubt: How far from the chosen labels others may lie that weren't refuted; 0 where these are certain [px].
-    """
-
-    def __init__(self, markers: NDArray[np.int64], fixed: bool, places: Array, time: float) -> None:
-        self.markers, self.fixed = markers, fixed
-        self.shape, self._first_shape = places.copy(), places.copy()
-        self.pairs = pairs_of(places)
-        self.give = 0.0  # by how much its shape was seen to change beyond what a rigid body's does [px]
-        self.doubt = 0.0
-        self.swing = 0.0  # how far it may have turned while nobody knows how [rad]
-        self.unseen = 0  # frames since it was seen last
-        self.followed = AGAIN_FRAMES  # frames since it was found
-        self.surprise = 0.0  # how far it was from where it was expected, lately [px]
-        self.history: list[tuple[float, Array]] = [(time, places)]
-        self.drift = np.zeros(2)  # how far its neighbors moved since it was seen last [px]
-        self.errors = np.array([0.0, 1e-3])  # of its place, expected by itself and from its neighbors [px]
-
-    @property
-    def step(self) -> float:
-        """How far it moved between the last two frames in which it was seen [px/frame]."""
-        if len(self.history) < 2:
-            return 0.0
-        return _distance(self.history[-1][1], self.history[-2][1])
-
-    @property
-    def bend(self) -> float:
-        """How much that step differs from the one before [px/frame]."""
-        if len(self.history) < 3:
-            return self.step
-        (_, first), (_, second), (_, third) = self.history
-        return _distance(third - second, second - first)
-
-    @property
-    def turn(self) -> float:
-        """Angle by which it turned between the last two frames in which it was seen [rad]."""
-        if len(self.history) < 2:
-            return 0.0
-        ends = self.pairs[:1, 1], self.pairs[:1, 0]
-        ways = [places[ends[0]] - places[ends[1]] for _, places in self.history[-2:]]
-        return abs(
-            float(np.angle(np.exp(1j * np.diff([np.arctan2(way[:, 1], way[:, 0]) for way in ways], axis=0)).sum()))
-        )
-
-    def predicted(self, time: float) -> Array:
-        """Where its markers should be [px]. Shape (M, 2)."""
-        if self.unseen and self.with_others:
-            return self.history[-1][1] + self.drift
-        return self._by_itself(time)
-
-    @property
-    def with_others(self) -> bool:
-        """Whether it moved with its neighbors rather than by itself, as far as it was seen."""
-        return self.errors[1] < self.errors[0]
-
-    def compare(self, places: Array, alone: Array, step: Array) -> None:
-        """Takes in how well its places were expected by itself, and by the step (2,) of its neighbors [px]."""
-        last = self.history[-2][1] if len(self.history) > 1 else places
-        off = [_distance(places, alone), _distance(places, last + step)]
-        self.errors = FORGET * self.errors + (1 - FORGET) * np.array(off)
-
-    def _by_itself(self, time: float) -> Array:
-        when, last = self.history[-1]
-        if self.fixed or len(self.history) < 2:
-            return last
-        before, earlier = self.history[-2]
-        span = (time - when) / (when - before)
-        step = last - earlier
-        if self.unseen:  # it slows down, as far as anybody knows
-            frames = self.unseen + 1
-            return rigid_fit(self.shape, last + step * span / frames * (1 - _FADE**frames) / (1 - _FADE))
-        places = last + step * span
-        if len(self.history) > 2:
-            oldest, first = self.history[-3]
-            change = step - (earlier - first) * ((when - before) / (before - oldest))
-            places = places + _BEND * change * span * (span + 1) / 2
-        return rigid_fit(self.shape, places)
-
-    def spread(self, radius: float) -> float:
-        """How far it may easily be from where it is expected, if its last labels are right [px]."""
-        still = 1.0 + 0.25 * radius
-        return still if self.fixed else still + 0.25 * self.bend + 1.2 * self.surprise
-
-    def follow(self, places: Array, time: float) -> None:
-        """Takes in where its markers are seen, NaN where they aren't [px]. Shape (M, 2)."""
-        self.unseen = 0
-        self.drift = np.zeros(2)
-        self.followed += 1
-        if self.fixed:  # it moves with the camera
-            self.history = [(time, rigid_fit(self.history[-1][1], places))]
-            return
-        expected = self.predicted(time)
-        moved = rigid_fit(expected, places)  # one marker alone doesn't tell how it is turned
-        self.surprise = max(FORGET * self.surprise, _distance(moved, expected))
-        self.history = [*self.history, (time, rigid_fit(self.shape, moved))][-3:]
-
-    def begin(self, places: Array, time: float, surprise: float) -> None:
-        """Takes in that it is somewhere else than expected, and how far it may be from there in the next frame."""
-        self.unseen = self.followed = 0
-        self.surprise, self.drift = surprise, np.zeros(2)
-        self.history = [(time, rigid_fit(self.shape, rigid_fit(self.history[-1][1], places)))]
-
-    def lose(self, way: float) -> None:
-        """Takes in that it isn't seen, while it may go some way [px]."""
-        self.unseen += 1
-        self.followed = 0
-        self.surprise *= FORGET
-        if not self.fixed:
-            self.doubt = min(self.doubt + way, MOST_DOUBT)
-            self.swing += STIFF + self.turn
-
-    def adapt(self, places: Array, rate: float, firm: float) -> None:
-        """Lets the shape follow what is seen: slowly and as far as perspective may change it, or at once if it is soft.
-
-        Args:
-            places: Where its markers are seen without a doubt, NaN where they aren't [px]. Shape (M, 2).
-            rate: Share of a change that is taken in.
-            firm: By how much half of the markers may be beside their places on a body that is rigid [px].
-        """
-        known = np.isfinite(places[:, 0])
-        if known.sum() < 3:
-            return
-        back = rigid_fit(places[known], self.shape[known])
-        off = float(np.median(np.linalg.norm(back - self.shape[known], axis=1)))
-        if off > firm:
-            self.give += off
-        shape = self.shape.copy()
-        shape[known] += max(rate, min(off / firm, 1.0)) * (back - shape[known])
-        extent = np.linalg.norm(self._first_shape - self._first_shape.mean(axis=0), axis=1, keepdims=True)
-        limit = SHAPE_SHARE * extent + 0.5 + self.give
-        change = shape - self._first_shape
-        self.shape = self._first_shape + change * np.minimum(1.0, limit / np.maximum(np.abs(change), 1e-9))
 
 
 class BodyTracker:
@@ -209,7 +62,7 @@ class BodyTracker:
         self._looks = Looks(image, points)
         positions = self._looks.points
         self._bodies = [
-            _Body(
+            Body(
                 np.flatnonzero(self._numbers == number), number == self._fixed, positions[self._numbers == number], time
             )
             for number in dict.fromkeys(self._numbers.tolist())
@@ -260,7 +113,7 @@ class BodyTracker:
             expected.append(Expected(places, body.pairs, spread, usual, swing, near, reach, tolerance, lost))
         return expected
 
-    def _radius(self, body: _Body) -> float:
+    def _radius(self, body: Body) -> float:
         return float(np.median(self._looks.radii[body.markers]))
 
     def _labeled(self, image: Image, expected: list[Expected], others: Spots | None = None) -> tuple[Spots, Labeling]:
@@ -303,7 +156,7 @@ class BodyTracker:
             found[good] = spots.centers[labels[good]]
             laid = rigid_fit(one.places, found)
             reach = one.tolerance + 1.0
-            if not good.any() or (len(labels) < 3 and _distance(laid, one.places) > 2 * one.usual):
+            if not good.any() or (len(labels) < 3 and distance(laid, one.places) > 2 * one.usual):
                 good[:], laid, reach = False, one.places, min(one.near, one.tolerance + 2 * one.usual)
             for m in np.flatnonzero(~good & ((laid >= 0) & (laid <= size)).all(axis=1)):
                 markers.append(int(body.markers[m]))
@@ -334,7 +187,7 @@ class BodyTracker:
             places = np.full((len(labels), 2), np.nan)
             places[seen] = spots.centers[labels[seen]]
             last, frames, guess = body.history[-1][1], body.unseen + 1, body.predicted(time)
-            away = _distance(rigid_fit(guess, places), guess) if seen.any() else 0.0
+            away = distance(rigid_fit(guess, places), guess) if seen.any() else 0.0
             far = not body.fixed and away > FAR * body.spread(radius)
             if far and len(seen) < 3 and self._looks.by_picture(spots, labels[seen]).any():
                 seen[:] = False  # a picture alone isn't enough to find it elsewhere
@@ -371,7 +224,7 @@ class BodyTracker:
             elif body.followed >= AGAIN_FRAMES:
                 body.doubt = body.swing = 0.0
             if body.doubt == 0.0 and not body.fixed:
-                self._fastest = max(self._fastest, _distance(body.history[-1][1], last) / frames)
+                self._fastest = max(self._fastest, distance(body.history[-1][1], last) / frames)
         for body in self._twice(positions):
             body.lose(0.0 if body.with_others else 2 * self._radius(body))
             body.doubt = body.doubt or body.spread(self._radius(body))
@@ -396,7 +249,7 @@ class BodyTracker:
         self._looks.learn(image, spots, certain, chosen[certain], blur[certain])
         return positions, confidence
 
-    def _twice(self, positions: Array) -> list[_Body]:
+    def _twice(self, positions: Array) -> list[Body]:
         """Bodies of which a marker is where that of another body is, which is the more certain of the two (M, 2)."""
         apart = np.linalg.norm(positions[:, None] - positions, axis=2)
         near = (apart < self._looks.radii) & (self._numbers[:, None] != self._numbers)
@@ -451,12 +304,6 @@ def _common_streak(spread: Array) -> float:
     mean = uneven.mean(axis=0)
     along = uneven @ mean / max(float(np.linalg.norm(mean)), 1e-9)
     return float(np.sqrt(24 * max(float(np.quantile(along, FEWEST)), 0.0)))
-
-
-@njit(cache=True, nogil=True)
-def _distance(here: Array, there: Array) -> float:
-    """Root mean square distance of markers [px]."""
-    return float(np.sqrt(((here - there) ** 2).sum() / len(here)))
 
 
 def _inside(places: Array, size: Array) -> int:
