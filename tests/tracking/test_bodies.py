@@ -235,7 +235,7 @@ def test_equal_free_markers_that_meet_are_not_swapped_silently(gap, turning):
     def places(frame):
         along = 3.0 * (frame - 14)
         half = np.array([np.hypot(along, gap * RADIUS / 2), 0.0] if turning else [along, gap * RADIUS / 2])
-        return np.concatenate([MIDDLE + [-half, half], SHEET[[0, 3, 8, 11]]])
+        return np.concatenate([MIDDLE + np.array([-half, half]), SHEET[[0, 3, 8, 11]]])
 
     off, confidence = errors(BodyTracker(range(6)), places, 29)
     assert silent(off, confidence) == []
@@ -247,7 +247,7 @@ def test_a_marker_is_never_reported_at_the_place_of_another_one():
 
     def places(frame):
         hidden = np.interp(frame, [0, 12, 18, 30], [-48, 0, 0, 48])
-        return np.concatenate([[MIDDLE, MIDDLE + [hidden, 0.0]], SHEET[[0, 3, 8, 11]]])
+        return np.concatenate([[MIDDLE, MIDDLE + np.array([hidden, 0.0])], SHEET[[0, 3, 8, 11]]])
 
     picture = drawn(lambda k: np.delete(places(k), 1 if abs(places(k)[1, 0] - MIDDLE[0]) < 2 * RADIUS else [], 0))
     found, confidence = followed(BodyTracker(range(6)), picture, places(0), 31)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from test_bodies import FPS, ROW, drawn
 
 from swim2real.tracking.corrections import corrected, gaps_to_correct
 from swim2real.tracking.points import Anchor
 from swim2real.tracking.quality import DOUBTFUL
 from swim2real.trials import MarkerTrack
-from test_bodies import FPS, ROW, drawn
 
 FRAMES, FIRST, LAST = 44, 12, 31  # of the track, and of the stretch that is wrong: 20 frames
 BODIES = [1, 1, 1, 1, 0, 0, 0]

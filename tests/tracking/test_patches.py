@@ -36,9 +36,7 @@ def patches(image: np.ndarray, radius: float = RADIUS) -> Patches:
 
 
 @pytest.mark.parametrize(("learns", "close"), [(True, 0.5), (False, 1.0)])
-@pytest.mark.parametrize(
-    ("turn", "size"), [(np.pi / 2, 1.0), (-np.pi / 2, 1.0), (0.0, 1.6), (0.0, 1 / 1.6), (1.0, 1.4)]
-)
+@pytest.mark.parametrize(("turn", "size"), [(np.pi / 2, 1.0), (0.0, 1.6), (-1.0, 1 / 1.4)])
 def test_a_picture_that_turns_and_grows_is_followed(turn, size, learns, close):
     """In 16 steps, while it moves by 2 px in each; less well where nothing is ever taken in."""
     known, place = patches(shown(CENTER)), CENTER
@@ -63,8 +61,8 @@ def test_the_same_pattern_with_a_tenth_of_the_contrast_is_none():
 def test_two_equal_ones_are_two_peaks_and_the_nearer_one_is_the_first():
     known, right = patches(shown(CENTER)), CENTER + np.array([28.0, 0.0])
     image = shown(CENTER, right)
-    for place, order in ((CENTER + [10, 0], (CENTER, right)), (CENTER + [18, 0], (right, CENTER))):
-        peaks = known.find(image, 0, np.asarray(place), 24.0)
+    for along, order in ((10, (CENTER, right)), (18, (right, CENTER))):
+        peaks = known.find(image, 0, CENTER + np.array([along, 0]), 24.0)
         assert len(peaks) == 2
         for peak, truth in zip(peaks, order, strict=True):
             assert np.hypot(peak.x - truth[0], peak.y - truth[1]) < 0.5
@@ -76,4 +74,4 @@ def test_large_markers_are_looked_at_in_less_detail_and_found_as_well():
     center = 3 * (CENTER + 0.5) - 0.5
     moved = np.roll(big, (7, -11), axis=(0, 1))
     peak = Patches(big, center[None], np.array([3 * RADIUS]), FLAT).find(moved, 0, center, 20.0)[0]
-    np.testing.assert_allclose((peak.x, peak.y), center + [-11, 7], atol=0.7)
+    np.testing.assert_allclose((peak.x, peak.y), center + np.array([-11, 7]), atol=0.7)

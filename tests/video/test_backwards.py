@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from clips import FPS, HEIGHT, WIDTH, clip, noisy, raw
+
 from swim2real.errors import VideoError
 from swim2real.video import VideoReader, backwards
 from swim2real.video.backwards import frames_backwards
@@ -24,8 +24,8 @@ def shown(frames):
     return [(frame.index, frame.time, frame.intact, frame.image) for frame in frames]
 
 
-@pytest.mark.parametrize(("first", "last"), [(0, COUNT - 1), (4, 16), (7, 7), (0, 0), (COUNT - 1, COUNT - 1)])
-@pytest.mark.parametrize("part", [1, 3, 5, 1000])
+@pytest.mark.parametrize(("first", "last"), [(0, COUNT - 1), (4, 16), (7, 7), (0, 0)])
+@pytest.mark.parametrize("part", [1, 5, 1000])
 def test_the_same_frames_come_in_reverse_order(video, monkeypatch, part, first, last):
     opened = []
 

@@ -30,6 +30,7 @@ LIKELIER = 1.0  # lead with which one or two markers are believed again in time,
 REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
 LEAST_LIKE = 0.4  # likeness of a spot that is certain to be the marker
 FEWEST = 0.25  # of a body's markers that may have no streak where the body is blurred
+MOST_REACH = 8.0  # radii within which a marker is looked for by its picture
 GAP_SHARE = 0.6  # of the distance to the next marker that one that moves with its neighbors may be off its place
 NEIGHBORS, LEAST_NEIGHBORS = 4, 3  # whose motion tells how a marker moved that isn't seen
 FAINT = 4.0  # radii of a streak, of which the ends are too faint to be seen
@@ -157,7 +158,11 @@ class BodyTracker:
             laid = rigid_fit(one.places, found)
             reach = one.tolerance + 1.0
             if not good.any() or (len(labels) < 3 and distance(laid, one.places) > 2 * one.usual):
-                good[:], laid, reach = False, one.places, min(one.near, one.tolerance + 2 * one.usual)
+                good[:], laid, reach = (
+                    False,
+                    one.places,
+                    min(one.near, one.tolerance + 2 * one.usual, MOST_REACH * self._radius(body)),
+                )
             for m in np.flatnonzero(~good & ((laid >= 0) & (laid <= size)).all(axis=1)):
                 markers.append(int(body.markers[m]))
                 places.append(laid[m])

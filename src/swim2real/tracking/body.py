@@ -13,6 +13,7 @@ STIFF = 0.1  # rad by which a body may turn in a frame without notice
 FORGET = 0.7  # of a surprise, in each frame
 MOST_DOUBT = 2000.0  # px, more than any picture is wide in which a marker is looked for
 AGAIN_FRAMES = 3  # that a body must be followed for after it was lost
+GIVING = 0.75  # quantile of the markers' ways from their places that tells that a body isn't rigid
 SHAPE_SHARE = 0.1  # of a length by which it may differ from the first frame's
 _BEND = 0.9  # of the last change of velocity that is expected again
 _FADE = 0.5  # of the velocity that is left in each frame in which a body isn't seen
@@ -147,9 +148,10 @@ class Body:
         if known.sum() < 3:
             return
         back = rigid_fit(places[known], self.shape[known])
-        off = float(np.median(np.linalg.norm(back - self.shape[known], axis=1)))
-        if off > firm:
-            self.give += off
+        beside = np.linalg.norm(back - self.shape[known], axis=1)
+        off, most = np.quantile(beside, [0.5, GIVING]).tolist()
+        if most > firm:
+            self.give += most
         shape = self.shape.copy()
         shape[known] += max(rate, min(off / firm, 1.0)) * (back - shape[known])
         extent = np.linalg.norm(self._first_shape - self._first_shape.mean(axis=0), axis=1, keepdims=True)

@@ -32,6 +32,7 @@ CLICK_PX, MOST_CLICK_PX = 2.0, 6.0  # by which a click that confirms a place may
 CLICK_SHARE = 0.05  # of the markers' usual spacing, likewise
 JUMP_SHARE = 0.4  # of that spacing by which the velocity of a marker may change per frame
 FAIR = 0.7  # correlation of a marker on which both ways agree
+CHANGED = 0.9  # correlation below which its picture is taken anew
 SURE = 0.8  # correlation of a marker that is followed without a doubt
 MEANWHILE = 5  # frames that a click is believed against the track, on each side, where it says that a marker is hidden
 DOUBT = 0.45  # confidence of a place on which the two ways don't agree
@@ -102,7 +103,7 @@ class Gap:
             if peaks:
                 place = np.array([peaks[0].x, peaks[0].y]) + corner
                 found[frame] = place, peaks[0].score
-                if peaks[0].score > SURE:
+                if SURE < peaks[0].score < CHANGED:  # each time it is taken anew, its place is off by a little
                     patches.learn(image, 0, place - corner)
         return found
 

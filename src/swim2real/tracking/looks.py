@@ -28,13 +28,14 @@ BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
 MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
 LIKE = 0.5  # likeness of a spot, below which the marker is looked for by its picture
 SAME = 0.85  # correlation of a marker that looks as before
-GROWTH = 0.1  # of a change of a marker's area that is taken in, in each frame
+GROWTH = 0.15  # of a change of a marker's area that is taken in, in each frame
 SHAPE_RATE = 0.03  # of a change of its shape, likewise
 SHARP = 0.25  # radii of a streak, up to which a marker is taken for sharp
 SOFT = 1.0  # px² by which blur spreads a spot
 SCALES = 1.0, 0.7, 1.4  # of the radius that is tried
-ROOMS = 1.5, 1.2  # radii around a point, to each side, that its spot may fill
+ROOMS = 1.5, 1.2, 2.7  # radii around a point, to each side, that its spot may fill
 LEAST_SOLIDITY = 0.9  # of a marker's spot: less has a part of something else
+RING_SHARE, RING_UNEVEN, LEAST_RING = 0.15, 0.15, 0.6  # of a radius beside the point, of the variance, and solidity
 SOLIDER = 0.08  # by which the solidity of a spot in any color must be the better one
 ROUNDS = 2  # of learning colors and radius from a marker's own spot
 
@@ -67,11 +68,12 @@ class Looks:
                 if scale != SCALES[0] and (own.solidity > LEAST_SOLIDITY).mean() > 0.5:
                     break
                 finder = SpotFinder(image, self.points, scale * radii, np.full(len(points), many))
-                other = _own(finder, image, self.points, scale * radii, room)
+                other = _own(finder, image, points, scale * radii, room)
                 better = other.solidity > own.solidity + SOLIDER
+                better |= (other.solidity > LEAST_SOLIDITY) & (own.solidity <= LEAST_SOLIDITY)
                 glossy, own = np.where(better, many, glossy), own.where(better, other)
             self.plain = own.solidity > LEAST_SOLIDITY
-            self.points[self.plain] = own.centers[self.plain]
+            self.points = np.where(self.plain[:, None], own.centers, points)
             radii[self.plain] = np.sqrt(own.areas[self.plain] / np.pi)
         self._finder = SpotFinder(image, self.points, radii, glossy)
         if not self.plain.all():
@@ -224,7 +226,7 @@ class _Own:
 
 def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: float) -> _Own:
     """The spots at the points, as far as they lie within some radii of them."""
-    spots = finder.find(image, squares(points, room * radii + 1.0))
+    spots = finder.find(image, squares(points, room * radii + 1.0), alone=True)
     if not len(spots):
         return _Own.none(points)
     away = np.linalg.norm(points[:, None] - spots.centers, axis=2)
@@ -238,7 +240,10 @@ def _own(finder: SpotFinder, image: Image, points: Array, radii: Array, room: fl
     good &= mean + half < LONGEST**2 * np.maximum(mean - half, 0.05)
     good &= np.bincount(own[good], minlength=len(spots))[own] <= 1
     spread = 4 * np.pi * (np.sqrt(np.maximum(mean**2 - half**2, 0)) - SOFT) / area
-    return _Own(spots.centers[own], area, moments, np.where(good, 1 / np.maximum(spread, 1.0), 0.0))
+    solidity = 1 / np.maximum(spread, 1.0)
+    # a ring, or a disc with a hub: round about the point
+    ring = (away.min(axis=1) < RING_SHARE * radii + 1.0) & (half < RING_UNEVEN * mean) & (solidity > LEAST_RING)
+    return _Own(spots.centers[own], area, moments, np.where(good, np.where(ring, 1.0, solidity), 0.0))
 
 
 def _contrasts(image: Image, points: Array, radii: Array, plain: Mask) -> Array:

@@ -27,7 +27,7 @@ LEAST_RING = 12  # pixels that tell what is around a marker
 LIGHT = np.linspace(0, 1, 256) ** 2.2  # linear light of the levels of a picture
 GLOSS_NONE, GLOSS_ALL = 0.25, 0.6  # of it, in any direction, at which coverage of a glossy marker begins and is full
 RISE = 0.08  # of coverage on the way from a summit that is noise
-MOST_RIM = 0.4  # share of a spot's rim beyond which coverage rises again
+MOST_RIM, MOST_RIM_ALONE = 0.4, 0.15  # share of a spot's rim beyond which coverage rises again, or its box ends
 MOST_CLIMB = 8  # steps of half a radius
 ALIKE = 0.85  # cosine between the differences of color of markers of one kind and what is around them
 MOST_SHADED = 3.0  # ratio of the sizes of these differences
@@ -87,12 +87,13 @@ class SpotFinder:
         self._marks = np.zeros((height, width), dtype=np.int32)
         self._searches = 0
 
-    def find(self, image: Image, boxes: NDArray[np.int64]) -> Spots:
+    def find(self, image: Image, boxes: NDArray[np.int64], alone: bool = False) -> Spots:
         """The spots of each marker's color that lie in its box, or reach into it.
 
         Args:
             image: RGB. Shape (H, W, 3).
             boxes: Left, top, right, bottom; the last two are outside [px]. Shape (M, 4).
+            alone: Whether each spot is one marker, wholly in its box.
         """
         block = self._block
         parts: list[Array] = [np.empty((0, 8))]
@@ -103,7 +104,7 @@ class SpotFinder:
             self._searches += 1
             measured = _spots(
                 image, self.markers[of], self.around[of], boxes[of] // block, block, self.radii[of] / block,
-                bool(self.glossy[of[0]]), self._marks, 3 * self._searches,
+                bool(self.glossy[of[0]]), alone, self._marks, 3 * self._searches,
             )  # fmt: skip
             parts.append(np.column_stack([measured, np.full(len(measured), kind)]))
         found = np.concatenate(parts)
@@ -246,7 +247,7 @@ def _coverage(image: Image, row: int, column: int, block: int, around: Array, wa
 @njit(cache=True, nogil=True)
 def _spots(
     image: Image, markers: Array, around: Array, boxes: NDArray[np.int64], block: int, radii: Array,
-    glossy: bool, marks: NDArray[np.int32], todo: int,
+    glossy: bool, alone: bool, marks: NDArray[np.int32], todo: int,
 ) -> Array:  # fmt: skip
     """Center, area, moments and fill of every spot of one kind, in blocks. Shape (P, 7).
 
@@ -280,12 +281,14 @@ def _spots(
                 size, rim = _flooded(
                     image, block, around[box], way, glossy, row, column, marks, todo, pixels, weights, lowest
                 )
-                if size == len(pixels) or rim > MOST_RIM:  # more than markers: glare, a wall, its texture
+                if size == len(pixels) or rim > (
+                    MOST_RIM_ALONE if alone else MOST_RIM
+                ):  # more than markers: glare, a wall, its texture
                     continue
                 total = weights[:size].sum()
                 if total < LEAST_AREA * least:
                     continue
-                number = max(1, int(total / disc + 0.5)) if total > MOST_AREA * most else 1
+                number = max(1, int(total / disc + 0.5)) if total > MOST_AREA * most and not alone else 1
                 if number > MOST_MARKERS:
                     continue
                 while count + number > len(out):
