@@ -20,6 +20,7 @@ from swim2real.tracking.rigid import Expected, Labeling, label, rigid_fit
 from swim2real.tracking.spots import Spots, streaks
 from swim2real.tracking.tracker import Array, Image
 
+CLEAR = 20.0  # lead with which a body that is wholly seen is sure at once: two missing markers
 LEAD = 4.0  # by which labels must be better than any others to be sure: two fifths of a missing marker
 DOUBT = 0.45  # confidence of a marker that may be another one: `quality` counts it as lost
 WHOLE = (0.72, 1.4)  # area of a spot, as a share of a marker's, that is neither partly hidden nor more than one
@@ -28,7 +29,7 @@ FAR = 4.0  # times how far a body may easily be from where it is expected: a pus
 BLURRED = 0.7  # radii of a streak, above what its motion explains, that tell that it moved farther
 LIKELIER = 1.0  # lead with which one or two markers are believed again in time, if they look as they did
 REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
-LEAST_LIKE = 0.4  # likeness of a spot that is certain to be the marker
+LEAST_LIKE = 0.3  # likeness of a spot that is certain to be the marker
 FEWEST = 0.25  # of a body's markers that may have no streak where the body is blurred
 MOST_REACH = 8.0  # radii within which a marker is looked for by its picture
 GAP_SHARE = 0.6  # of the distance to the next marker that one that moves with its neighbors may be off its place
@@ -226,7 +227,7 @@ class BodyTracker:
                 body.doubt = body.doubt or 0.5 * one.reach
                 if len(seen) < 3 and lead > LIKELIER and self._looks.unchanged(image, markers, places[seen]):
                     body.doubt *= FORGET
-            elif body.followed >= AGAIN_FRAMES:
+            elif body.followed >= AGAIN_FRAMES or (lead > CLEAR and len(seen) > 2 and seen.all()):
                 body.doubt = body.swing = 0.0
             if body.doubt == 0.0 and not body.fixed:
                 self._fastest = max(self._fastest, distance(body.history[-1][1], last) / frames)
