@@ -115,8 +115,10 @@ def follow(
         said = [Anchor(anchor.frame - first.index, anchor.points, anchor.hidden) for anchor in anchors]
         track, gaps = gaps_to_correct(track, said, film.bodies)
         for frame in within(reader, film.span):
+            k = frame.index - first.index
             for gap in gaps:
-                gap.see(frame.index - first.index, frame.image)
+                if gap.needs(k):  # other pictures aren't converted
+                    gap.see(k, frame.image)
         track = corrected(track, gaps)
     if later:
         with film.drawn(reader) as overlay:

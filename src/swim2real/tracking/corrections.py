@@ -62,13 +62,16 @@ class Gap:
     def __post_init__(self) -> None:
         self._windows: dict[int, tuple[Image, Array]] = {}
 
+    def needs(self, frame: int) -> bool:
+        """Whether a frame lies in the stretch or beside it."""
+        return self.first - 1 <= frame <= self.last + 1
+
     def see(self, frame: int, image: Image) -> None:
-        """Keeps what is needed of a picture. Frames from the last known one before the stretch on are."""
-        if self.first - 1 <= frame <= self.last + 1:
-            left, top = np.maximum(np.round(self.expected[frame]).astype(int) - self.room, 0).tolist()
-            right, bottom = np.round(self.expected[frame]).astype(int) + self.room + 1
-            part = np.ascontiguousarray(image[top : max(int(bottom), top + 1), left : max(int(right), left + 1)])
-            self._windows[frame] = part, np.array([left, top], dtype=float)
+        """Keeps what is needed of the picture of a frame."""
+        left, top = np.maximum(np.round(self.expected[frame]).astype(int) - self.room, 0).tolist()
+        right, bottom = np.round(self.expected[frame]).astype(int) + self.room + 1
+        part = np.ascontiguousarray(image[top : max(int(bottom), top + 1), left : max(int(right), left + 1)])
+        self._windows[frame] = part, np.array([left, top], dtype=float)
 
     def followed(self) -> tuple[Array, Array]:
         """Places, NaN where the marker is lost [px], and confidence in each frame. Shapes (L, 2), (L,)."""

@@ -24,6 +24,7 @@ OWN_AREAS = (0.4, 2.4)  # of a disc of a marker's radius, within which a spot at
 CLICK_SHARE = 0.7  # of the radius by which a point may be beside the spot's center
 LONGEST = 3.0  # ratio of the axes of a marker
 PICTURE_RADIUS = 12.0  # px of a marker that is known by its picture, if there is room
+LEAST_DETAIL = 8.0  # levels of standard deviation within a picture's radius, above the noise of a camera
 BESIDE = 5.0  # radii within which a spot that wasn't clicked is named
 MOST_STREAK = 1.3  # of a marker's step, with a shutter that is always open and a speed that changes
 LIKE = 0.5  # likeness of a spot, below which the marker is looked for by its picture
@@ -77,7 +78,7 @@ class Looks:
             radii[self.plain] = np.sqrt(own.areas[self.plain] / np.pi)
         self._finder = SpotFinder(image, self.points, radii, glossy)
         if not self.plain.all():
-            _check_the_rest(image, self.points, ~self.plain, radii)
+            _check_the_rest(image, self.points, ~self.plain)
             radii[~self.plain] = np.median(radii[self.plain]) if self.plain.any() else PICTURE_RADIUS
             self._finder.radii, self._finder.kinds[~self.plain] = radii, -1
         self._areas = np.pi * radii**2
@@ -260,7 +261,7 @@ def _contrasts(image: Image, points: Array, radii: Array, plain: Mask) -> Array:
     return out
 
 
-def _check_the_rest(image: Image, points: Array, odd: Mask, radii: Array) -> None:
+def _check_the_rest(image: Image, points: Array, odd: Mask) -> None:
     """Markers that no spot was found for may be tags, or known by their pictures; or the points lie beside them."""
     tags = dictionary_at(image, points[odd])
     if tags is not None:
@@ -287,9 +288,6 @@ def _check_the_rest(image: Image, points: Array, odd: Mask, radii: Array) -> Non
     flat = [_detail(image, point) < LEAST_DETAIL for point in points[odd]]
     if sum(flat) > len(flat) // 3:
         raise TrackingError(f"{start}: the picture is even there; {advice}")
-
-
-LEAST_DETAIL = 8.0  # levels of standard deviation within a picture's radius, above the noise of a camera
 
 
 def _detail(image: Image, point: Array) -> float:
