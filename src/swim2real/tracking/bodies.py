@@ -21,6 +21,7 @@ from swim2real.tracking.spots import Spots, streaks
 from swim2real.tracking.tracker import Array, Image
 
 LEAD = 4.0  # by which labels must be better than any others to be sure: two fifths of a missing marker
+CLEAR, SOON_FRAMES = 20.0, 1  # lead of a body that is wholly seen, with which it is sure after so many frames
 DOUBT = 0.45  # confidence of a marker that may be another one: `quality` counts it as lost
 WHOLE = (0.72, 1.4)  # area of a spot, as a share of a marker's, that is neither partly hidden nor more than one
 FEW = 0.4  # of the markers of a body that was lost, with fewer of which it isn't found again
@@ -226,7 +227,7 @@ class BodyTracker:
                 body.doubt = body.doubt or 0.5 * one.reach
                 if len(seen) < 3 and lead > LIKELIER and self._looks.unchanged(image, markers, places[seen]):
                     body.doubt *= FORGET
-            elif body.followed >= AGAIN_FRAMES:
+            elif body.followed >= (SOON_FRAMES if lead > CLEAR and seen.all() else AGAIN_FRAMES):
                 body.doubt = body.swing = 0.0
             if body.doubt == 0.0 and not body.fixed:
                 self._fastest = max(self._fastest, distance(body.history[-1][1], last) / frames)
