@@ -30,7 +30,7 @@ from lattice_truth import Array, Film
 from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.bodies import BodyTracker
+from swim2real.tracking.markers import MarkerTracker
 from swim2real.tracking.tracker import CsrtTracker, Tracker
 from swim2real.video import VideoReader
 
@@ -40,7 +40,7 @@ FAR = 10.0  # px: what `benchmarks/tracking.py` calls a silent error
 SLOW = 5.0  # px a frame, below which a marker that isn't covered is plainly visible
 BANDS = (0.0, 5.0, 10.0, 20.0, 40.0, 60.0, np.inf)  # px a frame
 TRACKERS: dict[str, Callable[[Film], Tracker]] = {
-    "detection": lambda film: BodyTracker(film.bodies, film.fixed),
+    "detection": lambda film: MarkerTracker(film.bodies, film.fixed),
     "csrt": lambda film: CsrtTracker(box=max(8, round(4 * film.radius))),
 }
 

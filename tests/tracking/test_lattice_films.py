@@ -18,7 +18,7 @@ from lattice_real import ALONE, real_film
 from lattice_scenes import random_film
 from lattice_truth import Body, Box, Camera, Glare, Occluder, Scene, planned
 
-from swim2real.tracking.bodies import BodyTracker
+from swim2real.tracking.markers import MarkerTracker
 from swim2real.video import VideoReader
 
 WHITE, BLACK = (230, 230, 230), (20, 20, 20)
@@ -160,7 +160,7 @@ def test_each_trait_alone_is_that_of_the_plain_film(tmp_path):
 @pytest.mark.parametrize("index", [20])  # oval+tone+halo+shake: 24 markers, up to 15 px a frame
 def test_a_real_film_is_followed_without_a_silent_error(tmp_path, index):
     made, count = real_film(2, index, tmp_path), 20
-    tracker = BodyTracker(made.bodies.tolist(), made.fixed)
+    tracker = MarkerTracker(made.bodies.tolist(), made.fixed)
     found = [
         tracker.follow(image, time) if frame else tracker.start(image, made.picks, time)
         for frame, (image, time) in enumerate(zip(islice(filmed(made), count), made.times, strict=False))

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError, TrialError
 from swim2real.rendering.overlay import TrackOverlay
-from swim2real.tracking.bodies import BodyTracker
 from swim2real.tracking.corrections import corrected, gaps_to_correct
+from swim2real.tracking.markers import MarkerTracker
 from swim2real.tracking.points import Anchor
 from swim2real.tracking.quality import DOUBTFUL
 from swim2real.tracking.tracker import Tracker
@@ -192,7 +192,7 @@ def _first_look(names: Sequence[str], confidence: Array, tracker: Tracker) -> st
     bad = [m for m in np.argsort(-share, kind="stable").tolist() if share[m] > OFTEN]
     if not bad:
         return ""
-    reasons = tracker.reasons if isinstance(tracker, BodyTracker) else {}
+    reasons = tracker.reasons if isinstance(tracker, MarkerTracker) else {}
     named: list[str] = []
     for m in bad[:MOST_NAMED]:
         why = max(reasons, key=lambda reason: int(reasons[reason][m]), default="")

@@ -29,12 +29,12 @@ from swim2real.robots.compiled import marker_bodies, rigid_markers
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
 from swim2real.store import read_json, reason, write_json
-from swim2real.tracking.bodies import BodyTracker
 from swim2real.tracking.camera import Camera, camera_for
 from swim2real.tracking.camera_file import CameraFile, read_camera
 from swim2real.tracking.cleaning import fill_gaps, smooth
 from swim2real.tracking.detection import DetectionTracker
 from swim2real.tracking.labeling import label_markers
+from swim2real.tracking.markers import MarkerTracker
 from swim2real.tracking.points import Anchor, load_anchors, load_points
 from swim2real.tracking.quality import LostMarkers, check_bodies, check_track
 from swim2real.tracking.tags import TagTracker
@@ -236,7 +236,7 @@ def _tracker(settings: TrackingSettings, robot: Robot) -> Tracker:
         return TagTracker(settings.tags)
     if settings.tracker == "csrt":
         return CsrtTracker()
-    return DetectionTracker() if robot.trials.nearly_straight else BodyTracker(marker_bodies(robot), fixed=0)
+    return DetectionTracker() if robot.trials.nearly_straight else MarkerTracker(marker_bodies(robot), fixed=0)
 
 
 def _camera(pixels: MarkerTrack, robot: Robot, file: CameraFile | None, size: tuple[int, int]) -> Camera:

@@ -1,4 +1,4 @@
-"""Tracks markers on bodies, rigid, soft or of one marker: pendulums, arms, plates, rows of equal dots, skins.
+"""Tracks markers on bodies of several, rigid or soft: pendulums, arms, plates, rows of equal dots, skins.
 
 In each frame: predict how each body moves (`body`), find spots that look like its markers (`looks`), label the markers
 of all bodies together (`rigid`), and doubt a body whose labels could as well be others. A body that is lost is searched
@@ -18,22 +18,19 @@ from swim2real.tracking.body import AGAIN_FRAMES, FORGET, STIFF, Body, distance
 from swim2real.tracking.looks import LIKE, Looks, squares
 from swim2real.tracking.rigid import Expected, Labeling, label, rigid_fit
 from swim2real.tracking.spots import Spots, streaks
-from swim2real.tracking.tracker import Array, Image
+from swim2real.tracking.tracker import REASONS, Array, Image
 
 LEAD = 4.0  # by which labels must be better than any others to be sure: two fifths of a missing marker
-CLEAR, SOON_FRAMES = 20.0, 1  # lead of a body that is wholly seen, with which it is sure after so many frames
+CLEAR, MANY, SOON_FRAMES = 20.0, 5, 1  # lead with which a body of many markers, all seen, is sure after so many frames
 DOUBT = 0.45  # confidence of a marker that may be another one: `quality` counts it as lost
 WHOLE = (0.72, 1.4)  # area of a spot, as a share of a marker's, that is neither partly hidden nor more than one
 FEW = 0.4  # of the markers of a body that was lost, with fewer of which it isn't found again
 FAR = 4.0  # times how far a body may easily be from where it is expected: a push, or a mistake
 BLURRED = 0.7  # radii of a streak, above what its motion explains, that tell that it moved farther
 LIKELIER = 1.0  # lead with which one or two markers are believed again in time, if they look as they did
-REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
 LEAST_LIKE = 0.3  # likeness of a spot that is certain to be the marker
 FEWEST = 0.25  # of a body's markers that may have no streak where the body is blurred
 MOST_REACH = 8.0  # radii within which a marker is looked for by its picture
-GAP_SHARE = 0.6  # of the distance to the next marker that one that moves with its neighbors may be off its place
-NEIGHBORS, LEAST_NEIGHBORS = 4, 3  # whose motion tells how a marker moved that isn't seen
 FAINT = 4.0  # radii of a streak, of which the ends are too faint to be seen
 ADAPT_TIME, ADAPT_WAY = 1.0, 200.0  # s and px over which a body's shape in the picture changes: perspective, lens
 FIRM = 0.1  # radii by which markers may be beside their places on a rigid body
@@ -58,9 +55,6 @@ class BodyTracker:
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like and how they lie on their bodies."""
-        height, width = image.shape[:2]
-        if not ((points >= 0) & (points <= [width - 1, height - 1])).all():
-            raise TrackingError(f"{len(points)} points must be finite and lie in the frame of {width} x {height} px")
         self._looks = Looks(image, points)
         positions = self._looks.points
         self._bodies = [
@@ -69,7 +63,6 @@ class BodyTracker:
             )
             for number in dict.fromkeys(self._numbers.tolist())
         ]
-        self._known = positions.copy()
         self.reasons = {reason: np.zeros(len(points), dtype=np.int64) for reason in REASONS}
         self._time = time
         self._fastest = 0.0
@@ -99,21 +92,22 @@ class BodyTracker:
     def _expected(self, predicted: list[Array], pushed: list[bool]) -> list[Expected]:
         """Where the bodies should be, of which some may have been pushed farther than they are usually looked for."""
         expected: list[Expected] = []
-        every = np.concatenate(predicted)
         for body, places, far in zip(self._bodies, predicted, pushed, strict=True):
             radius = self._radius(body)
             usual, reach = body.spread(radius), 3 * radius + 4
             spread = max(usual, body.doubt)
             near = reach if body.fixed else max(3 * spread, reach)
             reach = near if body.fixed or not far else max(near, 18 * radius)
-            if len(places) == 1 and body.with_others:  # it keeps its place among them
-                gap = np.sort(np.linalg.norm(every - places[0], axis=1))[1]
-                near = reach = min(near, max(GAP_SHARE * gap, 1.5 * radius))
             tolerance = min(0.3 * radius + 1.0 + 0.08 * body.step, radius)
             lost = not body.fixed and body.doubt > 0
             swing = STIFF + 0.5 * body.turn + body.swing
             expected.append(Expected(places, body.pairs, spread, usual, swing, near, reach, tolerance, lost))
         return expected
+
+    @property
+    def radii(self) -> Array:
+        """Radius of each marker as it is now [px]. Shape (M,)."""
+        return self._looks.radii
 
     def _radius(self, body: Body) -> float:
         return float(np.median(self._looks.radii[body.markers]))
@@ -199,7 +193,7 @@ class BodyTracker:
                 seen[:] = False  # a picture alone isn't enough to find it elsewhere
             few = body.doubt > 0 and seen.sum() < min(len(seen), max(2, FEW * len(seen)))
             if not seen.any() or few or (far and lead < LEAD):
-                body.lose(0.5 * radius if body.with_others else max(1.5 * self._fastest, 2 * radius))
+                body.lose(max(1.5 * self._fastest, 2 * radius))
                 continue
             markers, spot = body.markers[seen], labels[seen]
             chosen[markers], positions[markers], like[markers] = spot, places[seen], looks[markers, spot]
@@ -208,9 +202,9 @@ class BodyTracker:
             share[markers], fill[markers] = self._looks.share(spots, markers, spot), spots.fills[spot]
             whole = (share[markers] > WHOLE[0]) & (share[markers] < WHOLE[1])
             poor = len(seen) < 3 and not (like[markers] > LEAST_LIKE).any()
-            if poor or (len(seen) < 3 and body.with_others and lead < LEAD):  # better where it was expected than there
+            if poor:  # better where it was expected than there
                 body.doubt = body.doubt or body.spread(radius)
-                body.lose(0.0 if body.with_others else 0.5 * (radius + body.step))
+                body.lose(0.5 * (radius + body.step))
                 continue
             if far:
                 body.begin(places, time, self._fastest if len(seen) < 3 else 0.0)
@@ -227,12 +221,12 @@ class BodyTracker:
                 body.doubt = body.doubt or 0.5 * one.reach
                 if len(seen) < 3 and lead > LIKELIER and self._looks.unchanged(image, markers, places[seen]):
                     body.doubt *= FORGET
-            elif body.followed >= (SOON_FRAMES if lead > CLEAR and seen.all() else AGAIN_FRAMES):
+            elif body.followed >= (SOON_FRAMES if lead > CLEAR and seen.all() and len(seen) >= MANY else AGAIN_FRAMES):
                 body.doubt = body.swing = 0.0
             if body.doubt == 0.0 and not body.fixed:
                 self._fastest = max(self._fastest, distance(body.history[-1][1], last) / frames)
         for body in self._twice(positions):
-            body.lose(0.0 if body.with_others else 2 * self._radius(body))
+            body.lose(2 * self._radius(body))
             body.doubt = body.doubt or body.spread(self._radius(body))
             chosen[body.markers], positions[body.markers] = -1, np.nan
         confidence = self._confidence(share, fill, off, blur)
@@ -245,7 +239,6 @@ class BodyTracker:
         failed = confidence <= DOUBT
         for reason, why in zip(REASONS, (chosen < 0, ~sure & (chosen >= 0), sure), strict=True):
             self.reasons[reason] += failed & why
-        self._share_motion(known, expected)
         colored = np.where(self._looks.by_picture(spots, chosen)[:, None], np.nan, known) if len(spots) else known
         for body in self._bodies:
             if body.doubt == 0.0 and not body.fixed:
@@ -262,22 +255,6 @@ class BodyTracker:
         bodies = {int(m): body for body in self._bodies for m in body.markers}
         pairs = [(bodies[int(i)], bodies[int(j)]) for i, j in np.argwhere(near) if i < j]
         return [max(pair, key=lambda body: (body.doubt, -body.followed)) for pair in pairs]
-
-    def _share_motion(self, known: Array, expected: list[Expected]) -> None:
-        """Takes in how markers move with their neighbors, which tells where one is that isn't seen. Shape (M, 2)."""
-        steps, self._known = known - self._known, known
-        moved = np.isfinite(steps[:, 0])
-        for body, one in zip(self._bodies, expected, strict=True):
-            others = moved & (self._numbers != self._numbers[body.markers[0]])
-            if body.fixed or others.sum() < LEAST_NEIGHBORS:
-                continue
-            away = np.linalg.norm(known[others] - one.places.mean(axis=0), axis=1)
-            nearest = np.argsort(away, kind="stable")[:NEIGHBORS]
-            step = np.average(steps[others][nearest], axis=0, weights=1 / (away[nearest] + 1.0))
-            if body.unseen:
-                body.drift = body.drift + step
-            elif moved[body.markers].all():
-                body.compare(known[body.markers], one.places, step)
 
     def _cut(self, streaks: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Markers with a streak that is too long or too short for how far they moved, off its middle. Shape (M,)."""

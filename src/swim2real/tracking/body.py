@@ -40,8 +40,6 @@ class Body:
         self.followed = AGAIN_FRAMES  # frames since it was found
         self.surprise = 0.0  # how far it was from where it was expected, lately [px]
         self.history: list[tuple[float, Array]] = [(time, places)]
-        self.drift = np.zeros(2)  # how far its neighbors moved since it was seen last [px]
-        self.errors = np.array([0.0, 1e-3])  # of its place, expected by itself and from its neighbors [px]
 
     @property
     def step(self) -> float:
@@ -71,22 +69,6 @@ class Body:
 
     def predicted(self, time: float) -> Array:
         """Where its markers should be [px]. Shape (M, 2)."""
-        if self.unseen and self.with_others:
-            return self.history[-1][1] + self.drift
-        return self._by_itself(time)
-
-    @property
-    def with_others(self) -> bool:
-        """Whether it moved with its neighbors rather than by itself, as far as it was seen."""
-        return self.errors[1] < self.errors[0]
-
-    def compare(self, places: Array, alone: Array, step: Array) -> None:
-        """Takes in how well its places were expected by itself, and by the step (2,) of its neighbors [px]."""
-        last = self.history[-2][1] if len(self.history) > 1 else places
-        off = [distance(places, alone), distance(places, last + step)]
-        self.errors = FORGET * self.errors + (1 - FORGET) * np.array(off)
-
-    def _by_itself(self, time: float) -> Array:
         when, last = self.history[-1]
         if self.fixed or len(self.history) < 2:
             return last
@@ -111,7 +93,6 @@ class Body:
     def follow(self, places: Array, time: float) -> None:
         """Takes in where its markers are seen, NaN where they aren't [px]. Shape (M, 2)."""
         self.unseen = 0
-        self.drift = np.zeros(2)
         self.followed += 1
         if self.fixed:  # it moves with the camera
             self.history = [(time, rigid_fit(self.history[-1][1], places))]
@@ -124,7 +105,7 @@ class Body:
     def begin(self, places: Array, time: float, surprise: float) -> None:
         """Takes in that it is somewhere else than expected, and how far it may be from there in the next frame."""
         self.unseen = self.followed = 0
-        self.surprise, self.drift = surprise, np.zeros(2)
+        self.surprise = surprise
         self.history = [(time, rigid_fit(self.shape, rigid_fit(self.history[-1][1], places)))]
 
     def lose(self, way: float) -> None:

@@ -38,6 +38,8 @@ ROOMS = 1.5, 1.2, 2.7  # radii around a point, to each side, that its spot may f
 LEAST_SOLIDITY = 0.9  # of a marker's spot: less has a part of something else
 RING_SHARE, RING_UNEVEN, LEAST_RING = 0.15, 0.15, 0.6  # of a radius beside the point, of the variance, and solidity
 SOLIDER = 0.08  # by which the solidity of a spot in any color must be the better one
+LEAST_AGAIN, MOST_AGAIN, AGAIN_SHARE = 0.85, 1.4, 0.4  # solidity, change of area, and radii beside, picked again
+MANY_RADIUS = 8.0
 ROUNDS = 2  # of learning colors and radius from a marker's own spot
 
 Mask = NDArray[np.bool_]
@@ -59,8 +61,12 @@ class Looks:
             points: Near the markers' centers [px]. Shape (M, 2).
 
         Raises:
-            TrackingError: There are tags, or spots beside the points; or a picture of what is there has no detail.
+            TrackingError: A point isn't in the frame; there are tags, or spots beside the points; or a picture of what
+                is there has no detail.
         """
+        height, width = image.shape[:2]
+        if not ((points >= 0) & (points <= [width - 1, height - 1])).all():
+            raise TrackingError(f"{len(points)} points must be finite and lie in the frame of {width} x {height} px")
         self.points, radii = points.copy(), own_radii(image, points)
         own, glossy = _Own.none(points), np.zeros(len(points), dtype=bool)
         for _ in range(ROUNDS):
@@ -112,6 +118,41 @@ class Looks:
         table = np.array(rows).reshape(-1, 4)
         of = table[:, 3].astype(np.int64)
         return Spots(table[:, :2], self._areas[of], self._moments[of], table[:, 2], len(self._finder.radii) + of)
+
+    def grow(self, factors: Array) -> None:
+        """Takes in by how much the markers have grown. Shape (M,)."""
+        self._areas = self._areas * factors**2
+        self._patches.grow(factors)
+        self._moments = self._moments * (factors**2)[:, None]
+        self._finder.radii = np.where(self.plain, self.radii, self._finder.radii)
+
+    def pick_again(self, image: Image, marker: int, place: Array) -> Array | None:
+        """The center (2,) of the spot of about a marker's size at a place (2,), whatever its color is now.
+
+        The marker has the spot's look from then on. None if there is no such spot.
+        """
+        radius = self.radii[marker : marker + 1]
+        for many in (False, True)[: 1 + int(radius[0] >= MANY_RADIUS)]:
+            finder = SpotFinder(image, place[None], radius, np.array([many]))
+            own = _own(finder, image, place[None], radius, ROOMS[0])
+            share = float(own.areas[0] / self._areas[marker])
+            beside = np.hypot(*(own.centers[0] - place))
+            if (
+                own.solidity[0] < LEAST_AGAIN
+                or not 1 / MOST_AGAIN < share < MOST_AGAIN
+                or beside > AGAIN_SHARE * radius[0] + 0.5
+            ):
+                continue
+            if not many:
+                self._finder.markers[marker], self._finder.around[marker] = finder.markers[0], finder.around[0]
+            if not self.plain[marker]:
+                self.plain[marker], self._finder.glossy[marker] = True, many
+                self._finder.kinds[marker] = self._finder.kinds.max() + 1
+                self._finder.markers[marker], self._finder.around[marker] = finder.markers[0], finder.around[0]
+            self._areas[marker] *= 1 + GROWTH * (share - 1)
+            self._moments[marker] += GROWTH * (own.moments[0] - self._moments[marker])
+            return own.centers[0]
+        return None
 
     def added(self, spots: Spots, looks: Array, pictures: Spots) -> Spots:
         """The spots, and what markers' pictures look like where there is no spot that is like the marker (M, P)."""
@@ -165,6 +206,10 @@ class Looks:
     def by_picture(self, spots: Spots, chosen: NDArray[np.int64]) -> Mask:
         """Which spots were found by a marker's picture. Shape (K,)."""
         return spots.kinds[chosen] >= len(self._areas)
+
+    def learn_picture(self, image: Image, marker: int, place: Array) -> None:
+        """Takes in the picture of a marker that looks different now, at its place (2,)."""
+        self._patches.renew(image, marker, place, float(self.radii[marker]))
 
     def learn(
         self, image: Image, spots: Spots, markers: NDArray[np.int64], chosen: NDArray[np.int64], blur: Array

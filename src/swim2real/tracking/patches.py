@@ -71,13 +71,8 @@ class Patches:
             radii: Their radii [px]. Shape (M,).
             colors: How the color of each differs from what is around it. Shape (M, 3).
         """
-        self._patches: list[_Patch] = []
-        for point, radius, color in zip(points, radii.tolist(), colors, strict=True):
-            factor = max(1, round(radius / DETAIL))
-            patch = _Patch(_axis(color), factor, radius / factor)
-            patch.first = _window(image, patch, point, 1.5 * _reach(patch))
-            patch.recent = _window(image, patch, point, _reach(patch))
-            self._patches.append(patch)
+        axes = [_axis(color) for color in colors]
+        self._patches = [_patch(image, *one) for one in zip(points, radii.tolist(), axes, strict=True)]
 
     def find(self, image: Image, marker: int, place: Array, reach: float) -> list[Peak]:
         """Places near one that look like a marker, the most likely first.
@@ -101,6 +96,15 @@ class Patches:
         patch = self._patches[marker]
         patch.recent = _window(image, patch, place, _reach(patch))
 
+    def renew(self, image: Image, marker: int, place: Array, radius: float) -> None:
+        """Takes the picture of a marker that has changed as if it were the first frame's."""
+        self._patches[marker] = _patch(image, place, radius, self._patches[marker].axis)
+
+    def grow(self, factors: Array) -> None:
+        """Takes in by how much the markers have grown. Shape (M,)."""
+        for patch, factor in zip(self._patches, factors.tolist(), strict=True):
+            patch.size = float(np.clip(patch.size * factor, *SIZES))
+
     @staticmethod
     def _turned(window: Picture, patch: _Patch, recent: Picture) -> tuple[Picture, float, float]:
         """The better of the scores of the recent picture and of the first one as it may be turned and resized now."""
@@ -113,6 +117,15 @@ class Patches:
                 if scores.max() > best.max():
                     best, (turn, size) = scores, other
         return np.maximum(best, recent), turn, size
+
+
+def _patch(image: Image, point: Array, radius: float, axis: Picture) -> _Patch:
+    """The pictures of a marker at a point (2,)."""
+    factor = max(1, round(radius / DETAIL))
+    patch = _Patch(axis, factor, radius / factor)
+    patch.first = _window(image, patch, point, 1.5 * _reach(patch))
+    patch.recent = _window(image, patch, point, _reach(patch))
+    return patch
 
 
 def _axis(color: Array) -> Picture:

@@ -13,6 +13,7 @@ from swim2real.errors import ArgumentError, MissingExtraError
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
+REASONS = "nothing like it is found", "others like it are near", "it doesn't look as it did"
 REACH = 8  # box lengths around a marker that CSRT is shown: it looks at 2, times how much it has grown
 SMALLEST_BOX = 8
 

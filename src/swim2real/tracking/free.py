@@ -1,0 +1,178 @@
+"""Tracks markers that nothing connects: dots on a person or a balloon, balls, pucks, lamps, one on a pendulum.
+
+Each is carried on by the flow of its points (`flow`), and put right by a second opinion: a spot that looks like it
+(`looks`), a spot of whatever color it has now, or its picture. Flow alone is doubtful, so is one that was
+lost and found again, until it was seen where it was expected from one frame to the next.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from swim2real.errors import TrackingError
+from swim2real.tracking.flow import Flow, Moves
+from swim2real.tracking.looks import LIKE, Looks, squares
+from swim2real.tracking.spots import Spots
+from swim2real.tracking.tracker import REASONS, Array, Image
+
+CERTAIN, RIGHT, LIKELY, DOUBT = (
+    1.0,
+    0.9,
+    0.8,
+    0.45,
+)  # confidence by spot, own spot, spot elsewhere; `quality` counts less as lost
+MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
+NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot lies
+FAR, MOST_FAR = 1.5, 8.0  # radii within which one is looked for that wasn't carried, besides how it may have moved
+SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
+SOON = 10  # frames after which a marker that was lost isn't believed to be found again
+CARRIED = 8  # frames for which flow alone is followed
+AGAIN = 2  # frames that a marker must be seen in one after the other, after it was lost
+SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried to, and elsewhere
+RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
+SLOWER = 0.5, 0.9  # of the speed in each frame in which it isn't seen, and of the largest one
+APART = 0.5  # of the sum of two markers' radii
+BLURRED = 0.7  # radii by which a spot may be longer than its motion tells
+
+Mask = NDArray[np.bool_]
+
+
+class FreeTracker:
+    """Follows markers that move by themselves. See `tracker.Tracker`.
+
+    Attributes:
+        radii: Radius of each marker as it is now [px]. Shape (M,).
+        reasons: In how many frames each marker was lost or doubtful, by the reason. Shapes (M,).
+    """
+
+    def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
+        """Learns what the markers look like."""
+        count = len(points)
+        self._looks, self._flow = Looks(image, points), Flow(image)
+        self._places, self.radii = self._looks.points.copy(), self._looks.radii
+        self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
+        self._doubtful = np.zeros(count, dtype=np.int64)  # frames since it was certain
+        self._lost = np.zeros(count, dtype=bool)  # whether flow didn't carry it on since it was certain
+        self._agreed = np.full(count, AGAIN)  # frames in which it was seen, one after the other
+        self._time = time
+        self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
+        return self._places.copy(), np.ones(count)
+
+    def follow(self, image: Image, time: float) -> tuple[Array, Array]:
+        """Finds the markers in the next frame."""
+        if time <= self._time:
+            raise TrackingError(f"frame time {time:.4f} s isn't after the last one; call start() first, then in order")
+        self._time = time
+        size = np.array(image.shape[1::-1]) - 1
+        moves = self._flow.follow(image, self._places, self.radii, self._steps)
+        carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
+        carried &= (self._doubtful <= CARRIED) & _inside(self._places + moves.steps, size)
+        expected = self._places + np.where(carried[:, None], moves.steps, self._steps)
+        self._looks.grow(np.where(carried, moves.growths, 1.0))
+        spots, chosen, alone = self._spots(image, expected, carried, moves)
+        positions, confidence = self._seen(image, size, expected, carried, spots, chosen, alone)
+        lost = self._doubles(positions, confidence)
+        positions[lost], confidence[lost], chosen[lost] = np.nan, 0.0, -1
+        self._agreed = np.where(confidence > DOUBT, self._agreed + 1, 0)
+        sure = self._agreed >= AGAIN
+        self._count(positions, sure, alone)
+        self._take(positions, sure, moves, carried, size)
+        certain = np.flatnonzero(sure & (chosen >= 0))
+        self._looks.learn(image, spots, certain, chosen[certain], np.zeros((len(certain), 2)))
+        self.radii = self._looks.radii
+        return positions, np.where(sure, confidence, np.minimum(confidence, DOUBT))
+
+    def _spots(
+        self, image: Image, expected: Array, carried: Mask, moves: Moves
+    ) -> tuple[Spots, NDArray[np.int64], Mask]:
+        """The spots that look like the markers, that of each, or -1, and whether it can't be another's."""
+        speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
+        far = np.minimum(FAR * self.radii + speed * (1 + self._doubtful), MOST_FAR * self.radii + speed)
+        reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
+        spots = self._looks.find(image, squares(expected, reach + 0.5 * self.radii))
+        chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
+        if not len(spots):
+            return spots, chosen, alone
+        like = self._looks.likeness(spots, self._places, np.hypot(*moves.steps.T), BLURRED * self.radii)
+        away = np.linalg.norm(spots.centers - expected[:, None], axis=2)
+        possible = (like > LIKE) & (away < reach[:, None])
+        cost = np.where(possible, away / reach[:, None] + 1 - like, 1e3)
+        rows, columns = linear_sum_assignment(cost)
+        found = possible[rows, columns]
+        chosen[rows[found]] = columns[found]
+        for marker in np.flatnonzero((chosen >= 0) & ~carried):
+            spot, off = chosen[marker], away[marker, chosen[marker]]
+            free = np.setdiff1d(np.flatnonzero(possible[marker]), chosen)
+            rivals = np.flatnonzero(possible[:, spot] & ~carried & (np.arange(len(away)) != marker))
+            others = np.concatenate([away[marker, free], away[rivals, spot]])
+            alone[marker] = off < RATIO * others.min(initial=np.inf)
+        return spots, chosen, alone
+
+    def _seen(
+        self, image: Image, size: Array, expected: Array, carried: Mask, spots: Spots, chosen: NDArray[np.int64],
+        alone: Mask,
+    ) -> tuple[Array, Array]:  # fmt: skip
+        """Positions and confidence by the best opinion on each marker."""
+        positions, confidence = np.full_like(expected, np.nan), np.zeros(len(expected))
+        for m in range(len(expected)):
+            place = spots.centers[chosen[m]] if chosen[m] >= 0 else expected[m]
+            if carried[m] and chosen[m] >= 0:
+                positions[m], confidence[m] = place, CERTAIN if self._doubtful[m] <= SOON else DOUBT
+                continue
+            if carried[m] and not self._lost[m]:
+                again = self._looks.pick_again(image, m, place)
+                if again is not None:
+                    positions[m], confidence[m] = again, RIGHT
+                    continue
+            reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else MOST_FAR * self.radii[m]
+            peak, score = self._picture(image, size, m, place, reach)
+            if carried[m] and not self._lost[m] and score > SAME:
+                positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
+                if score < SURELY:
+                    self._looks.learn_picture(image, m, place)
+            elif chosen[m] >= 0:
+                soon = self._doubtful[m] <= SOON
+                positions[m], confidence[m] = place, LIKELY if score > SAME and alone[m] and soon else DOUBT
+            elif score > SURELY:
+                positions[m], confidence[m] = peak, DOUBT
+            elif carried[m]:
+                positions[m], confidence[m] = place, DOUBT
+        return positions, confidence
+
+    def _picture(self, image: Image, size: Array, marker: int, place: Array, reach: float) -> tuple[Array, float]:
+        """Where it looks most like a marker near a place (2,), and how much it does."""
+        if not _inside(place, size):
+            return place, 0.0
+        found = self._looks.find_pictures(image, np.array([marker]), place[None], np.array([reach]))
+        if not len(found):
+            return place, 0.0
+        best = int(found.fills.argmax())
+        return found.centers[best], float(found.fills[best])
+
+    def _doubles(self, positions: Array, confidence: Array) -> Mask:
+        """Markers at another's place, which is the more certain of the two; of two equal ones, both."""
+        near = np.linalg.norm(positions[:, None] - positions, axis=2) < APART * (self.radii[:, None] + self.radii)
+        np.fill_diagonal(near, False)
+        return (near & (confidence[:, None] <= confidence)).any(axis=1)
+
+    def _count(self, positions: Array, sure: Mask, alone: Mask) -> None:
+        seen = np.isfinite(positions[:, 0])
+        for reason, why in zip(REASONS, (~seen, seen & ~alone, seen & alone), strict=True):
+            self.reasons[reason] += ~sure & why
+
+    def _take(self, positions: Array, known: Mask, moves: Moves, carried: Mask, size: Array) -> None:
+        """Takes in where the markers were seen, and how they moved."""
+        seen = np.isfinite(positions[:, 0])
+        steps = (positions - self._places) / (1 + self._doubtful)[:, None]
+        slower = SLOWER[0] * self._steps
+        self._steps = np.where(known[:, None], steps, np.where(carried[:, None], moves.steps, slower))
+        self._places = np.where(seen[:, None], positions, np.clip(self._places + slower, 0, size))
+        self._doubtful = np.where(known, 0, self._doubtful + 1)
+        self._lost = ~known & (self._lost | ~carried)
+        self._fastest = np.where(known, np.maximum(SLOWER[1] * self._fastest, np.hypot(*steps.T)), self._fastest)
+
+
+def _inside(places: Array, size: Array) -> Mask:
+    return np.asarray(((places >= 0) & (places <= size)).all(axis=-1))
