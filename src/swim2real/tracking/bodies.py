@@ -33,6 +33,7 @@ FEWEST = 0.25  # of a body's markers that may have no streak where the body is b
 MOST_REACH = 8.0  # radii within which a marker is looked for by its picture
 FAINT = 4.0  # radii of a streak, of which the ends are too faint to be seen
 ADAPT_TIME, ADAPT_WAY = 1.0, 200.0  # s and px over which a body's shape in the picture changes: perspective, lens
+SOFT = 1.0  # radii by which the shape of a body of many markers changed that isn't rigid
 FIRM = 0.1  # radii by which markers may be beside their places on a rigid body
 
 
@@ -72,6 +73,8 @@ class BodyTracker:
         """Finds the markers in the next frame."""
         if time <= self._time:
             raise TrackingError(f"frame time {time:.4f} s isn't after the last one; call start() first, then in order")
+        if not self._bodies:  # all were left
+            return np.full((len(self._numbers), 2), np.nan), np.zeros(len(self._numbers))
         predicted = [body.predicted(time) for body in self._bodies]
         expected = self._expected(predicted, [False] * len(predicted))
         spots, labeling = self._labeled(image, expected)
@@ -104,6 +107,17 @@ class BodyTracker:
             expected.append(Expected(places, body.pairs, spread, usual, swing, near, reach, tolerance, lost))
         return expected
 
+    def soft(self) -> list[NDArray[np.int64]]:
+        """Markers of each body that doesn't keep its shape."""
+        many = [body for body in self._bodies if len(body.markers) >= MANY]
+        return [body.markers for body in many if body.give > SOFT * self._radius(body)]
+
+    def leave(self, markers: NDArray[np.int64]) -> tuple[Looks, Array]:
+        """Doesn't follow a body any longer, which is that of these markers: what they look like and where it was."""
+        body = next(body for body in self._bodies if body.markers[0] == markers[0])
+        self._bodies.remove(body)
+        return self._looks.of(markers), body.history[-1][1]
+
     @property
     def radii(self) -> Array:
         """Radius of each marker as it is now [px]. Shape (M,)."""
@@ -114,7 +128,7 @@ class BodyTracker:
 
     def _labeled(self, image: Image, expected: list[Expected], others: Spots | None = None) -> tuple[Spots, Labeling]:
         """Labels of the bodies among the spots of the markers' colors, and others."""
-        boxes = np.empty((len(self._numbers), 4), dtype=np.int64)
+        boxes = np.zeros((len(self._numbers), 4), dtype=np.int64)
         for body, one in zip(self._bodies, expected, strict=True):
             boxes[body.markers] = squares(one.places, one.reach)
         spots = self._looks.find(image, boxes)
@@ -130,7 +144,7 @@ class BodyTracker:
     def _likeness(self, spots: Spots) -> Array:
         """How much each spot looks like each marker, of which none is blurred by more than it moved. Shape (M, P)."""
         count = len(self._numbers)
-        last, steps, slack = np.empty((count, 2)), np.empty(count), np.empty(count)
+        last, steps, slack = np.zeros((count, 2)), np.zeros(count), np.zeros(count)
         for body in self._bodies:
             last[body.markers] = body.history[-1][1]
             slack[body.markers] = BLURRED * self._radius(body)

@@ -49,16 +49,29 @@ class FreeTracker:
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like."""
-        count = len(points)
-        self._looks, self._flow = Looks(image, points), Flow(image)
-        self._places, self.radii = self._looks.points.copy(), self._looks.radii
+        looks = Looks(image, points)
+        self.take_over(image, looks, looks.points, np.ones(len(points), dtype=bool), time)
+        return looks.points.copy(), np.ones(len(points))
+
+    def take_over(self, image: Image, looks: Looks, places: Array, certain: Mask, time: float) -> None:
+        """Follows markers from a frame on in which somebody else saw them.
+
+        Args:
+            image: RGB. Shape (H, W, 3).
+            looks: What they look like.
+            places: Where they are [px]. Shape (M, 2).
+            certain: Whether that is known, or merely expected. Shape (M,).
+            time: Time stamp [s].
+        """
+        count = len(places)
+        self._looks, self._flow = looks, Flow(image)
+        self._places, self.radii = places.copy(), looks.radii
         self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
-        self._doubtful = np.zeros(count, dtype=np.int64)  # frames since it was certain
-        self._lost = np.zeros(count, dtype=bool)  # whether flow didn't carry it on since it was certain
-        self._agreed = np.full(count, AGAIN)  # frames in which it was seen, one after the other
+        self._doubtful = np.where(certain, 0, 1)  # frames since it was certain
+        self._lost = ~certain  # whether flow didn't carry it on since it was certain
+        self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
         self._time = time
         self.reasons = {reason: np.zeros(count, dtype=np.int64) for reason in REASONS}
-        return self._places.copy(), np.ones(count)
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Finds the markers in the next frame."""

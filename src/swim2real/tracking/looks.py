@@ -6,6 +6,7 @@ One that its color doesn't tell from what is around it is known by its picture (
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from itertools import product
 
@@ -91,6 +92,14 @@ class Looks:
         disc = np.column_stack([radii**2 / 4, np.zeros(len(points)), radii**2 / 4])
         self._moments = np.where(self.plain[:, None], own.moments, disc)
         self._patches = Patches(image, self.points, radii, _contrasts(image, self.points, radii, self.plain))
+
+    def of(self, markers: NDArray[np.int64]) -> Looks:
+        """The looks of some of the markers, which are followed apart from the others from now on."""
+        some = copy(self)
+        some.points, some.plain = self.points[markers], self.plain[markers]
+        some._areas, some._moments = self._areas[markers], self._moments[markers]
+        some._finder, some._patches = self._finder.of(markers), self._patches.of(markers)
+        return some
 
     @property
     def radii(self) -> Array:

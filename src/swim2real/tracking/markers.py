@@ -1,10 +1,14 @@
-"""Tracks the markers of a robot whose trials are recordings: bodies of several by their shape, single ones by flow."""
+"""Tracks the markers of a robot whose trials are recordings: bodies of several by their shape, single ones by flow.
+
+A body that turns out not to keep its shape is left to flow from then on.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swim2real.tracking.bodies import BodyTracker
 from swim2real.tracking.free import APART, DOUBT, FreeTracker
@@ -26,38 +30,52 @@ class MarkerTracker:
             fixed: The body that can't move, if any marker is on one.
         """
         numbers = np.asarray(bodies)
-        alone = np.bincount(numbers - numbers.min())[numbers - numbers.min()] == 1
-        parts = (BodyTracker(numbers[~alone].tolist(), fixed), ~alone), (FreeTracker(), alone)
-        self._parts = [(tracker, np.flatnonzero(of)) for tracker, of in parts if of.any()]
+        alone = np.array([np.count_nonzero(numbers == number) == 1 for number in numbers])
+        self._bodies, self._rigid = BodyTracker(numbers[~alone].tolist(), fixed), np.flatnonzero(~alone)
+        self._free = [(FreeTracker(), np.flatnonzero(alone))] if alone.any() else []
         self._count = len(numbers)
 
     @property
     def reasons(self) -> dict[str, Array]:
         out = {reason: np.zeros(self._count) for reason in REASONS}
-        for tracker, of in self._parts:
+        for tracker, of in [(self._bodies, self._rigid), *self._free]:
             for reason, frames in tracker.reasons.items():
-                out[reason][of] = frames
+                out[reason][of] += frames
         return out
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like and how they lie on their bodies."""
-        return self._joined([tracker.start(image, points[of], time) for tracker, of in self._parts])
+        positions, confidence = points.copy(), np.ones(self._count)
+        for tracker, of in [(self._bodies, self._rigid), *self._free]:
+            if len(of):
+                positions[of], confidence[of] = tracker.start(image, points[of], time)
+        return positions, confidence
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Finds the markers in the next frame."""
-        return self._joined([tracker.follow(image, time) for tracker, _ in self._parts])
-
-    def _joined(self, parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-        """Positions and confidence of all; a single marker at the place of a body's is doubtful."""
         positions, confidence = np.full((self._count, 2), np.nan), np.zeros(self._count)
-        for (_, of), (places, sure) in zip(self._parts, parts, strict=True):
-            positions[of], confidence[of] = places, sure
-        if len(parts) == 2:
-            (bodies, tracked), (free, alone) = self._parts
-            near = (
-                np.linalg.norm(positions[alone, None] - positions[tracked], axis=2)
-                < APART * free.radii[:, None] + APART * bodies.radii
-            )
-            doubled = alone[(near & (confidence[tracked] > DOUBT)).any(axis=1)]
-            confidence[doubled] = np.minimum(confidence[doubled], DOUBT)
+        radii = np.zeros(self._count)
+        for tracker, of in [(self._bodies, self._rigid), *self._free]:
+            if len(of):
+                places, sure = tracker.follow(image, time)
+                doubled = self._doubled(places, tracker.radii, positions, np.where(confidence > DOUBT, radii, np.nan))
+                positions[of], confidence[of] = places, np.where(doubled, np.minimum(sure, DOUBT), sure)
+                radii[of] = tracker.radii
+        if len(self._rigid):
+            self._leave_soft(image, positions, confidence, time)
         return positions, confidence
+
+    @staticmethod
+    def _doubled(places: Array, radii: Array, others: Array, known: Array) -> NDArray[np.bool_]:
+        """Which markers are at the place of another one, whose radius is known if its place is. Shapes (K,), (M,)."""
+        near = np.linalg.norm(places[:, None] - others, axis=2) < APART * (radii[:, None] + known)
+        return near.any(axis=1)
+
+    def _leave_soft(self, image: Image, positions: Array, confidence: Array, time: float) -> None:
+        """Leaves bodies that don't keep their shape to flow."""
+        for part in self._bodies.soft():
+            of, free = self._rigid[part], FreeTracker()
+            certain = confidence[of] > DOUBT
+            looks, expected = self._bodies.leave(part)
+            free.take_over(image, looks, np.where(certain[:, None], positions[of], expected), certain, time)
+            self._free.append((free, of))

@@ -6,7 +6,8 @@ was last seen without a doubt. OpenCV's normalized correlation with them has its
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import cv2
@@ -73,6 +74,12 @@ class Patches:
         """
         axes = [_axis(color) for color in colors]
         self._patches = [_patch(image, *one) for one in zip(points, radii.tolist(), axes, strict=True)]
+
+    def of(self, markers: NDArray[np.int64]) -> Patches:
+        """Those of some markers."""
+        some = copy(self)
+        some._patches = [replace(self._patches[marker]) for marker in markers]
+        return some
 
     def find(self, image: Image, marker: int, place: Array, reach: float) -> list[Peak]:
         """Places near one that look like a marker, the most likely first.

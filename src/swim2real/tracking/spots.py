@@ -7,6 +7,7 @@ that is connected, summed, counts the markers in a spot, and its centroid is the
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,6 +87,15 @@ class SpotFinder:
         height, width = image.shape[0] // self._block, image.shape[1] // self._block
         self._marks = np.zeros((height, width), dtype=np.int32)
         self._searches = 0
+
+    def of(self, markers: NDArray[np.int64]) -> SpotFinder:
+        """One for some of the markers."""
+        some = copy(self)
+        for name in ("radii", "markers", "around", "glossy", "kinds"):
+            setattr(some, name, getattr(self, name)[markers])
+        some._marks = np.zeros_like(self._marks)
+        some._searches = 0
+        return some
 
     def find(self, image: Image, boxes: NDArray[np.int64], alone: bool = False) -> Spots:
         """The spots of each marker's color that lie in its box, or reach into it.
