@@ -1,0 +1,100 @@
+"""Markers that nothing connects: what real films showed, drawn. Each of these was lost or mistaken without flow."""
+
+import numpy as np
+import pytest
+from test_bodies import HEIGHT, MIDDLE, RADIUS, SHEET, WIDTH, drawn, errors, followed, silent
+
+from swim2real.tracking.flow import Flow
+from swim2real.tracking.markers import MarkerTracker
+
+GROUND = np.random.default_rng(3).normal(0, 1, (HEIGHT // 6, WIDTH // 6)).repeat(6, 0).repeat(6, 1)
+
+
+def painted(places, radius, color, ground=150.0, texture=0.0):
+    """Pictures of discs of a radius and a color (3,) that change with the frame, on a ground that doesn't."""
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+
+    def picture(frame):
+        image = np.repeat((ground + texture * GROUND)[..., None], 3, axis=2)
+        for x, y in places(frame):
+            inside = np.clip(radius(frame) + 0.5 - np.hypot(columns - x, rows - y), 0, 1)[..., None]
+            image = image * (1 - inside) + np.asarray(color(frame)) * inside
+        noise = np.random.default_rng(frame).normal(0, 2, image.shape)
+        return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+    return picture
+
+
+def wandering(frame):
+    return MIDDLE + np.array([[-90 + 1.5 * frame, 30 * np.sin(frame / 9)], [90 - 1.2 * frame, -60 + 0.4 * frame]])
+
+
+@pytest.mark.parametrize(
+    ("radius", "color"),
+    [
+        (lambda k: 5 + 0.3 * k, lambda k: (40 + 1.5 * k,) * 3),  # a dot on a balloon grows and fades
+        (lambda k: 24 - 0.3 * k, lambda k: (60, 40, 40)),
+        (lambda k: 8, lambda k: (200 - 3 * k, 40, 40 + 3 * k)),  # a ball that rolls onto its other color
+        (lambda k: 3, lambda k: (250, 250 - 2 * k, 40)),  # a lamp
+    ],
+    ids=["grows and fades", "shrinks", "changes its color", "lamp"],
+)
+@pytest.mark.parametrize("texture", [0.0, 12.0])
+def test_a_marker_that_changes_is_followed(radius, color, texture):
+    picture = painted(wandering, radius, color, texture=texture)
+    found, confidence = followed(MarkerTracker(range(2)), picture, wandering(0), 50)
+    off = np.linalg.norm(found - np.array([wandering(frame) for frame in range(50)]), axis=2)
+    assert silent(off, confidence) == []
+    assert (confidence >= 0.5).mean() > 0.95
+
+
+def test_a_marker_that_stays_hidden_isnt_reported_with_confidence():
+    def shown(frame):
+        return wandering(frame)[: 1 if frame >= 15 else 2]
+
+    picture = painted(shown, lambda k: 7, lambda k: (30, 30, 30), texture=12.0)
+    _, confidence = followed(MarkerTracker(range(2)), picture, wandering(0), 40)
+    assert (confidence[15:, 1] < 0.5).all()
+    assert (confidence[:, 0] >= 0.5).all()
+
+
+def test_one_that_was_lost_for_long_stays_doubtful():
+    """Something like it, elsewhere, may be another one."""
+
+    def shown(frame):
+        return wandering(0)[[0]] if 5 < frame < 30 else np.array([wandering(0)[0], wandering(frame and 30)[1]])
+
+    picture = painted(shown, lambda k: 7, lambda k: (30, 30, 30))
+    _, confidence = followed(MarkerTracker(range(2)), picture, wandering(0), 45)
+    assert (confidence[6:, 1] < 0.5).all()
+
+
+def test_a_body_that_turns_out_to_be_soft_is_followed():
+    """Each dot goes its own way by several radii, though the robot file says that they are on one body."""
+
+    def places(frame):
+        own = 5 * RADIUS * np.sin(np.clip(frame, 0, 40) / 40 * np.pi / 2)
+        return SHEET + own * np.stack([np.sin(3.0 * np.arange(12)), np.cos(5.0 * np.arange(12))], axis=1) / 2
+
+    off, confidence = errors(MarkerTracker([1] * 12), places, 45)
+    assert silent(off, confidence) == []
+    assert (confidence >= 0.5).mean() > 0.9
+
+
+@pytest.mark.parametrize("radius", [3.0, 9.0, 30.0])
+def test_flow_gives_step_and_growth(radius):
+    step, growth = np.array([4.0, -2.5]), 1.05
+    first, second = (
+        painted(lambda k, at=at: [at], lambda k, r=r: r, lambda k: (40, 40, 40))(0)
+        for at, r in ((MIDDLE, radius), (MIDDLE + step, radius * growth))
+    )
+    moves = Flow(first).follow(second, MIDDLE[None], np.array([radius]), np.zeros((1, 2)))
+    np.testing.assert_allclose(moves.steps[0], step, atol=0.3)
+    assert moves.growths[0] == pytest.approx(growth, abs=0.03)
+    assert moves.errors[0] < 1
+
+
+def test_flow_of_a_marker_that_vanished_contradicts_itself():
+    gone = painted(lambda k: [], lambda k: 1, lambda k: (0, 0, 0))(1)
+    moves = Flow(drawn(lambda k: MIDDLE[None])(0)).follow(gone, MIDDLE[None], np.array([6.0]), np.zeros((1, 2)))
+    assert moves.errors[0] > 0.6
