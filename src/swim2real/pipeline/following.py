@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +30,9 @@ SMEARED = 0.4  # highest confidence in a picture that may be smeared: doubtful t
 FIRST_LOOK = 2.0  # s after which is reported what can't be tracked
 OFTEN = 0.5  # share of these in which a marker is lost or doubtful, from which it is named
 MOST_NAMED = 6
+BLURRED, AROUND = 0.3, 20  # sharpness of the first picture, as a share of later ones', and px around markers it is of
+BLURRED_FRAME = "the frame in which the points were picked is blurred: pick them in a sharp one (`pick --from`)"
+SLACK = 30  # frames by which a file may have more than it says
 
 
 @dataclass(frozen=True)
@@ -99,16 +103,13 @@ def follow(
     Raises:
         TrackingError: The points or corrections aren't of these frames, or there is one frame only.
     """
+    count = _count(reader, film.span)
+    if count is not None:  # as far as the file says
+        _check_frames(film, first.index, first.index + count + SLACK, (start, *anchors))
     later = bool(anchors) or start.frame > first.index
     with nullcontext() if later else film.drawn(reader) as overlay:
         track = _forward(film, reader, chain([first], frames), start, make_tracker(), overlay, on_progress)
-    last = first.index + track.frame_count - 1
-    for anchor in (start, *anchors):
-        if not first.index <= anchor.frame <= last:
-            raise TrackingError(
-                f"a marker was picked in frame {anchor.frame} of video '{film.path}', of which frames {first.index} to "
-                f"{last} are tracked; begin or end there (--from, --until), or take that frame out of the file"
-            )
+    _check_frames(film, first.index, first.index + track.frame_count - 1, (start, *anchors))
     if start.frame > first.index:
         track = _backward(film, track, first.index, start, make_tracker())
     if anchors:
@@ -127,6 +128,15 @@ def follow(
     return track
 
 
+def _check_frames(film: Film, first: int, last: int, anchors: Sequence[Anchor]) -> None:
+    for anchor in anchors:
+        if not first <= anchor.frame <= last:
+            raise TrackingError(
+                f"a marker was picked in frame {anchor.frame} of video '{film.path}', of which frames {first} to "
+                f"{last} are tracked; begin or end there (--from, --until), or take that frame out of the file"
+            )
+
+
 def _forward(
     film: Film, reader: VideoReader, frames: Iterable[Frame], start: Anchor, tracker: Tracker,
     overlay: TrackOverlay | None, on_progress: Callable[[FrameProgress], None],
@@ -137,6 +147,7 @@ def _forward(
     confidences: list[Array] = []
     count, begin, looked = _count(reader, film.span), 0.0, False
     picked: int | None = None
+    sharp = 0.0
     for frame in frames:
         begin = begin if times else frame.time
         time = frame.time - begin
@@ -153,10 +164,11 @@ def _forward(
         confidences.append(confidence)
         _draw(overlay, frame, reader.info.width, time, position, confidence)
         if frame.index == start.frame:
-            picked = len(times) - 1
+            picked, sharp = len(times) - 1, _sharpness(frame.image, position)
         note = ""
         if picked is not None and not looked and time - times[picked] >= FIRST_LOOK:
-            looked, note = True, _first_look(film.names, np.array(confidences[picked:]), tracker)
+            blurred = sharp < BLURRED * _sharpness(frame.image, position)
+            looked, note = True, _first_look(film.names, np.array(confidences[picked:]), tracker, blurred)
         on_progress(FrameProgress(film.name, len(times), count, int(np.count_nonzero(confidence <= 0)), note))
     if len(times) < 2:
         where = f" {film.span.words}" if film.span.words else ""
@@ -186,12 +198,23 @@ def _draw(
         overlay.add(small, overlay.width / width, time, position, confidence, detail=frame.image)
 
 
-def _first_look(names: Sequence[str], confidence: Array, tracker: Tracker) -> str:
+def _sharpness(image: NDArray[np.uint8], places: Array) -> float:
+    """Median over the markers of the variance of the picture's Laplacian around each [levels²]. `places`: (M, 2) px."""
+    values: list[float] = []
+    for x, y in places[np.isfinite(places[:, 0])].astype(np.int64).clip(0).tolist():
+        part = image[max(y - AROUND, 0) : y + AROUND, max(x - AROUND, 0) : x + AROUND]
+        values.append(float(cv2.Laplacian(cv2.cvtColor(part, cv2.COLOR_RGB2GRAY), cv2.CV_64F).var()))
+    return float(np.median(values)) if values else 0.0
+
+
+def _first_look(names: Sequence[str], confidence: Array, tracker: Tracker, blurred: bool) -> str:
     """What can't be tracked, why, and what would help; nothing where all is well. `confidence` has shape (T, M)."""
     share = (confidence < DOUBTFUL).mean(axis=0)
     bad = [m for m in np.argsort(-share, kind="stable").tolist() if share[m] > OFTEN]
     if not bad:
         return ""
+    if blurred:
+        return f"{BLURRED_FRAME}; lost or doubtful since: {', '.join(names[m] for m in bad[:MOST_NAMED])}"
     reasons = tracker.reasons if isinstance(tracker, MarkerTracker) else {}
     named: list[str] = []
     for m in bad[:MOST_NAMED]:

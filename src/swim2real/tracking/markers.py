@@ -32,35 +32,34 @@ class MarkerTracker:
         numbers = np.asarray(bodies)
         alone = np.array([np.count_nonzero(numbers == number) == 1 for number in numbers])
         self._bodies, self._rigid = BodyTracker(numbers[~alone].tolist(), fixed), np.flatnonzero(~alone)
-        self._free = [(FreeTracker(), np.flatnonzero(alone))] if alone.any() else []
+        parts = (self._bodies, self._rigid), (FreeTracker(), np.flatnonzero(alone))
+        self._parts = [(tracker, of) for tracker, of in parts if len(of)]  # each with the markers that it follows
         self._count = len(numbers)
 
     @property
     def reasons(self) -> dict[str, Array]:
         out = {reason: np.zeros(self._count) for reason in REASONS}
-        for tracker, of in [(self._bodies, self._rigid), *self._free]:
+        for tracker, of in self._parts:
             for reason, frames in tracker.reasons.items():
-                out[reason][of] += frames
+                out[reason][of] = frames  # a body that was left begins anew
         return out
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like and how they lie on their bodies."""
         positions, confidence = points.copy(), np.ones(self._count)
-        for tracker, of in [(self._bodies, self._rigid), *self._free]:
-            if len(of):
-                positions[of], confidence[of] = tracker.start(image, points[of], time)
+        for tracker, of in self._parts:
+            positions[of], confidence[of] = tracker.start(image, points[of], time)
         return positions, confidence
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Finds the markers in the next frame."""
         positions, confidence = np.full((self._count, 2), np.nan), np.zeros(self._count)
         radii = np.zeros(self._count)
-        for tracker, of in [(self._bodies, self._rigid), *self._free]:
-            if len(of):
-                places, sure = tracker.follow(image, time)
-                doubled = self._doubled(places, tracker.radii, positions, np.where(confidence > DOUBT, radii, np.nan))
-                positions[of], confidence[of] = places, np.where(doubled, np.minimum(sure, DOUBT), sure)
-                radii[of] = tracker.radii
+        for tracker, of in self._parts:
+            places, sure = tracker.follow(image, time)
+            doubled = self._doubled(places, tracker.radii, positions, np.where(confidence > DOUBT, radii, np.nan))
+            positions[of], confidence[of] = places, np.where(doubled, np.minimum(sure, DOUBT), sure)
+            radii[of] = tracker.radii
         if len(self._rigid):
             self._leave_soft(image, positions, confidence, time)
         return positions, confidence
@@ -78,4 +77,4 @@ class MarkerTracker:
             certain = confidence[of] > DOUBT
             looks, expected = self._bodies.leave(part)
             free.take_over(image, looks, np.where(certain[:, None], positions[of], expected), certain, time)
-            self._free.append((free, of))
+            self._parts.append((free, of))
