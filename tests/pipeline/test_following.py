@@ -21,7 +21,7 @@ def written(path, blurred=0, hidden=()):
     with VideoWriter(path, SIZE[1], SIZE[0], FPS, crf=10) as video:
         for frame in range(FRAMES):
             image = np.full((*SIZE, 3), 200.0)
-            for m, (x, y) in enumerate(PLACES + [0.3 * frame, 0]):
+            for m, (x, y) in enumerate(PLACES + np.array([0.3 * frame, 0])):
                 if not (frame and m in hidden):
                     image[np.hypot(columns - x, rows - y) < 8] = 40
             if frame < blurred:
@@ -36,7 +36,7 @@ def notes(path, frame=0):
     film, said = Film("swim", path, WHOLE, ("M0", "M1", "M2"), (0, 1, 2), 1, None), []
     with VideoReader(path) as reader:
         frames = within(reader, WHOLE)
-        start = Anchor(frame, PLACES + [0.3 * frame, 0], np.zeros(3, dtype=bool))
+        start = Anchor(frame, PLACES + np.array([0.3 * frame, 0]), np.zeros(3, dtype=bool))
         follow(film, reader, next(frames), frames, start, (), lambda: MarkerTracker(range(3)), lambda p: said.append(p))
     return [progress.note for progress in said if progress.note], len(said)
 

@@ -210,7 +210,7 @@ def _sharpness(image: NDArray[np.uint8], places: Array) -> float:
 def _first_look(names: Sequence[str], confidence: Array, tracker: Tracker, blurred: bool) -> str:
     """What can't be tracked, why, and what would help; nothing where all is well. `confidence` has shape (T, M)."""
     share = (confidence < DOUBTFUL).mean(axis=0)
-    bad = [m for m in np.argsort(-share, kind="stable").tolist() if share[m] > OFTEN]
+    bad: list[int] = [m for m in np.argsort(-share, kind="stable").tolist() if share[m] > OFTEN]
     if not bad:
         return ""
     if blurred:
