@@ -39,8 +39,9 @@ ROOMS = 1.5, 1.2, 2.7  # radii around a point, to each side, that its spot may f
 LEAST_SOLIDITY = 0.9  # of a marker's spot: less has a part of something else
 RING_SHARE, RING_UNEVEN, LEAST_RING = 0.15, 0.15, 0.6  # of a radius beside the point, of the variance, and solidity
 SOLIDER = 0.08  # by which the solidity of a spot in any color must be the better one
-LEAST_AGAIN, MOST_AGAIN, AGAIN_SHARE = 0.85, 1.4, 0.4  # solidity, change of area, and radii beside, picked again
-MANY_RADIUS = 8.0
+SOLID_AGAIN, MOST_CHANGE = 0.85, 1.4  # solidity and change of the area of a spot that is picked again
+BESIDE_AGAIN = 0.4  # radii by which it may be beside the place
+LEAST_MANY = 8.0  # px radius from which a marker may have several colors
 ROUNDS = 2  # of learning colors and radius from a marker's own spot
 
 Mask = NDArray[np.bool_]
@@ -141,27 +142,25 @@ class Looks:
         The marker has the spot's look from then on. None if there is no such spot.
         """
         radius = self.radii[marker : marker + 1]
-        for many in (False, True)[: 1 + int(radius[0] >= MANY_RADIUS)]:
+        for many in (False, True) if radius[0] >= LEAST_MANY else (False,):
             finder = SpotFinder(image, place[None], radius, np.array([many]))
             own = _own(finder, image, place[None], radius, ROOMS[0])
-            share = float(own.areas[0] / self._areas[marker])
-            beside = np.hypot(*(own.centers[0] - place))
-            if (
-                own.solidity[0] < LEAST_AGAIN
-                or not 1 / MOST_AGAIN < share < MOST_AGAIN
-                or beside > AGAIN_SHARE * radius[0] + 0.5
-            ):
+            share, beside = float(own.areas[0] / self._areas[marker]), float(np.hypot(*(own.centers[0] - place)))
+            if own.solidity[0] < SOLID_AGAIN or not 1 / MOST_CHANGE < share < MOST_CHANGE:
                 continue
-            if not many:
-                self._finder.markers[marker], self._finder.around[marker] = finder.markers[0], finder.around[0]
-            if not self.plain[marker]:
-                self.plain[marker], self._finder.glossy[marker] = True, many
-                self._finder.kinds[marker] = self._finder.kinds.max() + 1
-                self._finder.markers[marker], self._finder.around[marker] = finder.markers[0], finder.around[0]
-            self._areas[marker] *= 1 + GROWTH * (share - 1)
-            self._moments[marker] += GROWTH * (own.moments[0] - self._moments[marker])
-            return own.centers[0]
+            if beside < BESIDE_AGAIN * radius[0] + 0.5:
+                self._take_look(finder, own, marker, share, many)
+                return own.centers[0]
         return None
+
+    def _take_look(self, finder: SpotFinder, own: _Own, marker: int, share: float, many: bool) -> None:
+        ours = self._finder
+        if not self.plain[marker]:
+            self.plain[marker], ours.glossy[marker], ours.kinds[marker] = True, many, ours.kinds.max() + 1
+        if many == ours.glossy[marker]:
+            ours.markers[marker], ours.around[marker] = finder.markers[0], finder.around[0]
+        self._areas[marker] *= 1 + GROWTH * (share - 1)
+        self._moments[marker] += GROWTH * (own.moments[0] - self._moments[marker])
 
     def added(self, spots: Spots, looks: Array, pictures: Spots) -> Spots:
         """The spots, and what markers' pictures look like where there is no spot that is like the marker (M, P)."""
