@@ -14,6 +14,8 @@ from swim2real.tracking.bodies import BodyTracker
 from swim2real.tracking.free import APART, DOUBT, FreeTracker
 from swim2real.tracking.tracker import REASONS, Array, Image
 
+FOUND = 0.7  # of the markers of a soft body, up to which it is left
+
 
 class MarkerTracker:
     """Follows markers on rigid or soft bodies and such that move by themselves. See `tracker.Tracker`.
@@ -71,10 +73,12 @@ class MarkerTracker:
         return near.any(axis=1)
 
     def _leave_soft(self, image: Image, positions: Array, confidence: Array, time: float) -> None:
-        """Leaves bodies that don't keep their shape to flow."""
+        """Leaves bodies that don't keep their shape to flow, when many of their markers aren't found any longer."""
         for part in self._bodies.soft():
             of, free = self._rigid[part], FreeTracker()
             certain = confidence[of] > DOUBT
+            if certain.mean() > FOUND:
+                continue
             looks, expected = self._bodies.leave(part)
             free.take_over(image, looks, np.where(certain[:, None], positions[of], expected), certain, time)
             self._parts.append((free, of))
