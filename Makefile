@@ -30,6 +30,7 @@ check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/surface.py
 	$(MAKE) --no-print-directory site
 
 # the documentation, into site/: without a network, warnings are errors. The variable silences mkdocs-material's notice
