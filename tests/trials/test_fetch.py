@@ -2,7 +2,6 @@
 
 import gc
 import hashlib
-import re
 import shutil
 import threading
 import warnings
@@ -12,26 +11,11 @@ import numpy as np
 import pooch
 import pytest
 
+from refused import refusal, says
 from swim2real.errors import TrialError
 from swim2real.trials import fetch as room
 from swim2real.trials import load_reference
-from swim2real.trials.fetch import PAGE, SHA256, SOURCE, fetch
-
-PUBLISHED_SHA256 = {
-    "markers_f0_50.csv": "04172540fc0f46fb2e7d0fc3367e12291bc1f47a61d92e443809ff353c61958d",
-    "markers_f2_25.csv": "850a6e09f57e4d8e76eda502e39067e13bdf79f4867801481596211c82ca0e89",
-}
-BY_HAND = f"By hand: get the files of {PAGE} and run `swim2real fetch --from FOLDER --to …`"
-
-
-def digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
-def refusal(*arguments: object) -> str:
-    with pytest.raises(TrialError) as caught:
-        fetch(*arguments)
-    return str(caught.value)
+from swim2real.trials.fetch import PAGE, SHA256, fetch
 
 
 def made_up(number: int) -> bytes:
@@ -47,18 +31,23 @@ def made_up(number: int) -> bytes:
 def tables(monkeypatch) -> dict[str, bytes]:
     """Eight tables that stand for the published ones."""
     content = {name: made_up(number) for number, name in enumerate(SHA256)}
-    monkeypatch.setattr(room, "SHA256", {name: digest(table) for name, table in content.items()})
+    monkeypatch.setattr(room, "SHA256", {name: hashlib.sha256(table).hexdigest() for name, table in content.items()})
     return content
 
 
 @pytest.fixture
 def folder(tables, tmp_path):
-    """A folder with the eight stand-ins."""
+    """A folder with the eight stand-ins, and other files."""
     path = tmp_path / "by hand"
     path.mkdir()
-    for name, table in tables.items():
+    for name, table in {**tables, "markers_f3_00.csv": made_up(9), "notes.txt": b"mine"}.items():
         (path / name).write_bytes(table)
     return path
+
+
+@pytest.fixture
+def target(tmp_path):
+    return tmp_path / "reference"
 
 
 class Server:
@@ -105,28 +94,13 @@ def server(tables, monkeypatch):
         gc.collect()
 
 
-# what is published
-
-
-def test_the_published_files_are_fixed():
-    assert len(SHA256) == 8
-    assert all(re.fullmatch("[0-9a-f]{64}", value) for value in SHA256.values())
-    assert {name: SHA256[name] for name in PUBLISHED_SHA256} == PUBLISHED_SHA256
-    assert SOURCE.startswith("https://")
-    assert "/08880b6" in SOURCE
-    assert "/08880b6" in PAGE
-
-
-# from a folder
-
-
-def test_the_published_tracks_are_taken_from_a_folder(shared, tracks, tmp_path):
+def test_the_published_tracks_are_taken_from_a_folder(shared, tracks, target):
     source = shared / "data" / "fishsim-markers"
     seen = {}
-    taken = fetch(tmp_path / "reference", source, seen.__setitem__)
+    taken = fetch(target, source, seen.__setitem__)
     there = {path.name for path in source.glob("*.csv")}
     assert seen == {name: "taken" if name in there else "not there" for name in SHA256}
-    for found in (taken, load_reference(tmp_path / "reference")):
+    for found in (taken, load_reference(target)):
         assert found.names == tracks.names
         for trial in found:
             raw = tracks[trial.name]
@@ -136,115 +110,61 @@ def test_the_published_tracks_are_taken_from_a_folder(shared, tracks, tmp_path):
             np.testing.assert_array_equal(trial.track.positions, raw.track.positions)
 
 
-def test_all_eight_are_taken_from_a_folder_that_has_them(folder, tmp_path):
+@pytest.mark.parametrize("source", ["folder", "address", "published"])
+def test_all_eight_are_taken_wherever_they_are(server, folder, target, monkeypatch, source):
+    monkeypatch.setattr(room, "SOURCE", f"{server.address}/tracks/")
     seen = {}
-    fetch(tmp_path / "reference", folder, seen.__setitem__)
-    assert seen == dict.fromkeys(SHA256, "taken")
-    found, raw = load_reference(tmp_path / "reference"), load_reference(folder)
-    assert found.names == raw.names
-    assert len(found) == 8
-    for one, other in zip(found, raw, strict=True):
-        np.testing.assert_allclose(one.track.positions, other.track.positions, atol=1e-6)
-
-
-def test_other_files_of_a_folder_are_left_out(folder, tmp_path):
-    (folder / "markers_f3_00.csv").write_bytes(made_up(9))
-    (folder / "notes.txt").write_text("mine")
-    assert "f3_00" not in fetch(tmp_path / "reference", folder).names
-
-
-def test_a_changed_file_is_refused_by_name(folder, tmp_path):
-    changed = folder / "markers_f1_25.csv"
-    changed.write_bytes(changed.read_bytes().replace(b"1", b"2", 1))
-    message = refusal(tmp_path / "reference", folder)
-    assert message.startswith(f"{changed} isn't the published file: its sha256 is {digest(changed.read_bytes())[:12]}…")
-    assert PAGE in message
-    assert not (tmp_path / "reference").exists()
-
-
-def test_a_published_track_with_other_line_ends_is_refused_by_name(shared, tmp_path):
-    source = shared / "data" / "fishsim-markers"
-    if not (source / "markers_f1_00.csv").is_file():
-        pytest.skip(f"no published tracks at {source}")
-    copy = tmp_path / "copy"
-    copy.mkdir()
-    for path in source.glob("*.csv"):
-        shutil.copy(path, copy)
-    changed = copy / "markers_f1_00.csv"
-    changed.write_bytes(changed.read_bytes() + b"\r\n")
-    assert refusal(tmp_path / "reference", copy).startswith(f"{changed} isn't the published file")
-
-
-def test_a_folder_without_any_is_refused(tmp_path):
-    assert refusal(tmp_path / "reference", tmp_path).startswith(
-        f"'{tmp_path}' holds none of the published files (markers_f0_50.csv, "
-    )
-    assert not (tmp_path / "reference").exists()
-
-
-def test_a_folder_that_isnt_there_is_refused(tmp_path):
-    nothing = str(tmp_path / "nothing")
-    assert refusal(tmp_path / "reference", nothing).startswith(f"'{nothing}' is no folder; ")
-
-
-def test_a_reference_that_is_there_isnt_overwritten(folder, tmp_path):
-    target = tmp_path / "reference"
-    fetch(target, folder)
-    before = {path.name: path.read_bytes() for path in target.iterdir()}
-    assert refusal(target, folder) == (
-        f"'{target}' holds a reference already; remove it or choose another folder with --to"
-    )
-    assert {path.name: path.read_bytes() for path in target.iterdir()} == before
-
-
-def test_a_target_that_cant_be_made_is_told(folder, tmp_path):
-    (tmp_path / "file").write_text("mine")
-    assert "can't write reference folder" in refusal(tmp_path / "file" / "reference", folder)
-
-
-# from a server
-
-
-def test_all_are_downloaded_and_become_a_reference(server, folder, tmp_path):
-    seen = {}
-    found = fetch(tmp_path / "reference", f"{server.address}/tracks", seen.__setitem__)
-    assert seen == dict.fromkeys(SHA256, "downloaded")
-    assert sorted(server.requests) == sorted(server.files)
+    places = {"folder": folder, "address": f"{server.address}/tracks", "published": None}
+    found = fetch(target, places[source], seen.__setitem__)
+    assert seen == dict.fromkeys(SHA256, "taken" if source == "folder" else "downloaded")
+    assert sorted(server.requests) == ([] if source == "folder" else sorted(server.files))
+    (folder / "markers_f3_00.csv").unlink()  # none of the published ones
     raw = load_reference(folder)
-    for trials in (found, load_reference(tmp_path / "reference")):
+    for trials in (found, load_reference(target)):
         assert trials.names == raw.names
         for one, other in zip(trials, raw, strict=True):
             np.testing.assert_allclose(one.track.positions, other.track.positions, atol=1e-6)
+    before = {path.name: path.read_bytes() for path in target.iterdir()}
+    assert says(refusal(TrialError, fetch, target, folder), f"'{target}'", "already", "--to")
+    assert {path.name: path.read_bytes() for path in target.iterdir()} == before
 
 
-def test_the_default_is_the_published_place(server, tmp_path, monkeypatch):
-    monkeypatch.setattr(room, "SOURCE", f"{server.address}/tracks/")
-    assert len(fetch(tmp_path / "reference")) == 8
+def test_a_published_track_with_other_line_ends_is_refused_by_name(shared, tracks, target, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(shared / "data" / "fishsim-markers", copy)
+    changed = copy / f"markers_{tracks.names[0]}.csv"
+    changed.write_bytes(changed.read_bytes() + b"\r\n")
+    digest = hashlib.sha256(changed.read_bytes()).hexdigest()[:12]
+    assert says(refusal(TrialError, fetch, target, copy), changed, "isn't the published file", digest, PAGE)
+    assert not target.exists()
 
 
-def test_a_file_that_the_server_lacks_is_told(server, tmp_path):
-    server.files.pop("/tracks/markers_f1_00.csv")
-    message = refusal(tmp_path / "reference", f"{server.address}/tracks/")
-    assert message == (
-        f"markers_f1_00.csv from {server.address}/tracks/ can't be downloaded (HTTPError). {BY_HAND}"
-    )  # fmt: skip
-    assert not (tmp_path / "reference").exists()
+def test_places_that_wont_do_are_refused(folder, target, tmp_path):
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert says(refusal(TrialError, fetch, target, empty), f"'{empty}'", "none of the published files", "f0_50.csv")
+    assert says(refusal(TrialError, fetch, target, tmp_path / "no"), f"'{tmp_path / 'no'}'", "no folder")
+    for source in ("ftp://127.0.0.1/tracks", "file:///tracks", "://", "http://", "http://[::1"):
+        assert says(refusal(TrialError, fetch, target, source), f"'{source}'", "no address", "http")
+    assert not target.exists()
+    target.write_text("mine")
+    assert "can't write reference folder" in refusal(TrialError, fetch, target / "below", folder)
 
 
-def test_a_file_of_other_content_is_refused(server, tmp_path):
-    server.files["/tracks/markers_f1_00.csv"] = b"<html>Please log in</html>"
-    message = refusal(tmp_path / "reference", f"{server.address}/tracks")
-    assert message == f"markers_f1_00.csv from {server.address}/tracks isn't the published file. {BY_HAND}"
-    assert not (tmp_path / "reference").exists()
-
-
-def test_without_a_server_the_message_says_how_to_do_it_by_hand(server, tmp_path):
-    server.close()
-    message = refusal(tmp_path / "reference", server.address)
-    assert message == f"markers_f0_50.csv from {server.address} can't be downloaded (ConnectionError). {BY_HAND}"
-    assert not (tmp_path / "reference").exists()
-
-
-@pytest.mark.parametrize("source", ["ftp://127.0.0.1/tracks", "file:///tracks", "://", "http://", "http://[::1"])
-def test_an_address_of_another_kind_is_refused(source, tmp_path):
-    assert refusal(tmp_path / "reference", source).startswith(f"'{source}' is no address to download from; ")
+@pytest.mark.parametrize(
+    ("content", "parts"),
+    [
+        (None, ("markers_f1_00.csv from {at}", "can't be downloaded (HTTPError)")),
+        (b"<html>Please log in</html>", ("markers_f1_00.csv from {at}", "isn't the published file")),
+        ("closed", ("markers_f0_50.csv from {at}", "can't be downloaded (ConnectionError)")),
+    ],
+)
+def test_what_a_server_lacks_is_reported_with_the_way_by_hand(server, target, content, parts):
+    address = f"{server.address}/tracks/"
+    if content == "closed":
+        server.close()
+    else:
+        server.files["/tracks/markers_f1_00.csv"] = content
+    said = refusal(TrialError, fetch, target, address)
+    assert says(said, *(part.format(at=address) for part in parts), "By hand", PAGE, "fetch --from FOLDER")
+    assert not target.exists()

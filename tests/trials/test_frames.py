@@ -30,10 +30,17 @@ def slow_swim_frame(positions):
 
 
 @given(angles, metres, metres)
-def test_the_body_frame_forgets_place_and_heading(angle, x, y):
-    track = Swimmer(duration=0.5).track()
+def test_frames_forget_place_and_heading_of_the_world(angle, x, y):
+    track = Swimmer(duration=2.0).track()
     moved = MarkerTrack(track.times, turned(track.positions, angle, (x, y)))
-    np.testing.assert_allclose(moved.body, track.body, atol=1e-12)
+    np.testing.assert_allclose(moved.body, track.body, atol=1e-11)
+    np.testing.assert_allclose(moved.swim, track.swim, atol=1e-11)
+    np.testing.assert_allclose(moved.course, track.course, atol=1e-9)
+    heads = frames.heads(track.course)  # from the origin toward -x, and nothing is bent
+    np.testing.assert_allclose(heads[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(-heads[:, 0], track.progress, atol=1e-9)
+    between = np.linalg.norm(track.course[:, 3] - track.course[:, 0], axis=1)
+    np.testing.assert_allclose(between, np.linalg.norm(track.positions[:, 3] - track.positions[:, 0], axis=1))
 
 
 @given(st.lists(angles, min_size=31, max_size=31))
@@ -43,23 +50,13 @@ def test_the_body_frame_forgets_a_turn_of_every_frame(turns):
     np.testing.assert_allclose(frames.to_body(positions), track.body, atol=1e-12)
 
 
-def test_the_body_frame_has_its_x_axis_from_the_first_marker_to_the_second():
+def test_the_body_frame_has_its_x_axis_from_the_first_marker_to_the_second_and_keeps_left_and_right():
     body = Swimmer(duration=0.5).track().body
     np.testing.assert_allclose(body[:, 0], 0.0, atol=1e-15)
     np.testing.assert_allclose(body[:, 1, 1], 0.0, atol=1e-15)
     assert np.all(body[:, 1, 0] > 0.1)
-
-
-def test_the_body_frame_keeps_left_and_right():
     positions = np.array([[[0.0, 0.0], [0.0, 1.0], [-0.5, 2.0]]] * 2)  # tail up, third marker to the left of it
     np.testing.assert_allclose(frames.to_body(positions)[0, 2], [2.0, 0.5], atol=1e-15)
-
-
-@given(angles, metres, metres)
-def test_the_swim_frame_forgets_where_the_swim_began_and_its_heading(angle, x, y):
-    track = Swimmer(duration=0.5).track()
-    moved = MarkerTrack(track.times, turned(track.positions, angle, (x, y)))
-    np.testing.assert_allclose(moved.swim, track.swim, atol=1e-11)
 
 
 def test_the_swim_frame_is_its_definition():
@@ -80,62 +77,34 @@ def test_the_swim_frame_of_a_rigid_body_on_a_circle_is_a_straight_line():
     np.testing.assert_allclose(swim[:, 1] - swim[:, 0], np.broadcast_to([0.2, 0.0], (181, 2)), atol=1e-12)
 
 
-def test_the_swim_frame_begins_at_the_head():
-    np.testing.assert_allclose(Swimmer().track().swim[0, :2].mean(axis=0), 0.0, atol=1e-15)
-
-
-def test_the_swim_frame_steps_over_frames_without_a_head():
-    positions = Swimmer(duration=1.0, heading=0.0).track(noise=0.0).positions.copy()
-    whole = frames.to_swim(positions)
+def test_frames_without_a_head_are_stepped_over():
+    track = Swimmer(duration=1.0, heading=0.0).track(noise=0.0)
+    positions = track.positions.copy()
     positions[10:13, 0] = np.nan
-    gappy = frames.to_swim(positions)
+    whole, gappy = track.swim, frames.to_swim(positions)
     assert np.isnan(gappy[10:13]).all()
-    assert np.isfinite(gappy[13:]).all()
     np.testing.assert_allclose(gappy[:10], whole[:10], atol=1e-15)
     np.testing.assert_allclose(gappy[13:], whole[13:], atol=1e-3)  # but for the yaw during the gap
+    positions[0, 1] = np.nan
+    late = MarkerTrack(track.times, positions)
+    assert np.flatnonzero(np.isnan(late.progress)).tolist() == [0, 10, 11, 12]
+    assert late.progress[1] == 0.0
+    assert late.speed == pytest.approx(track.speed, abs=1e-3)
 
 
 @given(angles, st.floats(0.01, 0.5))
 def test_speed_and_progress_of_a_straight_swim_in_any_direction(heading, speed):
-    swimmer = Swimmer(speed=speed, heading=heading, duration=3.0)
-    track = swimmer.track(noise=0.0, by_hand=False)
+    track = Swimmer(speed=speed, heading=heading, duration=3.0).track(noise=0.0, by_hand=False)
     # a head that yaws by 0.03 rad, and markers that sway by formulas, move the head's mean by less than 5 mm
     assert track.speed == pytest.approx(speed, abs=2e-3)
     np.testing.assert_allclose(track.progress, speed * track.times, atol=1e-2)
-    assert track.progress[0] == 0.0
-
-
-@given(angles, st.floats(0.01, 0.5))
-def test_speed_of_a_rigid_straight_swim_is_exact(heading, speed):
     times = np.linspace(0.0, 2.0, 41)
     forward = -np.array([np.cos(heading), np.sin(heading)])
     rest = turned(np.array([[0.0, 0.0], [0.14, 0.0], [0.5, 0.0]]), heading)
-    track = MarkerTrack(times, rest + speed * times[:, None, None] * forward)
-    assert track.speed == pytest.approx(speed, rel=1e-9)
-    np.testing.assert_allclose(track.progress, speed * times, atol=1e-12)
-    np.testing.assert_allclose(frames.swimming_axis(times, track.positions), forward, atol=1e-9)
-
-
-@given(angles, metres, metres)
-def test_the_course_goes_from_the_origin_toward_minus_x_wherever_the_world_lies(angle, x, y):
-    track = Swimmer(duration=2.0).track()
-    moved = MarkerTrack(track.times, turned(track.positions, angle, (x, y)))
-    np.testing.assert_allclose(moved.course, track.course, atol=1e-9)
-    heads = frames.heads(track.course)
-    np.testing.assert_allclose(heads[0], 0.0, atol=1e-12)
-    np.testing.assert_allclose(-heads[:, 0], track.progress, atol=1e-9)
-    between = np.linalg.norm(track.course[:, 3] - track.course[:, 0], axis=1)  # nothing is bent
-    np.testing.assert_allclose(between, np.linalg.norm(track.positions[:, 3] - track.positions[:, 0], axis=1))
-
-
-def test_progress_lives_with_missing_heads():
-    track = Swimmer(heading=1.0).track(noise=0.0)
-    positions = track.positions.copy()
-    positions[[0, 50], 1] = np.nan
-    gappy = MarkerTrack(track.times, positions)
-    assert np.isnan(gappy.progress[[0, 50]]).all()
-    assert gappy.progress[1] == 0.0
-    assert gappy.speed == pytest.approx(track.speed, abs=1e-3)
+    rigid = MarkerTrack(times, rest + speed * times[:, None, None] * forward)
+    assert rigid.speed == pytest.approx(speed, rel=1e-9)
+    np.testing.assert_allclose(rigid.progress, speed * times, atol=1e-12)
+    np.testing.assert_allclose(frames.swimming_axis(times, rigid.positions), forward, atol=1e-9)
 
 
 def test_a_fish_that_stays_has_no_speed_and_an_axis_all_the_same():
@@ -143,9 +112,6 @@ def test_a_fish_that_stays_has_no_speed_and_an_axis_all_the_same():
     track = MarkerTrack([0.0, 0.1, 0.2], positions)
     assert track.speed == 0.0
     np.testing.assert_allclose(frames.swimming_axis(track.times, track.positions), [0.0, -1.0])
-
-
-def test_the_slope_is_that_of_the_finite_values():
     times = np.array([0.0, 1.0, 2.0, 4.0])
     assert frames.slope(times, np.array([1.0, 3.0, np.nan, 9.0])) == pytest.approx(2.0)
     assert np.isnan(frames.slope(times, np.array([1.0, np.nan, np.nan, np.nan])))

@@ -4,19 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from refused import refusal, says
 from swim2real.calibration import reference_fingerprint
-from swim2real.errors import TrialError
+from swim2real.errors import ArgumentError, TrialError
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.reference import add_trial
+from swim2real.trials.span import WHOLE, Span, spans
 
 NAMES = ("M0", "M1")
-EXPECTED = "expected (R, K), (R,) and K"
-
-
-def refusal(call, *arguments) -> str:
-    with pytest.raises(TrialError) as caught:
-        call(*arguments)
-    return str(caught.value)
 
 
 def filmed(name: str = "a", **recorded) -> Trial:
@@ -32,19 +27,19 @@ def torques() -> Signals:
 
 
 @pytest.mark.parametrize(
-    ("times", "names", "values", "message"),
+    ("times", "names", "values", "parts"),
     [
-        ([0, 1], ["a"], [[1.0]], "values have shape (1, 1), times (2,) and there are 1 names; " + EXPECTED),
-        ([0], ["a", "b"], [[1.0]], "values have shape (1, 1), times (1,) and there are 2 names; " + EXPECTED),
-        ([], ["a"], np.zeros((0, 1)), "a table of signals needs at least one row"),
-        ([0, 0], ["a"], [[1.0], [2.0]], "time stamps must be finite and rise from row to row"),
-        ([0, np.inf], ["a"], [[1.0], [2.0]], "time stamps must be finite and rise from row to row"),
-        ([0], ["a", "a"], [[1.0, 2.0]], "columns are named 'a', 'a'; give each its own name"),
-        ([0], [""], [[1.0]], "columns are named ''; give each its own name"),
+        ([0, 1], ["a"], [[1.0]], ("(1, 1)", "(2,)", "1 names", "(R, K), (R,) and K")),
+        ([0], ["a", "b"], [[1.0]], ("(1, 1)", "(1,)", "2 names")),
+        ([], ["a"], np.zeros((0, 1)), ("at least one row",)),
+        ([0, 0], ["a"], [[1.0], [2.0]], ("finite and rise",)),
+        ([0, np.inf], ["a"], [[1.0], [2.0]], ("finite and rise",)),
+        ([0], ["a", "a"], [[1.0, 2.0]], ("'a', 'a'", "its own name")),
+        ([0], [""], [[1.0]], ("''", "its own name")),
     ],
-)  # fmt: skip
-def test_wrong_signals_are_refused(times, names, values, message):
-    assert refusal(Signals, times, names, values) == message
+)
+def test_wrong_signals_are_refused(times, names, values, parts):
+    assert says(refusal(TrialError, Signals, times, names, values), *parts)
 
 
 def test_signals_cant_be_changed():
@@ -52,45 +47,29 @@ def test_signals_cant_be_changed():
     signals = Signals([0, 1], ["a"], values)
     values[:] = 2
     assert signals.values.max() == 1
-    with pytest.raises(ValueError, match="read-only"):
-        signals.values[0, 0] = 3
-    with pytest.raises(ValueError, match="read-only"):
-        signals.times[0] = 3
+    for array in (signals.values, signals.times):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 3
 
 
 def test_a_value_holds_until_the_next_and_the_first_before_it():
     times = np.array([-1.0, 0.1, 0.2 - 1e-12, 0.25, 9.0])
     assert torques().held("left", times).tolist() == [1, 1, 2, 2, 3]
     assert torques().held("right", times).tolist() == [1 / 3, 1 / 3, 1 / 3, 1 / 3, 1e-17]  # an empty cell is no value
-    assert refusal(torques().held, "middle", times) == "there is no column 'middle'; there are left, right"
-    empty = Signals([0.0], ["a"], [[np.nan]])
-    assert refusal(empty.held, "a", times) == "column 'a' has no value"
+    assert says(refusal(TrialError, torques().held, "middle", times), "'middle'", "left, right")
+    assert says(refusal(TrialError, Signals([0.0], ["a"], [[np.nan]]).held, "a", times), "'a'", "no value")
 
 
-def test_rows_between_two_times():
+def test_rows_are_cut_by_the_clock_of_the_track():
     assert torques().between(0.2, 0.3).times.tolist() == [0.2]
     assert torques().between(-1, 9).times.tolist() == torques().times.tolist()
-    assert refusal(torques().between, 0.21, 0.3) == (
-        "there is no row between 0.21 s and 0.3 s; the rows are from 0.1 s to 0.333333 s"
-    )
-
-
-def test_a_table_on_another_clock_is_refused_with_both_spans():
-    assert refusal(Signals([1.7e9, 1.7e9 + 5], ["a"], [[1.0], [2.0]]).check_clock, 0.0, 5.0) == (
-        "its rows are from 1700000000 s to 1700000005 s, and the frames that are compared from 0 s to 5 s; give time_s "
-        "on the clock of the track, which `track` counts in seconds since the video's first frame"
-    )
-    assert refusal(torques().check_clock, 0.4, 5.0) == refusal(torques().between, 0.4, 5.0)
+    for cut in (torques().between, torques().cut):
+        assert says(refusal(TrialError, cut, 0.21, 0.3), "no row", "0.21 s and 0.3 s")
     torques().check_clock(0.3, 5.0)
     torques().check_clock(0.21, 0.3)  # between two rows the first of them holds
-
-
-def test_a_cut_trial_keeps_what_was_recorded():
-    trial = filmed(controls=torques(), start={"hip": 0.1})
-    cut = trial.cut(0.1)
-    assert cut.track.frame_count == 2
-    assert cut.controls is trial.controls
-    assert cut.start == {"hip": 0.1}
+    said = refusal(TrialError, Signals([1.7e9, 1.7e9 + 5], ["a"], [[1.0], [2.0]]).check_clock, 0.0, 5.0)
+    assert says(said, "1700000000 s to 1700000005 s", "0 s to 5 s", "clock of the track")
+    assert says(refusal(TrialError, torques().check_clock, 0.4, 5.0), "0.1 s to 0.3333333333 s", "0.4 s to 5 s")
 
 
 # reference folders
@@ -119,50 +98,48 @@ def test_a_trial_that_is_added_again_keeps_what_was_recorded_beside_it(tmp_path)
 
 def test_two_trials_cant_have_one_table(tmp_path):
     both = TrialSet((filmed("a", controls=torques()), filmed("a.controls")), NAMES)
-    message = f"table 'a.controls.csv' in '{tmp_path}' is trial 'a.controls'; choose another name"
-    assert refusal(save_reference, both, tmp_path) == message
     add_trial(tmp_path, filmed("a.controls"), NAMES)
-    assert refusal(add_trial, tmp_path, filmed("a", controls=torques()), NAMES) == message
+    for call in ((save_reference, both, tmp_path), (add_trial, tmp_path, filmed("a", controls=torques()), NAMES)):
+        assert says(refusal(TrialError, *call), "'a.controls.csv'", "trial 'a.controls'", "choose another name")
 
 
 @pytest.mark.parametrize(
-    ("table", "message"),
+    ("table", "parts"),
     [
-        ("time,left\n0,1\n", ", line 1: the header must be time_s,NAME,…, with a name for each column"),
-        ("time_s\n0\n", ", line 1: the header must be time_s,NAME,…, with a name for each column"),
-        ("", ", line 1: the header must be time_s,NAME,…, with a name for each column"),
-        ("time_s,left\n0,1\n1,x\n", ", line 3, column 2: 'x' is not a number"),
-        ("time_s,left\n0,1\n1,2,3\n", ", line 3: 3 columns, the rows above have 2"),
-        ("time_s,left\n0,1,3\n", ": 3 columns of numbers; expected 2 columns, as the header"),
-        ("time_s,left\n", ": 0 columns of numbers; expected 2 columns, as the header"),
-        ("time_s,left\n1,1\n0,1\n", ": time stamps must be finite and rise from row to row"),
-        ("time_s,left,left\n1,1,1\n", ": columns are named 'left', 'left'; give each its own name"),
+        ("time,left\n0,1\n", ("line 1", "time_s,NAME")),
+        ("time_s\n0\n", ("line 1", "time_s,NAME")),
+        ("", ("line 1", "time_s,NAME")),
+        ("time_s,left\n0,1\n1,x\n", ("line 3, column 2", "'x'")),
+        ("time_s,left\n0,1\n1,2,3\n", ("line 3", "3 columns", "2")),
+        ("time_s,left\n0,1,3\n", ("3 columns", "2 columns, as the header")),
+        ("time_s,left\n", ("0 columns", "2 columns, as the header")),
+        ("time_s,left\n1,1\n0,1\n", ("finite and rise",)),
+        ("time_s,left,left\n1,1,1\n", ("'left', 'left'",)),
+        ("time_s,left\n0,1\n1,2e12\n", ("line 3, column 2", "2e+12", "1e+12")),
     ],
 )
-def test_a_damaged_table_is_named(tmp_path, table, message):
+def test_a_damaged_table_is_named(tmp_path, table, parts):
     save_reference(TrialSet((filmed(controls=torques()),), NAMES), tmp_path)
     (tmp_path / "a.controls.csv").write_text(table)
-    assert refusal(load_reference, tmp_path) == f"{tmp_path / 'a.controls.csv'}{message}"
+    assert says(refusal(TrialError, load_reference, tmp_path), tmp_path / "a.controls.csv", *parts)
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "message"),
+    ("key", "value", "parts"),
     [
-        ("controls", "../x.csv", "controls '../x.csv' of trial 'a' is not in {folder}"),
-        ("sensors", "none.csv", "sensors 'none.csv' of trial 'a' is not in {folder}"),
-        ("start", [1], "'trials[0].start' is [1]; it must be a table of names and values"),
-        ("start", {"hip": "far"}, "'trials[0].start.hip' is \"far\"; it must be a number"),
-        ("start_velocities", {"hip": True}, "'trials[0].start_velocities.hip' is true; it must be a number"),
+        ("controls", "../x.csv", ("controls '../x.csv' of trial 'a'",)),
+        ("sensors", "none.csv", ("sensors 'none.csv' of trial 'a'",)),
+        ("start", [1], ("'trials[0].start' is [1]", "names and values")),
+        ("start", {"hip": "far"}, ("'trials[0].start.hip'", '"far"', "number")),
+        ("start_velocities", {"hip": True}, ("'trials[0].start_velocities.hip'", "true", "number")),
     ],
-)  # fmt: skip
-def test_a_damaged_index_is_named(tmp_path, key, value, message):
+)
+def test_a_damaged_index_is_named(tmp_path, key, value, parts):
     save_reference(TrialSet((filmed(controls=torques()),), NAMES), tmp_path)
     index = json.loads((tmp_path / "reference.json").read_text())
     index["trials"][0][key] = value
     (tmp_path / "reference.json").write_text(json.dumps(index))
-    text = refusal(load_reference, tmp_path)
-    assert str(tmp_path / "reference.json") in text
-    assert message.format(folder=tmp_path) in text
+    assert says(refusal(TrialError, load_reference, tmp_path), tmp_path / "reference.json", *parts)
 
 
 def test_the_fingerprint_sees_what_was_recorded():
@@ -173,3 +150,75 @@ def test_the_fingerprint_sees_what_was_recorded():
     ]  # fmt: skip
     fingerprints = [reference_fingerprint(TrialSet((one,), NAMES)) for one in (trial, *others)]
     assert len(set(fingerprints)) == 5
+
+
+# stretches of a trial
+
+TIMES = np.arange(101) / 20  # 0 to 5 s
+TRACK = MarkerTrack(TIMES, np.stack([TIMES, -TIMES, 1 + TIMES, TIMES], axis=1).reshape(-1, 2, 2))
+CONTROLS = Signals([0.0, 0.7, 1.9, 2.5], ["a", "b"], [[1, 5], [2, np.nan], [3, np.nan], [4, 8]])
+SENSORS = Signals(TIMES[::2], ["load"], 10 * TIMES[::2, None])
+TRIAL = Trial("pull", TRACK, provenance="by hand", controls=CONTROLS, sensors=SENSORS, start={"hip": 0.1})
+
+
+def test_a_stretch_of_a_trial_counts_its_times_from_its_first_frame():
+    cut = Span(2.0, 3.0).of_trial(TRIAL)
+    np.testing.assert_allclose(cut.track.times, np.arange(21) / 20)
+    np.testing.assert_array_equal(cut.track.positions, TRACK.positions[40:61])
+    np.testing.assert_allclose(cut.sensors.times, np.arange(11) / 10)
+    np.testing.assert_allclose(cut.sensors.column("load"), 20 + np.arange(11))
+    assert (cut.provenance, cut.video_begin) == ("by hand, from 2 s to 3 s", 2.0)
+    assert not cut.start  # it was that of another time
+    begun = Span(until=1.0).of_trial(TRIAL)
+    assert (begun.start, begun.video_begin, begun.track.frame_count) == ({"hip": 0.1}, 0.0, 21)
+    assert WHOLE.of_trial(TRIAL) is TRIAL
+
+
+@pytest.mark.parametrize("begin", [0.0, 1.0, 1.9, 2.2, 2.5])
+def test_what_drove_it_is_the_same_at_the_same_moment(begin):
+    cut = Span(begin).of_trial(TRIAL)
+    for name in ("a", "b"):
+        whole = CONTROLS.held(name, TIMES[begin - 1e-9 <= TIMES])
+        np.testing.assert_array_equal(cut.controls.held(name, cut.track.times), whole)
+    assert cut.controls.times[0] == pytest.approx(0.0)
+
+
+def test_a_time_as_it_is_shown_means_its_frame():
+    track = MarkerTrack(np.arange(10) / 30, np.zeros((10, 1, 2)))
+    np.testing.assert_allclose(Span(0.067, 0.1).of_track(track, "x").times, [2 / 30, 3 / 30])  # 0.0667 s
+
+
+@pytest.mark.parametrize(
+    ("begin", "until", "parts"),
+    [
+        (6.0, None, ("'pull' ends at 5.000 s", "--from is 6 s", "before the end")),
+        (1.0, 7.0, ("'pull' ends at 5.000 s", "--until is 7 s")),
+        (1.01, 1.02, ("'pull' has 0 frames from 1.01 s to 1.02 s", "at least 2")),
+    ],
+)
+def test_a_stretch_outside_is_refused(begin, until, parts):
+    assert says(refusal(TrialError, Span(begin, until).of_trial, TRIAL), *parts)
+
+
+@pytest.mark.parametrize(
+    ("begins", "untils", "parts"),
+    [
+        ((-1.0,), (), ("--from is -1 s", "0 or above")),
+        ((2.0,), (1.0,), ("--until is 1 s", "after --from, which is 2 s")),
+        ((), (float("nan"),), ("--until is nan s",)),
+        ((1.0, 2.0), (), ("--from has 2 values for 3 videos", "one for all or each")),
+    ],
+)
+def test_what_is_no_stretch_is_refused(begins, untils, parts):
+    assert says(refusal(ArgumentError, spans, begins, untils, 3, "videos"), *parts)
+    assert spans((1.0,), (2.0, 3.0, 4.0), 3, "videos") == [Span(1.0, 2.0), Span(1.0, 3.0), Span(1.0, 4.0)]
+
+
+def test_a_reference_remembers_where_in_its_video_a_trial_begins(tmp_path):
+    cut = Span(2.0).of_trial(Trial("pull", TRACK, video=tmp_path / "pull.mp4", controls=CONTROLS))
+    save_reference(TrialSet((cut,), ("A", "B")), tmp_path)
+    (read,) = load_reference(tmp_path)
+    assert (read.video_begin, read.video) == (2.0, tmp_path / "pull.mp4")
+    add_trial(tmp_path, Trial("pull", TRACK, video=tmp_path / "pull.mp4"), ("A", "B"))
+    (again,) = load_reference(tmp_path)
+    assert (again.video_begin, again.controls) == (0.0, None)  # the controls were on another clock
