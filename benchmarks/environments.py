@@ -26,7 +26,7 @@ from swim2real.rl import UNDISTURBED, make_env, make_environments
 from swim2real.rl.body import Bodies
 from swim2real.rl.training import Trainer
 from swim2real.robots.fish import FISH
-from swim2real.settings import BLOCK, TrainingSettings
+from swim2real.settings import TRAIN_FREQ, TrainingSettings
 from swim2real.simulation.batch import Batch
 
 COUNT = TrainingSettings.environments
@@ -138,7 +138,7 @@ def training(threads: int, steps: int) -> Callable[[], None]:
         trainer.round()
 
     def run() -> None:
-        for _ in range(steps // BLOCK):
+        for _ in range(steps // TRAIN_FREQ):
             trainer.round()
 
     return run

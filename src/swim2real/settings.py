@@ -35,7 +35,7 @@ HORIZON = 4.0  # s of each trial that are compared
 REPLY_TOKENS = 16_384  # thinking included
 PAPER_STEPS = 5_000_000  # of a training
 PAPER_EXPLORATION = 50_000
-BLOCK = 200  # transitions between two rounds of learning: the prior work's train_freq
+TRAIN_FREQ = 200  # transitions between two rounds of learning: the prior work's train_freq
 MOST_REPLAY = 1_000_000  # transitions kept, as Stable-Baselines3 does
 
 PHYSICS, FILES, REPLAY = "physics", "files", "replay:"
@@ -338,12 +338,14 @@ class TrainingSettings:
     layers: tuple[int, ...] = (256, 256)
 
     def __post_init__(self) -> None:
-        if self.env_steps < BLOCK:
-            raise ArgumentError(f"env_steps is {self.env_steps}; learning needs {BLOCK} at least")
+        if self.env_steps < TRAIN_FREQ:
+            raise ArgumentError(f"env_steps is {self.env_steps}; learning needs {TRAIN_FREQ} at least")
         if not 0 <= self.seed < 2**31:
             raise ArgumentError(f"seed is {self.seed}; it must be 0 or more and below 2^31")
-        if self.environments < 1 or BLOCK % self.environments:
-            raise ArgumentError(f"environments is {self.environments}; it must divide {BLOCK}: 1, 2, 4, 5, 8, 10, 20 …")
+        if self.environments < 1 or TRAIN_FREQ % self.environments:
+            raise ArgumentError(
+                f"environments is {self.environments}; it must divide {TRAIN_FREQ}: 1, 2, 4, 5, 8, 10, 20 …"
+            )
         for name, value in (("updates", self.updates), ("checkpoint_every", self.checkpoint_every)):
             if value is not None:
                 _least(name, value, 1)
@@ -356,21 +358,21 @@ class TrainingSettings:
         return min(PAPER_EXPLORATION, self.env_steps // 10) if self.exploration is None else self.exploration
 
     @property
-    def updates_a_block(self) -> int:
+    def updates_per_round(self) -> int:
         """Gradient steps after every 200 transitions."""
-        wanted = min(BLOCK, math.ceil(PAPER_STEPS / self.env_steps))
+        wanted = min(TRAIN_FREQ, math.ceil(PAPER_STEPS / self.env_steps))
         return wanted if self.updates is None else self.updates
 
     @property
     def checkpoint_steps(self) -> int:
         """Environment steps between checkpoints, a multiple of 200."""
         wanted = max(10_000, self.env_steps // 20) if self.checkpoint_every is None else self.checkpoint_every
-        return max(BLOCK, wanted // BLOCK * BLOCK)
+        return max(TRAIN_FREQ, wanted // TRAIN_FREQ * TRAIN_FREQ)
 
     @property
     def total_steps(self) -> int:
         """Environment steps that are made: a multiple of 200."""
-        return math.ceil(self.env_steps / BLOCK) * BLOCK
+        return math.ceil(self.env_steps / TRAIN_FREQ) * TRAIN_FREQ
 
     @property
     def replay(self) -> int:

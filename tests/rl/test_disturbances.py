@@ -1,4 +1,4 @@
-"""Start phase, current, tendon friction, and the state as a tracker tells it."""
+"""Start phase, current, tendon friction, and the state as a tracker reports it."""
 
 import numpy as np
 import pytest
@@ -65,13 +65,19 @@ def test_friction_of_the_left_tendon_turns_the_robot_to_its_left():
     assert turns[1] + 0.01 < turns[2]
 
 
-def tracked(estimate, steps=60, seed=0):
-    """True and tracked readings of a swim, as columns: heading, place, tail angles, rates."""
-    robots, rng, which = Robots(Bodies(FISH, PUBLISHED), 1), np.random.default_rng(seed), np.zeros(1, int)
+def started(estimate):
+    """A robot and the estimator of its state, at the start."""
+    robots, rng, which = Robots(Bodies(FISH, PUBLISHED), 1), np.random.default_rng(0), np.zeros(1, int)
     estimator = StateEstimator(robots.bodies, estimate, 1)
     robots.start(0, 0, 0.0)
     robots.read(which)
     estimator.begin(0, 0, robots.state, rng)
+    return robots, estimator, rng, which
+
+
+def tracked(estimate, steps=60):
+    """True and tracked readings of a swim, as columns: heading, place, tail angles, rates."""
+    robots, estimator, rng, which = started(estimate)
     rows = []
     for _ in range(steps):
         rows.append([
@@ -111,15 +117,11 @@ def test_a_late_tracker_sees_what_was_but_knows_its_motor():
 
 
 def test_a_heading_goes_on_beyond_half_a_turn():
-    robots, which = Robots(Bodies(FISH, PUBLISHED), 1), np.zeros(1, int)
-    estimator = StateEstimator(robots.bodies, rl.StateEstimate(noise=0.0, delay=0), 1)
-    robots.start(0, 0, 0.0)
-    robots.read(which)
-    estimator.begin(0, 0, robots.state, np.random.default_rng(0))
+    robots, estimator, rng, which = started(rl.StateEstimate(noise=0.0, delay=0))
     for heading in np.linspace(0.0, 9.0, 40):
         robots._batch.data(0).qpos[5] = heading
         robots.read(which)
-        estimator.update(robots.state, which, [np.random.default_rng(0)])
+        estimator.update(robots.state, which, [rng])
         assert robots.state.heading[0] == pytest.approx(heading, abs=1e-6)
         assert estimator.seen.heading[0] == pytest.approx(heading, abs=1e-3)  # two steps of the fit
     np.testing.assert_allclose(estimator.seen.position, robots.state.position, atol=1e-3)

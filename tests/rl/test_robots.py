@@ -106,11 +106,8 @@ def test_a_robot_file_must_say_what_is_commanded(snake, tmp_path):
     silent = dataclasses.replace(snake, policy=None)
     with pytest.raises(ArgumentError, match=r"robot 'snake' has no \[policy\] .* of servo1, servo2, servo3, servo4"):
         rl.make_env("forward", robot=silent)
-    assert snake.policy is not None
     blind = dataclasses.replace(snake, policy=PolicySetup(snake.policy.actuators, observe={"forward": ("sight",)}))
-    with pytest.raises(
-        ArgumentError, match="robot 'snake', task 'forward', observes 'sight'; it must be one of markers"
-    ):
+    with pytest.raises(ArgumentError, match="robot 'snake', task 'forward', observes 'sight'; it must be one of mark"):
         rl.make_env("forward", robot=blind)
     with pytest.raises(ArgumentError, match="robot 'snake' names no 'rubbing_tendon'"):
         rl.make_env("forward", robot=snake, disturbances=rl.Disturbances(tendon_friction=0.3))
@@ -120,10 +117,7 @@ def test_a_robot_file_must_say_what_is_commanded(snake, tmp_path):
     text = (EXAMPLES / "snake/snake.toml").read_text()
     for wrong, sentence in (
         (text.replace("servo1 = {lower", "servo9 = {lower"), "'actuators' is 'servo9'; it must be an actuator"),
-        (
-            text.replace("lower = -1.0", "lower = 2.0", 1),
-            "'lower' is 2 and 'upper' 1; the first must be below the second",
-        ),
+        (text.replace("lower = -1.0", "lower = 2.0", 1), "'lower' is 2 and 'upper' 1; the first must be below the s"),
         (text.replace("lower = -1.0", "lower = 0.5", 1), "0, the command at rest, must be within"),
     ):
         (tmp_path / "wrong.toml").write_text(wrong)

@@ -75,14 +75,12 @@ def test_reaching_a_goal_is_no_time_limit():
 def test_a_divergence_stays_with_its_environment():
     vector = rl.make_vector_env("forward", PUBLISHED, 2, threads=2, seed=0)
     vector.reset()
-    vector.step(np.ones((2, 1), np.float32))
     vector.environments.robots._batch.data(0).qpos[7] = np.nan
     seen, rewards, ended, infos = vector.step(np.ones((2, 1), np.float32))
     assert list(ended) == [True, False]
     assert rewards[0] == rl.DIVERGED
-    assert infos[0]["diverged"].startswith("the simulation diverged 0.04 s after the start")
+    assert ["diverged" in info for info in infos] == [True, False]
     assert infos[0]["TimeLimit.truncated"] is False
-    assert "diverged" not in infos[1]
     assert np.isfinite(seen).all()
     vector.close()
 
@@ -101,12 +99,9 @@ def test_seeds_and_stages_reach_the_environments():
 def test_stable_baselines_learns_in_it():
     torch.set_num_threads(1)
     vector = VecMonitor(rl.make_vector_env("forward", PUBLISHED, 2, seed=0, seconds=0.2))
-    learner = SAC("MlpPolicy", vector, learning_starts=10, train_freq=5, batch_size=8, seed=0, device="cpu",
-                  policy_kwargs={"net_arch": [16, 16]})  # fmt: skip
+    learner = SAC("MlpPolicy", vector, learning_starts=10, train_freq=5, batch_size=8, seed=0, device="cpu")
     learner.learn(60)
-    assert learner.num_timesteps == 60
-    assert len(learner.ep_info_buffer) == 6
-    assert all(np.isfinite(episode["r"]) for episode in learner.ep_info_buffer)
+    assert [np.isfinite(episode["r"]) for episode in learner.ep_info_buffer] == [True] * 6
 
 
 def test_a_running_batch_is_saved_and_goes_on_as_it_would_have():

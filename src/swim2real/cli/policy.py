@@ -117,7 +117,7 @@ def train(
 
         outcome = run_training(
             settings, sets, trained, out, about=about, disturbances=disturbances, threads=threads or cores,
-            resume=resume, allow_code=consent.given(consent.CODE), on_progress=progress,
+            resume=resume, on_progress=progress,
             stop=lambda: bool(interruption),
         )  # fmt: skip
     write_training_page(TrainingRun.open(out), out)

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import MissingExtraError, RunError
 from swim2real.rl.actor import Actor
-from swim2real.rl.pickled import check_allowed, read_tensors
-from swim2real.settings import BLOCK, TrainingSettings
+from swim2real.settings import TRAIN_FREQ, TrainingSettings
 from swim2real.store import read_arrays, read_json, whole_folder, write_json
 
 try:
@@ -34,7 +33,6 @@ except ModuleNotFoundError as error:
     raise MissingExtraError(f"training needs {error.name}; install it with: pip install 'swim2real[rl]'") from error
 
 _NETWORKS, _REPLAY, _EPISODES, _STATE = "networks.npz", "replay.npz", "episodes.npz", "state.json"
-_PICKLED_NETWORKS = "networks.pt"  # of checkpoints that were written before networks.npz was
 _ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 _SMALL = 1 << 20  # bytes of a checkpoint's replay buffer besides the transitions
 _DAMAGED = (OSError, EOFError, LookupError, ArithmeticError, ValueError, TypeError, AttributeError, RuntimeError)
@@ -126,7 +124,7 @@ class Learner:
     def _learn(self) -> None:
         begun = perf_counter()
         torch.set_num_threads(1)  # it holds for the thread that says so; small networks gain little from more
-        self._sac.train(self._settings.updates_a_block, self._settings.batch)
+        self._sac.train(self._settings.updates_per_round, self._settings.batch)
         self.seconds += perf_counter() - begun
 
     def save(self, folder: Path) -> None:
@@ -145,17 +143,11 @@ class Learner:
     def load(self, folder: Path) -> None:
         """Takes over what `save` wrote, and sets the random states.
 
-        Networks in a pickle, as older checkpoints have them, are loaded too: who calls decides whether they may be.
-
         Raises:
             ValueError: An array doesn't fit the settings. Libraries raise other errors about damaged files.
         """
-        if (folder / _NETWORKS).is_file():
-            arrays = read_arrays(folder / _NETWORKS)
-            self._set_tensors({name: torch.from_numpy(array) for name, array in arrays.items()})
-        else:
-            with (folder / _PICKLED_NETWORKS).open("rb") as file:
-                self._set_tensors(_flat(read_tensors(file)))
+        arrays = read_arrays(folder / _NETWORKS)
+        self._set_tensors({name: torch.from_numpy(array) for name, array in arrays.items()})
         buffer = self._buffer
         places = {name: getattr(buffer, name) for name in _ARRAYS}
         stored = read_arrays(folder / _REPLAY, sum(place.nbytes for place in places.values()) + _SMALL)
@@ -245,27 +237,13 @@ class Checkpoint:
     @property
     def resumable(self) -> bool:
         """Whether a run can go on from it; older checkpoints lose their replay buffer."""
-        networks = any((self.folder / name).is_file() for name in (_NETWORKS, _PICKLED_NETWORKS))
-        return networks and all((self.folder / name).is_file() for name in (_REPLAY, _EPISODES, _STATE))
+        return all((self.folder / name).is_file() for name in (_NETWORKS, _REPLAY, _EPISODES, _STATE))
 
 
 def list_checkpoints(run: Path) -> list[Checkpoint]:
     """Checkpoints of a run, oldest first."""
     folders = sorted((run / "checkpoints").glob("step-*[0-9]"))
     return [Checkpoint(int(folder.name.split("-")[1]), folder) for folder in folders if (folder / _STATE).is_file()]
-
-
-def refuse_checkpoints_of_0_1(run: Path) -> None:
-    """Refuses to go on with a run of version 0.1: its checkpoints are pickles, and training has changed since.
-
-    Raises:
-        RunError: The run has such a checkpoint.
-    """
-    if old := next((run / "checkpoints").glob("step-*/state.pickle"), None):
-        raise RunError(
-            f"'{old}' is a pickle of version 0.1, which isn't read, and training has changed since; begin a new run "
-            f"in another folder"
-        )
 
 
 def write_checkpoint(
@@ -280,7 +258,7 @@ def write_checkpoint(
         episodes: Arrays of the running episodes.
         state: What else a resumed run needs, as JSON.
     """
-    assert step % BLOCK == 0
+    assert step % TRAIN_FREQ == 0
     folder = run / "checkpoints" / f"step-{step:09d}"
     with whole_folder(folder) as part:
         learner.save(part)
@@ -297,8 +275,8 @@ def remove_older_replay_buffers(run: Path, step: int) -> None:
 
 
 @contextmanager
-def damage_told(checkpoint: Checkpoint) -> Generator[None]:
-    """What a damaged or foreign checkpoint leads to is raised as a `RunError`."""
+def checkpoint_errors(checkpoint: Checkpoint) -> Generator[None]:
+    """Raises the errors that a damaged or foreign checkpoint causes as a `RunError`."""
     try:
         yield
     except _DAMAGED as error:
@@ -308,24 +286,18 @@ def damage_told(checkpoint: Checkpoint) -> Generator[None]:
         ) from error
 
 
-def load_checkpoint(
-    checkpoint: Checkpoint, learner: Learner, allow_code: bool = False
-) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def load_checkpoint(checkpoint: Checkpoint, learner: Learner) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Loads a learner, and returns what else was kept: arrays of the running episodes, and the state.
 
     Args:
         checkpoint: The checkpoint.
         learner: Learner that takes over what it holds.
-        allow_code: Whether a pickle may be loaded, as older checkpoints hold one: it could run code.
 
     Raises:
         RunError: The checkpoint is damaged, or of other settings.
-        ConsentError: It holds a pickle, which nobody has allowed to load.
     """
     folder = checkpoint.folder
-    if not (folder / _NETWORKS).is_file():
-        check_allowed(folder / _PICKLED_NETWORKS, "of an earlier version", allow_code=allow_code)
-    with damage_told(checkpoint):
+    with checkpoint_errors(checkpoint):
         learner.load(folder)
         state = read_json(folder / _STATE)
         if state["step"] != checkpoint.step:

@@ -12,7 +12,6 @@ from swim2real.errors import RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.body import Actuators
 from swim2real.rl.conditions import CONTROL_INTERVAL
-from swim2real.rl.pickled import check_allowed, read_old_policy
 from swim2real.rl.training_run import BEST, LAST, TrainingRun
 
 Array = NDArray[np.float64]
@@ -95,13 +94,8 @@ def load_policy(run: TrainingRun, which: Which = "best") -> LearnedPolicy:
 
     Raises:
         RunError: The policy isn't there or is damaged.
-        ConsentError: It is one of version 0.1, which holds a pickle, and nobody has allowed to load that.
     """
     path = run.folder / (BEST if which == "best" else LAST)
-    old = path.with_suffix(".zip")
-    if path.is_file():
-        return LearnedPolicy(Actor.load(path))
-    if not old.is_file():
+    if not path.is_file():
         raise RunError(f"'{run.folder}' has no {path.name} yet; wait for its first evaluation")
-    check_allowed(old, "a policy of version 0.1", allow_code=run.allow_code)
-    return LearnedPolicy(read_old_policy(old, run.settings.task))
+    return LearnedPolicy(Actor.load(path))

@@ -26,11 +26,10 @@ from swim2real.rl.environment import Environments, make_environments
 from swim2real.rl.learner import (
     Learner,
     Transitions,
-    damage_told,
+    checkpoint_errors,
     list_checkpoints,
     load_checkpoint,
     make_log,
-    refuse_checkpoints_of_0_1,
     remove_older_replay_buffers,
     write_checkpoint,
 )
@@ -40,7 +39,7 @@ from swim2real.rl.tasks import Curriculum
 from swim2real.rl.training_run import TrainingOutcome, TrainingSeconds
 from swim2real.rl.vector import RobotVecEnv
 from swim2real.robots.robot import Robot
-from swim2real.settings import BLOCK, TrainingSettings
+from swim2real.settings import TRAIN_FREQ, TrainingSettings
 from swim2real.store import path_from, write_json
 
 REPORT_EVERY = 2.0  # s, between two reports of progress
@@ -87,7 +86,7 @@ class Progress:
 def train(
     settings: TrainingSettings, parameters: Sequence[Values], robot: Robot, out: str | Path, *,
     about: Mapping[str, Any] | None = None, disturbances: Disturbances = UNDISTURBED, threads: int = 1,
-    resume: bool = False, allow_code: bool = False, on_progress: Callable[[Progress], None] = lambda progress: None,
+    resume: bool = False, on_progress: Callable[[Progress], None] = lambda progress: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> TrainingOutcome:  # fmt: skip
     """Trains a policy into a folder.
@@ -101,7 +100,6 @@ def train(
         disturbances: Disturbances of the simulator while it learns.
         threads: Threads that step the environments; one of them learns in between. Results don't depend on it.
         resume: Whether to go on with the run that is in the folder.
-        allow_code: Whether to resume from a checkpoint of an earlier version, whose pickle could run code.
         on_progress: Called every two seconds, and after every evaluation.
         stop: Called after every 200 transitions; when it returns true, a checkpoint is written and the run ends.
 
@@ -116,7 +114,7 @@ def train(
     trainer = Trainer(settings, list(parameters), robot, Path(out), disturbances, threads)
     try:
         with files.locked_folder(trainer.out):
-            trainer.begin(dict(about or {}), resume, allow_code)
+            trainer.begin(dict(about or {}), resume)
             return trainer.run(on_progress, stop)
     finally:
         trainer.close()
@@ -152,13 +150,13 @@ class Trainer:
         self.best: list[float] | None = None
         self._counted = time.perf_counter()
 
-    def begin(self, about: dict[str, Any], resume: bool, allow_code: bool = False) -> None:
+    def begin(self, about: dict[str, Any], resume: bool) -> None:
         """Makes the folder and the learner, or reads them."""
         source = {} if self.robot.source is None else {"robot_file": path_from(self.out, self.robot.source)}
         content = {
             "kind": "training", "robot": self.robot.name, **source, **asdict(self.settings),
             "task": files.task_from(self.settings.task, self.out), "exploration": self.settings.exploration_steps,
-            "updates": self.settings.updates_a_block, "discount": self.discount,
+            "updates": self.settings.updates_per_round, "discount": self.discount,
             "checkpoint_every": self.settings.checkpoint_steps, "disturbances": asdict(self.disturbances),
             "parameters": [dict(values) for values in self.parameters],
         }  # fmt: skip
@@ -168,12 +166,11 @@ class Trainer:
             files.check_same_settings(self.out, content)
             whole = [checkpoint for checkpoint in list_checkpoints(self.out) if checkpoint.resumable]
             if whole:
-                arrays, state = load_checkpoint(whole[-1], self.learner, allow_code)
-                with damage_told(whole[-1]):
+                arrays, state = load_checkpoint(whole[-1], self.learner)
+                with checkpoint_errors(whole[-1]):
                     self._restore(arrays, state)
                 remove_older_replay_buffers(self.out, self.step)
             else:
-                refuse_checkpoints_of_0_1(self.out)
                 _log.info("'%s' has no checkpoint yet; it is begun anew", self.out)
             for name in _RECORDS:
                 files.cut_record(self.out / name, self.step)
@@ -243,7 +240,7 @@ class Trainer:
         if self._learns:
             self.learner.start()
         begun = time.perf_counter()
-        made = [self._step() for _ in range(BLOCK // self.environments.count)]
+        made = [self._step() for _ in range(TRAIN_FREQ // self.environments.count)]
         self.seconds["simulator"] += time.perf_counter() - begun
         self._wait()
         for transitions in made:

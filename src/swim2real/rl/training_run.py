@@ -136,8 +136,8 @@ class TrainingRun:
     Attributes:
         folder: The folder.
         settings: Its settings.
-        allow_code: Whether code may run that its task or its robot file names, or that is in the pickle of a policy of
-            version 0.1; where not, named code that was allowed before may.
+        allow_code: Whether code may run that its task or its robot file names; where not, code that was allowed before
+            may.
         given_robot: Where its robot file is; None for where its settings say.
     """
 
