@@ -88,7 +88,7 @@ def main():
                 outcome = train(
                     settings, simulator[1], simulator[0], folder,
                     disturbances=Disturbances(ANY_PHASE, estimate=StateEstimate() if simulator[3] else None),
-                    about={"reference": simulator[2]}, threads=a.threads, resume=begun, allow_code=a.allow_code,
+                    about={"reference": simulator[2]}, threads=a.threads, resume=begun,
                 )  # fmt: skip
             policy = load_policy(TrainingRun.open(folder))
             own = swim(simulator, policy, start)

@@ -151,9 +151,9 @@ def test_whatever_is_answered_is_a_value_or_a_sentence(count):
         content = rng.choice((b"\0", b"\0", rng.randbytes(1))) + rng.randbytes(rng.choice((0, 3, 19, 4, 64, 300)))
         packet = build_packet(rng.choice((1, 1, 1, 2, 254)), rng.choice((STATUS, STATUS, 2, 0)), content)
         others = {
-            0: rng.randbytes(rng.randrange(2000)), 1: packet[: rng.randrange(len(packet) + 1)],
-            2: packet * rng.randrange(1, 9), 3: b"\xff\xff\xfd\x00\x01" + rng.randbytes(2) + b"\x55" + rng.randbytes(20),
-            4: asked,
+            0: rng.randbytes(rng.randrange(2000)), 1: packet[: rng.randrange(len(packet) + 1)], 4: asked,
+            2: packet * rng.randrange(1, 9),
+            3: b"\xff\xff\xfd\x00\x01" + rng.randbytes(2) + b"\x55" + rng.randbytes(20),
         }  # fmt: skip
         return others.get(rng.randrange(8), packet)
 
@@ -199,10 +199,12 @@ def test_registers_with_any_content_are_sent_to_or_refused_in_a_sentence(column,
             return out
 
         begun = time.monotonic()
-        with stranger(answer) as port, contextlib.suppress(MotorError), Bus(port, 1_000_000) as bus:
-            with Motors(bus, [fish_motor() if column == FISH else angle]) as motors:
-                motors.identify()
-                send(motors, motors.start(table))
+        with (
+            stranger(answer) as port, contextlib.suppress(MotorError), Bus(port, 1_000_000) as bus,
+            Motors(bus, [fish_motor() if column == FISH else angle]) as motors,
+        ):  # fmt: skip
+            motors.identify()
+            send(motors, motors.start(table))
         assert time.monotonic() - begun < 60
         assert motor.get(ct.TORQUE_ENABLE) == 0
 
