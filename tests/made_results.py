@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from swim2real.comparison.results import ComparisonResults, RunResult, StepRound
+from swim2real.objective.figures import FitFigures
 
 TRIALS, MARKERS, BUDGET = ("slow", "fast"), ("M0", "M1", "M2"), 8
 FREQUENCIES = {"slow": 0.5, "fast": 1.5}
@@ -26,12 +27,12 @@ def trial_evidence(name: str, error: float, speed_miss: float = 0.004, lost: boo
     }  # fmt: skip
 
 
-def evidence_of(error: float, trials: tuple[str, ...] = TRIALS, **more: Any) -> dict[str, Any]:
-    """Evidence of a fit."""
+def evidence_of(error: float, trials: tuple[str, ...] = TRIALS, **more: Any) -> FitFigures:
+    """Figures of a fit."""
     found = {name: trial_evidence(name, error, **more) for name in trials}
     means = ("marker_error", "aligned_marker_error", "shape_error", "velocity_error", "static_offset")
     overall = {name: float(np.mean([one[name] for one in found.values()])) for name in means}
-    return {**overall, "trials": found}
+    return FitFigures.model_validate({**overall, "trials": found})
 
 
 def made_run(
@@ -83,19 +84,22 @@ def two_methods() -> ComparisonResults:
     return made_results(*runs, missing=missing, methods=("good", "bad", "absent"))
 
 
-def playback_evidence(error: float, **more: Any) -> dict[str, Any]:
-    """Evidence of a fit to a recording."""
+def playback_evidence(error: float, **more: Any) -> FitFigures:
+    """Figures of a fit to a recording."""
     trial = {
         "aligned_marker_errors": [0.0, 2 * error], "loss": error, "aligned_marker_error": error,
         "velocity_simulated": 0.1,
     }  # fmt: skip
-    return {"aligned_marker_error": error, "loss": error, **more, "trials": {"a": trial}}
+    return FitFigures.model_validate({"aligned_marker_error": error, "loss": error, **more, "trials": {"a": trial}})
 
 
 def playback_results(**more: Any) -> ComparisonResults:
     """Two seeds of a method on a recording, 10 and 20 mm off."""
     runs = [
-        replace(made_run("good", seed, [loss] * BUDGET, "playback"), fit=playback_evidence(loss, **more))
+        replace(
+            made_run("good", seed, [loss] * BUDGET, "playback"),
+            fit=playback_evidence(loss, **more),
+        )
         for seed, loss in enumerate((0.01, 0.02))
     ]
     return replace(made_results(*runs), markers=("root", "tip"), sensors={"load": "N"})

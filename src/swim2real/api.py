@@ -63,9 +63,7 @@ def open_run(folder: str | Path, *, allow_code: bool = False) -> Run:
     robot = recorded_robot(run, allow_code=allow_code)
     values = read_parameters(run.path, robot.name, robot.space).values
     losses = tuple(float(entry["loss"]) for entry in run.record())
-    content = run.outcome()
-    outcome = None if content is None else Outcome.model_validate(content)
-    return Run(run.path, robot, settings, values, losses, outcome)
+    return Run(run.path, robot, settings, values, losses, run.outcome())
 
 
 def recorded_robot(run: RunFolder, given: str | Path | None = None, *, allow_code: bool = False) -> Robot:

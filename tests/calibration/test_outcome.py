@@ -99,7 +99,8 @@ def test_an_outcome_is_written_with_fit_and_held_out_apart(reference, tmp_path):
     fitted, unseen = (Problem(ROBOT, trials, simulator=simulator) for trials in (kept, out))
     folder = RunFolder(tmp_path)
     outcome = conclude(folder, fitted, unseen, small_run.HIDDEN)
-    assert folder.outcome() == json.loads(json.dumps(outcome.to_json(), allow_nan=False)) == outcome.to_json()
+    assert folder.outcome() == outcome
+    assert json.loads(json.dumps(outcome.to_json(), allow_nan=False)) == outcome.to_json()
     assert list(outcome.fit.trials) == ["f1_30"]
     assert outcome.fit.loss == outcome.fit.motion_error == outcome.fit.trials["f1_30"].motion_error
     assert outcome.held_out is not None
@@ -107,10 +108,10 @@ def test_an_outcome_is_written_with_fit_and_held_out_apart(reference, tmp_path):
     assert set(outcome.trials) == {"f1_30", "f1_70"}
     for name, frequency in small_run.FREQUENCIES.items():
         found = outcome.trials[name]
-        assert found["frequency"] == pytest.approx(frequency, abs=0.01)
-        assert found["usable"]
-        assert found["findings"] == []
-        assert found["nominal_frequency"] == frequency
+        assert found.frequency == pytest.approx(frequency, abs=0.01)
+        assert found.usable
+        assert found.findings == []
+        assert found.nominal_frequency == frequency
     assert outcome.sensitivity is None
     assert outcome.marker_names == list(ROBOT.marker_names)
     assert simulator.engine.difference(outcome.engine) is None

@@ -190,7 +190,7 @@ def test_an_outcome_and_its_recordings_are_kept(name, runs, problem, floater):
     folder = runs[name]
     outcome = conclude(folder, one.of(kept), one.of(out), hidden, sensitivities(one, one.robot.space, hidden))
     outcome = outcome.to_json()
-    assert outcome == folder.outcome()
+    assert outcome == folder.outcome().to_json()
     assert list(outcome["trials"]) == list(reference.names)
     assert "from_rest" not in outcome
     speeds = [one["speed"] for one in outcome["sensitivity"]]

@@ -139,9 +139,9 @@ def test_a_comparison_is_run_folders_results_and_a_table(finished):
         assert run_.best.tolist() == np.minimum.accumulate(run_.losses).tolist()
         assert run_.best_loss == min(run_.losses) == run_.losses[run_.best_evaluation - 1]
         assert run_.values == record[run_.best_evaluation - 1]["values"]
-        assert run_.fit == outcome["fit"]
+        assert run_.fit == outcome.fit
         assert (run_.held_out, run_.held_out_fit, run_.spent) == (None, None, None)
-        assert len(run_.fit["trials"]["a"]["aligned_marker_errors"]) == 3
+        assert len(run_.fit.trials["a"].aligned_marker_errors) == 3
         assert folder.settings()["threads"] == 1
         assert len(load_trials(folder)) == 2
     starts = {(run_.seed, run_.losses[0]) for run_ in results.runs}
@@ -169,8 +169,8 @@ def test_the_table_has_a_line_a_run(finished):
     assert [(row["method"], row["seed"]) for row in found] == [(m, s) for m in METHODS for s in ("0", "1")]
     run_ = load_results(finished).runs[0]
     assert float(first["best_loss"]) == run_.best_loss
-    assert float(first["aligned_marker_error"]) == run_.fit["aligned_marker_error"]
-    assert float(first["sensor_errors.gyro[1]"]) == run_.fit["sensor_errors"]["gyro[1]"]
+    assert float(first["aligned_marker_error"]) == run_.fit.aligned_marker_error
+    assert float(first["sensor_errors.gyro[1]"]) == run_.fit.sensor_errors["gyro[1]"]
     assert float(first["auc"]) == pytest.approx(np.mean(run_.best))
     assert {name: float(first[name]) for name in PENDULUM.space.names} == run_.values
 
@@ -213,14 +213,14 @@ def test_every_trial_is_left_out_once(tmp_path, in_a_thread):
     results = compare_pendulum(plan, tmp_path)
     assert results.missing == {}
     (whole,) = results.of("random", "playback")
-    assert set(whole.fit["trials"]) == {"a", "b"}
+    assert set(whole.fit.trials) == {"a", "b"}
     assert [one.held_out for one in results.left_out("random", "playback")] == ["a", "b"]
     for one in results.left_out("random", "playback"):
         assert one.folder == f"runs/playback/random/seed-0/without-{one.held_out}"
-        assert set(one.fit["trials"]) == {"a", "b"} - {one.held_out}
-        assert set(one.held_out_fit["trials"]) == {one.held_out}
+        assert set(one.fit.trials) == {"a", "b"} - {one.held_out}
+        assert set(one.held_out_fit.trials) == {one.held_out}
         (row,) = (row for row in rows(tmp_path) if row["held_out"] == one.held_out)
-        assert float(row["held_out_aligned_marker_error"]) == one.held_out_fit["aligned_marker_error"]
+        assert float(row["held_out_aligned_marker_error"]) == one.held_out_fit.aligned_marker_error
     assert rows(tmp_path)[0]["held_out_loss"] == ""
 
 
@@ -232,7 +232,7 @@ def test_a_higher_budget_goes_on_and_an_outcome_of_the_lower_one_isnt_taken_for_
     assert lines(copy) == dict.fromkeys(lines(copy), 12)
     new = folder.outcome()
     assert new["fit"]["loss"] < old["fit"]["loss"]
-    folder.write_json("outcome.json", old)  # as if killed before the run was concluded again
+    folder.write_json("outcome.json", old.to_json())  # as if killed before the run was concluded again
     assert read_results(copy).missing == {"playback/random/seed-1": "12 of 12 evaluations are done"}
     work = Work(copy, "token", REFERENCE, PENDULUM, make().basis)
     (copy / ".session").write_text("token")

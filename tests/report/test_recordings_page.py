@@ -84,8 +84,8 @@ def shown_of(folder: Path, robot: Robot) -> dict:
 
 def test_a_run_with_a_sensor_shows_everything_that_there_is(pendulum: Path) -> None:
     shown = visible(page_of(pendulum, PENDULUM))
-    figures = RunFolder(pendulum).outcome()["fit"]
-    unseen = RunFolder(pendulum).outcome()["held_out"]
+    figures = RunFolder(pendulum).outcome().to_json()["fit"]
+    unseen = RunFolder(pendulum).outcome().to_json()["held_out"]
     error, out_error = (f"{one['sensor_errors']['gyro[1]']:.4g} rad/s" for one in (figures, unseen))
     for words in (
         f"Playback error {1e3 * figures['loss']:.1f} mm first evaluation", f"held-out trials {out_error}",
@@ -127,7 +127,7 @@ def test_the_same_folder_gives_the_same_page(copied: Path) -> None:
 def test_trials_and_errors_are_in_the_units_of_their_headings(pendulum: Path, floater: Path) -> None:
     trials = shown_of(pendulum, PENDULUM)["trials"]
     assert trials.columns == ("Length (s)", "Playback error (mm)", "Marker error (mm)", "gyro[1] (rad/s)", "Left out")
-    figures = RunFolder(pendulum).outcome()["fit"]["trials"]["a"]
+    figures = RunFolder(pendulum).outcome().to_json()["fit"]["trials"]["a"]
     assert trials.rows[0].cells == (
         "2.50", f"{1e3 * figures['loss']:.1f}", f"{1e3 * figures['aligned_marker_error']:.1f}",
         f"{figures['sensor_errors']['gyro[1]']:.4g}", "1.8 %",
@@ -137,7 +137,7 @@ def test_trials_and_errors_are_in_the_units_of_their_headings(pendulum: Path, fl
     assert error.trials == ("fast", "slow")
     assert error.held_out == (True, False)
     assert error.values[1] == pytest.approx(
-        RunFolder(floater).outcome()["fit"]["trials"]["slow"]["aligned_marker_errors"]
+        RunFolder(floater).outcome().to_json()["fit"]["trials"]["slow"]["aligned_marker_errors"]
     )
     assert (offset.values <= error.values + 1e-9).all()
     assert amplitude.values[:, 0] == pytest.approx(0, abs=1e-9)  # the origin of the frame
@@ -233,7 +233,7 @@ def test_rounds_tell_what_the_advisor_said(tmp_path: Path, monkeypatch: pytest.M
 @pytest.mark.slow
 def test_texts_from_a_robot_file_are_escaped(pendulum: Path, drawn: None, tmp_path: Path) -> None:
     evil = telling(PENDULUM, sensors=(Sensor("gyro[1]", EVIL, 0.001),))
-    outcome = RunFolder(pendulum).outcome()
+    outcome = RunFolder(pendulum).outcome().to_json()
     copy = Path(shutil.copytree(pendulum, tmp_path / "run"))
     RunFolder(copy).write_json("outcome.json", {**outcome, "marker_names": [EVIL, "b", "c"]})
     page = page_of(copy, evil)

@@ -273,7 +273,7 @@ def test_a_fit_that_swims_backward_from_rest_is_said(run: Run) -> None:
 
 
 def test_an_outcome_of_an_earlier_version_is_shown(run: Run) -> None:
-    outcome = run.folder.outcome()
+    outcome = run.folder.outcome().to_json()
     assert outcome is not None
     assert outcome.pop("from_rest")
     run.folder.write_json("outcome.json", outcome)
@@ -338,7 +338,7 @@ def test_a_held_out_trial_that_diverged(run: Run) -> None:
 def test_markers_that_never_count(tmp_path: Path) -> None:
     run = searched(tmp_path / "run", lost=3)
     run.conclude(0.1)
-    assert run.folder.outcome()["fit"]["trials"]["f0_50"]["aligned_marker_errors"][3] is None  # type: ignore[index]
+    assert run.folder.outcome().fit.trials["f0_50"].aligned_marker_errors[3] is None
     page_of(run)
     charts = charts_of(run)
     tails = {titles_of(charts[f"tail-{i}"]())[1] for i in range(3)}

@@ -1,7 +1,8 @@
 """Calibration: the loop around an optimizer and a simulator, with its record."""
 
+from swim2real.calibration.file_models import Outcome
 from swim2real.calibration.loop import Progress, RecordMismatchError, minimize
-from swim2real.calibration.outcome import Outcome, conclude
+from swim2real.calibration.outcome import conclude
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.protocols import RealSwim, examine_swims, protocol_for
 from swim2real.calibration.provenance import commit, reference_fingerprint, versions

@@ -1,4 +1,4 @@
-"""What the files of a run folder must be like, wherever they come from: settings, record and evidence.
+"""What the files of a run folder must be like, wherever they come from: settings, record and outcome.
 
 What is checked here is what is read again; keys that a later version adds are kept as they are.
 """
@@ -9,17 +9,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from swim2real.calibration.from_rest import FromRest
+from swim2real.calibration.sensitivity import Sensitivity
 from swim2real.checking import Number, PathText, Positive
+from swim2real.objective.figures import Fact, FitFigures, Text
 
 Whole = Annotated[int, Field(strict=True, ge=0, le=10**9)]
-Fact = Number | None
-"""A figure; None for what a simulation that diverged doesn't have."""
 Share = Annotated[float, Field(strict=True, ge=0, le=1)]
-Text = Annotated[str, Field(max_length=100_000)]
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="allow")
+    model_config = ConfigDict(frozen=True, extra="allow")
 
 
 class RunSettings(_Part):
@@ -53,85 +53,6 @@ class RunSettings(_Part):
     created: Text | None = None
 
 
-class Beat(_Part):
-    """How markers beat: one number a marker."""
-
-    amplitude: list[Fact]
-    phase: list[Fact]
-    mean: list[Fact]
-
-
-class Windows(_Part):
-    """Mean residuals in windows of time."""
-
-    edges: list[Number]
-    markers: list[list[list[Fact]]]
-    sensors: dict[str, list[Fact]] = {}
-
-
-class Evidence(_Part):
-    """Figures in SI, of a trial or of all."""
-
-    loss: Fact = None
-    motion_error: Fact = None
-    recoil_error: Fact = None
-    yaw_error: Fact = None
-    sway_error: Fact = None
-    aligned_marker_error: Fact = None
-    shape_error: Fact = None
-    progress_error: Fact = None
-    heading_error: Fact = None
-    velocity_error: Fact = None
-    static_offset: Fact = None
-    marker_error: Fact = None
-    unweighted_error: Fact = None
-    left_out_share: Fact = None
-    sensor_errors: dict[str, Fact] = {}
-
-
-class TrialEvidence(Evidence):
-    """Figures of a trial, and what they are made of."""
-
-    velocity_real: Fact = None
-    velocity_simulated: Fact = None
-    yaw_real: Fact = None
-    yaw_simulated: Fact = None
-    yaw_real_std: Fact = None
-    yaw_simulated_std: Fact = None
-    yaw_lag: Fact = None
-    sway_real: Fact = None
-    sway_simulated: Fact = None
-    sway_real_std: Fact = None
-    sway_simulated_std: Fact = None
-    sway_lag: Fact = None
-    turn_rate_real: Fact = None
-    turn_rate_simulated: Fact = None
-    frequency: Fact = None
-    phase: Fact = None
-    divergence: Text | None = None
-    motion_marker_errors: list[Fact] = []
-    marker_errors: list[Fact] = []
-    aligned_marker_errors: list[Fact] = []
-    shape_marker_errors: list[Fact] = []
-    seen_shares: list[Fact] = []
-    beat_real: Beat | None = None
-    beat_simulated: Beat | None = None
-    path_beat_real: Beat | None = None
-    path_beat_simulated: Beat | None = None
-    offset: list[list[Fact]] = []
-    amplitude_real: list[Fact] = []
-    amplitude_simulated: list[Fact] = []
-    windows: Windows | None = None
-
-
-class FitEvidence(Evidence):
-    """Figures of all trials, and of each."""
-
-    protocol: Text = "aligned"
-    horizon: Positive | None = None
-    trials: dict[str, TrialEvidence] = {}
-
-
 class Proposal(_Part):
     """What an advisor proposed."""
 
@@ -162,7 +83,7 @@ class RecordedEvaluation(_Part):
     point: list[Share]
     values: dict[str, Number]
     note: Note
-    evidence: FitEvidence
+    evidence: FitFigures
     seconds: Number | None = None
 
 
@@ -191,32 +112,29 @@ class TrialSummary(_Part):
     sensors: list[Text] = []
 
 
-class Swum(_Part):
-    """A swim from rest."""
+class Outcome(_Part):
+    """What a run found: the content of its `outcome.json`.
 
-    frequency: Number
-    speed: Fact
-    divergence: Text | None
+    Attributes:
+        fit: Figures on the fitted trials.
+        held_out: Figures on the held-out trials; None without any.
+        from_rest: How each fitted trial's beat swims from rest; empty where trials have no beat.
+        trials: What was found in each real trial.
+        sensitivity: Effect of each parameter on the loss; None where nobody asked for it.
+        engine: Name and fingerprint of the physics engine.
+        marker_names: Names of the markers.
+        evaluations: Number of evaluations on record.
+    """
 
-
-class Effect(_Part):
-    """Effect of a parameter on the loss."""
-
-    name: Text
-    lower: Fact
-    upper: Fact
-    speed: Fact
-    verdict: Text
-
-
-class OutcomeFile(_Part):
-    """The content of `outcome.json`."""
-
-    fit: FitEvidence
-    held_out: FitEvidence | None = None
-    evaluations: Whole | None = None
-    from_rest: dict[str, Swum] = {}
+    fit: FitFigures
+    held_out: FitFigures | None = None
+    from_rest: dict[str, FromRest] = {}
     trials: dict[str, TrialSummary] = {}
-    sensitivity: list[Effect] | None = None
+    sensitivity: list[Sensitivity] | None = None
     engine: dict[str, Any] = {}
     marker_names: list[Text] = []
+    evaluations: Whole = 0
+
+    def to_json(self) -> dict[str, Any]:
+        """As the file has it."""
+        return self.model_dump(exclude_unset=True)

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from swim2real.checking import Number
+from swim2real.objective.figures import Fact
 from swim2real.parameters import Values
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, MarkerTrack, Trial
@@ -28,8 +30,8 @@ class FromRest:
         divergence: Why and when the simulation failed; None when it didn't.
     """
 
-    frequency: float
-    speed: float | None
+    frequency: Number
+    speed: Fact
     divergence: str | None
 
     def as_dict(self) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 from swim2real import store
 from swim2real.calibration.chain import CHAIN, broken_links, chained, last_hash, next_hash
-from swim2real.calibration.file_models import OutcomeFile, RecordedEvaluation, RunSettings
+from swim2real.calibration.file_models import Outcome, RecordedEvaluation, RunSettings
 from swim2real.checking import check, shown
 from swim2real.errors import RunError
 from swim2real.parameters.file import BEST
@@ -120,17 +120,12 @@ class RunFolder:
         check(RunSettings, content, str(self.settings_path), RunError, self.RESTORE)
         return content
 
-    def outcome(self) -> dict[str, Any] | None:
+    def outcome(self) -> Outcome | None:
         """What was found at the end of the run, None before it."""
         if not (self.path / OUTCOME).is_file():
             return None
         content = self._read_json(OUTCOME, "")
-        check(OutcomeFile, content, str(self.path / OUTCOME), RunError, self.RESTORE)
-        return {
-            **content,
-            "fit": upgraded_evidence(content.get("fit")),
-            "held_out": upgraded_evidence(content.get("held_out")),
-        }
+        return check(Outcome, content, str(self.path / OUTCOME), RunError, self.RESTORE)
 
     def record(self) -> list[dict[str, Any]]:
         """All recorded evaluations. A last line that was cut off by a crash doesn't count.
@@ -158,8 +153,6 @@ class RunFolder:
         for number, entry in enumerate(entries, start=1):
             check(RecordedEvaluation, entry, f"{path}, line {number}", RunError, self.RESTORE)
             entry.pop(CHAIN, None)
-            if "evidence" in entry:
-                entry["evidence"] = upgraded_evidence(entry["evidence"])
         return entries
 
     def drop_cut_line(self) -> None:
@@ -292,17 +285,3 @@ def _damage(line: bytes) -> str:
         return "" if isinstance(store.from_json(line), dict) else "no evaluation"
     except ValueError as error:
         return str(error)
-
-
-def upgraded_evidence(evidence: Any) -> Any:
-    """Evidence as this version has it: of recordings 0.1 called the aligned error `marker_error`."""
-    if not isinstance(evidence, dict) or cast("Any", evidence).get("protocol") != "playback":
-        return cast("Any", evidence)
-    content = cast("dict[str, Any]", evidence)
-    trials = {name: _renamed(trial) for name, trial in cast("dict[str, Any]", content.get("trials", {})).items()}
-    return {**_renamed(content), "trials": trials}
-
-
-def _renamed(figures: Mapping[str, Any]) -> dict[str, Any]:
-    names = {"marker_error": "aligned_marker_error", "marker_errors": "aligned_marker_errors"}
-    return {names.get(key, key): value for key, value in figures.items()}

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swim2real.calibration.problem import Problem
 from swim2real.objective import Comparison
+from swim2real.objective.figures import Fact
 from swim2real.parameters import ParameterSpace, Values
 
 STEP = 0.1  # of the parameter's range on the space's scale
@@ -31,9 +32,9 @@ class Sensitivity:
     """
 
     name: str
-    lower: float | None
-    upper: float | None
-    speed: float | None
+    lower: Fact
+    upper: Fact
+    speed: Fact
     verdict: str
 
     def as_dict(self) -> dict[str, Any]:

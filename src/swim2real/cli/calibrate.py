@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from swim2real.cli.options import Positional, RobotOption
 from swim2real.cli.terminal import say, say_json, tell
@@ -18,6 +18,7 @@ from swim2real.settings import CalibrationSettings, VlmAccess
 if TYPE_CHECKING:
     from swim2real.calibration import Outcome
     from swim2real.cli.progress import RunCallbacks
+    from swim2real.robots.robot import Sensor
 
 MOST_LINES = 10  # on lost tracks, before they are told in a line for each trial
 
@@ -190,7 +191,7 @@ def _told(outcome: Outcome, folder: Path, quiet: bool, as_json: bool) -> int:
     if as_json:
         say_json(outcome.to_json())
     elif not quiet:
-        _print(outcome.to_json())
+        _print(outcome, reported.robot.trials.sensors)
     for warning in warnings(reported):
         tell(f"warning: {warning}")
     page = write_report(folder, reported.robot)
@@ -199,19 +200,19 @@ def _told(outcome: Outcome, folder: Path, quiet: bool, as_json: bool) -> int:
     return 0
 
 
-def _print(outcome: Mapping[str, Any]) -> None:
+def _print(outcome: Outcome, sensors: Sequence[Sensor]) -> None:
     from swim2real.cli import tables
 
-    lost = {name: t for name, t in outcome["trials"].items() if not t["usable"]}
-    lines = [(name, line) for name, t in lost.items() for line in t["findings"]]
+    lost = {name: trial for name, trial in outcome.trials.items() if not trial.usable}
+    lines = [(name, line) for name, trial in lost.items() for line in trial.findings]
     if len(lines) > MOST_LINES:
         title = "Lost tracks (left out by weights): frames for which each marker is lost [%]"
-        rows = [((name,), t["lost_share"], ()) for name, t in lost.items()]
-        tables.by_marker(title, outcome["marker_names"], ("trial",), (), rows, tables.percent)
+        rows = [((name,), trial.lost_share, ()) for name, trial in lost.items()]
+        tables.by_marker(title, outcome.marker_names, ("trial",), (), rows, tables.percent)
     elif lines:
         tables.table("Lost tracks (left out by weights)", ("trial", "finding"), lines)
-    tables.figures(outcome["fit"], "Fitted trials")
-    if outcome["held_out"]:
-        tables.figures(outcome["held_out"], "Held-out trials")
-    if outcome["sensitivity"]:
-        tables.sensitivities(outcome["sensitivity"])
+    tables.figures(outcome.fit, "Fitted trials", sensors)
+    if outcome.held_out is not None:
+        tables.figures(outcome.held_out, "Held-out trials", sensors)
+    if outcome.sensitivity:
+        tables.sensitivities(outcome.sensitivity)

@@ -31,17 +31,19 @@ def evaluate(
     from swim2real.cli import tables
     from swim2real.cli.subject import problem_of
     from swim2real.objective import evidence
+    from swim2real.objective.figures import FitFigures
 
     problem, values = problem_of(parameters, reference, settings, robot)
     content = evidence(problem.evaluate(values))
-    effects = None
-    if sensitivity:
-        effects = [effect.as_dict() for effect in sensitivities(problem, problem.robot.space, values)]
+    effects = sensitivities(problem, problem.robot.space, values) if sensitivity else None
     if json:
-        say_json({**content, "engine": problem.engine.as_dict(), "sensitivity": effects})
+        told = None if effects is None else [effect.as_dict() for effect in effects]
+        say_json({**content, "engine": problem.engine.as_dict(), "sensitivity": told})
         return 0
-    tables.figures(content, f"{parameters} on {reference}, protocol {problem.protocol.name}, {problem.engine.name}")
-    tables.marker_errors(content, problem.robot.marker_names)
+    fit, simulated = FitFigures.model_validate(content), problem.robot
+    title = f"{parameters} on {reference}, protocol {problem.protocol.name}, {problem.engine.name}"
+    tables.figures(fit, title, simulated.trials.sensors)
+    tables.marker_errors(fit, simulated.marker_names)
     if effects is not None:
         tables.sensitivities(effects)
     return 0

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -13,6 +12,11 @@ from rich.text import Text
 
 from swim2real.cli.terminal import say
 from swim2real.escaping import visible
+from swim2real.objective.figures import SENSORS, FitFigures, figure_values, figures_for, sensor_figure
+
+if TYPE_CHECKING:
+    from swim2real.calibration.sensitivity import Sensitivity
+    from swim2real.robots.robot import Sensor
 
 
 class PlainConsole(Console):
@@ -42,50 +46,9 @@ def millimeters(value: float | None) -> str:
     return "–" if value is None else f"{1e3 * value:.1f}"
 
 
-def degrees(value: float | None) -> str:
-    """An angle in degrees, a dash for None."""
-    return "–" if value is None else f"{math.degrees(value):.1f}"
-
-
 def percent(share: float | None) -> str:
     """A share in hundredths, a dash for None and 0."""
     return f"{100 * share:.0f}" if share else "–"
-
-
-def number(value: float | None) -> str:
-    """Three digits, a dash for None."""
-    return "–" if value is None else f"{value:.3g}"
-
-
-# of all trials and of each: what is shown where there is such a figure
-_OVERALL = (
-    ("motion error", "motion_error"),
-    ("  recoil of the head", "recoil_error"),
-    ("  sway", "sway_error"),
-    ("marker error (paper's Eq. 1)", "marker_error"),
-    ("aligned marker error", "aligned_marker_error"),
-    ("  shape", "shape_error"),
-    ("  progress (thrust and drag)", "progress_error"),
-    ("static offset (registration)", "static_offset"),
-)
-_PER_TRIAL = (
-    ("Hz", "frequency", "{:.3f}".format),
-    ("v real", "velocity_real", millimeters),
-    ("v sim", "velocity_simulated", millimeters),
-    ("motion", "motion_error", millimeters),
-    ("Eq. 1", "marker_error", millimeters),
-    ("aligned", "aligned_marker_error", millimeters),
-    ("shape", "shape_error", millimeters),
-    ("heading deg", "heading_error", degrees),
-    ("progress", "progress_error", millimeters),
-)
-_HEAD = (
-    ("recoil mm", "recoil_error", millimeters),
-    ("yaw real deg", "yaw_real", degrees),
-    ("simulated", "yaw_simulated", degrees),
-    ("sway real mm", "sway_real", millimeters),
-    ("simulated", "sway_simulated", millimeters),
-)
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -135,54 +98,39 @@ def by_marker(
     )  # fmt: skip
 
 
-def figures(content: Mapping[str, Any], title: str) -> None:
-    """Prints every figure of `evaluate`, overall and per trial, where the trials have it."""
-    trials: Mapping[str, Mapping[str, Any]] = content["trials"]
-    known = next(iter(trials.values()))
-    sensors = list(known.get("sensor_errors") or {})
-    rows: list[tuple[str, str]] = []
+def figures(content: FitFigures, title: str, sensors: Sequence[Sensor]) -> None:
+    """Prints every figure of `evaluate`, overall and per trial, where the trials have it.
+
+    Args:
+        content: Figures of all trials and of each.
+        title: Title of the first table.
+        sensors: Sensors that are compared beside the markers.
+    """
+    known = figures_for(registered=content.static_offset is not None)
+    compared = {f"{SENSORS}.{s.name}": sensor_figure(s.name, s.unit) for s in sensors}
+    values = figure_values(content)
+    rows = [(f.label, f"{f.text(values[name])} {f.unit}") for name, f in (known | compared).items() if name in values]
     if sensors:
-        of = "markers and sensors" if "left_out_share" in content else "sensors"
-        rows.append((f"playback error ({of})", millimeters(content["loss"]) + " mm"))
-    rows += [(label, millimeters(content[key]) + " mm") for label, key in _OVERALL if key in content]
-    if "unweighted_error" in content:
-        added = content["unweighted_error"] - content["aligned_marker_error"] + 0.0
-        rows.append(("lost tracks would add", millimeters(added) + " mm"))
-    if "velocity_error" in content:
-        rows.append(("velocity error", millimeters(content["velocity_error"]) + " mm/s"))
-    if "yaw_error" in content:
-        rows.append(("yaw error", degrees(content["yaw_error"]) + " deg"))
-    if "heading_error" in content:
-        rows.append(("heading error", degrees(content["heading_error"]) + " deg"))
-    rows += [(f"{name} (own unit)", number(content["sensor_errors"][name])) for name in sensors]
-    filmed = "left_out_share" in content
-    if filmed:
-        rows.append(("left out (lost markers)", f"{100 * content['left_out_share']:.1f} %"))
+        of = "markers and sensors" if "aligned_marker_error" in values else "sensors"
+        rows.insert(0, (f"Playback error ({of})", f"{millimeters(content.loss)} mm"))
     table(title, ("figure", "value"), rows)
-    columns = [column for column in _PER_TRIAL if column[1] in known]
-    table(
-        "Per trial [mm, mm/s]",
-        ("trial", *(header for header, _, _ in columns), *sensors, *(["out"] if filmed else [])),
-        [
-            (
-                name, *(shown(t[key]) for _, key, shown in columns),
-                *(number(t["sensor_errors"][sensor]) for sensor in sensors),
-                *([f"{100 * t['left_out_share']:.0f} %"] if filmed else []),
+    trials = {name: figure_values(trial) for name, trial in content.trials.items()}
+    shown = [name for name in next(iter(trials.values())) if name not in ("static_offset", "velocity_error")]
+    for heading, parts in (("Per trial", ("fit", "tracks")), ("Motion of the head", ("head",))):
+        columns = {name: f for name, f in (known | compared).items() if name in shown and f.of in parts}
+        if columns:
+            headings = ("trial", *(f.column for f in columns.values()))
+            table(
+                heading, headings, [(name, *(f.text(t[c]) for c, f in columns.items())) for name, t in trials.items()]
             )
-            for name, t in trials.items()
-        ],
-    )  # fmt: skip
-    if "recoil_error" in known:
-        rows_of_head = [(name, *(shown(t[key]) for _, key, shown in _HEAD)) for name, t in trials.items()]
-        table("Motion of the head", ("trial", *(header for header, _, _ in _HEAD)), rows_of_head)
-    for name, t in trials.items():
-        if t["divergence"]:
-            say(f"{name}: {t['divergence']}")
+    for name, trial in content.trials.items():
+        if trial.divergence:
+            say(f"{name}: {trial.divergence}")
 
 
-def marker_errors(content: Mapping[str, Any], names: Sequence[str]) -> None:
+def marker_errors(content: FitFigures, names: Sequence[str]) -> None:
     """Prints what each marker adds to the loss."""
-    rows = [((name,), trial["aligned_marker_errors"], ()) for name, trial in content["trials"].items()]
+    rows = [((name,), trial.aligned_marker_errors, ()) for name, trial in content.trials.items()]
     by_marker("Aligned error per marker [mm]", names, ("trial",), (), rows, millimeters)
 
 
@@ -203,15 +151,15 @@ def truth(found: Mapping[str, float], hidden: Mapping[str, float], verdicts: Map
     say("What the loss doesn't see, or other values make up for, can be far off: `swim2real identify` tells which.")
 
 
-def sensitivities(found: Sequence[Mapping[str, Any]]) -> None:
+def sensitivities(found: Sequence[Sensitivity]) -> None:
     """Prints each parameter's effect on the loss."""
     table(
         "Effect on the loss of a tenth of a parameter's range [mm]",
         ("parameter", "down", "up", "speed", "verdict"),
         [
             (
-                s["name"], millimeters(s["lower"]), millimeters(s["upper"]),
-                "–" if s["speed"] is None else f"{100 * s['speed']:+.1f} %", s["verdict"],
+                s.name, millimeters(s.lower), millimeters(s.upper),
+                "–" if s.speed is None else f"{100 * s.speed:+.1f} %", s.verdict,
             )
             for s in found
         ],

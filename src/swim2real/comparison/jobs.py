@@ -152,11 +152,11 @@ def is_finished(job: Job, basis: Mapping[str, Any]) -> bool:
     record, outcome = folder.record(), folder.outcome()
     if outcome is None or len(record) < settings.budget:
         return False
-    if outcome.get("evaluations") == len(record):
+    if outcome.evaluations == len(record):
         return True
     # the outcome may be of a smaller budget
     best = min((e for e in record if not e["failed"]), key=lambda e: e["loss"], default=record[0])
-    return bool(np.isclose(outcome["fit"]["loss"], best["loss"], rtol=1e-6, atol=0.0))
+    return bool(np.isclose(outcome.fit.loss or 0.0, best["loss"], rtol=1e-6, atol=0.0))
 
 
 def _accept_edited(job: Job) -> None:

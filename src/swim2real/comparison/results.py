@@ -17,17 +17,15 @@ from swim2real import checking
 from swim2real.advisor import asks_a_vlm
 from swim2real.advisor.vlm.transcript import Transcript, totals
 from swim2real.calibration import RunFolder
-from swim2real.calibration.file_models import FitEvidence
-from swim2real.calibration.run_folder import upgraded_evidence
 from swim2real.comparison.jobs import is_finished, read_problem
 from swim2real.comparison.plan import RUNS, Job, Plan, read_plan, writing
 from swim2real.errors import RunError, Swim2RealError
 from swim2real.names import quoted
+from swim2real.objective.figures import FitFigures, figure_values
 from swim2real.store import write_json, write_text
 
 FORMAT = 1
 RESULTS, TABLE = "results.json", "results.csv"
-_NOT_AVERAGED = ("loss", "skipped", "protocol", "horizon", "trials")  # entries of a fit that aren't means over trials
 
 Array = NDArray[np.float64]
 
@@ -87,8 +85,8 @@ class RunResult:
         rounds: Rounds of a line search, in order; none for other methods.
         calls: Calls of an advisor, with the failed ones and the repairs of a VLM.
         spent: What a VLM's calls took; None for other advisors.
-        fit: Evidence of the best parameters on the trials that were fitted, as `objective.evidence` describes it.
-        held_out_fit: Evidence of the best parameters on the trial that was left out.
+        fit: Figures of the best parameters on the trials that were fitted.
+        held_out_fit: Figures of the best parameters on the trial that was left out.
         values: The best parameters.
         seconds: Time that the evaluations took [s].
         folder: Run folder, relative to the comparison's, with `/`.
@@ -104,8 +102,8 @@ class RunResult:
     rounds: tuple[StepRound, ...]
     calls: int
     spent: VlmUsage | None
-    fit: Mapping[str, Any]
-    held_out_fit: Mapping[str, Any] | None
+    fit: FitFigures
+    held_out_fit: FitFigures | None
     values: Mapping[str, float]
     seconds: float
     folder: str
@@ -118,6 +116,12 @@ class RunResult:
                 raise RunError(
                     f"run '{self.folder}' has a loss of {loss:g}; it must lie between 0 and {_MOST_LOSS:g} m"
                 )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON, with the curve of the best loss."""
+        held_out = None if self.held_out_fit is None else self.held_out_fit.model_dump(exclude_unset=True)
+        fits = {"fit": self.fit.model_dump(exclude_unset=True), "held_out_fit": held_out}
+        return {**asdict(self), **fits, "best": [float(loss) for loss in self.best]}
 
     @cached_property
     def best(self) -> Array:
@@ -179,8 +183,7 @@ class ComparisonResults:
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON. Each run has its curve of the best loss in it, too."""
-        runs = [{**asdict(run), "best": [float(loss) for loss in run.best]} for run in self.runs]
-        return {"format": FORMAT, **{**asdict(self), "runs": runs}}
+        return {**asdict(replace(self, runs=())), "runs": [run.as_dict() for run in self.runs]}
 
 
 def load_results(folder: str | Path) -> ComparisonResults:
@@ -199,30 +202,20 @@ def load_results(folder: str | Path) -> ComparisonResults:
                 f"results '{path}': run '{run.folder}' has {len(run.losses)} losses; the budget is {results.budget}; "
                 f"{_REMEDY}"
             )
-    runs = (
-        replace(
-            run,
-            fit=_checked_fit(run.fit, path, run, results.markers),
-            held_out_fit=_checked_fit(run.held_out_fit, path, run, results.markers),
-        )
-        for run in results.runs
-    )
-    return replace(results, runs=tuple(runs))
+        _check_markers(run, path, len(results.markers))
+    return results
 
 
-def _checked_fit(fit: Any, path: Path, run: RunResult, markers: Sequence[str]) -> Any:
-    """Evidence as this version has it, with a number a marker where there are any."""
-    if fit is None:
-        return None
-    where, content = f"results '{path}', run '{run.folder}'", upgraded_evidence(fit)
-    checked = checking.check(FitEvidence, content, where, RunError, _REMEDY)
-    for name, trial in checked.trials.items():
-        for errors in (trial.marker_errors, trial.aligned_marker_errors, trial.shape_marker_errors):
-            if errors and len(errors) != len(markers):
-                raise RunError(
-                    f"{where}: trial {quoted(name)} has {len(errors)} numbers for {len(markers)} markers; {_REMEDY}"
-                )
-    return {**content, "trials": content.get("trials", {})}
+def _check_markers(run: RunResult, path: Path, count: int) -> None:
+    """Checks that there is a number for each marker where there are any."""
+    for fit in (run.fit, run.held_out_fit):
+        for name, trial in ({} if fit is None else fit.trials).items():
+            for errors in (trial.marker_errors, trial.aligned_marker_errors, trial.shape_marker_errors):
+                if errors and len(errors) != count:
+                    raise RunError(
+                        f"results '{path}', run '{run.folder}': trial {quoted(name)} has {len(errors)} numbers for "
+                        f"{count} markers; {_REMEDY}"
+                    )
 
 
 def read_results(root: str | Path, plan: Plan | None = None) -> ComparisonResults:
@@ -306,8 +299,8 @@ def _read_run(job: Job) -> RunResult:
             rounds=step_rounds(record, job.settings.max_steps),
             calls=calls,
             spent=spent,
-            fit=outcome["fit"],
-            held_out_fit=outcome["held_out"],
+            fit=outcome.fit,
+            held_out_fit=outcome.held_out,
             values=best["values"],
             seconds=round(sum(entry["seconds"] for entry in record), 3),
             folder=f"{RUNS}/{job.key}",
@@ -336,19 +329,9 @@ def _row(run: RunResult) -> dict[str, Any]:
         "best_loss": run.best_loss, "best_evaluation": run.best_evaluation, "auc": float(run.best.mean()),
         "calls": run.calls, "rounds": len(run.rounds), "accepted": sum(r.accepted for r in run.rounds),
     }  # fmt: skip
-    row.update(_means(run.fit))
+    row.update(figure_values(run.fit))
     if run.held_out_fit is not None:
-        held_out = {"loss": run.held_out_fit["loss"], **_means(run.held_out_fit)}
+        held_out = {"loss": run.held_out_fit.loss, **figure_values(run.held_out_fit)}
         row.update({f"held_out_{name}": value for name, value in held_out.items()})
     row.update(run.values)
     return row
-
-
-def _means(fit: Mapping[str, Any]) -> dict[str, Any]:
-    """The figures of a fit that are means over trials; those that have several numbers as `FIGURE.NAME`."""
-    means: dict[str, Any] = {}
-    for name, value in fit.items():
-        if name in _NOT_AVERAGED:
-            continue
-        means |= {f"{name}.{key}": part for key, part in value.items()} if isinstance(value, dict) else {name: value}
-    return means

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from swim2real.comparison.protocols import PROTOCOLS, MarkerKind, ProtocolDescription, figures_of
 from swim2real.comparison.results import ComparisonResults, RunResult
 from swim2real.errors import ArgumentError, MissingExtraError, RunError
+from swim2real.objective.figures import TrialFigures, figure_values
 
 try:
     import pandas as pd
@@ -191,9 +192,7 @@ def method_statistics(results: ComparisonResults, protocol: str) -> tuple[Method
         curves = np.array([run.best[: results.budget] for run in runs])
         seeds = pd.Index([run.seed for run in runs])
         final, auc = pd.Series(curves[:, -1], seeds), pd.Series(curves.mean(axis=1), seeds)
-        values = pd.DataFrame(
-            {figure.name: [figure.value(run.fit) for run in runs] for figure in figures}, seeds, dtype=float
-        )
+        values = pd.DataFrame([figure_values(run.fit) for run in runs], seeds, list(figures), float)
         statistics.append(MethodStatistics(method, protocol, runs, curves, final, auc, values))
     return tuple(statistics)
 
@@ -270,12 +269,12 @@ def speeds(runs: Sequence[RunResult]) -> Speeds | None:
     """Speeds of a method's runs, by frequency; None without runs, and of trials without frequencies."""
     if not runs or not PROTOCOLS[runs[0].protocol].has_frequencies:
         return None
-    trials = runs[0].fit["trials"]
-    names = sorted(trials, key=lambda name: (trials[name].get("frequency") or 0.0, name))
-    simulated = [[_simulated_speed(run.fit["trials"].get(name, {})) for name in names] for run in runs]
+    trials = runs[0].fit.trials
+    names = sorted(trials, key=lambda name: (trials[name].frequency or 0.0, name))
+    simulated = [[_simulated_speed(run.fit.trials.get(name)) for name in names] for run in runs]
     return Speeds(
-        pd.Series({name: trials[name].get("frequency") for name in names}, dtype="float64"),
-        pd.Series({name: trials[name].get("velocity_real") for name in names}, dtype="float64"),
+        pd.Series({name: trials[name].frequency for name in names}, dtype="float64"),
+        pd.Series({name: trials[name].velocity_real for name in names}, dtype="float64"),
         pd.DataFrame(simulated, [run.seed for run in runs], names, float),
     )
 
@@ -288,11 +287,10 @@ def marker_errors(runs: Sequence[RunResult], kind: MarkerKind) -> pd.DataFrame:
         kind: `marker` is without registration, of swims the paper's Eq. 1; `aligned` is registered, in the body frame,
             with the difference in progress; `shape` is the same without progress.
     """
-    key = _MARKER_KEYS[kind]
-    rows = [
-        pd.DataFrame([trial[key] for trial in run.fit["trials"].values() if trial.get(key)], dtype=float).mean()
-        for run in runs
-    ]
+    rows: list[pd.Series[float]] = []
+    for run in runs:
+        errors = [getattr(trial, _MARKER_KEYS[kind]) for trial in run.fit.trials.values()]
+        rows.append(pd.DataFrame([known for known in errors if known], dtype=float).mean())
     return pd.DataFrame(rows, [run.seed for run in runs])
 
 
@@ -305,12 +303,13 @@ def held_out_errors(results: ComparisonResults, method: str, protocol: str) -> p
     left out [m, m/s].
     """
     key = PROTOCOLS[protocol].trial_loss
-    fitted_to_all = {run.seed: run.fit["trials"] for run in results.of(method, protocol)}
+    fitted_to_all = {run.seed: run.fit.trials for run in results.of(method, protocol)}
     rows = [
         {
-            "trial": run.held_out, "seed": run.seed, "held_out": run.held_out_fit.get(key), "fitted": run.fit.get(key),
-            "same_when_fitted": fitted_to_all.get(run.seed, {}).get(run.held_out, {}).get(key),
-            "velocity": run.held_out_fit.get("velocity_error"),
+            "trial": run.held_out, "seed": run.seed, "held_out": getattr(run.held_out_fit, key),
+            "fitted": getattr(run.fit, key),
+            "same_when_fitted": getattr(fitted_to_all.get(run.seed, {}).get(run.held_out or ""), key, None),
+            "velocity": run.held_out_fit.velocity_error,
         }
         for run in results.left_out(method, protocol) if run.held_out_fit is not None
     ]  # fmt: skip
@@ -318,5 +317,5 @@ def held_out_errors(results: ComparisonResults, method: str, protocol: str) -> p
     return pd.DataFrame(rows).astype(numbers) if rows else None
 
 
-def _simulated_speed(trial: Mapping[str, Any]) -> float | None:
-    return None if trial.get("divergence") else trial.get("velocity_simulated")
+def _simulated_speed(trial: TrialFigures | None) -> float | None:
+    return None if trial is None or trial.divergence else trial.velocity_simulated

@@ -155,17 +155,17 @@ def _difference_table(methods: Sequence[MethodStatistics]) -> Table:
 
 def _figure_table(methods: Sequence[MethodStatistics], sensors: Mapping[str, str]) -> Table:
     """Every figure at the best parameters that a method has."""
-    figures = [
-        figure
-        for figure in figures_of(methods[0].protocol, sensors)
-        if any(method.figures[figure.name].notna().any() for method in methods)
-    ]
+    figures = {
+        name: figure
+        for name, figure in figures_of(methods[0].protocol, sensors).items()
+        if any(method.figures[name].notna().any() for method in methods)
+    }
     rows = [
-        (method.method, [spread_cell(method.figures[f.name], f.digits, f.factor) for f in figures])
+        (method.method, [spread_cell(method.figures[name], f.digits, f.factor) for name, f in figures.items()])
         for method in methods
     ]
     return _table(
-        "figures", "All figures at the best parameters", methods, [figure.heading for figure in figures], rows,
+        "figures", "All figures at the best parameters", methods, [f.heading for f in figures.values()], rows,
         "Mean ± standard deviation over seeds.", marked=range(len(figures)),
     )  # fmt: skip
 

@@ -9,7 +9,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.objective.trial import AVERAGED, FAILED_LOSS, TAIL_FIRST_LOSS, ComparedTrial
+from swim2real.objective.figures import AVERAGED
+from swim2real.objective.trial import FAILED_LOSS, TAIL_FIRST_LOSS, ComparedTrial
 
 Array = NDArray[np.float64]
 

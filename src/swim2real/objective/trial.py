@@ -25,24 +25,6 @@ LossFigure = Literal["motion_error", "aligned_marker_error", "marker_error"]
 FAILED_LOSS = 1.0  # m, the loss of a simulation that diverged: finite and of physical size
 TAIL_FIRST_LOSS = 0.5  # m, more than the loss of anything that goes forward, whatever it is
 
-AVERAGED = (
-    "motion_error",
-    "recoil_error",
-    "yaw_error",
-    "sway_error",
-    "marker_error",
-    "aligned_marker_error",
-    "shape_error",
-    "progress_error",
-    "heading_error",
-    "static_offset",
-    "velocity_error",
-    "left_out_share",
-    "unweighted_error",
-    "sensor_errors",
-)
-"""Names of the figures that have a mean over trials."""
-
 
 @dataclass(frozen=True)
 class ComparedSensor:

@@ -67,8 +67,8 @@ def chronophotography(
     lanes = [Lane("real", _INK, moments(real, real.real, real.progress_real, frames, seen=True))]
     for (words, one), swim in zip(chosen, swims, strict=True):
         run = one.typical_run()
-        figures = run.fit["trials"][swim.name]
-        error = 1e3 * figures[one.description.trial_loss]
+        figures = run.fit.trials[swim.name]
+        error = 1e3 * (getattr(figures, one.description.trial_loss) or 0.0)
         label = f"{words}: {one.method} (seed {run.seed}), {error:.0f} mm"
         bodies = moments(swim, swim.simulated, swim.progress_simulated, frames, seen=False)
         lanes.append(Lane(label, styles[one.method].light, bodies))

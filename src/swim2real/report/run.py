@@ -158,9 +158,10 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
     space.check(best["values"], where=f"run '{path}'")
     outcome = folder.outcome()
     current = outcome is not None and (
-        outcome.get("evaluations") == len(entries) or abs(outcome["fit"]["loss"] - best["loss"]) <= _SAME_LOSS
+        outcome.evaluations == len(entries) or abs((outcome.fit.loss or 0.0) - best["loss"]) <= _SAME_LOSS
     )
-    of_best: Json = outcome if outcome is not None and current else {}
+    content = {} if outcome is None else outcome.to_json()
+    of_best: Json = content if current else {}
     has_trials = (folder.path / TRIALS).is_file()
     saved = load_trials(folder) if of_best and has_trials else ()
     return ReportedRun(
@@ -171,9 +172,9 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
         entries=entries,
         fit=of_best.get("fit") or best["evidence"],
         held_out=of_best.get("held_out"),
-        quality=(outcome or {}).get("trials") or {},
+        quality=content.get("trials") or {},
         sensitivity={effect["name"]: effect for effect in of_best.get("sensitivity") or ()},
-        marker_names=tuple((outcome or {}).get("marker_names") or robot.marker_names),
+        marker_names=tuple(content.get("marker_names") or robot.marker_names),
         unfinished=_unfinished(settings, len(entries), outcome is not None, current, has_trials),
         calls=read_calls(folder.path, settings, entries),
         saved=tuple(sorted(saved, key=lambda trial: (trial.compared.frequency or 0.0, trial.compared.name))),
