@@ -1,4 +1,4 @@
-"""The client, against a server that speaks to it as the providers do."""
+"""The client, against a server that speaks to it as the providers do; and keys, which get into no text."""
 
 import asyncio
 import base64
@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -16,13 +17,14 @@ import certifi
 import pytest
 
 from swim2real.advisor.vlm.client import RetryPolicy, make_client
-from swim2real.advisor.vlm.errors import AttemptError, classify_error
+from swim2real.advisor.vlm.errors import AttemptError, classify_error, redact
 from swim2real.advisor.vlm.exchange import CallError, Media, Request
 from swim2real.advisor.vlm.providers import price, same_model
 from swim2real.errors import ArgumentError, MissingExtraError
-from vlm_server import PROVIDERS, cuts, drips, drops, hangs, refuses, replies, sends
+from vlm_server import PROVIDERS, VlmServer, cuts, drips, drops, hangs, refuses, replies, sends
 
-KEY = "sk-proj-0123456789abcdef"
+KEY = "sk-proj-Tk3vQx81LmZp90RbWc27HyUe"
+PIECES = [KEY[i : i + 12] for i in range(len(KEY) - 11)]
 MODELS = {"google": "gemini-3.1-pro-preview", "openai": "gpt-5.2", "anthropic": "claude-sonnet-5"}
 VARIABLES = {"google": "GOOGLE_API_KEY", "openai": "OPENAI_API_KEY", "anthropic": "ANTHROPIC_API_KEY"}
 SCHEMA = {
@@ -37,10 +39,8 @@ each = pytest.mark.parametrize("provider", PROVIDERS)
 
 
 def question(provider: str) -> Request:
-    if provider == "google":
-        media = Media("a clip", "video/mp4", VIDEO, fps=12.0)
-    else:
-        media = Media("a sheet", "image/png", PICTURE)
+    google = provider == "google"
+    media = Media("a clip", "video/mp4", VIDEO, fps=12.0) if google else Media("a sheet", "image/png", PICTURE)
     return Request("You are a physicist.", ("What differs?", media, "Answer."), SCHEMA, 20000)
 
 
@@ -48,16 +48,11 @@ class Ask:
     """Asks the server as one provider, and keeps how long it was to wait and which attempts were reported."""
 
     def __init__(self, vlm, provider, *behaviors, tries=6, timeout=20.0, then=None, sleep=None):
-        self.vlm, self.provider = vlm, provider
-        self.waits, self.reported = [], []
+        self.provider, self.waits, self.reported = provider, [], []
         vlm.script(*behaviors, then=then)
-        self.client = make_client(
-            f"{provider}:{MODELS[provider]}",
-            vlm.url(provider),
-            key_variable="TEST_SERVER_KEY",
-            timeout=timeout,
-            retry=RetryPolicy(tries, sleep=sleep or self.waits.append),
-        )
+        retry = RetryPolicy(tries, sleep=sleep or self.waits.append)
+        name = f"{provider}:{MODELS[provider]}"
+        self.client = make_client(name, vlm.url(provider), "TEST_SERVER_KEY", timeout, retry=retry)
 
     def __call__(self):
         return self.client.call(question(self.provider), self.reported.append)
@@ -82,15 +77,10 @@ def one_authority(tmp_path_factory):
         file.write_text(first + "-----END CERTIFICATE-----\n")
         patch.setenv("SSL_CERT_FILE", str(file))
         yield
-
-
-@pytest.fixture(scope="module", autouse=True)
-def nothing_is_left_open():
-    yield
     gc.collect()  # what wasn't closed or awaited warns here, and a warning is an error
 
 
-# good replies
+# replies
 
 
 @pytest.mark.slow
@@ -102,7 +92,6 @@ def test_a_good_reply_and_what_is_on_the_wire(vlm, provider):
     assert (reply.input_tokens, reply.output_tokens) == (1000, 500)
     assert (reply.cost, reply.notes, ask.client.price_known) == (None, (), False)
     assert [attempt.error for attempt in reply.attempts] == [None]
-    assert not ask.reported
     (asked,) = vlm.requests
     assert (asked.provider, asked.model, asked.max_tokens) == (provider, MODELS[provider], 20000)
     assert asked.instructions == "You are a physicist."
@@ -122,20 +111,26 @@ def test_a_good_reply_and_what_is_on_the_wire(vlm, provider):
     assert KEY not in asked.path
 
 
+def chat(**message):
+    """A reply of OpenAI whose message has more in it than text."""
+    choice = {"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": None} | message}
+    return sends({"id": "1", "object": "chat.completion", "created": 1, "model": "gpt-5.2", "choices": [choice]})
+
+
 @pytest.mark.parametrize(
-    "provider", ["openai", *(pytest.param(name, marks=pytest.mark.slow) for name in ("google", "anthropic"))]
-)
-def test_a_reply_that_was_cut_off_and_another_model(vlm, provider):
-    reply = Ask(vlm, provider, replies('{"diagnosis": "too li', finish="length", model="another-model-7"))()
-    assert (reply.finish, reply.text, reply.model) == ("length", '{"diagnosis": "too li', "another-model-7")
-    reply = Ask(vlm, provider, replies(None, finish="length"))()
-    assert (reply.finish, reply.text) == ("length", "")
-
-
-def test_a_reply_that_names_no_model(vlm):
-    body = {"candidates": [{"content": {"parts": [{"text": REPLY}]}, "finishReason": "STOP"}]}
-    reply = Ask(vlm, "google", sends(body))()
-    assert (reply.text, reply.model, reply.input_tokens, reply.output_tokens) == (REPLY, None, None, None)
+    ("provider", "behavior", "finish", "text", "model"),
+    [
+        ("openai", replies('{"mass', finish="length", model="another-7"), "length", '{"mass', "another-7"),
+        ("openai", replies(None, finish="length"), "length", "", "gpt-5.2"),
+        ("openai", chat(refusal="I can't help."), "refusal", "I can't help.", "gpt-5.2"),
+        ("anthropic", replies("I'd rather not.", finish="refusal"), "refusal", "I'd rather not.", "claude-sonnet-5"),
+        ("google", sends({"candidates": [{"content": {"parts": [{"text": REPLY}]}, "finishReason": "STOP"}]}),
+         "stop", REPLY, None),
+    ],
+)  # fmt: skip
+def test_how_a_reply_ends_and_who_wrote_it(vlm, provider, behavior, finish, text, model):
+    reply = Ask(vlm, provider, behavior)()
+    assert (reply.finish, reply.text, reply.model) == (finish, text, model)
 
 
 def test_one_client_for_many_calls_also_within_a_loop(vlm):
@@ -153,47 +148,7 @@ def test_one_client_for_many_calls_also_within_a_loop(vlm):
     assert threading.active_count() <= threads
 
 
-def chat(**message):
-    """A reply of OpenAI whose message has more in it than text."""
-    choice = {"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": None} | message}
-    return sends({"id": "1", "object": "chat.completion", "created": 1, "model": "gpt-5.2", "choices": [choice]})
-
-
-@pytest.mark.parametrize(
-    ("provider", "behavior", "text"),
-    [
-        ("openai", chat(refusal="I can't help with fish."), "I can't help with fish."),
-        ("anthropic", replies("I'd rather not.", finish="refusal"), "I'd rather not."),
-    ],
-)
-def test_refusals_in_words(vlm, provider, behavior, text):
-    reply = Ask(vlm, provider, behavior)()
-    assert (reply.finish, reply.text) == ("refusal", text)
-
-
-GEMINI_USAGE = {"usageMetadata": {"promptTokenCount": 900, "totalTokenCount": 900}}
-
-
-@pytest.mark.parametrize(
-    ("provider", "behavior", "reason"),
-    [
-        ("google", sends({"promptFeedback": {"blockReason": "OTHER"}} | GEMINI_USAGE), "OTHER"),
-        ("google", sends({"candidates": []} | GEMINI_USAGE), "nothing"),
-        ("google", replies("half", finish="PROHIBITED_CONTENT"), "PROHIBITED_CONTENT"),
-        ("openai", replies(None, finish="content_filter"), "content_filter"),
-        ("openai", refuses(400, "Rejected by our safety system.", "moderation_blocked"), "safety system"),
-    ],
-)
-def test_safety_blocks(vlm, provider, behavior, reason):
-    error = Ask(vlm, provider, behavior).fails()
-    assert error.kind == "blocked"
-    assert f"'{provider}:{MODELS[provider]}' blocked the request" in str(error)
-    assert reason in str(error)
-    assert len(vlm.requests) == 1
-
-
 # failures that may pass
-
 
 PASSING = (
     refuses(408, "Request timeout"),
@@ -225,28 +180,24 @@ def test_attempts_are_bounded(vlm):
     ask = Ask(vlm, "openai", then=refuses(503, "Busy"), tries=3)
     error = ask.fails()
     assert error.kind == "unreachable"
-    assert str(error).startswith("'openai:gpt-5.2' gave no reply in 3 attempts, at last: 503: Busy")
+    assert "'openai:gpt-5.2' gave no reply in 3 attempts, at last: 503: Busy" in str(error)
     assert len(vlm.requests) == len(error.attempts) == 3
     assert [attempt.waited for attempt in error.attempts] == [*ask.waits, 0.0]
-    assert 0 <= ask.waits[0] <= 2
 
 
 @pytest.mark.parametrize(("provider", "behavior"), [*((provider, drips) for provider in PROVIDERS), ("openai", hangs)])
 def test_an_attempt_has_a_deadline_whatever_drips_in(vlm, provider, behavior):
-    ask = Ask(vlm, provider, then=behavior, tries=1, timeout=0.3)
     started = time.monotonic()
-    error = ask.fails()
+    error = Ask(vlm, provider, then=behavior, tries=1, timeout=0.3).fails()
     assert time.monotonic() - started < 20
-    assert error.kind == "unreachable"
-    assert "no answer in time" in str(error)
+    assert (error.kind, "no answer in time" in str(error)) == ("unreachable", True)
 
 
 def test_nobody_there(vlm):
     ask = Ask(vlm, "openai", tries=1)
     vlm.close()
     error = ask.fails()
-    assert error.kind == "unreachable"
-    assert "the connection failed" in str(error)
+    assert (error.kind, "the connection failed" in str(error)) == ("unreachable", True)
 
 
 RETRY_INFO = [{"@type": "type.googleapis.com/google.rpc.RetryInfo", "retryDelay": "38.5s"}]
@@ -280,12 +231,9 @@ def test_waits_are_random_and_grow_up_to_a_cap():
     sets = [waits() for _ in range(30)]
     for lengths, longest in zip(zip(*sets, strict=True), (2, 4, 8, 16, 32, 60, 60, 60), strict=True):
         assert 0 <= min(lengths) < longest / 2 < max(lengths) <= longest
-    with pytest.raises(ArgumentError, match="tries is 0; it must be at least 1"):
-        RetryPolicy(0)
 
 
 # failures that no attempt can mend
-
 
 PER_DAY = [
     {
@@ -294,24 +242,31 @@ PER_DAY = [
     }
 ]
 BAD_KEY = [{"@type": "type.googleapis.com/google.rpc.ErrorInfo", "reason": "API_KEY_INVALID"}]
+GEMINI_USAGE = {"usageMetadata": {"promptTokenCount": 900, "totalTokenCount": 900}}
+LONG = "This model's maximum context length is 8192 tokens. However, you requested 9000 tokens."
 FINAL = [
-    *((p, refuses(401, "Invalid key", "authentication_error"), "check TEST_SERVER_KEY") for p in PROVIDERS),
-    *((p, refuses(404, "Not found", "NOT_FOUND"), f"there is no model '{MODELS[p]}'") for p in PROVIDERS),
-    *((p, sends("", 302, {"location": "/elsewhere"}), "check --base-url") for p in PROVIDERS),
-    ("openai", refuses(400, "Odd", "INVALID_ARGUMENT"), "the request was refused (400: Odd)"),
-    ("openai", refuses(402, "Pay first"), "quota or credit of TEST_SERVER_KEY is used up (402"),
-    ("google", refuses(400, "API key not valid.", "INVALID_ARGUMENT", details=BAD_KEY), "check TEST_SERVER_KEY"),
-    ("google", refuses(429, "You exceeded it", "RESOURCE_EXHAUSTED", details=PER_DAY), "is used up"),
-    ("anthropic", refuses(400, "Your credit balance is too low", "invalid_request_error"), "is used up"),
+    *(("settings", p, refuses(401, "Invalid key", "authentication_error"), "check TEST_SERVER_KEY") for p in PROVIDERS),
+    *(("settings", p, refuses(404, "Not found", "NOT_FOUND"), f"no model '{MODELS[p]}'") for p in PROVIDERS),
+    ("settings", "openai", refuses(400, "Odd", "INVALID_ARGUMENT"), "the request was refused (400: Odd)"),
+    ("settings", "openai", refuses(402, "Pay first"), "quota or credit of TEST_SERVER_KEY is used up (402"),
+    ("settings", "google", refuses(400, "Not valid.", "INVALID_ARGUMENT", details=BAD_KEY), "check TEST_SERVER_KEY"),
+    ("settings", "google", refuses(429, "Exceeded", "RESOURCE_EXHAUSTED", details=PER_DAY), "is used up"),
+    ("settings", "anthropic", refuses(400, "Your credit balance is too low", "invalid_request_error"), "is used up"),
+    ("blocked", "google", sends({"promptFeedback": {"blockReason": "OTHER"}} | GEMINI_USAGE), "OTHER"),
+    ("blocked", "google", sends({"candidates": []} | GEMINI_USAGE), "nothing"),
+    ("blocked", "google", replies("half", finish="PROHIBITED_CONTENT"), "PROHIBITED_CONTENT"),
+    ("blocked", "openai", replies(None, finish="content_filter"), "content_filter"),
+    ("blocked", "openai", refuses(400, "Rejected by our safety system.", "moderation_blocked"), "safety system"),
+    ("too_long", "openai", refuses(400, LONG, "context_length_exceeded"), LONG),
 ]
 
 
-@pytest.mark.parametrize(("provider", "behavior", "words"), FINAL)
-def test_what_needs_other_settings_ends_at_once(vlm, provider, behavior, words):
+@pytest.mark.parametrize(("kind", "provider", "behavior", "words"), FINAL)
+def test_what_no_attempt_can_mend_ends_at_once(vlm, kind, provider, behavior, words):
     ask = Ask(vlm, provider, behavior)
     error = ask.fails()
-    assert error.kind == "settings"
-    assert f"'{provider}:{MODELS[provider]}' can't be asked: " in str(error)
+    assert error.kind == kind
+    assert f"'{provider}:{MODELS[provider]}'" in str(error)
     assert words in str(error)
     assert len(vlm.requests) == len(error.attempts) == 1
     assert not ask.waits
@@ -352,38 +307,25 @@ def test_messages_are_classified(kind):
         assert message in error.reason
 
 
-def test_too_long_for_the_model(vlm):
-    message = "This model's maximum context length is 8192 tokens. However, you requested 9000 tokens."
-    error = Ask(vlm, "openai", refuses(400, message, "context_length_exceeded")).fails()
-    assert error.kind == "too_long"
-    assert message in str(error)
-    assert len(vlm.requests) == 1
-
-
 # a schema that isn't taken
 
 
 def test_the_same_without_a_schema_that_is_refused(vlm):
     message = "Invalid schema for response_format 'proposal'"
     ask = Ask(vlm, "openai", refuses(400, message, "invalid_request_error"), then=replies(REPLY), tries=1)
-    reply = ask()
+    reply, again = ask(), ask()
     assert reply.text == REPLY
     assert not ask.waits
     assert message in reply.attempts[0].error
-    with_schema, without = vlm.requests
-    assert with_schema.schema is not None
-    assert without.schema is None
+    with_schema, without, later = vlm.requests
+    assert [one.schema is None for one in (with_schema, without, later)] == [False, True, True]
     assert '"mass"' in without.instructions
     assert without.parts == with_schema.parts
-    again = ask()
-    assert len(vlm.requests) == 3
-    assert vlm.requests[2].schema is None
     assert reply.notes == again.notes == ("asked for JSON in words, since the model or its server takes no schema",)
 
 
 def test_a_schema_is_refused_only_once(vlm):
-    error = Ask(vlm, "openai", then=refuses(400, "Invalid schema for response_format")).fails()
-    assert error.kind == "settings"
+    assert Ask(vlm, "openai", then=refuses(400, "Invalid schema for response_format")).fails().kind == "settings"
     assert len(vlm.requests) == 2
 
 
@@ -397,7 +339,11 @@ def test_models_without_schemas_and_models_that_will_be_switched_off_are_noted(v
     assert any("'claude-sonnet-4-5' is deprecated" in note for note in reply.notes)
 
 
-# keys
+# keys: in no file, message, log, traceback or list of processes, whatever the server echoes, cuts off or redirects
+
+
+def pieces(text: str) -> list[str]:
+    return [piece for piece in PIECES if piece in text]
 
 
 @each
@@ -415,10 +361,63 @@ def test_a_key_that_is_echoed_is_kept_nowhere(vlm, provider, caplog):
         shown += [str(chain), repr(chain), repr(vars(chain))]
         chain = chain.__cause__ or chain.__context__
     shown += [repr(error.attempts), repr(ask.reported), repr(ask.client), repr(vars(ask.client)), caplog.text]
-    assert KEY not in "".join(shown)
+    assert not pieces("".join(shown))
     media = base64.b64encode(VIDEO if provider == "google" else PICTURE).decode()
-    for secret in (media[:30], "physicist", "too light"):
-        assert secret not in caplog.text
+    assert not [secret for secret in (media[:30], "physicist", "too light") if secret in caplog.text]
+
+
+@pytest.mark.parametrize("padding", [285, 270])  # what a provider says is cut off at 300 characters
+def test_a_key_that_is_cut_off_is_replaced_too(vlm, padding):
+    said = str(Ask(vlm, "openai", refuses(401, f"{'x' * padding} {KEY} is wrong", "authentication_error")).fails())
+    assert "[TEST_SERVER_KEY]" in said
+    assert not pieces(said)
+
+
+@each
+def test_a_body_that_is_not_of_the_protocol_and_holds_the_headers(vlm, provider):
+    for body in ({"headers": f"Bearer {KEY}"}, [KEY], {"candidates": KEY, "choices": KEY, "content": KEY}, KEY):
+        assert not pieces(str(Ask(vlm, provider, then=sends(body), tries=1).fails()))
+
+
+@each
+@pytest.mark.parametrize("status", [307, *(pytest.param(n, marks=pytest.mark.slow) for n in (301, 302, 303, 308))])
+def test_a_redirect_to_another_host_gets_no_request(vlm, provider, status):
+    with VlmServer() as other:
+        address = other.url(provider).replace("127.0.0.1", "localhost")
+        said = str(Ask(vlm, provider, then=sends("", status, {"location": f"{address}/?key={KEY}"})).fails())
+        assert f"the server sends to another address ({status}); check --base-url" in said
+        assert not pieces(said)
+        assert len(vlm.requests) == 1
+        assert not other.requests
+
+
+def test_words_that_are_no_piece_of_a_key_stay(monkeypatch):
+    assert redact("keys begin with sk-proj-", ["TEST_SERVER_KEY"]) == "keys begin with sk-proj-"
+    hidden = "<[TEST_SERVER_KEY]>" * 3
+    assert redact(f"<{KEY}><{KEY[3:20]}><{KEY[-12:]}>", ["TEST_SERVER_KEY"]) == hidden
+    monkeypatch.setenv("TEST_SERVER_KEY", "EMPTY")
+    assert redact("EMPTY", ["TEST_SERVER_KEY"]) == "EMPTY"
+
+
+@pytest.mark.slow
+@each
+def test_the_librarys_own_logs_show_no_key_even_where_they_are_on(vlm, provider):
+    vlm.script(then=refuses(401, KEY, "authentication_error", headers={"x-echo": KEY}))
+    code = f"""
+import logging, sys
+logging.basicConfig(level=logging.DEBUG)
+from swim2real.advisor.vlm.client import RetryPolicy, make_client
+from swim2real.advisor.vlm.exchange import Request
+for _ in range(2):  # what the first call imports sets its own levels
+    client = make_client("{provider}:a-model", "{vlm.url(provider)}", "TEST_SERVER_KEY", retry=RetryPolicy(1))
+    client.call(Request("Be brief.", ("What differs?",), {{"type": "object", "properties": {{}}}}, 1000))
+"""
+    names = ("OPENAI_LOG", "ANTHROPIC_LOG", "HTTPX_LOG_LEVEL", "PYDANTIC_AI_LOG")
+    environment = {**os.environ, **dict.fromkeys(names, "debug")}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, env=environment)
+    assert "CallError" in done.stderr
+    assert not pieces(done.stdout + done.stderr)
+    assert "What differs" not in done.stderr
 
 
 @each
@@ -434,25 +433,6 @@ def test_another_server_is_not_sent_the_providers_key(vlm, provider, monkeypatch
     assert KEY not in json.dumps([dict(asked.headers) for asked in vlm.requests])
     with pytest.raises(CallError, match="check the key, which --key-variable names"):
         client.call(question(provider))
-
-
-@each
-def test_a_missing_key_is_named(provider, monkeypatch):
-    with pytest.raises(ArgumentError, match=f"set the environment variable {VARIABLES[provider]}"):
-        make_client(f"{provider}:{MODELS[provider]}")
-    with pytest.raises(ArgumentError, match="set the environment variable MY_KEY"):
-        make_client(f"{provider}:{MODELS[provider]}", "http://127.0.0.1:1", key_variable="MY_KEY")
-    monkeypatch.setenv(VARIABLES[provider], f"{KEY}\nsecond line")
-    with pytest.raises(ArgumentError, match=f"{VARIABLES[provider]} holds no key") as caught:
-        make_client(f"{provider}:{MODELS[provider]}")
-    assert KEY not in str(caught.value)
-
-
-def test_both_variables_of_google_count(monkeypatch):
-    monkeypatch.setenv("GEMINI_API_KEY", f" {KEY}\n")
-    client = make_client("google:gemini-3.1-pro-preview")
-    assert client.price_known
-    assert client.takes_video
 
 
 def test_the_providers_own_addresses(monkeypatch, only_this_machine):
@@ -471,52 +451,48 @@ def test_the_providers_own_addresses(monkeypatch, only_this_machine):
         only_this_machine.clear()
 
 
-# names
+# what is asked for
+
+HERE = {"base_url": "http://127.0.0.1:1"}
+REFUSED = [
+    ("googel:gemini-9", HERE, "there is no advisor 'googel:gemini-9'; a VLM is google:MODEL"),
+    ("claude-sonnet-5", HERE, "did you mean anthropic:claude-sonnet-5?"),
+    ("google", HERE, "'google' names no model; say which one, such as google:"),
+    ("openai:gpt 5", HERE, "'openai:gpt 5' names no model"),
+    ("openai:m", {"base_url": "127.0.0.1:8000"}, "base URL is '127.0.0.1:8000'; it must begin with http"),
+    ("openai:m", {"base_url": f"http://me:{KEY}@127.0.0.1"}, "the base URL holds a password"),
+    ("openai:m", {"base_url": f"http://127.0.0.1/v1?key={KEY}"}, "'127.0.0.1' goes on after a '?' or '#'"),
+    ("openai:m", {**HERE, "media": "video"}, "media is 'video', which openai doesn't take; choose"),
+    ("openai:m", {**HERE, "key_variable": KEY}, "--key-variable must be the name of an environment variable"),
+    ("openai:m", {**HERE, "key_variable": "AIza" + KEY.replace("-", "") + 9 * "a"}, "if it is the key itself"),
+    ("openai:m", {**HERE, "key_variable": "MY_KEY"}, "set the environment variable MY_KEY"),
+    *((f"{p}:m", {}, f"set the environment variable {VARIABLES[p]}") for p in PROVIDERS),
+]
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("googel:gemini-9", "there is no advisor 'googel:gemini-9'; a VLM is google:MODEL, openai:MODEL"),
-        ("googel:gemini-9", "did you mean google:gemini-9?"),
-        ("gemini:flash", "did you mean google:flash?"),
-        ("claude-sonnet-5", "did you mean anthropic:claude-sonnet-5?"),
-        ("llama", "there is no advisor 'llama'"),
-        ("google", "'google' names no model; say which one, such as google:gemini-3.1-pro-preview"),
-        ("openai: ", "'openai: ' names no model"),
-        ("openai:gpt 5", "'openai:gpt 5' names no model"),
-    ],
-)
-def test_names_that_name_no_model(name, words):
+@pytest.mark.parametrize(("name", "more", "words"), REFUSED)
+def test_what_is_refused_before_a_call_without_a_word_of_a_key(name, more, words):
     with pytest.raises(ArgumentError) as caught:
-        make_client(name)
+        make_client(name, **more)
     assert words in str(caught.value)
+    assert not pieces(str(caught.value))
 
 
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        ({"base_url": "127.0.0.1:8000"}, "base URL is '127.0.0.1:8000'; it must begin with http"),
-        ({"base_url": "http://me:secret@127.0.0.1"}, "the base URL holds a password"),
-        ({"media": "video"}, "media is 'video', which openai doesn't take; choose 'auto' or 'images'"),
-        ({"timeout": 0.0}, "timeout is 0 s; it must be positive"),
-    ],
-)
-def test_settings_that_are_not_allowed(more, words):
-    with pytest.raises(ArgumentError) as caught:
-        make_client("openai:gpt-5.2", **({"base_url": "http://127.0.0.1"} | more))
-    assert words in str(caught.value)
-    assert "secret" not in str(caught.value)
+def test_a_variable_that_holds_no_key_is_named_and_both_of_google_count(monkeypatch):
+    monkeypatch.setenv("GOOGLE_API_KEY", f"{KEY}\nsecond line")
+    with pytest.raises(ArgumentError, match="GOOGLE_API_KEY holds no key") as caught:
+        make_client("google:some-model")
+    assert not pieces(str(caught.value))
+    monkeypatch.delenv("GOOGLE_API_KEY")
+    monkeypatch.setenv("GEMINI_API_KEY", f" {KEY}\n")
+    client = make_client("google:gemini-3.1-pro-preview")
+    assert client.price_known
 
 
 def test_who_takes_video():
-    takes = {
-        (name, media): make_client(f"{name}:some-model", "http://127.0.0.1:1", media=media).takes_video
-        for name in PROVIDERS
-        for media in ("auto", "images")
-    }
-    assert [which for which, video in takes.items() if video] == [("google", "auto")]
-    assert make_client("google:some-model", "http://127.0.0.1:1", media="video").takes_video
+    kinds = [("google", "auto"), ("google", "video"), ("google", "images"), ("openai", "auto"), ("anthropic", "auto")]
+    takes = [make_client(f"{name}:m", "http://127.0.0.1:1", media=media).takes_video for name, media in kinds]
+    assert takes == [True, True, False, False, False]
 
 
 @pytest.mark.parametrize(
@@ -539,7 +515,7 @@ def test_same_model(asked, answered, same):
 
 
 def test_prices():
-    # USD a million tokens, from the provider's list: 2 for the input and 12 for the output
+    # USD per million tokens, from the provider's list: 2 for the input and 12 for the output
     assert price("google", "gemini-3.1-pro-preview", 1000, 100) == pytest.approx(1000 * 2e-6 + 100 * 12e-6)
     cached = price("google", "gemini-3.1-pro-preview", 1000, 100, cache_read=800)
     assert 0 < cached < price("google", "gemini-3.1-pro-preview", 1000, 100)
@@ -551,11 +527,8 @@ def test_prices():
 
 @pytest.mark.parametrize(("provider", "moment"), [("google", "call"), ("openai", "wait"), ("anthropic", "handler")])
 def test_an_interrupt_ends_a_call_at_once(vlm, provider, moment):
-    def sleep(_):
-        time.sleep(60)
-
     then = refuses(503, "Busy") if moment == "wait" else hangs
-    ask = Ask(vlm, provider, replies(REPLY), then=then, timeout=60, sleep=sleep)
+    ask = Ask(vlm, provider, replies(REPLY), then=then, timeout=60, sleep=lambda _: time.sleep(60))
     ask()  # so that all is imported
     threads = {thread.name for thread in threading.enumerate() if "process_request" not in thread.name}
 

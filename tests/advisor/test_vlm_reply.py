@@ -60,14 +60,13 @@ def test_unknown_names_are_ignored_missing_ones_keep_their_value_and_bounds_clip
     ("text", "said"),
     [
         ("", "the reply is empty; answer with one"),
-        ("I can't help with that.", "the reply holds no JSON object"),
+        ("I can't help with that.", "holds no JSON object"),
         ('{"diagnosis": "x", "parameters": {"drag": 1.5', "the reply is not valid JSON: Expecting ',' delim"),
-        ('{"diagnosis": "x", "parameters": {"drag": 1.5}', "the reply is not valid JSON"),
         ('{"diagnosis": "x"}', "'parameters' is missing"),
         ('{"parameters": [1, 2]}', "'parameters' is [1, 2]; it must be a table of names and values"),
         ('{"diagnosis": 3, "parameters": {"drag": 1.5}}', "'diagnosis' is 3; it must be a text"),
-        ('{"parameters": {"drag": NaN}}', "'drag' is NaN; it must be a finite number from 0 to 10"),
-        ('{"parameters": {"drag": -Infinity}}', "'drag' is -Infinity; it must be a finite"),
+        ('{"parameters": {"drag": NaN, "arm": "thin"}}', "'drag' is NaN; it must be a finite number from 0 to 10"),
+        ('{"parameters": {"drag": NaN, "arm": "thin"}}', "; 'arm' is \"thin\"; it must be"),  # all at once
         ('{"parameters": {"drag": 1e999}}', "'drag' is Infinity; it must be a finite"),
         ('{"parameters": {"arm": "0.02 m"}}', "'arm' is \"0.02 m\"; it must be a finite number from 0.01 to 0.06"),
         ('{"parameters": {"drag": true}}', "'drag' is true; it must be a finite number"),
@@ -84,12 +83,6 @@ def test_unknown_names_are_ignored_missing_ones_keep_their_value_and_bounds_clip
 )  # fmt: skip
 def test_what_can_not_be_used_is_named(text, said):
     assert said in refusal(text)
-
-
-def test_all_wrong_numbers_are_named_at_once():
-    said = refusal('{"parameters": {"drag": NaN, "arm": "thin", "spring": 1}}')
-    assert "'drag' is NaN" in said
-    assert "'arm' is \"thin\"" in said
 
 
 def test_words_may_come_as_a_list_and_can_always_be_written_to_a_file():
@@ -141,25 +134,17 @@ def usable_or_refused(text: str) -> None:
     assert np.all((point >= 0) & (point <= 1))
 
 
+contents = st.fixed_dictionaries(
+    {"parameters": st.dictionaries(st.sampled_from([*SPACE.names, "other"]), json_values)},
+    optional={"diagnosis": json_values, "reasoning": json_values, "probe": json_values},
+)
+
+
 @pytest.mark.slow
-@settings(max_examples=30)
-@given(st.text())
-def test_any_text_is_usable_or_refused(text):
+@settings(max_examples=80)
+@given(st.text() | json_values.map(json.dumps) | contents.map(json.dumps))
+def test_anything_is_usable_or_refused(text):
     usable_or_refused(text)
-
-
-@pytest.mark.slow
-@settings(max_examples=30)
-@given(json_values)
-def test_any_json_is_usable_or_refused(value):
-    usable_or_refused(json.dumps(value))
-
-
-@pytest.mark.slow
-@settings(max_examples=40)
-@given(st.dictionaries(st.sampled_from([*SPACE.names, "other"]), json_values), json_values, json_values)
-def test_any_contents_of_the_right_shape_are_usable_or_refused(parameters, diagnosis, reasoning):
-    usable_or_refused(json.dumps({"diagnosis": diagnosis, "reasoning": reasoning, "parameters": parameters}))
 
 
 @settings(max_examples=60)
