@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import pytest
 
 from made_robots import ARM, RECORDINGS, ROBOT, made, parameter
+from refused import refusal, says
 from swim2real.errors import RobotError
 from swim2real.robots import load_robot
 from swim2real.robots.effects import model_effects, why_no_effect
@@ -13,29 +16,17 @@ def second(text: str) -> str:
 
 def test_a_parameter_reaches_the_model_or_does_not(tmp_path):
     mass = second(parameter("'body \"upper\" mass'", 0.1, 1.0, "value = 0.1"))
-    robot = load_robot(made(tmp_path, ROBOT, RECORDINGS, parameter("'joint \"link0\" damping'"), mass))
-    first, other = model_effects(robot)
+    angle = parameter("'joint \"link0\" range[0]'", -40.0, 70.0).replace('"x"', '"z"')
+    robot = load_robot(made(tmp_path, ROBOT, RECORDINGS, parameter("'joint \"link0\" damping'"), mass, angle))
+    first, other, last = model_effects(robot)
     assert (first.parameter.name, first.lower, first.upper, first.changes) == ("x", None, None, True)
     assert (other.parameter.name, other.lower, other.upper, other.changes) == ("y", None, None, False)
-
-
-def test_a_bound_at_which_the_model_does_not_compile_is_told(tmp_path):
-    angle = parameter("'joint \"link0\" range[0]'", -40.0, 70.0)
-    found = model_effects(load_robot(made(tmp_path, ROBOT, RECORDINGS, angle)))[0]
-    assert found.lower is None
-    assert found.changes
-    assert found.upper is not None
-    assert found.upper.startswith("robot 'arm', x = 70: the model doesn't compile: Error: range[0] should be smaller")
-
-
-def test_a_robot_whose_own_model_does_not_compile_is_refused(tmp_path, monkeypatch):
-    robot = load_robot(made(tmp_path, ROBOT, RECORDINGS, parameter("'joint \"link0\" damping'")))
+    assert (last.lower, last.changes) == (None, True)
+    assert says(last.upper, "robot 'arm', z = 70", "doesn't compile", "range[0] should be smaller")
     broken = robot.build(robot.space.published)
     broken.joint("link0").range = [2.0, 1.0]
-    object.__setattr__(robot, "build", lambda values: broken.copy())
-    with pytest.raises(RobotError) as caught:
-        model_effects(robot)
-    assert str(caught.value).startswith("robot 'arm': the model doesn't compile: ")
+    said = refusal(RobotError, model_effects, replace(robot, build=lambda values: broken.copy()))
+    assert says(said, "robot 'arm'", "doesn't compile")
 
 
 STIFF = ARM.replace('<joint name="link1"', '<joint name="link1" springdamper="0.1 1"')
@@ -81,9 +72,9 @@ def test_what_is_fixed_to_the_world_has_no_mass(tmp_path):
 
 def test_a_control_of_0_drives_nothing(tmp_path):
     gear = parameter("'actuator \"torque\" gear[0]'")
-    for control, says in (("0", "no control drives actuator 'torque'"), ('"table"', None)):
+    for control, why in (("0", "no control drives actuator 'torque'"), ('"table"', None)):
         place = made(tmp_path, ROBOT, f"[recordings.controls]\ntorque = {control}\n", gear)
-        assert why_no_effect(open_robot_file(place), load_robot(place), "x") == says
+        assert why_no_effect(open_robot_file(place), load_robot(place), "x") == why
 
 
 def test_a_number_that_another_parameter_replaces_is_told(tmp_path):

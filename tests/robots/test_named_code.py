@@ -1,11 +1,9 @@
 """Python that a robot file names: it runs once it was allowed, and is asked for again when anything of it changes."""
 
-import importlib.util
 import json
 import os
 import pickle
 import py_compile
-import subprocess
 import sys
 from pathlib import Path
 
@@ -104,21 +102,6 @@ def test_what_the_code_imports_beside_it_counts(place, tmp_path, monkeypatch):
         sys.modules.pop(name, None)
 
 
-def test_a_compiled_copy_beside_the_code_is_not_taken_for_it(place, tmp_path):
-    load_robot(place, allow_code=True)
-    assert not (tmp_path / "__pycache__").exists()
-    code, evil = place.with_name("code.py"), tmp_path / "evil"
-    evil.write_text("raise SystemExit('other code')")
-    copy = importlib.util.cache_from_source(str(code))
-    py_compile.compile(str(evil), copy, invalidation_mode=py_compile.PycInvalidationMode.UNCHECKED_HASH)
-    loaded = subprocess.run(
-        [sys.executable, "-c", f"import runpy, importlib.util as u; s = u.spec_from_file_location('c', {str(code)!r}); "
-         "s.loader.exec_module(u.module_from_spec(s))"], capture_output=True, text=True,
-    )  # fmt: skip
-    assert "other code" in loaded.stderr
-    load_robot(place, allow_code=True)
-
-
 def test_a_compiled_copy_of_what_is_imported_beside_it_is_asked_for(place, tmp_path):
     (tmp_path / "helper.py").write_text("")
     place.with_name("code.py").write_text("# helper\n" + CODE)
@@ -194,8 +177,3 @@ def test_what_is_no_code_is_a_sentence(tmp_path, hook):
     place = made(tmp_path, ROBOT.replace("arm.xml", f"python:{hook}:model"), RECORDINGS, DAMPING)
     with pytest.raises((RobotError, ConsentError), match=r"python:.*can't be imported|names Python code"):
         load_robot(place)
-
-
-def test_the_program_that_runs_is_asked_for_as_well(tmp_path):
-    place = made(tmp_path, ROBOT.replace("arm.xml", "python:__main__:main"), RECORDINGS, DAMPING)
-    assert "'main' of " in asked(place)

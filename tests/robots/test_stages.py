@@ -41,12 +41,9 @@ def test_each_parameter_is_fitted_in_one_stage_or_held():
     assert FISH.swims.fit_plan == FISH_PLAN
 
 
-def test_a_beat_is_at_no_distance_from_itself_whatever_the_phase():
+def test_amplitude_and_phase_along_the_body_make_the_distance():
     assert beat_distance(evidence_of((WAVE, WAVE), (0.5 * WAVE, 0.5 * WAVE))) == pytest.approx(0.0, abs=1e-12)
     assert beat_distance(evidence_of((WAVE * np.exp(1.3j), WAVE))) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_amplitude_and_phase_along_the_body_make_the_distance():
     assert beat_distance(evidence_of((1.2 * WAVE, WAVE))) == pytest.approx(0.01)
     assert beat_distance(evidence_of((np.conj(WAVE), WAVE))) > 0.03  # the wave runs the other way
     assert beat_distance(evidence_of((WAVE, WAVE), (1.2 * WAVE, WAVE))) == pytest.approx(0.005)

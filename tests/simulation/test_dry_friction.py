@@ -78,14 +78,6 @@ def test_a_swim_with_friction_is_the_engines_and_slower():
     assert smooth.markers[-1, 0, 0] < ours.markers[-1, 0, 0] - 1e-3  # it swims toward -x
 
 
-@pytest.mark.slow
-def test_without_friction_no_bit_changes():
-    model = rough(0.0)
-    plain = FISH.build(PUBLISHED).compile()
-    ours, before = swim(model, FastStep(model)), swim(plain, FastStep(plain))
-    np.testing.assert_array_equal(ours.markers, before.markers)
-
-
 def test_enough_friction_holds_a_fish_that_coasts():
     """It stops within the distance that friction and water take, and stays."""
     model = rough(0.05)

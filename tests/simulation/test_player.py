@@ -18,21 +18,19 @@ from recorded import (
     torque_table,
     with_markers,
 )
-from swim2real.errors import EngineError, TrialError
+from refused import refusal, says
+from swim2real.errors import ArgumentError, EngineError, TrialError
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Recordings, Sensor, Sine
 from swim2real.simulation import Engine, PlaybackSimulator
-from swim2real.simulation.playback import sampled
 from swim2real.trials import MarkerTrack, Signals
 
 PUBLISHED = PENDULUM.space.published
 AT_REST = telling(PENDULUM, start="rest")
 
 
-def refusal(call, *arguments, **options) -> str:
-    with pytest.raises((EngineError, TrialError)) as caught:
-        call(*arguments, **options)
-    return str(caught.value)
+def refused(call, *arguments) -> str:
+    return refusal((EngineError, TrialError), call, *arguments)
 
 
 def played(robot, trial, values=None, threads=1):
@@ -72,13 +70,6 @@ def test_a_table_is_a_command_that_holds_until_the_next():
     assert np.allclose(found.sensors.values[:, 0], rows[:, 1], atol=1e-12)
 
 
-def test_before_the_first_command_the_first_one_holds():
-    late = Signals([0.5], ["torque"], [[0.1]])
-    early = Signals([0.0], ["torque"], [[0.1]])
-    first, second = (played(AT_REST, blank(AT_REST, "a", 1.0, controls=table)) for table in (late, early))
-    assert np.array_equal(first.track.positions, second.track.positions)
-
-
 def test_sines_and_speeds_are_those_of_the_trials_frequency():
     trial = blank(FLOATER, "a", 1.0, 500, nominal_frequency=1.5)
     robot = telling(FLOATER, controls={"bender": Sine(0.5, 0.3, 0.1), "flapper": "frequency"})
@@ -93,24 +84,23 @@ def test_an_actuator_that_isnt_named_gets_nothing_and_a_number_is_the_same_throu
     markers, _ = stepped(robot, FLOATER_HIDDEN, np.tile([0.0, 0.3], (251, 1)))
     found = played(robot, blank(robot, "a", 0.5, 500), FLOATER_HIDDEN)
     assert np.allclose(found.track.positions, markers, atol=1e-12)
+    late, early = (Signals([begin], ["torque"], [[0.1]]) for begin in (0.5, 0.0))  # the first holds before its time
+    first, second = (played(AT_REST, blank(AT_REST, "a", 1.0, controls=table)) for table in (late, early))
+    assert np.array_equal(first.track.positions, second.track.positions)
 
 
 def test_what_drives_nothing_is_named():
     prepared = PlaybackSimulator(PENDULUM, 1).request
-    assert refusal(prepared, blank(PENDULUM, "a", 1.0)) == (
-        "trial 'a' has no controls; actuator 'torque' needs a table with a column of its name"
-    )
     other = Signals([0.0], ["speed"], [[0.0]])
-    assert refusal(prepared, blank(PENDULUM, "a", 1.0, controls=other)) == (
-        "trial 'a': the controls don't drive actuator 'torque': there is no column 'torque'; there are speed"
-    )
-    assert refusal(PlaybackSimulator(FLOATER, 1).request, blank(FLOATER, "a", 1.0)) == (
-        "trial 'a' has no nominal frequency, which drives actuator 'bender'; write it into reference.json"
-    )
+    assert says(refused(prepared, blank(PENDULUM, "a", 1.0)), "'a' has no controls", "'torque' needs a table")
+    said = refused(prepared, blank(PENDULUM, "a", 1.0, controls=other))
+    assert says(said, "'a'", "'torque'", "no column 'torque'", "speed")
+    floating = blank(FLOATER, "a", 1.0)
+    said = refused(PlaybackSimulator(FLOATER, 1).request, floating)
+    assert says(said, "'a' has no nominal frequency", "'bender'", "reference.json")
     wrong = PlaybackSimulator(telling(FLOATER, controls={"fin": 1.0}), 1)
-    assert refusal(wrong.request, blank(FLOATER, "a", 1.0)) == (
-        "actuator 'fin' is to be driven; the model has bender, flapper; name one of these"
-    )
+    assert says(refused(wrong.request, floating), "'fin'", "bender, flapper")
+    assert "this needs recordings" in refusal(ArgumentError, PlaybackSimulator, FISH)
 
 
 # time stamps
@@ -134,12 +124,6 @@ def test_sensors_are_read_at_their_own_times_while_the_robot_is_filmed():
     assert found.times.tolist() == [0.0, 0.0013, 0.5, 1.0]
     often = played(AT_REST, replace(trial, sensors=Signals(np.arange(501) / 500, ["gyro[1]"], np.zeros((501, 1)))))
     assert np.allclose(found.values[2:, 0], often.sensors.values[[250, 500], 0], atol=1e-12)
-
-
-def test_straight_lines_between_samples():
-    values = np.array([[0.0, 1.0], [1.0, 3.0], [4.0, 3.0]])
-    assert sampled(values, 0.5, np.array([0.0, 0.25, 1.0])).tolist() == [[0.0, 1.0], [0.5, 2.0], [4.0, 3.0]]
-    assert sampled(values[:1], 0.5, np.array([0.0])).tolist() == [[0.0, 1.0]]
 
 
 # batches
@@ -198,11 +182,6 @@ def test_a_model_that_cant_be_made_is_a_divergence():
 # starts
 
 
-def test_a_start_at_rest_is_the_models_own_pose():
-    found = played(AT_REST, blank(AT_REST, "a", 0.5, controls=torque_table(1.0)))
-    assert np.allclose(found.track.positions[0] - found.track.positions[0, 0], AT_REST.rest_markers)
-
-
 def test_a_keyframe_and_a_trials_own_start():
     trial = blank(PENDULUM, "a", 0.5, 500, controls=torque_table(1.0))
     controls = np.append(np.repeat(trial.controls.values[:10, 0], 25), trial.controls.values[10, 0])
@@ -217,17 +196,14 @@ def test_a_keyframe_and_a_trials_own_start():
 
 
 def test_wrong_starts_are_named():
-    assert refusal(PlaybackSimulator, telling(PENDULUM, start="lying")) == (
-        "start is 'lying'; it must be one of rest, markers, fitted, raised"
+    assert says(
+        refused(PlaybackSimulator, telling(PENDULUM, start="lying")), "'lying'", "rest, markers, fitted, raised"
     )
     trial = blank(PENDULUM, "a", 0.5, controls=torque_table(1.0), start={"hip": 0.0})
-    assert refusal(PlaybackSimulator(PENDULUM, 1).request, trial) == (
-        "trial 'a' starts with joint 'hip', which isn't one of the model's sliding and turning joints (shoulder, elbow)"
-    )
-    unseen = replace(trial, start={})
-    assert refusal(PlaybackSimulator(PENDULUM, 1).request, unseen) == (
-        "trial 'a': no marker is seen twice in its first 0.10 s, so nothing tells its start; cut the video, or write "
-        "'start' into reference.json"
+    request = PlaybackSimulator(PENDULUM, 1).request
+    assert says(refused(request, trial), "'a'", "joint 'hip'", "(shoulder, elbow)")
+    assert says(
+        refused(request, replace(trial, start={})), "'a'", "no marker is seen twice in its first 0.10 s", "'start'"
     )
 
 
@@ -317,47 +293,20 @@ def test_free_and_ball_joints():
     assert engine.difference({**engine.as_dict(), "fluid_fingerprint": [1.0] * 9}) is not None
 
 
-def test_joints_that_are_coupled_start_so():
-    xml = """
-    <mujoco>
-      <worldbody>
-        <body name="l"><joint name="left" axis="0 0 1"/><geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.01"/>
-          <site name="tip" pos="0.2 0 0"/></body>
-        <body name="r"><joint name="right" axis="0 0 1"/><geom size="0.01" pos="0.1 0 0"/></body>
-      </worldbody>
-      <equality><joint joint1="right" joint2="left" polycoef="0 -1 0 0 0"/></equality>
-    </mujoco>
-    """
-    robot = replace(
-        FLOATER, build=lambda values: with_markers(xml, ("tip",)), marker_names=("tip",),
-        trials=Recordings({}, (), "markers"),
-    )  # fmt: skip
-    times = np.arange(31) / 60
-    track = MarkerTrack(times, 0.2 * np.stack([np.cos(0.5 + times), np.sin(0.5 + times)], axis=1)[:, None])
-    play = PlaybackSimulator(robot, 1).request(replace(blank(robot, "a", 0.5), track=track))
-    assert play.guess == pytest.approx([0.5, -0.5], abs=1e-4)
-
-
 # sensors
 
 
-def test_sensors_that_arent_there_are_named():
+def test_sensors_are_compared_by_name_if_they_are_there():
     def telling_sensor(name):
-        return telling(PENDULUM, sensors=(Sensor(name, "-", 1.0),))
+        return telling(PENDULUM, start="rest", sensors=(Sensor(name, "-", 1.0),))
 
-    assert refusal(PlaybackSimulator, telling_sensor("force")) == (
-        "sensor 'force' is to be compared; the model has gyro, encoder, marker:pivot, marker:middle, marker:end"
-    )
+    said = refused(PlaybackSimulator, telling_sensor("force"))
+    assert says(said, "'force'", "gyro, encoder, marker:pivot, marker:middle, marker:end")
     for name in ("gyro", "gyro[3]", "gyro[x]"):
-        assert refusal(PlaybackSimulator, telling_sensor(name)) == (
-            f"sensor '{name}' isn't one number; name one of gyro[0] to gyro[2]"
-        )
-    robot = telling(telling_sensor("encoder"), start="rest")
+        assert says(refused(PlaybackSimulator, telling_sensor(name)), f"'{name}'", "gyro[0] to gyro[2]")
+    robot = telling_sensor("encoder")
     found = played(robot, blank(robot, "a", 0.5, controls=torque_table(1.0)))
-    angles = np.arctan2(*(found.track.positions[:, 1] - found.track.positions[:, 0]).T * [[-1], [-1]])
+    positions = found.track.positions
+    assert np.allclose(positions[0] - positions[0, 0], AT_REST.rest_markers)
+    angles = np.arctan2(*(positions[:, 1] - positions[:, 0]).T * [[-1], [-1]])
     assert np.allclose(found.sensors.column("encoder"), angles, atol=1e-4)
-
-
-def test_a_player_is_for_recordings():
-    with pytest.raises(Exception, match="are steady swims; this needs recordings"):
-        PlaybackSimulator(FISH)

@@ -16,6 +16,7 @@ from recorded import (
     telling,
     torque_table,
 )
+from refused import says
 from swim2real.robots.robot import Sine
 from swim2real.simulation.resting import at_rest, in_motion
 from swim2real.trials import MarkerTrack, TrialSet
@@ -28,34 +29,27 @@ def from_pose(robot, seconds=2.0, noise=3e-4, names="ab") -> TrialSet:
     return recorded(robot, PENDULUM_HIDDEN, blanks, noise)
 
 
+@pytest.mark.parametrize(("robot", "pose", "start"), [(RESTING, "model's own pose", "rest"),
+                                                     (RAISED, "keyframe 'raised'", "raised")])  # fmt: skip
 @pytest.mark.parametrize("fitted", ["fitted", "markers"])
-def test_a_start_at_rest_is_proposed(fitted):
-    told = at_rest(telling(PENDULUM, start=fitted), from_pose(RESTING))
-    assert told is not None
-    assert told.startswith("All 2 recordings begin at rest in the model's own pose, within ")
-    assert f'start = "rest" in the robot file says so, and leaves less to be found than "{fitted}"' in told
-    assert in_motion(RESTING, from_pose(RESTING)) == []
-    assert at_rest(RESTING, from_pose(RESTING)) is None
+def test_a_start_at_rest_is_proposed(fitted, robot, pose, start):
+    trials = from_pose(robot)
+    said = at_rest(telling(PENDULUM, start=fitted), trials)
+    assert says(said, "All 2 recordings begin at rest", pose, f'start = "{start}"')
+    assert in_motion(robot, trials) == []
+    assert at_rest(robot, trials) is None
 
 
-def test_a_keyframe_is_proposed():
-    trials = from_pose(RAISED)
-    told = at_rest(telling(PENDULUM, start="fitted"), trials)
-    assert told is not None
-    assert "at rest in keyframe 'raised'" in told
-    assert 'start = "raised"' in told
-    assert in_motion(RAISED, trials) == []
-
-
-def test_a_recording_in_motion_is_told_where_the_file_says_rest():
+def test_a_recording_in_motion_is_reported_where_the_file_says_rest():
     trials = pendulum_reference(1e-3)  # cut out of longer ones
-    assert at_rest(telling(PENDULUM, start="fitted"), trials) is None
-    told = in_motion(RESTING, trials)
-    assert len(told) >= 1
-    assert told[0].startswith("trial 'a' moves as it begins (")
-    assert 'start is "rest" in the robot file' in told[0]
-    assert 'say start = "fitted"' in told[0]
-    assert in_motion(telling(PENDULUM, start="fitted"), trials) == []
+    fitted = telling(PENDULUM, start="fitted")
+    assert at_rest(fitted, trials) is None
+    assert says(in_motion(RESTING, trials)[0], "trial 'a' moves", 'start is "rest"', 'start = "fitted"')
+    assert in_motion(fitted, trials) == []
+    blanks = [blank(RESTING, "a", 0.5, controls=torque_table(0.5), start={"shoulder": 1.0, "elbow": 0.2})]
+    known = recorded(RESTING, PENDULUM_HIDDEN, blanks, 1e-3)  # a known start isn't looked at
+    assert at_rest(fitted, known) is None
+    assert in_motion(RESTING, known) == []
 
 
 def test_links_that_float_begin_at_rest_wherever_they_are():
@@ -70,13 +64,6 @@ def test_links_that_float_begin_at_rest_wherever_they_are():
     assert told is not None
     assert told.startswith("The recording begins at rest in the model's own pose")
     assert in_motion(floater, elsewhere) == []
-
-
-def test_a_known_start_is_not_looked_at():
-    blanks = [blank(RESTING, "a", 0.5, controls=torque_table(0.5), start={"shoulder": 1.0, "elbow": 0.2})]
-    trials = recorded(RESTING, PENDULUM_HIDDEN, blanks, 1e-3)
-    assert at_rest(telling(PENDULUM, start="fitted"), trials) is None
-    assert in_motion(RESTING, trials) == []
 
 
 def test_markers_that_are_lost_at_first_tell_nothing():
