@@ -92,6 +92,16 @@ def named(shot: Shot, folder: Path, name: str) -> Shot:
     return replace(shot, video=video)
 
 
+def discs(places, colors, size: tuple[int, int]) -> np.ndarray:
+    """A picture (H, W) of discs on blue."""
+    image = np.full((*size, 3), [40.0, 90.0, 120.0])
+    y, x = np.mgrid[: size[0], : size[1]]
+    for (cx, cy), color in zip(places, colors, strict=True):
+        cover = np.clip(7.5 - np.hypot(x - cx, y - cy), 0, 1)[..., None]
+        image = image * (1 - cover) + np.array(color) * cover
+    return np.round(image).astype(np.uint8)
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     """All files of a folder."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}

@@ -121,38 +121,28 @@ def test_servos_have_their_gains_calibrated_and_names_of_any_kind_are_written(be
     assert "# geoms without a name: 1; parameters write to names or classes (main)" in out.read_text()
 
 
-def test_bounds_lie_around_the_value_with_few_digits(begun):
-    found = candidates(mujoco.MjSpec.from_string(HOPPER), mujoco.MjModel.from_xml_string(HOPPER))
+def suggested(xml):
+    return candidates(mujoco.MjSpec.from_string(xml), mujoco.MjModel.from_xml_string(xml))
+
+
+def test_bounds_lie_around_the_value_with_few_digits():
+    found = suggested(HOPPER)
     damping, mass = found["left_hip_damping"], found["trunk_mass"]
     assert (damping.lower, damping.upper, damping.log_offset) == (0.01, 0.25, 0.0)
     assert (mass.lower, mass.upper) == (0.75, 3.0)
 
 
 def test_twins_are_one_parameter_only_where_they_have_one_value():
-    xml = PENDULUM.replace('name="shoulder"', 'name="left_joint"').replace(
-        '<joint name="elbow"', '<joint name="right_joint"'
-    )
-    both = candidates(mujoco.MjSpec.from_string(xml), mujoco.MjModel.from_xml_string(xml))
-    assert both["joint_damping"].targets == ('joint "left_joint", "right_joint" damping',)
-    xml = xml.replace('name="left_joint"', 'name="left_joint" damping="0.1"')
-    each = candidates(mujoco.MjSpec.from_string(xml), mujoco.MjModel.from_xml_string(xml))
+    xml = PENDULUM.replace('"shoulder"', '"left_joint"').replace('<joint name="elbow"', '<joint name="right_joint"')
+    assert suggested(xml)["joint_damping"].targets == ('joint "left_joint", "right_joint" damping',)
+    each = suggested(xml.replace('name="left_joint"', 'name="left_joint" damping="0.1"'))
     assert {"left_joint_damping", "right_joint_damping", "joint_stiffness"} <= set(each)
 
 
 def test_names_of_parameters_differ():
     xml = FINGER.replace('tendon name="x"', "").replace('"flexor"', '"knuckle0"')
-    found = candidates(mujoco.MjSpec.from_string(xml), mujoco.MjModel.from_xml_string(xml))
-    assert found["knuckle_stiffness"].kind == "joint"
-    assert found["knuckle0_stiffness"].kind == "tendon"
-    xml = FINGER.replace('"flexor"', '"knuckle_0"').replace("knuckle0", "knuckle_0").replace("knuckle1", "knuckle_1")
-    xml = xml.replace('tendon name="knuckle_0"', 'tendon name="knuckle"')
-    same = xml.replace('spatial name="knuckle_0"', 'spatial name="knuckle"').replace(
-        'tendon="knuckle_0"', 'tendon="knuckle"'
-    )
-    found = candidates(mujoco.MjSpec.from_string(same.replace('"knuckle_0" sensor', "")),
-                       mujoco.MjModel.from_xml_string(same))  # fmt: skip
-    assert found["knuckle_stiffness"].kind == "joint"
-    assert found["tendon_knuckle_stiffness"].kind == "tendon"
+    found = suggested(xml)
+    assert [found[name].kind for name in ("knuckle_stiffness", "knuckle0_stiffness")] == ["joint", "tendon"]
 
 
 @pytest.mark.slow
@@ -179,18 +169,6 @@ def test_a_file_may_stand_elsewhere(tmp_path):
     assert load_robot(out).name == "pendulum"
 
 
-def test_a_model_without_sites_is_told_where_to_put_them(tmp_path):
-    model = tmp_path / "p.xml"
-    model.write_text('<mujoco><worldbody><body name="arm"><joint/><geom size="1"/></body></worldbody></mujoco>')
-    with pytest.raises(RobotError) as caught:
-        draft_robot(model)
-    assert str(caught.value) == (
-        f"model '{model}' has no named site, so it has no markers, and no sensor; add a site for each marker to the "
-        f'body that carries it, such as <site name="M0" pos="0 0 0"/>, or the sensors that are recorded, such as '
-        f'<jointpos joint="…"/>; the bodies are: arm'
-    )
-
-
 def test_a_model_with_sensors_and_no_sites_is_recorded_without_a_camera(begun):
     draft, out = begun(re.sub(r"<site [^>]*/>", "", PENDULUM).replace("</mujoco>", ENCODERS + "</mujoco>"))
     written = tomllib.loads(out.read_text())
@@ -199,21 +177,23 @@ def test_a_model_with_sensors_and_no_sites_is_recorded_without_a_camera(begun):
     assert load_robot(out).marker_names == ()
 
 
-def test_models_that_cannot_be_begun_with_are_told(tmp_path):
+NAMELESS = '<mujoco><worldbody><body name="arm"><joint/><geom size="1"/>{}</body></worldbody></mujoco>'
+
+
+@pytest.mark.parametrize(
+    ("xml", "error", "says"),
+    [
+        (None, RobotError, r"model '.*p\.xml' is not there; give an MJCF file"),
+        ("<mujoco>", RobotError, r"^MuJoCo can't read model '.*p\.xml': XML parse error"),
+        (NAMELESS.format(""), RobotError, r"no named site.*add a site for each marker .*the bodies are: arm"),
+        (NAMELESS.format('<site name="M0"/>'), RobotError, "nothing that could be calibrated.*name its elements"),
+        (PENDULUM.replace('timestep="0.002"', 'timestep="0.002" gravity="1e9 0 0"'), EngineError,
+         "can't be simulated with its own values"),
+    ],
+)  # fmt: skip
+def test_models_that_cannot_be_begun_with_are_told(tmp_path, xml, error, says):
     model = tmp_path / "p.xml"
-    with pytest.raises(RobotError) as caught:
-        draft_robot(model)
-    assert str(caught.value) == f"model '{model}' is not there; give an MJCF file"
-    model.write_text("<mujoco>")
-    with pytest.raises(RobotError, match=r"^MuJoCo can't read model '.*p\.xml': XML parse error"):
-        draft_robot(model)
-    model.write_text('<mujoco><worldbody><body><joint/><geom size="1"/><site name="M0"/></body></worldbody></mujoco>')
-    with pytest.raises(RobotError) as caught:
-        draft_robot(model)
-    assert str(caught.value) == (
-        f"model '{model}' has nothing that could be calibrated: no joint, tendon or actuator with a name, and no "
-        f"fluid; name its elements"
-    )
-    model.write_text(PENDULUM.replace('timestep="0.002"', 'timestep="0.002" gravity="1e9 0 0"'))
-    with pytest.raises(EngineError, match="can't be simulated with its own values"):
+    if xml is not None:
+        model.write_text(xml)
+    with pytest.raises(error, match=says):
         draft_robot(model, threads=1)

@@ -91,25 +91,21 @@ def test_a_film_becomes_a_trial_in_meters(shot, done):
     assert trial.video.samefile(shot.video)
 
 
-def test_the_track_in_pixels_is_a_pose_table(shot, done):
+def test_the_report_says_what_was_done_and_found(shot, done):
     track = pixels(done, "f1_50")
     assert shot.pixel_errors(track).max() < 1
     assert shot.pixel_errors(track).mean() < 0.25
-
-
-def test_the_report_says_what_was_done_and_found(shot, done):
     report = json.loads((done / "tracks" / "f1_50.json").read_text())
-    said = {key: report[key] for key in ("trial", "video", "width", "height", "fps", "codec", "rotation", "frames")}
-    assert said == {
+    expected = {
         "trial": "f1_50", "video": "f1_50.mp4", "width": 640, "height": 360, "fps": 30.0, "codec": "h264",
-        "rotation": 0, "frames": 37,
+        "rotation": 0, "frames": 37, "tracker": "detection", "points_from": "file", "usable": True, "findings": [],
+        "lost_share": [0.0] * 9, "filled_share": [0.0] * 9,
     }  # fmt: skip
-    assert (report["tracker"], report["points_from"], report["usable"], report["findings"]) == (
-        "detection", "file", True, [],
-    )  # fmt: skip
+    assert expected.items() <= report.items()
     np.testing.assert_allclose(report["points"], shot.filmed.truth.positions[0], atol=1e-3)
-    assert report["lost_share"] == report["filled_share"] == [0.0] * 9
     assert all(0.5 < confidence <= 1 for confidence in report["confidence"])
+    files = {"reference.json", "f1_50.csv", "tracks/f1_50.json", "tracks/f1_50.mp4", "tracks/f1_50.pixels.csv"}
+    assert set(contents(done)) - {".lock"} == files
 
 
 def test_the_overlay_shows_every_frame(done):
@@ -121,17 +117,6 @@ def test_the_overlay_shows_every_frame(done):
     assert np.abs(np.diff([image.astype(int) for _, image in frames[::12]], axis=0)).max() > 50
 
 
-def test_nothing_else_is_left(done):
-    files = {"reference.json", "f1_50.csv", "tracks/f1_50.json", "tracks/f1_50.mp4", "tracks/f1_50.pixels.csv"}
-    assert set(contents(done)) - {".lock"} == files
-
-
-@pytest.mark.usefixtures("quick_tracker")
-def test_an_overlay_can_be_left_out(clip, tmp_path):
-    tracked(clip, tmp_path)
-    assert not (tmp_path / "tracks" / f"{clip.name}.mp4").exists()
-
-
 @pytest.mark.slow
 def test_the_markers_may_be_found_without_points(clip, tmp_path):
     trial, _ = tracked(replace(clip, points="auto"), tmp_path)
@@ -141,10 +126,11 @@ def test_the_markers_may_be_found_without_points(clip, tmp_path):
 
 
 @pytest.mark.usefixtures("quick_tracker")
-def test_progress_is_told_after_every_frame(clip, tmp_path):
+def test_progress_is_told_after_every_frame_and_an_overlay_can_be_left_out(clip, tmp_path):
     seen = []
     tracked(clip, tmp_path, on_progress=seen.append)
     assert [(p.name, p.done, p.total, p.lost) for p in seen] == [("f1_25", k, 7, 0) for k in range(1, 8)]
+    assert not (tmp_path / "tracks" / f"{clip.name}.mp4").exists()
 
 
 # the camera
@@ -173,17 +159,11 @@ def test_a_known_length_sets_the_scale(clip, tmp_path):
 # markers that are hidden
 
 
-@pytest.fixture(scope="module")
-def glared(tmp_path_factory) -> tuple[Shot, Trial, TrackedVideo]:
+def test_a_marker_that_is_hidden_is_lost_there_and_nowhere_else(tmp_path):
     """M4 and M5 are below glare for 0.3 s, M7 for two frames."""
-    folder = tmp_path_factory.mktemp("glared")
     glares = (Glare(0.45, 0.75, over=(4, 5)), Glare(0.985, 1.05, over=(7,)))
-    made = shoot(folder, camera=replace(CAMERA, glares=glares))
-    return made, *tracked(made, folder / "reference")
-
-
-def test_a_marker_that_is_hidden_is_lost_there_and_nowhere_else(glared):
-    made, trial, _ = glared
+    made = shoot(tmp_path, camera=replace(CAMERA, glares=glares))
+    trial, found = tracked(made, tmp_path / "reference")
     hidden = made.filmed.hidden
     assert hidden[:, [4, 5]].sum() >= 16
     assert (trial.track.confidence[hidden] == 0).all()
@@ -191,24 +171,13 @@ def test_a_marker_that_is_hidden_is_lost_there_and_nowhere_else(glared):
     assert np.nanmax(made.errors(trial)) < 3e-3
     assert (trial.track.confidence[~hidden] > 0).mean() > 0.98
     assert (trial.track.confidence[:, :4] > 0).all()
-
-
-def test_a_short_gap_is_filled_and_counts_as_lost(glared):
-    made, trial, found = glared
-    gap = made.filmed.hidden[:, 7]
+    gap = hidden[:, 7]
     assert 1 <= gap.sum() <= 3
-    assert made.errors(trial)[gap, 7].max() < 5e-3
-    assert (trial.track.confidence[gap, 7] == 0).all()
+    assert made.errors(trial)[gap, 7].max() < 5e-3  # a short gap is filled
     quality = check_track(trial.track, FISH.rest_markers)
     assert quality.lost[gap, 7].all()
-    shares = found.report.filled_share
-    assert shares[7] >= gap.mean() - 1e-9
-    assert shares[4] < 0.1  # of a long gap nothing is
-
-
-def test_the_report_tells_what_was_lost(glared):
-    _, trial, found = glared
-    quality = check_track(trial.track, FISH.rest_markers)
+    assert found.report.filled_share[7] >= gap.mean() - 1e-9
+    assert found.report.filled_share[4] < 0.1  # of a long gap nothing is
     np.testing.assert_allclose(found.report.lost_share, quality.lost_share, atol=1e-8)
     assert not found.report.usable
     assert {line[:13] for line in found.report.findings} >= {f"M{m} is lost in" for m in (4, 5, 7)}
@@ -242,21 +211,14 @@ def test_the_papers_tracker_goes_the_same_way(tmp_path):
 
 
 @pytest.mark.usefixtures("quick_tracker")
-@pytest.mark.parametrize(
-    ("name", "frequency", "nominal"),
-    [("f1_50", 1.4, 1.4), ("f0_00", None, None)],
-)
-def test_the_frequency_is_the_arguments_or_the_names(clip, tmp_path, name, frequency, nominal):
-    trial, _ = tracked(named(clip, tmp_path, name), tmp_path / "reference", frequency=frequency)
-    assert trial.nominal_frequency == nominal
-
-
-@pytest.mark.parametrize("frequency", [0.0, float("nan")])
-def test_a_frequency_that_is_none_is_refused(clip, tmp_path, frequency):
-    with pytest.raises(ArgumentError) as caught:
-        tracked(clip, tmp_path / "reference", frequency=frequency)
-    assert str(caught.value) == f"frequency is {frequency:g} Hz; it must be finite and above 0"
-    assert not (tmp_path / "reference").exists()
+def test_the_frequency_is_the_arguments_or_the_names(clip, tmp_path):
+    for name, frequency, nominal in (("f1_50", 1.4, 1.4), ("f0_00", None, None)):
+        trial, _ = tracked(named(clip, tmp_path, name), tmp_path / "reference", frequency=frequency)
+        assert trial.nominal_frequency == nominal
+    for wrong in (0.0, float("nan")):
+        with pytest.raises(ArgumentError, match=f"frequency is {wrong:g} Hz; it must be finite and above 0"):
+            tracked(clip, tmp_path / "other", frequency=wrong)
+    assert not (tmp_path / "other").exists()
 
 
 # other videos
@@ -344,33 +306,18 @@ def there(clip, untouched, tmp_path) -> Path:
 
 
 @pytest.mark.usefixtures("quick_tracker")
-def test_other_points_track_again(clip, there, tmp_path):
+def test_other_points_settings_and_films_track_again(clip, there, tmp_path):
     moved = tmp_path / "moved.json"
     save_points(moved, clip.filmed.truth.positions[0] + 0.5, NAMES, clip.video.name, 640, 360)
     _, found = tracked(replace(clip, points=moved), there)
     assert not found.done_before
     np.testing.assert_allclose(found.report.points, clip.filmed.truth.positions[0] + 0.5, atol=1e-3)
-
-
-@pytest.mark.usefixtures("quick_tracker")
-@pytest.mark.parametrize("changes", [{"smooth": True}], ids=["smooth"])
-def test_other_settings_track_again(clip, there, changes):
-    _, found = tracked(clip, there, replace(FAST, **changes))
-    assert not found.done_before
-    assert tracked(clip, there, replace(FAST, **changes))[1].done_before
-
-
-@pytest.mark.usefixtures("quick_tracker")
-def test_another_camera_file_or_frequency_tracks_again(clip, there, tmp_path):
+    assert not tracked(clip, there, replace(FAST, smooth=True))[1].done_before
+    assert tracked(clip, there, replace(FAST, smooth=True))[1].done_before
     write_camera(tmp_path / "camera.json", CameraFile(camera_height=3.0))
     assert not tracked(clip, there, replace(FAST, camera=tmp_path / "camera.json"))[1].done_before
     assert not tracked(clip, there, frequency=1.4)[1].done_before
-
-
-@pytest.mark.usefixtures("quick_tracker")
-def test_another_film_of_the_same_name_replaces_the_trial(clip, there, tmp_path):
-    other = shoot(tmp_path / "other", "f1_25", seconds=0.1, seed=2)
-    trial, found = tracked(other, there)
+    trial, found = tracked(shoot(tmp_path / "other", "f1_25", seconds=0.1, seed=2), there)
     assert not found.done_before
     assert trial.track.frame_count == 4
     assert len(load_reference(there)) == 1
@@ -384,10 +331,6 @@ def test_what_was_taken_away_is_made_again(clip, there, gone):
     (there / gone).unlink()
     assert not tracked(clip, there)[1].done_before
     assert tables(there) == before
-
-
-@pytest.mark.usefixtures("quick_tracker")
-def test_a_damaged_report_is_made_again(clip, there):
     for content in ("[]", "{"):
         (there / "tracks" / "f1_25.json").write_text(content)
         assert not tracked(clip, there)[1].done_before
@@ -494,7 +437,6 @@ def test_one_and_two_processes_write_the_same_files_and_answer_in_the_order_of_t
     ("options", "says"),
     [
         ({"workers": 0}, "workers is 0; it must be at least 1"),
-        ({"workers": -1}, "workers is -1; it must be at least 1"),
         ({"points": []}, "0 points for 1 videos; give as many as videos"),
         ({"frequencies": [1.0, 2.0]}, "2 frequency for 1 videos; give as many as videos"),
     ],
@@ -531,34 +473,20 @@ def test_a_process_that_dies_is_told(shot, tmp_path):
 # bad input
 
 
-def written(tmp_path: Path, points, **changes) -> Path:
-    path = tmp_path / "points.json"
-    markers = dict(zip(NAMES, np.asarray(points).tolist(), strict=False))
-    content = {"format": 1, "video": "f1_25.mp4", "width": 640, "height": 360, "frame": 0, "markers": markers}
-    path.write_text(json.dumps({**content, **changes}))
-    return path
-
-
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("markers", "changes", "says"),
     [
-        (lambda p: p[:8], r"points '.*' lack M8; expected are 9 points"),
-        (lambda p: p + np.array([0, 4000]), r"M0 of points '.*' is at \(.*\), outside of the frame of 640 x 360 px"),
-        (lambda p: np.concatenate([p[:8], p[7:8]]), r"M7 and M8 of points '.*' are 0\.0 px apart; two markers can't"),
+        (8, {}, r"points '.*' lack M8; expected are 9 points"),
+        (9, {"width": 1920, "height": 1080}, "were picked on a frame of 1920 x 1080 px; the video's is 640 x 360 px"),
     ],
-    ids=["number", "outside", "same spot"],
 )
-def test_bad_points_are_told_and_change_nothing(clip, tmp_path, change, says):
-    points = written(tmp_path, change(clip.filmed.truth.positions[0]))
+def test_bad_points_are_told_and_change_nothing(clip, tmp_path, markers, changes, says):
+    path, points = tmp_path / "points.json", clip.filmed.truth.positions[0].tolist()
+    content = {"format": 1, "video": "f1_25.mp4", "width": 640, "height": 360, "frame": 0}
+    path.write_text(json.dumps({**content, "markers": dict(zip(NAMES[:markers], points, strict=False)), **changes}))
     with pytest.raises(TrackingError, match=says):
-        tracked(replace(clip, points=points), tmp_path / "reference", TrackingSettings())
+        tracked(replace(clip, points=path), tmp_path / "reference", TrackingSettings())
     assert contents(tmp_path / "reference") == {}
-
-
-def test_points_of_another_video_are_refused(clip, tmp_path):
-    points = written(tmp_path, clip.filmed.truth.positions[0], width=1920, height=1080)
-    with pytest.raises(TrackingError, match="were picked on a frame of 1920 x 1080 px; the video's is 640 x 360 px"):
-        tracked(replace(clip, points=points), tmp_path / "reference")
 
 
 @pytest.mark.slow
@@ -591,13 +519,6 @@ def test_a_folder_that_cant_be_made_is_told(clip, tmp_path, below):
     assert file.read_text() == "mine"
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="the superuser may write everywhere")
-def test_a_folder_that_is_read_only_is_told(clip, tmp_path):
-    (tmp_path / "locked").mkdir(mode=0o500)
-    with pytest.raises(TrackingError, match=r"can't write folder '.*': Permission denied; choose another with --to"):
-        tracked(clip, tmp_path / "locked")
-
-
 def test_a_reference_of_another_robot_is_left_alone(clip, tmp_path):
     folder = tmp_path / "reference"
     track = MarkerTrack([0.0, 0.1], np.array([[[0.0, 0.0]], [[0.1, 0.0]]]))
@@ -609,14 +530,9 @@ def test_a_reference_of_another_robot_is_left_alone(clip, tmp_path):
 
 
 @pytest.mark.usefixtures("quick_tracker")
-def test_a_camera_file_that_contradicts_the_robot_is_told(clip, tmp_path):
+def test_a_camera_file_that_isnt_there_or_contradicts_the_robot_is_told(clip, tmp_path):
     write_camera(tmp_path / "camera.json", CameraFile(camera_height=0.01))
-    with pytest.raises(TrackingError, match=r"camera_height 0\.01 m doesn't reach beyond marker M"):
-        tracked(clip, tmp_path / "reference", replace(FAST, camera=tmp_path / "camera.json"))
+    for name, says in (("camera", r"camera_height 0\.01 m doesn't reach beyond marker M"), ("none", "is not there")):
+        with pytest.raises(TrackingError, match=says):
+            tracked(clip, tmp_path / "reference", replace(FAST, camera=tmp_path / f"{name}.json"))
     assert not (tmp_path / "reference" / "reference.json").exists()
-
-
-def test_a_camera_file_that_isnt_there_is_named(clip, tmp_path):
-    with pytest.raises(TrackingError, match=r"camera file '.*nothing.json' is not there"):
-        tracked(clip, tmp_path / "reference", replace(FAST, camera=tmp_path / "nothing.json"))
-    assert not (tmp_path / "reference").exists()

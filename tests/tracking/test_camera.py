@@ -1,5 +1,4 @@
 import json
-import re
 from dataclasses import dataclass, replace
 
 import cv2
@@ -10,7 +9,7 @@ from hypothesis import strategies as st
 
 from swim2real.errors import ArgumentError, TrackingError
 from swim2real.robots.fish import FISH
-from swim2real.tracking.camera import Camera, camera_for, camera_height_seen
+from swim2real.tracking.camera import Camera, camera_for, camera_height_seen, fixed_camera
 from swim2real.tracking.camera_file import CameraFile, Length, Lens, camera_from_board, read_camera, write_camera
 from swim2real.tracking.plane import Scale, common_scale, fit_plane, local_scale, project
 from swim2real.trials import MarkerTrack
@@ -89,30 +88,15 @@ def shape_misfit(found, true):
 # scale
 
 
-@pytest.mark.slow
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.floats(0.5, 5), st.floats(500, 4000), st.floats(-3, 3))
 def test_a_level_robot_under_a_straight_camera_is_recovered(height, focal, heading):
     true, eye = swim(heading=heading, duration=1.0), Eye(height, focal=focal)
     camera = see(eye.track(true, 0.0), heights=LEVEL)
     assert camera.scale.meters_per_pixel == pytest.approx(height / focal)
-    assert [name for name, _ in camera.scale.estimates] == ["M0–M1", "M0–M2", "M1–M2"]
-    assert [value for _, value in camera.scale.estimates] == pytest.approx([height / focal] * 3)
+    assert dict(camera.scale.estimates) == pytest.approx(dict.fromkeys(("M0–M1", "M0–M2", "M1–M2"), height / focal))
     assert camera.findings() == []
     assert shape_misfit(camera.to_meters(eye.track(true, 0.0)), true) < 1e-9
-
-
-def test_what_isnt_seen_stays_unseen_and_confidence_stays():
-    track = Eye().track(swim())
-    positions, confidence = track.positions.copy(), np.full((track.frame_count, 9), 0.7)
-    positions[3, 4] = np.nan
-    confidence[5, 6] = 0.0
-    found = see(MarkerTrack(track.times, positions, confidence)).to_meters(
-        MarkerTrack(track.times, positions, confidence)
-    )
-    assert np.argwhere(np.isnan(found.positions).any(axis=2)).tolist() == [[3, 4]]
-    confidence[3, 4] = 0
-    np.testing.assert_array_equal(found.confidence, confidence)
 
 
 def test_the_scale_is_the_head_s_as_in_the_published_tables(tracks):
@@ -124,33 +108,31 @@ def test_the_scale_is_the_head_s_as_in_the_published_tables(tracks):
         assert camera.scale.findings(), trial.name  # all of them are doubtful
 
 
-def test_a_few_wild_frames_and_lost_samples_dont_move_the_scale():
+def test_wild_frames_and_lost_samples_dont_move_the_scale_and_stay_unseen():
     track = Eye().track(swim(), 0.0)
-    positions, confidence = track.positions.copy(), np.ones((track.frame_count, 9))
+    positions, confidence = track.positions.copy(), np.full((track.frame_count, 9), 0.7)
     positions[:9, 0] += 900
     positions[20:130, 1] = 5.0
     confidence[20:130, 1] = 0
-    camera = see(MarkerTrack(track.times, positions, confidence), heights=LEVEL)
+    positions[3, 4], confidence[3, 4] = np.nan, 0
+    pixels = MarkerTrack(track.times, positions, confidence)
+    camera = see(pixels, heights=LEVEL)
     assert camera.scale.meters_per_pixel == pytest.approx(1e-3)
+    found = camera.to_meters(pixels)
+    assert np.argwhere(np.isnan(found.positions[:20]).any(axis=2)).tolist() == [[3, 4]]
+    np.testing.assert_array_equal(found.confidence, confidence)
 
 
 def test_lengths_that_disagree_are_told_with_each_one_s_estimate():
     positions = Eye().track(swim(), 0.0).positions.copy()
     positions[:, 2] = positions[:, 0] + 1.04 * (positions[:, 2] - positions[:, 0])
-    camera = see(MarkerTrack(swim().times, positions), heights=LEVEL)
-    assert camera.scale.spread == pytest.approx((1 - 215 / (357 * 1.04 - 142)) * 1.04)
-    assert camera.findings() == [
-        "the scale is doubtful: known lengths disagree by 6.5 % (1 % is 6 mm at the last marker); mm per pixel by "
-        "M0–M1 1.0000, M0–M2 0.9615, M1–M2 0.9377; used is 0.9615; measure a length in the pool and add it to the "
-        "camera file"
-    ]
-
-
-def test_of_many_lengths_that_disagree_the_least_and_the_greatest_are_told():
-    estimates = tuple((f"length{i}", 1e-3 * (1 + 0.01 * i)) for i in range(28))
-    (sentence,) = Scale(1.1e-3, 0.25, estimates).findings()
-    listed = re.findall(r"length\d+|\d+ between", sentence)
-    assert listed == [*(f"length{i}" for i in range(5)), "18 between", *(f"length{i}" for i in range(23, 28))]
+    (finding,) = see(MarkerTrack(swim().times, positions), heights=LEVEL).findings()
+    assert finding.startswith("the scale is doubtful: known lengths disagree by 6.5 % (1 % is 6 mm at the last marker)")
+    assert "M0–M1 1.0000, M0–M2 0.9615, M1–M2 0.9377; used is 0.9615" in finding
+    many = Scale(1.1e-3, 0.25, tuple((f"length{i}", 1e-3 * (1 + 0.01 * i)) for i in range(28))).findings()[0]
+    assert all(f"length{i} " in many for i in (0, 4, 23, 27))
+    assert "18 between" in many
+    assert Scale(1e-3, 0.02, ()).findings() == []
 
 
 def test_lengths_in_the_pool_go_before_the_robot_s():
@@ -166,11 +148,6 @@ def test_lengths_in_the_pool_go_before_the_robot_s():
     assert scale.spread == pytest.approx(0.1 / 1.01)
 
 
-def test_doubts_begin_at_two_per_cent():
-    assert Scale(1e-3, 0.02, ()).findings() == []
-    assert len(Scale(1e-3, 0.021, (("a", 1e-3), ("b", 1.021e-3))).findings()) == 1
-
-
 def test_a_common_scale_is_the_median_of_the_videos():
     scales = {name: Scale(value, 0.0, (), 0.5) for name, value in (("a", 1e-3), ("b", 1.1e-3), ("c", 1.02e-3))}
     common = common_scale(scales)
@@ -181,7 +158,6 @@ def test_a_common_scale_is_the_median_of_the_videos():
     camera = see(track, heights=LEVEL).with_scale(common)
     assert camera.scale is common
     np.testing.assert_allclose(camera.to_meters(track).positions, track.positions * 1.02e-3 * [1, -1])
-    assert refusal(common_scale, {}) == "a common scale needs at least one video"
 
 
 def test_without_a_head_there_is_no_scale_but_a_length_helps():
@@ -189,10 +165,7 @@ def test_without_a_head_there_is_no_scale_but_a_length_helps():
     positions = track.positions.copy()
     positions[:, 1] = np.nan
     headless = MarkerTrack(track.times, positions)
-    assert refusal(see, headless) == (
-        "there is no scale: of the markers that keep their distances no two are seen together; "
-        "add a known length to the camera file"
-    )
+    assert "no two are seen together; add a known length to the camera file" in refusal(see, headless)
     tape = Length("tape", Eye().pixels(np.array([[0.0, 0.0], [0.0, 0.5]])), 0.5)
     assert see(headless, CameraFile(lengths=(tape,))).scale.meters_per_pixel == pytest.approx(1e-3)
 
@@ -225,11 +198,9 @@ def test_without_the_camera_s_height_they_drift_and_this_is_said():
     assert off[:, ABOVE == 0].max() < 1e-9
     # M8 begins 0.551 m from the middle, and is seen 0.05 / (2 - 0.05) of that too far out
     assert off.max() == pytest.approx(np.linalg.norm(true.positions[:, 8], axis=1).max() * 0.05 / 1.95)
-    assert camera.notes == (
-        "M2 and M8 stand up to 50 mm nearer to the camera than M0 and seem to lie up to 14 mm too far out "
-        "(estimated for a camera 2.0 m away, as the track suggests); give camera_height in the camera file to "
-        "correct it",
-    )
+    for part in ("M2 and M8 stand up to 50 mm", "14 mm too far out", "2.0 m away", "give camera_height"):
+        assert part in camera.notes[0]
+    assert "14 mm" not in see(pixels, size=None).notes[0]  # without the picture's size no number is made up
 
 
 @pytest.mark.parametrize("height", [1.0, 2.0, 4.0])
@@ -241,32 +212,17 @@ def test_the_camera_s_height_shows_in_the_track(height):
 
 
 def test_the_camera_s_height_doesnt_show_in_a_fish_that_stays():
-    eye = Eye(2.0)
-    noisy = eye.track(swim(speed=0.0)).positions
+    noisy = Eye(2.0).track(swim(speed=0.0)).positions
     noisy = noisy + np.random.default_rng(0).normal(0, 3.0, noisy.shape)
-    assert camera_height_seen(noisy, ABOVE, np.array(eye.center), RIGID) is None
-    assert "(estimated for a camera 3.8 m away, as far as its picture is wide)" in see(
-        MarkerTrack(swim().times, noisy)
-    ).notes[0]  # fmt: skip
-
-
-def test_without_the_picture_s_size_no_number_is_made_up():
-    assert see(Eye().track(swim()), size=None).notes == (
-        "M2 and M8 stand up to 50 mm nearer to the camera than M0 and seem to lie farther from the picture's center "
-        "than they do; give camera_height in the camera file to correct it, with principal_point",
-    )
+    assert camera_height_seen(noisy, ABOVE, np.array(Eye().center), RIGID) is None
+    assert "3.8 m away, as far as its picture is wide" in see(MarkerTrack(swim().times, noisy)).notes[0]
 
 
 def test_a_camera_height_that_cant_be_used_is_refused():
     track = Eye().track(swim())
-    assert refusal(see, track, CameraFile(camera_height=2.0), size=None) == (
-        "the camera file gives camera_height 2 m, but nothing tells the pixel straight below the camera "
-        "(straight ahead of one that looks from the side); add principal_point"
-    )
-    assert refusal(see, track, CameraFile(camera_height=0.05)) == (
-        "the camera file's camera_height 0.05 m doesn't reach beyond marker M2, which stands 0.05 m nearer to the "
-        "camera than M0; measure from M0 to the camera"
-    )
+    assert "add principal_point" in refusal(see, track, CameraFile(camera_height=2.0), size=None)
+    message = refusal(see, track, CameraFile(camera_height=0.05))
+    assert "camera_height 0.05 m doesn't reach beyond marker M2, which stands 0.05 m nearer" in message
 
 
 # planes
@@ -287,36 +243,22 @@ def test_a_homography_is_recovered_from_its_points(seed, count):
     np.testing.assert_allclose(project(plane, test), project(true, test), atol=1e-9)
 
 
-def test_the_residual_is_what_the_points_are_off_by():
-    rng = np.random.default_rng(0)
-    pixels = rng.uniform(0, 2000, (200, 2))
-    meters = pixels * [1e-3, -1e-3] + rng.normal(0, 2e-3, (200, 2))
-    assert fit_plane(pixels, meters)[1] == pytest.approx(2e-3 * np.sqrt(2), rel=0.1)
-
-
 @pytest.mark.parametrize(
     ("points", "message"),
     [
         (POOL[:3], "3 points for a plane; at least 4 are needed"),
-        (np.outer(np.arange(5.0), [1, 2]), "the points don't determine a plane: they coincide or lie on a line; "
-         "spread them out"),
-        (np.ones((5, 2)), "the points don't determine a plane: they coincide or lie on a line; spread them out"),
-        (np.array([[0, 0], [1, 0], [2, 0], [0, 1.0]]), "the points don't determine a plane: they coincide or lie on a "
-         "line; spread them out"),
+        (np.outer(np.arange(5.0), [1, 2]), "they coincide or lie on a line"),
+        (np.ones((5, 2)), "they coincide or lie on a line"),
+        (np.array([[0, 0], [1, 0], [2, 0], [0, 1.0]]), "they coincide or lie on a line"),
     ],
-)  # fmt: skip
+)
 def test_points_that_make_no_plane_are_refused(points, message):
-    assert refusal(fit_plane, points, points) == message
+    assert message in refusal(fit_plane, points, points)
 
 
-def test_points_in_the_wrong_order_are_no_picture_of_a_plane():
+def test_what_lies_beyond_a_plane_s_horizon_is_nowhere():
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
-    assert refusal(fit_plane, corners, corners[[0, 2, 1, 3]]) == (
-        "the points are no picture of a plane: some lie beyond its horizon; check their order"
-    )
-
-
-def test_beyond_the_horizon_is_nowhere():
+    assert "beyond its horizon; check their order" in refusal(fit_plane, corners, corners[[0, 2, 1, 3]])
     plane = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0.01, 1]])
     assert np.isnan(project(plane, np.array([0.0, -200.0]))).all()
     assert np.isfinite(project(plane, np.array([0.0, -50.0]))).all()
@@ -348,40 +290,27 @@ def test_a_tilted_camera_is_undone_exactly(a, b, height, as_points):
     assert (camera.residual is not None) == as_points
 
 
-def test_a_plane_whose_meters_disagree_with_the_robot_is_doubted():
+def test_a_plane_that_disagrees_with_the_robot_or_its_points_is_told():
     eye = Eye(2.0, (0.1, 0.1))
     camera = see(eye.track(swim(), 0.0), CameraFile(points=square(POOL, eye, 1.05 * POOL)), heights=LEVEL)
     assert camera.scale.spread == pytest.approx(0.05 / 1.05)
     assert camera.scale.findings()
     assert camera.scale.estimates[0] == ("camera file's plane", camera.scale.meters_per_pixel)
-
-
-def test_points_that_fit_no_plane_are_told():
+    assert "its own scale" in refusal(camera.with_scale, Scale(1e-3, 0.0, ()))
     meters = POOL.copy()
     meters[2] += 0.3
     camera = see(Eye().track(swim()), CameraFile(points=square(POOL, Eye(), meters), camera_height=2.0))
     assert camera.residual > 0.01
-    assert camera.notes == (
-        f"the camera file's points fit no plane better than {1e3 * camera.residual:.0f} mm; "
-        f"check their pixels and meters",
-    )
+    assert f"fit no plane better than {1e3 * camera.residual:.0f} mm" in camera.notes[0]
 
 
-def test_a_plane_that_leaves_the_mirror_image_is_refused():
-    message = (
-        "the camera file's plane is a mirror image: the picture's y points down, the meters' y must point up when "
-        "x points to the right; change the sign of all y in meters"
-    )
-    track = Eye().track(swim())
-    assert refusal(see, track, CameraFile(points=square(POOL, Eye(), POOL * [1, -1]))) == message
-    assert refusal(see, track, CameraFile(homography=np.eye(3) * 1e-3)) == message
-
-
-def test_a_plane_has_its_own_scale():
-    camera = see(Eye().track(swim()), CameraFile(points=square(POOL, Eye((2.0), (0.1, 0)))))
-    assert refusal(camera.with_scale, Scale(1e-3, 0.0, ())) == (
-        "the camera file gives a plane, which has its own scale; it can't have another one"
-    )
+@pytest.mark.parametrize(
+    "known", [CameraFile(points=square(POOL, Eye(), POOL * [1, -1])), CameraFile(homography=np.eye(3) * 1e-3)]
+)
+def test_a_plane_that_leaves_the_mirror_image_is_refused(known):
+    message = refusal(see, Eye().track(swim()), known)
+    assert "is a mirror image" in message
+    assert "change the sign of all y in meters" in message
 
 
 # lens
@@ -425,6 +354,31 @@ def test_the_picture_s_center_is_the_lens_s():
     assert see(Eye().track(swim()), CameraFile(lens=LENS), size=None).center.tolist() == [1930.0, 1070.0]
 
 
+REST3 = np.array([[0.0, 0.0], [0.14, 0.0], [0.35, 0.0]])
+HEIGHTS3 = np.array([0.0, 0.0, 0.05])
+SMALL = Lens(np.array([[900.0, 0, 630], [0, 910, 350], [0, 0, 1]]), np.array([-0.21, 0.06, 0.001, -0.002, 0.0]))
+PLANE = np.array([[0.002, 1e-4, -1.2], [5e-5, -0.0021, 0.8], [1e-5, 2e-5, 1.0]])
+
+
+@pytest.mark.parametrize(
+    "known",
+    [None, CameraFile(camera_height=2.0), CameraFile(homography=PLANE), CameraFile(camera_height=2.0, lens=SMALL),
+     CameraFile(camera_height=1.5, homography=PLANE, lens=SMALL)],
+    ids=["scale", "height", "plane", "lens", "all"],
+)  # fmt: skip
+def test_markers_come_back_from_meters_to_their_pixels(known):
+    steps = np.random.default_rng(0).normal(size=(40, 3, 2))
+    pixels = np.array([400.0, 300.0]) + 500 * REST3 + 4 * np.cumsum(steps, axis=0)
+    pixels[7, 1] = np.nan
+    track = MarkerTrack(np.arange(40) / 60, pixels)
+    camera = camera_for(track, REST3, HEIGHTS3, ("a", "b", "c"), (0, 1), known, (1280, 720))
+    world = camera.to_meters(track).positions
+    assert camera.to_pixels(world) == pytest.approx(pixels, abs=1e-3, nan_ok=True)
+    again = fixed_camera(known, camera.scale.meters_per_pixel, HEIGHTS3, (1280, 720))
+    assert again.to_pixels(world) == pytest.approx(pixels, abs=1e-3, nan_ok=True)
+    assert "add points to the camera file" in refusal(fixed_camera, None, None, HEIGHTS3, (1280, 720))
+
+
 # boards
 
 
@@ -462,18 +416,16 @@ def test_a_chessboard_gives_the_plane(tilt, upside_down):
     np.testing.assert_allclose(found.body, true.body, atol=2e-3)  # left is left, whichever way the board lies
 
 
-def test_a_board_that_isnt_there_is_refused():
-    blank = np.full((400, 600), 200, dtype=np.uint8)
-    assert refusal(camera_from_board, blank, (9, 6), 0.05) == (
-        "no chessboard of 9 x 6 squares is in the picture; count its squares (not its corners), and let all of it be "
-        "seen with a white border"
-    )
-    assert refusal(camera_from_board, blank, (2, 6), 0.05, error=ArgumentError) == (
-        "squares are 2 x 6; a board needs at least 3 along each side"
-    )
-    assert refusal(camera_from_board, blank, (9, 6), 0.0, error=ArgumentError) == (
-        "square_size is 0.0 m; it must be finite and above 0"
-    )
+@pytest.mark.parametrize(
+    ("squares", "size", "error", "message"),
+    [
+        ((9, 6), 0.05, TrackingError, "no chessboard of 9 x 6 squares is in the picture; count its squares"),
+        ((2, 6), 0.05, ArgumentError, "squares are 2 x 6; a board needs at least 3 along each side"),
+        ((9, 6), 0.0, ArgumentError, "square_size is 0.0 m; it must be finite and above 0"),
+    ],
+)
+def test_a_board_that_isnt_there_is_refused(squares, size, error, message):
+    assert message in refusal(camera_from_board, np.full((400, 600), 200, np.uint8), squares, size, error=error)
 
 
 # the file
@@ -523,25 +475,17 @@ def test_what_was_written_is_read_again(tmp_path):
         ({"format": 2}, "'format' is 2; it must be 1"),
         ({"format": ...}, "'format' is missing"),
         ({"height": 2}, "there is no 'height'; remove it or correct its name; did you mean 'camera_height'?"),
-        ({"zoom": 2}, "there is no 'zoom'; remove it"),
         ({"homography": np.eye(3).tolist()}, "both points and a homography; keep one of them"),
         ({"camera_height": -2}, "'camera_height' is -2; it must be above 0"),
-        ({"camera_height": True}, "'camera_height' is true; it must be a number"),
-        ({"camera_height": float("inf")}, "'camera_height' is Infinity; it must be finite"),
         ({"principal_point": [1, 2, 3]}, "'principal_point' is [1, 2, 3]; it must have at most 2 entries"),
         ({"principal_point": [1, float("nan")]}, "'principal_point[1]' is NaN; it must be finite"),
         ({"points": ..., "homography": [[1, 2], [3, 4]]}, "'homography[0]' is [1, 2]; it must have at least 3"),
         ({"points": ..., "homography": [[1, 2, 3]] * 3}, "'homography': it can't be inverted"),
-        ({"points": ..., "homography": [[0, 0, 0]] * 3}, "'homography': it can't be inverted"),
         ({"points": FULL["points"][:3]}, "it must have at least 4 entries"),
-        ({"points": 4}, "'points' is 4; it must be a list"),
-        ({"points": [[1, 2]] * 4}, "'points[0]' is [1, 2]"),
         ({"points": [{"pixel": [1, 2]}] * 4}, "'points[0].meters' is missing"),
         ({"points": [{"pixel": [1, "a"], "meters": [1, 2]}] * 4}, "'points[0].pixel[1]' is \"a\"; it must be a number"),
-        ({"lengths": {}}, "'lengths' is {}; it must be a list"),
         ({"lengths": [{"pixels": [[1, 2], [1, 2]], "meters": 1}]}, "'lengths[0].pixels': both ends are the same pixel"),
         ({"lengths": [{"pixels": [[1, 2], [1, 3]], "meters": 0}]}, "'lengths[0].meters' is 0; it must be above 0"),
-        ({"lengths": [{"pixels": [1, 2], "meters": 1}]}, "'lengths[0].pixels[0]' is 1; it must be a list"),
         ({"lens": {"distortion": [0, 0, 0, 0]}}, "'lens.camera_matrix' is missing"),
         ({"lens": {**FULL["lens"], "distortion": [0, 0]}}, "it has 2 numbers; allowed are 4, 5, 8, 12, 14"),
         ({"lens": {**FULL["lens"], "camera_matrix": np.zeros((3, 3)).tolist()}},
@@ -555,10 +499,9 @@ def test_camera_files_that_cant_be_used_are_refused(tmp_path, changes, message):
     assert message in text
 
 
-def test_a_camera_file_that_isnt_one_is_refused(tmp_path):
+@pytest.mark.parametrize(("text", "says"), [(None, " is not there"), ("{", " can't be read as JSON: "), ("[]", ": []")])
+def test_a_camera_file_that_isnt_one_is_refused(tmp_path, text, says):
     path = tmp_path / "camera.json"
-    assert refusal(read_camera, path) == f"camera file '{path}' is not there"
-    path.write_text("{")
-    assert refusal(read_camera, path).startswith(f"camera file '{path}' can't be read as JSON: ")
-    path.write_text("[]")
-    assert refusal(read_camera, path).startswith(f"camera file '{path}': []")
+    if text:
+        path.write_text(text)
+    assert refusal(read_camera, path).startswith(f"camera file '{path}'{says}")

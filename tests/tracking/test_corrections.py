@@ -90,20 +90,16 @@ def test_a_sure_stretch_that_a_click_contradicts_is_replaced():
 
 def test_a_click_that_agrees_with_a_doubted_place_confirms_the_body():
     before = track(DOUBTED)
+    jumping = track(DOUBTED, (WRONG, 26, LAST, TRUTH[26 : LAST + 1, WRONG + 1], 0.4))  # over to the next one at once
+    sure = after(jumping, click(20))[0].confidence[:, WRONG] >= DOUBTFUL
+    assert sure[: 25 + 1].all()
+    assert not sure[26 : LAST + 1].any()
     found, gaps = after(before, click(20, off=(1.0, 0.5)))
     assert not gaps
     np.testing.assert_array_equal(found.positions, before.positions)
     same = np.array(BODIES) == BODIES[WRONG]
     assert (found.confidence[:, same] >= DOUBTFUL).all()
     assert (found.confidence[FIRST : LAST + 1, ~same] < DOUBTFUL).all()
-
-
-def test_what_a_click_confirms_ends_where_the_marker_jumps():
-    before = track(DOUBTED, (WRONG, 26, LAST, TRUTH[26 : LAST + 1, WRONG + 1], 0.4))  # over to the next one at once
-    found, _ = after(before, click(20))
-    confident = found.confidence[:, WRONG] >= DOUBTFUL
-    assert confident[: 25 + 1].all()
-    assert not confident[26 : LAST + 1].any()
 
 
 def test_hidden_loses_the_marker_around_its_frame_only():

@@ -1,5 +1,3 @@
-import re
-
 import numpy as np
 import pytest
 from scipy.ndimage import zoom
@@ -90,41 +88,19 @@ def as_blobs(points, rng, radius=8.0):
 
 
 @pytest.mark.slow
-def test_markers_are_found_and_labeled():
-    counts = outcomes(range(4))
-    assert counts["wrong"] == 0
-    assert counts["right"] >= 3
-
-
-@pytest.mark.slow
-def test_a_hidden_marker_is_noticed():
-    counts = outcomes(range(20, 22), hidden=1)
-    assert counts["right"] == counts["wrong"] == 0
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("least", "more"),
     [
         (0.90, {}),
-        (0.85, {"bend": 40.0}),
-        (0.85, {"alike": 20}),
+        (0.85, {"bend": 40.0, "alike": 20}),
         (0.60, {"width": 1280, "height": 720}),
         (0.0, {"hidden": 1}),
-        (0.0, {"hidden": 1, "alike": 20}),
     ],
 )
 def test_never_wrong_in_many_frames(least, more):
-    counts = outcomes(range(100, 120), **more)
+    counts = outcomes(range(100, 112), **more)
     assert counts["wrong"] == 0
-    assert counts["right"] >= least * 20
-
-
-@pytest.mark.slow
-def test_a_4k_frame_is_labeled():
-    image, points, scale = frame(2, width=3840, height=2160)
-    found = label_markers(image, REST)
-    np.testing.assert_allclose(found.points, points, atol=0.004 * scale)
+    assert counts["right"] >= least * 12
 
 
 def test_a_reversed_robot_is_not_mistaken():
@@ -132,25 +108,6 @@ def test_a_reversed_robot_is_not_mistaken():
     for _ in range(30):
         points = pose(rng) * 700 + [900, 500]
         np.testing.assert_array_equal(label_blobs(as_blobs(points, rng), REST).points, points)
-
-
-def test_a_robot_that_is_the_same_from_both_ends_is_ambiguous():
-    rng = np.random.default_rng(5)
-    even = np.stack([np.linspace(0, 0.4, 9), np.zeros(9)], axis=1)
-    points = even * 700 + [300, 500] + rng.normal(0, 0.5, even.shape)
-    with pytest.raises(
-        TrackingError, match=r"two ways to label 9 .* they differ in marker 0, 1, 2, 3, 5, 6, 7, 8 from"
-    ):
-        label_blobs(as_blobs(points, rng), even)
-
-
-@pytest.mark.slow
-def test_a_mirrored_frame_is_labeled_the_same():
-    image, _, _ = frame(0)
-    found = label_markers(image, REST)
-    mirrored = label_markers(np.ascontiguousarray(image[:, ::-1]), REST)
-    np.testing.assert_allclose(image.shape[1] - 1 - mirrored.points[:, 0], found.points[:, 0], atol=0.2)
-    np.testing.assert_allclose(mirrored.points[:, 1], found.points[:, 1], atol=0.2)
 
 
 def test_a_slanted_view_needs_the_heights():
@@ -194,36 +151,33 @@ def test_too_few_blobs():
     image = np.full((300, 400, 3), 70.0)
     for x in (50, 110, 170, 230, 290):
         disc(image, np.array([x, 150.0]), 7.0, (240, 210, 40))
-    message = "5 round blobs were found in the frame, of 9 markers; pick the points with `swim2real pick`"
-    with pytest.raises(TrackingError, match=re.escape(message)):
+    with pytest.raises(TrackingError, match=r"^5 round blobs were found .* of 9 markers; pick .*`swim2real pick`"):
         label_markers(image.astype(np.uint8), REST)
     with pytest.raises(TrackingError, match=r"^0 round blobs were found"):
         label_markers(np.full((90, 120, 3), 80, np.uint8), REST)
 
 
-def test_a_look_alike_beside_a_marker_is_ambiguous():
-    rng = np.random.default_rng(4)
-    points = pose(rng, bend=5) * 700 + [900, 500]
-    beside = points[8] + [6, 6]
-    message = r"10 round blobs .* two ways to label 9 .* they differ in marker 8 from the head.*`swim2real pick`"
-    with pytest.raises(TrackingError, match=message):
-        label_blobs(as_blobs(np.concatenate([points, [beside]]), rng), REST)
+RNG = np.random.default_rng(4)
+EVEN = np.stack([np.linspace(0, 0.4, 9), np.zeros(9)], axis=1)  # the same from both ends
+STRAIGHT = pose(RNG, bend=5) * 700 + [900, 500]
+CROOKED = np.stack([REST[:, 0] * 700, [0, 14, 0, 0, 4, -4, 4, -4, 4]], axis=1)
+GRID = np.stack(np.meshgrid(np.arange(18) * 14.0, np.arange(18) * 14.0), axis=2).reshape(-1, 2)
 
 
-def test_a_poor_fit_is_refused():
-    rng = np.random.default_rng(4)
-    points = REST * 700.0
-    points[:, 1] = [0, 14, 0, 0, 4, -4, 4, -4, 4]
-    with pytest.raises(TrackingError, match=r"off by .* mm \(worst distance .*, too much to be sure; pick the points"):
-        label_blobs(as_blobs(points, rng), REST)
-
-
-@pytest.mark.slow
-def test_a_frame_full_of_look_alikes_is_refused():
-    rng = np.random.default_rng(4)
-    x, y = np.meshgrid(np.arange(18) * 14.0, np.arange(18) * 14.0)
-    with pytest.raises(TrackingError, match=r"324 round blobs in the frame look alike, too many to tell"):
-        label_blobs(as_blobs(np.stack([x.ravel(), y.ravel()], axis=1) + rng.normal(0, 1, (324, 2)), rng, 4.0), REST)
+@pytest.mark.parametrize(
+    ("points", "rest", "says"),
+    [
+        (EVEN * 700 + [300, 500] + RNG.normal(0, 0.5, EVEN.shape), EVEN, "two ways .* marker 0, 1, 2, 3, 5, 6, 7, 8"),
+        (np.vstack([STRAIGHT, STRAIGHT[8] + [6, 6]]), REST, "10 round blobs .* two ways .* differ in marker 8 from"),
+        (CROOKED, REST, r"off by .* mm \(worst distance .*, too much to be sure; pick the points"),
+        pytest.param(GRID + RNG.normal(0, 1, GRID.shape), REST, "324 round blobs .* too many to tell",
+                     marks=pytest.mark.slow),
+    ],
+    ids=["both ends", "beside", "poor fit", "look-alikes"],
+)  # fmt: skip
+def test_what_is_ambiguous_or_fits_poorly_is_refused(points, rest, says):
+    with pytest.raises(TrackingError, match=says):
+        label_blobs(as_blobs(points, RNG, 4.0 if len(points) > 99 else 8.0), rest)
 
 
 def test_blobs_are_round_and_exact():

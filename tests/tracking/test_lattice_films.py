@@ -72,15 +72,6 @@ def test_a_film_is_read_back_as_it_was_drawn(tmp_path):
             assert np.abs(image.astype(int) - original).mean() < 4
 
 
-def test_the_same_seed_gives_the_same_film(tmp_path):
-    first, again, other = (random_film(5, index, tmp_path) for index in (0, 0, 2))
-    np.testing.assert_array_equal(first.places, again.places)
-    assert first.camera == again.camera
-    assert other.camera != first.camera
-    np.testing.assert_array_equal(next(drawn(film())), next(drawn(film())))
-    assert (next(drawn(film())) != next(drawn(film(camera=replace(CAMERA, seed=4))))).any()
-
-
 def test_the_first_frames_are_at_rest_and_speed_is_that_of_the_markers(tmp_path):
     made = random_film(5, 2, tmp_path)
     rest = made.times < 0.2
@@ -126,35 +117,18 @@ def test_swaps_doubts_and_losses_are_told_apart():
 
 def digest(made):
     """Of the truth of a film and of two of its pictures."""
-    parts = [
-        made.times,
-        made.places,
-        made.speed,
-        made.covered,
-        made.picks,
-        made.scene.look.dots,
-        *islice(filmed(made), 2),
-    ]
+    parts = [made.times, made.places, made.speed, made.covered, made.picks, *islice(filmed(made), 2)]
     return sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
 
 
-def test_the_same_seed_gives_the_same_real_film(tmp_path):
+def test_the_same_seed_gives_the_same_film(tmp_path):
     index = len(ALONE) + 1
-    made, again, next_one, reseeded = (
-        real_film(seed, number, tmp_path) for seed, number in ((2, index), (2, index), (2, index + 1), (3, index))
-    )
-    assert made.name == again.name
-    assert made.camera == again.camera
-    assert digest(made) == digest(again)
-    assert len({digest(made), digest(next_one), digest(reseeded)}) == 3
-
-
-def test_each_trait_alone_is_that_of_the_plain_film(tmp_path):
-    """Where it moves, and how large it is, is the same; what it looks like isn't."""
-    plain, *others = (real_film(1, ALONE.index(trait), tmp_path) for trait in ("plain", "hub", "shade"))
-    for other in others:
-        np.testing.assert_array_equal(other.places, plain.places)
-        assert (next(filmed(other)) != next(filmed(plain))).any()
+    made, again, *others = (real_film(*of, tmp_path) for of in ((2, index), (2, index), (2, index + 1), (3, index)))
+    assert (made.name, made.camera, digest(made)) == (again.name, again.camera, digest(again))
+    assert len({digest(one) for one in (made, *others)}) == 3
+    first, again, other = (random_film(5, index, tmp_path) for index in (0, 0, 2))
+    np.testing.assert_array_equal(first.places, again.places)
+    assert first.camera == again.camera != other.camera
 
 
 @pytest.mark.parametrize("index", [20])  # oval+tone+halo+shake: 24 markers, up to 15 px a frame

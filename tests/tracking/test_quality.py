@@ -33,7 +33,7 @@ def reasons(quality, marker):
     return {reason for reason, count in zip(REASONS, quality.reasons[:, marker], strict=True) if count}
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     "swimmer",
     [SWIMMER, Swimmer(0.4, 0.03), Swimmer(2.0, 0.2, heading=-2.5), Swimmer(1.3, 0.1, amplitude=0.1, heading=3.0)],
@@ -48,8 +48,9 @@ def test_a_healthy_track_raises_no_alarm(swimmer, seed):
     assert quality.rest_misfit < 0.02
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("marker", "onto"), [(4, 5), (6, 5), (3, 2), (5, 6), (7, 6), (2, 3), (8, 7)])
+@pytest.mark.parametrize(
+    ("seed", "marker", "onto"), [(0, 4, 5), (1, 6, 5), (2, 3, 2), (0, 5, 6), (1, 7, 6), (2, 2, 3), (0, 8, 7)]
+)
 def test_a_marker_that_collapses_onto_its_neighbor_is_lost(marker, onto, seed):
     track = SWIMMER.track(seed=seed)
     positions = track.positions.copy()
@@ -64,29 +65,40 @@ def test_a_marker_that_collapses_onto_its_neighbor_is_lost(marker, onto, seed):
     assert not quality.usable
 
 
-@pytest.mark.parametrize("marker", [2, 5, 8])
-def test_a_marker_that_slides_along_the_body_is_lost(healthy, marker):
+def slid(positions, frames, marker):
+    axis = positions[frames, 8] - positions[frames, 2]
+    positions[frames, marker] -= 0.06 * axis / np.linalg.norm(axis, axis=1, keepdims=True)
+
+
+def aside(positions, frames, marker):
+    positions[frames, marker] += [0.05, 0.1]
+
+
+def frozen(positions, frames, marker):
+    positions[frames, marker] = positions[frames.start, marker]
+
+
+def missing(positions, frames, marker):
+    positions[frames, marker, 1] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("harm", "marker", "start", "stop", "names"),
+    [
+        (slid, 2, 100, 200, {"misplaced", "collapsed"}), (slid, 5, 100, 200, {"misplaced", "collapsed"}),
+        (slid, 8, 100, 200, {"misplaced", "collapsed"}), (aside, 5, 100, 301, {"misplaced"}),
+        (aside, 6, 150, 151, {"misplaced", "jumped"}),
+        (frozen, 2, 100, 200, {"frozen"}), (frozen, 8, 100, 140, {"frozen"}), (frozen, 8, 0, 301, {"frozen"}),
+        (missing, 3, 50, 80, {"missing"}), (missing, 0, 0, 301, {"missing"}), (missing, 8, 0, 301, {"missing"}),
+    ],
+)  # fmt: skip
+def test_a_marker_that_isnt_where_it_was_is_lost_and_no_other(healthy, harm, marker, start, stop, names):
     positions = healthy.positions.copy()
-    axis = positions[100:200, 8] - positions[100:200, 2]
-    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    positions[100:200, marker] -= 0.06 * axis
+    harm(positions, slice(start, stop), marker)
     quality = check(healthy, positions)
-    assert_lost(quality, marker, slice(100, 200))
-    assert reasons(quality, marker) & {"misplaced", "collapsed"}
-
-
-def test_a_marker_that_leaves_to_the_side_is_lost(healthy):
-    positions = healthy.positions.copy()
-    positions[100:, 5] += [0.0, 0.1]
-    assert_lost(check(healthy, positions), 5, slice(100, None))
-
-
-def test_a_single_frame_of_nonsense_is_lost(healthy):
-    positions = healthy.positions.copy()
-    positions[150, 6] += [0.05, 0.05]
-    quality = check(healthy, positions)
-    assert_lost(quality, 6, slice(150, 151), slack=2)
-    assert quality.usable
+    assert_lost(quality, marker, slice(start, stop), slack=0 if harm is missing else min(8, 2 * (stop - start)))
+    assert reasons(quality, marker) & names
+    assert quality.usable == (stop - start < 15)
 
 
 def test_a_jump_too_small_to_look_misplaced_is_noticed():
@@ -98,45 +110,10 @@ def test_a_jump_too_small_to_look_misplaced_is_noticed():
     assert quality.left_out_share < 0.002
 
 
-@pytest.mark.parametrize(("marker", "start", "stop"), [(2, 100, 200), (8, 100, 140), (6, 30, 90)])
-def test_a_marker_that_stands_still_is_lost(healthy, marker, start, stop):
-    positions = healthy.positions.copy()
-    positions[start:stop, marker] = positions[start, marker]
-    quality = check(healthy, positions)
-    assert_lost(quality, marker, slice(start, stop))
-    assert "frozen" in reasons(quality, marker)
-
-
-def test_a_marker_that_stands_still_from_the_first_frame_is_lost(healthy):
-    positions = healthy.positions.copy()
-    positions[:, 8] = positions[0, 8]
-    quality = check(healthy, positions)
-    assert quality.lost_share[8] > 0.99
-    assert quality.lost[:, :8].sum() == 0
-
-
 def test_a_fish_that_rests_is_not_frozen():
     times = np.arange(120) / 60
     quality = check(MarkerTrack(times, np.repeat(REST[None], 120, axis=0)))
     assert quality.left_out_share == 0
-
-
-def test_missing_markers_are_lost_and_nothing_else(healthy):
-    positions = healthy.positions.copy()
-    positions[50:80, 3] = np.nan
-    positions[10, 7, 1] = np.nan
-    quality = check(healthy, positions)
-    expected = np.zeros_like(quality.lost)
-    expected[50:80, 3] = expected[10, 7] = True
-    np.testing.assert_array_equal(quality.lost, expected)
-    assert reasons(quality, 3) == {"missing"}
-
-
-def test_a_confidence_of_zero_is_missing(healthy):
-    confidence = np.ones((healthy.frame_count, 9))
-    confidence[20:30, 4] = 0.0
-    quality = check(MarkerTrack(healthy.times, healthy.positions, confidence))
-    assert_lost(quality, 4, slice(20, 30), slack=0)
 
 
 def with_confidence(track, value, frames, marker):
@@ -150,11 +127,11 @@ def test_a_marker_of_low_confidence_is_doubtful_and_lost(healthy):
     assert_lost(quality, 4, slice(20, 50), slack=0)
     assert reasons(quality, 4) == {"doubtful"}
     assert quality.findings(FISH.marker_names) == ["M4 is lost in 10 % of frames (doubtful 30)"]
+    assert_lost(check(with_confidence(healthy, 0.0, slice(20, 50), 4)), 4, slice(20, 50), slack=0)
     np.testing.assert_array_equal(check(with_confidence(healthy, 0.5, slice(20, 50), 4)).lost, check(healthy).lost)
 
 
-@pytest.mark.parametrize("confidence", [0.0, 0.3])
-@pytest.mark.parametrize("marker", range(9))
+@pytest.mark.parametrize(("marker", "confidence"), [(0, 0.0), (1, 0.3), (4, 0.3), (8, 0.0)])
 def test_positions_that_arent_believed_say_nothing_about_the_others(healthy, marker, confidence):
     positions = healthy.positions.copy()
     positions[100:, marker] = positions[100:, (marker + 1) % 9]
@@ -184,15 +161,6 @@ def test_short_gaps_between_losses_are_lost_too(healthy):
     assert np.flatnonzero(check(healthy, positions).lost[:, 3]).tolist() == [50, 51, 52, 53, 54, 150, 190]
 
 
-@pytest.mark.parametrize("marker", range(9))
-def test_a_marker_that_is_never_seen_is_legal(healthy, marker):
-    positions = healthy.positions.copy()
-    positions[:, marker] = np.nan
-    quality = check(healthy, positions)
-    assert quality.lost[:, marker].all()
-    assert not np.delete(quality.lost, marker, axis=1).any()
-
-
 def test_a_track_of_nothing_is_lost_throughout(healthy):
     quality = check(healthy, np.full_like(healthy.positions, np.nan))
     assert quality.left_out_share == 1.0
@@ -216,12 +184,6 @@ def test_a_head_of_changing_length_makes_the_scale_doubtful(healthy):
     assert any("the scale is doubtful" in finding for finding in quality.findings(FISH.marker_names))
 
 
-def test_findings_name_marker_share_and_reason(healthy):
-    positions = healthy.positions.copy()
-    positions[:30, 4] = np.nan
-    assert check(healthy, positions).findings(FISH.marker_names) == ["M4 is lost in 10 % of frames (missing 30)"]
-
-
 def test_the_verdict_doesnt_depend_on_place_and_heading(healthy):
     positions = healthy.positions.copy()
     positions[60:, 4] = positions[60:, 5] + [1e-3, 2e-3]
@@ -238,19 +200,13 @@ def published(tracks, name):
     return check_track(tracks[name].track, REST)
 
 
-@pytest.mark.parametrize(("name", "markers"), [("f1_50", [4, 6]), ("f2_00", [4, 5, 6])])
+@pytest.mark.parametrize(("name", "markers"), [("f1_50", [4, 6]), ("f2_00", [4, 5, 6]), ("f0_50", []), ("f1_00", [])])
 def test_lost_published_markers_are_found(tracks, name, markers):
     quality = published(tracks, name)
     assert np.all(quality.lost_share[markers] > 0.8)
     assert np.all(quality.lost_share[[0, 1, 8]] < 0.05)
-    assert not quality.usable
-
-
-@pytest.mark.parametrize("name", ["f0_50", "f1_00"])
-def test_clean_published_tracks_are_nearly_all_kept(tracks, name):
-    quality = published(tracks, name)
-    assert quality.left_out_share < 0.03
-    assert quality.usable
+    assert quality.usable == (not markers)
+    assert markers or quality.left_out_share < 0.03
 
 
 def test_every_published_track_keeps_its_head_and_its_tail(tracks):
@@ -266,10 +222,8 @@ def test_of_many_lost_markers_the_worst_are_named_in_one_sentence():
     names = tuple(f"dot{m}" for m in range(28))
     track = MarkerTrack(np.arange(100) / 60, positions)
     (sentence,) = check_bodies(track, range(28)).findings(names)
-    assert sentence == (
-        "12 of 28 markers are lost in some frames; the worst: dot11 in 23 % of frames, dot10 21 %, dot9 19 %, "
-        "dot8 17 %, dot7 15 %, dot6 13 %, dot5 11 %, dot4 9 %, dot3 7 %, dot2 5 %; of all, marker-frames: missing 144"
-    )
+    assert sentence.startswith("12 of 28 markers are lost in some frames; the worst: dot11 in 23 % of frames")
+    assert sentence.endswith("dot2 5 %; of all, marker-frames: missing 144")
     positions[:, :2] = 0.0
     ten = check_bodies(MarkerTrack(track.times, positions), range(28)).findings(names)
     assert len(ten) == 10
@@ -284,15 +238,11 @@ def row_of_five(frames=60):
     return times, np.stack([along + swing, 0 * along], axis=2)
 
 
-def test_a_swinging_and_tilting_row_is_in_order():
-    times, positions = row_of_five()
-    assert not check_bodies(MarkerTrack(times, positions), [3] * 5).lost.any()
-
-
 def test_markers_that_took_their_neighbors_places_are_misplaced():
     times, positions = row_of_five()
     wrong = positions.copy()
     wrong[30:34, :2] = positions[30:34, 1:3]
+    assert not check_bodies(MarkerTrack(times, positions), [3] * 5).lost.any()
     lost = check_bodies(MarkerTrack(times, wrong), [3] * 5).lost
     assert np.argwhere(lost).tolist() == [[t, m] for t in range(30, 34) for m in (0, 1)]
 

@@ -20,8 +20,8 @@ def track(*failures, places=GRID):
     return MarkerTrack(np.arange(FRAMES) / 30, positions, confidence)
 
 
-def found(*failures, **options):
-    return [(s.markers, s.first, s.last, s.reason, s.failures) for s in find_stretches(track(*failures), **options)]
+def found(*failures):
+    return [(s.markers, s.first, s.last, s.reason, s.failures) for s in find_stretches(track(*failures))]
 
 
 @pytest.mark.parametrize(
@@ -42,12 +42,6 @@ def found(*failures, **options):
 )
 def test_stretches(failures, stretches):
     assert found(*failures) == stretches
-
-
-def test_the_gap_can_be_chosen():
-    failures = (1, 10, 12, 0.0), (1, 14, 16, 0.0)
-    assert len(found(*failures, gap=0)) == 2
-    assert len(found(*failures, gap=1)) == 1
 
 
 def test_a_lost_marker_is_expected_where_it_moves_with_its_neighbors():

@@ -78,12 +78,6 @@ def test_one_number_seen_twice_or_in_another_size_is_doubted(tracker):
     np.testing.assert_array_equal(tracker.follow(nothing, 0.3)[1], 0)
 
 
-@pytest.mark.slow
-def test_small_tags_of_a_large_picture_are_read(tracker):
-    image = picture(sides=20.0, size=(1200, 2000))
-    np.testing.assert_allclose(tracker.start(image, PLACES, 0.0)[0], PLACES, atol=0.2)
-
-
 @pytest.mark.parametrize(
     ("image", "points", "says"),
     [
@@ -100,5 +94,5 @@ def test_points_that_are_no_tags_are_refused(tracker, image, points, says):
 
 
 def test_an_unknown_dictionary_is_refused_with_those_that_exist():
-    with pytest.raises(ArgumentError, match=r"tags is '4x5'; OpenCV has the dictionaries 4X4_100, .*APRILTAG_36h11"):
+    with pytest.raises(ArgumentError, match=r"tags is '4x5'; OpenCV has .* 4X4_100, .*APRILTAG_36h11"):
         TagTracker("4x5")

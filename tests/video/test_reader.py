@@ -45,7 +45,7 @@ def test_rotation_is_as_phones_write_it(tmp_path, matrix, rotation):
     assert error(frames[0][1], np.rot90(picture(0), QUARTER_TURNS[rotation])) < 3
 
 
-@pytest.mark.parametrize("rotation", [0, 90, 180])
+@pytest.mark.parametrize("rotation", [0, 90])
 def test_scaled_pictures_match(tmp_path, rotation):
     frame = first_frame(clip(tmp_path / "swim.mp4", 3, rotation=rotation))
     half = frame.scaled(frame.image.shape[1] // 2)
@@ -55,56 +55,38 @@ def test_scaled_pictures_match(tmp_path, rotation):
     assert np.abs(half - blocks).mean() < 2
     assert half.flags.c_contiguous
     assert half.flags.writeable
-
-
-@pytest.mark.parametrize(("width", "height"), [(2, 2), (50, 30), (51, 30), (53, 32), (160, 96), (320, 192)])
-def test_scaled_heights_are_even(tmp_path, width, height):
-    assert first_frame(clip(tmp_path / "swim.mp4", 3)).scaled(width).shape == (height, width, 3)
-
-
-def test_scaled_needs_a_width(tmp_path):
-    with pytest.raises(VideoError, match="can't be scaled to a width of 0 px; it must be at least 2"):
-        first_frame(clip(tmp_path / "swim.mp4", 3)).scaled(0)
-
-
-def test_images_are_converted_once_and_read_only(tmp_path):
-    frame = first_frame(clip(tmp_path / "swim.mp4", 3))
     assert frame.image is frame.image
     assert frame.image.dtype == np.uint8
     with pytest.raises(ValueError, match="read-only"):
         frame.image[0, 0] = 0
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_threads_change_nothing(tmp_path, threads):
+def test_scaled_heights_are_even(tmp_path):
+    frame = first_frame(clip(tmp_path / "swim.mp4", 3))
+    sizes = ((2, 2), (50, 30), (51, 30), (53, 32), (160, 96), (320, 192))
+    assert [frame.scaled(width).shape[1::-1] for width, _ in sizes] == list(sizes)
+    with pytest.raises(VideoError, match="can't be scaled to a width of 0 px; it must be at least 2"):
+        frame.scaled(0)
+
+
+def test_threads_change_nothing(tmp_path):
     path = clip(tmp_path / "swim.mp4")
-    for (time, image, _), (other, same, _) in zip(read(path)[0], read(path, threads=threads)[0], strict=True):
+    for (time, image, _), (other, same, _) in zip(read(path)[0], read(path, threads=3)[0], strict=True):
         assert time == other
         np.testing.assert_array_equal(image, same)
 
 
-def test_a_video_can_be_read_again(tmp_path):
+def test_a_video_can_be_read_again_until_the_reader_is_closed(tmp_path):
     with VideoReader(clip(tmp_path / "swim.mp4")) as reader:
         few = [frame.index for frame, _ in zip(reader, range(5), strict=False)]
-        every = [frame.index for frame in reader]
-        again = [frame.time for frame in reader]
+        every = list(reader)
+        assert [frame.time for frame in reader] == pytest.approx(np.arange(36) / FPS)
         assert reader.notes == []
-    assert few == [0, 1, 2, 3, 4]
-    assert every == list(range(36))
-    assert again == pytest.approx(np.arange(36) / FPS)
-
-
-def test_frames_outlive_the_reader(tmp_path):
-    with VideoReader(clip(tmp_path / "swim.mp4")) as reader:
-        frames = list(reader)
-    assert error(frames[20].image, picture(20)) < 3
-    assert first_frame(tmp_path / "swim.mp4").index == 0
-
-
-def test_a_closed_reader_says_so(tmp_path):
-    with VideoReader(clip(tmp_path / "swim.mp4")) as reader:
         frames = iter(reader)
         next(frames)
+    assert few == [0, 1, 2, 3, 4]
+    assert [frame.index for frame in every] == list(range(36))
+    assert error(every[20].image, picture(20)) < 3  # frames outlive the reader
     with pytest.raises(VideoError, match="was closed before its last frame; read it within its `with` block"):
         next(frames)
     with pytest.raises(VideoError, match="is closed; read it within its `with` block"):
@@ -127,13 +109,6 @@ def test_memory_stays_constant(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", program, str(path)], capture_output=True, text=True, check=True)
     assert float(done.stdout) < 20  # MiB; 49 frames take 65 MiB
-
-
-def test_slow_motion_has_every_frame(tmp_path):
-    frames, notes, info = read(clip(tmp_path / "slow.mov", 120, codec="hevc", fps=240))
-    assert info.fps == 240
-    np.testing.assert_allclose([frame[0] for frame in frames], np.arange(120) / 240, atol=1e-5)
-    assert notes == []
 
 
 @pytest.mark.slow
@@ -165,38 +140,33 @@ def test_pixels_that_are_not_square_are_named(tmp_path):
     assert notes == ["the pixels aren't square (4:3); lengths are distorted"]
 
 
-def _refused(path, message):
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("swim.mp4", None, r"no video '.*swim\.mp4'; check the path"), (".", None, "is a folder; give the path of a"),
+        ("empty.mp4", b"", r"is empty \(0 bytes\); copy it again"),
+        ("swim.mp4", b"time,x\n0.0,2\n" * 40, "is not a video"),
+        ("swim.csv", b"time,x\n0.0,2\n" * 40, "is not a video"),
+    ],
+)  # fmt: skip
+def test_what_is_not_a_video_is_refused(tmp_path, name, content, message):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
     with pytest.raises(VideoError, match=message):
-        VideoReader(path)
+        VideoReader(tmp_path / name)
 
 
-def test_what_is_not_a_file_is_refused(tmp_path):
-    _refused(tmp_path / "swim.mp4", r"no video '.*swim\.mp4'; check the path")
-    _refused(tmp_path, "is a folder; give the path of a video file")
-    (tmp_path / "empty.mp4").touch()
-    _refused(tmp_path / "empty.mp4", r"is empty \(0 bytes\); copy it again")
-
-
-@pytest.mark.parametrize("name", ["swim.mp4", "swim.txt", "swim.csv"])
-def test_text_is_refused(tmp_path, name):
-    (tmp_path / name).write_text("time,x,y\n0.0,1.0,2.0\n" * 40)
-    _refused(tmp_path / name, "is not a video (in a format that is read|that FFmpeg can read)")
-
-
-def test_sound_alone_is_refused(tmp_path):
+def test_what_cant_be_decoded_is_refused(tmp_path):
     with wave.open(str(tmp_path / "sound.wav"), "wb") as sound:
         sound.setnchannels(1)
         sound.setsampwidth(2)
         sound.setframerate(8000)
         sound.writeframes(bytes(16000))
-    _refused(tmp_path / "sound.wav", "has no video in it, only audio")
-
-
-def test_an_unknown_codec_is_refused(tmp_path):
-    path = patched(clip(tmp_path / "swim.mp4"), b"avc1", b"zzzz")
-    _refused(path, "no decoder for the video in '.*'; convert it to H.264, for example")
-
-
-def test_threads_are_checked(tmp_path):
-    with pytest.raises(VideoError, match=r"threads is -1; it must be 0 \(as many as there are cores\) or more"):
-        VideoReader(clip(tmp_path / "swim.mp4", 3), threads=-1)
+    unknown = patched(clip(tmp_path / "swim.mp4"), b"avc1", b"zzzz")
+    for path, threads, message in (
+        (tmp_path / "sound.wav", 0, "has no video in it, only audio"),
+        (unknown, 0, "no decoder for the video in '.*'; convert it to H.264, for example"),
+        (tmp_path / "swim.mp4", -1, r"threads is -1; it must be 0 \(as many as there are cores\) or more"),
+    ):
+        with pytest.raises(VideoError, match=message):
+            VideoReader(path, threads)

@@ -14,6 +14,7 @@ import av
 import numpy as np
 import pytest
 from clips import clip, picture, raw
+from PIL import Image
 
 from swim2real.errors import VideoError
 from swim2real.video import VideoReader, decoding, first_frame, reader
@@ -105,8 +106,6 @@ def test_a_film_may_be_called_like_a_protocol(tmp_path):
 
 def test_a_picture_is_one_picture(tmp_path):
     """Its name is no pattern of other names, which lie beside it."""
-    from PIL import Image
-
     for name in ("a%d.png", "a1.png", "a2.png", "b*.jpg", "b1.jpg", "c.tiff", "d.bmp"):
         Image.fromarray(picture(0)).save(tmp_path / name)
     for name in ("a%d.png", "b*.jpg", "c.tiff", "d.bmp"):
@@ -151,9 +150,6 @@ def test_what_is_no_file_is_refused(tmp_path):
             _refused(tmp_path / name, "is a device, a pipe or a socket; give the path of a video file")
     (tmp_path / "round.mp4").symlink_to(tmp_path / "round.mp4")
     _refused(tmp_path / "round.mp4", "check the path")
-
-
-def test_a_link_to_a_film_is_a_film(tmp_path):
     (tmp_path / "link.mp4").symlink_to(clip(tmp_path / "swim.mp4", 3))
     assert first_frame(tmp_path / "link.mp4").image.shape == (96, 160, 3)
 
@@ -165,11 +161,6 @@ def test_pictures_larger_than_any_camera_s_are_refused(tmp_path, width, height):
     size, claimed = _size(160, 96), _size(width, height)
     film.write_bytes(film.read_bytes().replace(size, claimed))
     _refused(film, "not one frame .* its pictures have more than 40 million pixels")
-
-
-def test_a_large_picture_is_refused(tmp_path):
-    from PIL import Image
-
     Image.new("1", (9000, 5000)).save(tmp_path / "large.png")
     _refused(tmp_path / "large.png", "its pictures have more than 40 million pixels")
 
