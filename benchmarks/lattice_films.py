@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
 from swim2real.tracking.markers import MarkerTracker
-from swim2real.tracking.tracker import CsrtTracker, Tracker
+from swim2real.tracking.opencv import CsrtTracker
+from swim2real.tracking.tracker import Tracker
 from swim2real.video import VideoReader
 
 WARM_UP = 2  # frames of a film that aren't timed: compiled code is loaded

@@ -24,8 +24,9 @@ from swim2real.errors import TrackingError
 from swim2real.robots import load_robot
 from swim2real.robots.compiled import marker_bodies
 from swim2real.tracking.markers import MarkerTracker
+from swim2real.tracking.opencv import CsrtTracker
 from swim2real.tracking.points import load_points
-from swim2real.tracking.tracker import CsrtTracker, Tracker
+from swim2real.tracking.tracker import Tracker
 from swim2real.video import VideoReader
 
 Array = NDArray[np.float64]

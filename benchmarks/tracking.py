@@ -28,7 +28,7 @@ from tracking_clips import CSRT_CLIPS, SUITE, Array, Clip, random_clip
 from swim2real.errors import TrackingError
 from swim2real.rendering.pool import Filmed
 from swim2real.tracking.detection import DetectionTracker
-from swim2real.tracking.tracker import CsrtTracker
+from swim2real.tracking.opencv import CsrtTracker
 from swim2real.video import VideoReader
 
 WARM_UP = 2  # frames of a clip that aren't timed: compiled code is loaded

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from swim2real.errors import TrackingError
-from swim2real.tracking.tags import TagTracker
+from swim2real.tracking.opencv import TagTracker
 from swim2real.video import VideoReader, VideoWriter
 
 WIDTH, HEIGHT, FPS, FRAMES, TAGS = 1280, 720, 60.0, 120, 6

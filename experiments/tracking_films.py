@@ -147,7 +147,7 @@ def label():
             track = MarkerTrack(track.times, placed_by_hand(positions, 3e-3, rng))
             shot = scene(track, FISH.marker_heights, replace(CAMERA, width=width, height=height), number)
             try:
-                points = label_markers(next(iter(shot))[1], FISH.rest_markers, FISH.marker_heights).points
+                points = label_markers(next(iter(shot))[1], FISH.rest_markers, FISH.marker_heights)
                 came["right" if np.abs(points - shot.filmed.truth.positions[0]).max() < 4 else "wrong"] += 1
             except TrackingError:
                 came["refused"] += 1

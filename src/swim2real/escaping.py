@@ -1,6 +1,6 @@
 """How text from outside is shown: characters that aren't seen as codes, and Markdown that stays text.
 
-HTML is escaped by the templates of `report`, which use `visible` as well, and by `tracking.page`; a page runs its own
+HTML is escaped by the templates of `report`, which use `visible` as well, and by `tracking.pages`; a page runs its own
 script alone. A terminal gets text through `cli.terminal`.
 """
 

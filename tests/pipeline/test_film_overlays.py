@@ -7,7 +7,7 @@ import pytest
 
 from recorded import FLOATER, PENDULUM, floater_reference, pendulum_reference
 from swim2real.calibration import Problem
-from swim2real.pipeline.film_overlays import in_world
+from swim2real.pipeline.overlays import in_world
 from swim2real.robots.fish import FISH
 from swim2real.trials import MarkerTrack, TrialSet
 

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from swim2real.errors import TrackingError
-from swim2real.pipeline.review import write_review
+from swim2real.pipeline.following import write_review
 from swim2real.trials import MarkerTrack
 from swim2real.video import VideoWriter
 

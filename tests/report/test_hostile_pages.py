@@ -34,9 +34,8 @@ from swim2real.report.comparison_page import write_comparison_report
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import PolicySetup, Robot
 from swim2real.tracking import LostMarkers
-from swim2real.tracking.points import write_pick_page
-from swim2real.tracking.review import make_strips, write_review_page
-from swim2real.tracking.stretches import find_stretches
+from swim2real.tracking.corrections import find_stretches
+from swim2real.tracking.pages import make_strips, write_pick_page, write_review_page
 from swim2real.trials import MarkerTrack, Trial
 
 OWN = "document.documentElement.setAttribute('data-pwned', 1)"
@@ -200,11 +199,9 @@ def review_page(folder: Path) -> Path:
     names = tuple(hostile("a", "b", "__proto__").values())
     track = MarkerTrack(range(9), np.tile([[[9.0, 9.0], [30.0, 9.0], [50.0, 9.0]]], (9, 1, 1)), np.full((9, 3), 0.2))
     strips = make_strips(track, find_stretches(track), 64, 36)
-    pictures = {cut: cut.picture(np.full((36, 64, 3), 90, dtype=np.uint8)) for strip in strips for cut in strip.cuts}
-    return write_review_page(
-        folder / "review.html", f"{ATTACK}.mp4", names, 64, 36, strips, pictures, {t: t / 2 for t in range(9)},
-        command=ATTACK,
-    )  # fmt: skip
+    for cut in (cut for strip in strips for cut in strip.cuts):
+        cut.show(np.full((36, 64, 3), 90, dtype=np.uint8), cut.frame / 2)
+    return write_review_page(folder / "review.html", f"{ATTACK}.mp4", names, 64, 36, strips, command=ATTACK)
 
 
 PAGES: dict[str, Callable[[Path], Path]] = {

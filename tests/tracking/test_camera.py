@@ -9,9 +9,17 @@ from hypothesis import strategies as st
 
 from swim2real.errors import ArgumentError, TrackingError
 from swim2real.robots.fish import FISH
-from swim2real.tracking.camera import Camera, camera_for, camera_height_seen, fixed_camera
-from swim2real.tracking.camera_file import CameraFile, Length, Lens, camera_from_board, read_camera, write_camera
-from swim2real.tracking.plane import Scale, common_scale, fit_plane, local_scale, project
+from swim2real.tracking.camera import (
+    Camera,
+    Scale,
+    camera_for,
+    camera_height_seen,
+    fit_plane,
+    fixed_camera,
+    local_scale,
+    project,
+)  # fmt: skip
+from swim2real.tracking.camera_file import CameraFile, Length, Lens, find_board, read_camera, write_camera
 from swim2real.trials import MarkerTrack
 from swimmers import Swimmer
 
@@ -146,18 +154,6 @@ def test_lengths_in_the_pool_go_before_the_robot_s():
         {"tape": 1e-3, "tile": 1.1e-3, "edge": 1.01e-3, "M0–M1": 1e-3, "M0–M2": 1e-3, "M1–M2": 1e-3}
     )
     assert scale.spread == pytest.approx(0.1 / 1.01)
-
-
-def test_a_common_scale_is_the_median_of_the_videos():
-    scales = {name: Scale(value, 0.0, (), 0.5) for name, value in (("a", 1e-3), ("b", 1.1e-3), ("c", 1.02e-3))}
-    common = common_scale(scales)
-    assert common.meters_per_pixel == 1.02e-3
-    assert common.estimates == (("a", 1e-3), ("b", 1.1e-3), ("c", 1.02e-3))
-    assert common.spread == pytest.approx(0.1 / 1.02)
-    track = Eye().track(swim(), 0.0)
-    camera = see(track, heights=LEVEL).with_scale(common)
-    assert camera.scale is common
-    np.testing.assert_allclose(camera.to_meters(track).positions, track.positions * 1.02e-3 * [1, -1])
 
 
 def test_without_a_head_there_is_no_scale_but_a_length_helps():
@@ -296,7 +292,6 @@ def test_a_plane_that_disagrees_with_the_robot_or_its_points_is_told():
     assert camera.scale.spread == pytest.approx(0.05 / 1.05)
     assert camera.scale.findings()
     assert camera.scale.estimates[0] == ("camera file's plane", camera.scale.meters_per_pixel)
-    assert "its own scale" in refusal(camera.with_scale, Scale(1e-3, 0.0, ()))
     meters = POOL.copy()
     meters[2] += 0.3
     camera = see(Eye().track(swim()), CameraFile(points=square(POOL, Eye(), meters), camera_height=2.0))
@@ -406,7 +401,7 @@ def board_picture(eye, squares=(9, 6), size=0.05, upside_down=False):
 def test_a_chessboard_gives_the_plane(tilt, upside_down):
     eye = Eye(1.0, tilt, focal=1500.0, center=(959.5, 539.5))
     picture = board_picture(eye, upside_down=upside_down)
-    known = camera_from_board(np.repeat(picture[:, :, None], 3, axis=2), (9, 6), 0.05)
+    known = CameraFile(points=find_board(np.repeat(picture[:, :, None], 3, axis=2), (9, 6), 0.05))
     assert len(known.points[0]) == 8 * 5
     true = swim(speed=0.0)
     camera = see(eye.track(true, 0.0), known, (1920, 1080), LEVEL)
@@ -425,7 +420,7 @@ def test_a_chessboard_gives_the_plane(tilt, upside_down):
     ],
 )
 def test_a_board_that_isnt_there_is_refused(squares, size, error, message):
-    assert message in refusal(camera_from_board, np.full((400, 600), 200, np.uint8), squares, size, error=error)
+    assert message in refusal(find_board, np.full((400, 600), 200, np.uint8), squares, size, error=error)
 
 
 # the file

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from swim2real.errors import ArgumentError, MissingExtraError
-from swim2real.tracking.tracker import CsrtTracker
+from swim2real.tracking.opencv import CsrtTracker
 
 START = np.array([[90.25, 60.5], [150.0, 64.75], [230.5, 70.0]])
 STEP = np.array([2.5, 1.25])
@@ -21,8 +21,8 @@ def clip(frames, step=STEP):
         yield np.clip(image, 0, 255).astype(np.uint8)
 
 
-def track(frames, crop=True, **more):
-    tracker = CsrtTracker(box=24, crop=crop)
+def track(frames, **more):
+    tracker = CsrtTracker(box=24)
     first, *others = clip(frames, **more)
     tracker.start(first, START, 0.0)
     positions, confidence = zip(*(tracker.follow(image, k / 60) for k, image in enumerate(others, 1)), strict=True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_bodies import HEIGHT, MIDDLE, RADIUS, SHEET, WIDTH, drawn, errors, followed, silent
 
-from swim2real.tracking.flow import Flow
+from swim2real.tracking.free import _Flow as Flow
 from swim2real.tracking.markers import MarkerTracker
 
 GROUND = np.random.default_rng(3).normal(0, 1, (HEIGHT // 6, WIDTH // 6)).repeat(6, 0).repeat(6, 1)

@@ -4,8 +4,7 @@ from scipy.ndimage import zoom
 
 from swim2real.errors import TrackingError
 from swim2real.robots.fish import FISH
-from swim2real.tracking.candidates import Blobs, find_blobs
-from swim2real.tracking.labeling import label_blobs, label_markers
+from swim2real.tracking.labeling import Blobs, find_blobs, label_blobs, label_markers
 
 REST = FISH.rest_markers
 COUNT = len(REST)
@@ -73,10 +72,8 @@ def outcomes(seeds, **more):
         except TrackingError:
             counts["refused"] += 1
             continue
-        off = np.linalg.norm(found.points - points, axis=1).max()
+        off = np.linalg.norm(found - points, axis=1).max()
         counts["right" if off < 0.006 * scale else "wrong"] += 1
-        assert abs(found.meters_per_pixel * scale - 1) < 0.04
-        assert found.misfit < 0.008
     return counts
 
 
@@ -107,7 +104,7 @@ def test_a_reversed_robot_is_not_mistaken():
     rng = np.random.default_rng(5)
     for _ in range(30):
         points = pose(rng) * 700 + [900, 500]
-        np.testing.assert_array_equal(label_blobs(as_blobs(points, rng), REST).points, points)
+        np.testing.assert_array_equal(label_blobs(as_blobs(points, rng), REST), points)
 
 
 def test_a_slanted_view_needs_the_heights():
@@ -121,7 +118,7 @@ def test_a_slanted_view_needs_the_heights():
         blobs = as_blobs(points, rng)
         for given in (None, heights):
             try:
-                right = np.array_equal(label_blobs(blobs, REST, given).points, points)
+                right = np.array_equal(label_blobs(blobs, REST, given), points)
             except TrackingError:
                 continue
             alone += right and given is None
@@ -142,7 +139,7 @@ def test_the_published_starts(tracks):
             found = label_blobs(as_blobs(points, rng), REST, FISH.marker_heights)
         except TrackingError:
             continue
-        np.testing.assert_array_equal(found.points, points)
+        np.testing.assert_array_equal(found, points)
         right += 1
     assert right >= len(tracks) / 2
 

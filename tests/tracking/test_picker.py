@@ -13,7 +13,8 @@ import swim2real
 from browser import played
 from films import discs
 from swim2real.errors import ArgumentError, TrackingError
-from swim2real.tracking.points import load_points, write_pick_page
+from swim2real.tracking.pages import write_pick_page
+from swim2real.tracking.points import load_points
 
 NAMES = ("M0", "M1", "M2", "M3")
 WIDTH, HEIGHT = 640, 360

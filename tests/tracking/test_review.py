@@ -10,9 +10,9 @@ from PIL import Image
 from browser import played
 from films import discs
 from swim2real.errors import TrackingError
+from swim2real.tracking.corrections import find_stretches
+from swim2real.tracking.pages import DOUBTED, EXPECTED, MOST_WITHIN, SHARPEST, SURE, make_strips, write_review_page
 from swim2real.tracking.points import Anchor, load_anchors
-from swim2real.tracking.review import DOUBTED, EXPECTED, MOST_WITHIN, SHARPEST, SURE, make_strips, write_review_page
-from swim2real.tracking.stretches import find_stretches
 from swim2real.trials import MarkerTrack
 
 NAMES = ("A", "B", "C", "D")
@@ -69,11 +69,9 @@ def track():
 
 def write(path, video="a <swim>.mp4", names=NAMES, most=40, **options):
     strips = make_strips(track(), find_stretches(track())[:most], WIDTH, HEIGHT)
-    pictures = {cut: cut.picture(image(cut.frame)) for strip in strips for cut in strip.cuts}
-    times = {cut.frame: (BEGIN + cut.frame) / 20 for cut in pictures}
-    return write_review_page(
-        path, video, names, WIDTH, HEIGHT, strips, pictures, times, first_frame=BEGIN, **options
-    )  # fmt: skip
+    for cut in (cut for strip in strips for cut in strip.cuts):
+        cut.show(image(cut.frame), (BEGIN + cut.frame) / 20)
+    return write_review_page(path, video, names, WIDTH, HEIGHT, strips, first_frame=BEGIN, **options)
 
 
 @pytest.fixture(scope="module")
@@ -213,7 +211,7 @@ def test_the_page_is_one_file_that_holds_the_pictures(page):
 
 def test_a_page_says_how_many_stretches_it_leaves_out(tmp_path, monkeypatch):
     assert data_of(write(tmp_path / "a.html", most=1, more=4))["more"] == 4
-    monkeypatch.setattr("swim2real.tracking.review.MOST_BYTES", 10)
+    monkeypatch.setattr("swim2real.tracking.pages.MOST_BYTES", 10)
     data = data_of(write(tmp_path / "b.html", more=4))
     assert (len(data["stretches"]), data["more"]) == (1, 5)
 
@@ -254,5 +252,7 @@ def test_a_marker_that_was_never_seen_has_the_whole_film(size):
     (strip,) = make_strips(never, find_stretches(never), *size)
     assert {cut.box for cut in strip.cuts} == {(0, 0, *size)}
     assert [cut.frame for cut in strip.cuts] == [0, 1, 2, 3, 4]
-    shown = picture(strip.cuts[0].picture(np.zeros((size[1], size[0], 3), np.uint8)))
-    assert shown.shape[1::-1] == (size if max(size) <= SHARPEST else (SHARPEST, round(SHARPEST * size[1] / size[0])))
+    strip.cuts[0].show(np.zeros((size[1], size[0], 3), np.uint8), 0.0)
+    assert picture(strip.cuts[0].picture).shape[1::-1] == (
+        size if max(size) <= SHARPEST else (SHARPEST, round(SHARPEST * size[1] / size[0]))
+    )

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from swim2real.tracking.stretches import expected_places, find_stretches
+from swim2real.tracking.corrections import expected_places, find_stretches
 from swim2real.trials import MarkerTrack
 
 NAN = float("nan")

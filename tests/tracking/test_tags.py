@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from swim2real.errors import ArgumentError, TrackingError
-from swim2real.tracking.tags import TagTracker
+from swim2real.tracking.opencv import TagTracker
 
 NUMBERS = (7, 3, 21)
 PLACES = np.array([[80.0, 60.0], [200.0, 90.0], [300.0, 170.0]])

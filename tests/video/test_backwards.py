@@ -5,8 +5,7 @@ import pytest
 from clips import HEIGHT, WIDTH, clip, noisy, raw
 
 from swim2real.errors import VideoError
-from swim2real.video import VideoReader, backwards
-from swim2real.video.backwards import frames_backwards
+from swim2real.video import VideoReader, frames_backwards, reader
 
 COUNT = 23
 BYTES = int(1.5 * WIDTH * HEIGHT)  # of a decoded frame
@@ -27,9 +26,9 @@ def shown(frames):
 @pytest.mark.parametrize(("first", "last"), [(0, COUNT - 1), (4, 16), (7, 7), (0, 0)])
 @pytest.mark.parametrize("part", [1, 5, 1000])
 def test_the_same_frames_come_in_reverse_order(video, monkeypatch, part, first, last):
-    monkeypatch.setattr(backwards, "MOST_BYTES", part * BYTES + BYTES // 2)
-    with VideoReader(video, threads=1) as reader:
-        forward = shown(frame for frame in reader if first <= frame.index <= last)
+    monkeypatch.setattr(reader, "MOST_BYTES", part * BYTES + BYTES // 2)
+    with VideoReader(video, threads=1) as film:
+        forward = shown(frame for frame in film if first <= frame.index <= last)
     found = shown(frames_backwards(video, first, last, threads=1))
     assert [frame[:3] for frame in found] == [frame[:3] for frame in reversed(forward)]
     for (*_, image), (*_, other) in zip(found, reversed(forward), strict=True):
@@ -46,8 +45,8 @@ def test_no_more_frames_are_kept_than_there_is_room_for(video, monkeypatch, tmp_
                 read.append(frame.index)
                 yield frame
 
-    monkeypatch.setattr(backwards, "VideoReader", Counted)
-    monkeypatch.setattr(backwards, "MOST_BYTES", 5 * BYTES)
+    monkeypatch.setattr(reader, "VideoReader", Counted)
+    monkeypatch.setattr(reader, "MOST_BYTES", 5 * BYTES)
     frames = frames_backwards(video, 0, COUNT - 1, threads=1)
     assert next(frames).index == COUNT - 1
     assert len(read) == COUNT

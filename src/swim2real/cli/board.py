@@ -33,8 +33,8 @@ def board(film: Positional[Path], *, squares: str, square_size: float, to: Path,
     if counts is None:
         raise ArgumentError(f"--squares is '{squares}'; write the squares along both sides, such as 9x6")
     finite_above_0("square-size", square_size, unit=" m")
+    from swim2real.tracking.camera import fit_plane, local_scale
     from swim2real.tracking.camera_file import CameraFile, find_board, read_camera, write_camera
-    from swim2real.tracking.plane import fit_plane, local_scale
     from swim2real.trials.span import Span
     from swim2real.video import first_frame
 

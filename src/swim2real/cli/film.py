@@ -63,7 +63,7 @@ def pick(
     if out is not None and len(videos) > 1:
         raise ArgumentError(f"--out '{out}' is one page for {len(videos)} videos; leave it out")
     from swim2real.robots import load_robot
-    from swim2real.tracking.points import write_pick_page
+    from swim2real.tracking.pages import write_pick_page
     from swim2real.trials.span import spans
     from swim2real.video import first_frame
 

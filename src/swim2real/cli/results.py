@@ -96,7 +96,7 @@ def _draw_on_films(
 ) -> None:  # fmt: skip
     from swim2real.calibration import Problem
     from swim2real.cli.subject import robot_for, values_of
-    from swim2real.pipeline.film_overlays import chosen_trials, draw_on_film
+    from swim2real.pipeline.overlays import chosen_trials, draw_on_film
     from swim2real.tracking.camera_file import read_camera
     from swim2real.trials import TrialSet, load_reference
     from swim2real.trials.span import Span, spans

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError, TrialError
 from swim2real.rendering.overlay import TrackOverlay
-from swim2real.tracking.corrections import corrected, gaps_to_correct
+from swim2real.tracking.corrections import corrected, find_stretches, gaps_to_correct
 from swim2real.tracking.markers import MarkerTracker
+from swim2real.tracking.pages import MOST_STRETCHES, Cut, make_strips, write_review_page
 from swim2real.tracking.points import Anchor
 from swim2real.tracking.quality import DOUBTFUL
 from swim2real.tracking.tracker import Tracker
 from swim2real.trials import MarkerTrack
 from swim2real.trials.span import Span
-from swim2real.video import Frame, VideoReader
-from swim2real.video.backwards import frames_backwards
+from swim2real.video import Frame, VideoReader, frames_backwards
 
 Array = NDArray[np.float64]
 
@@ -256,3 +256,52 @@ def _count(reader: VideoReader, span: Span) -> int | None:
     if span.until is not None:
         return round((span.until - span.begin) * info.fps) + 1
     return None if info.frame_count is None else max(1, info.frame_count - round(span.begin * info.fps))
+
+
+def write_review(
+    video: Path, track: MarkerTrack, names: Sequence[str], path: Path, first_frame: int, command: str, *,
+    anchors: Sequence[Anchor] = (), threads: int = 0,
+) -> Path | None:  # fmt: skip
+    """Writes a page that shows where a track is lost or doubtful, and takes a person's corrections.
+
+    The video is decoded once more, up to the last frame that is shown.
+
+    Args:
+        video: Path of the video.
+        track: Track of it in pixels.
+        names: Names of its markers.
+        path: Path of the page.
+        first_frame: Number in the video of the track's first frame.
+        command: How to go on with the file that the page lets a person download; shown there.
+        anchors: What was corrected before, which stays in the file.
+        threads: Number of threads that decode the video; 0 for as many as the machine has cores.
+
+    Returns:
+        The path; None where nothing is doubtful, and no page is written.
+
+    Raises:
+        VideoError: The video can't be read.
+        TrackingError: The video isn't the track's, or the page can't be written.
+    """
+    stretches = find_stretches(track)
+    if not stretches:
+        return None
+    with VideoReader(video, threads) as reader:
+        size = reader.info.width, reader.info.height
+        strips = make_strips(track, stretches[:MOST_STRETCHES], *size)
+        wanted: dict[int, list[Cut]] = {}
+        for cut in (cut for strip in strips for cut in strip.cuts):
+            wanted.setdefault(first_frame + cut.frame, []).append(cut)
+        for frame in reader:
+            for cut in wanted.pop(frame.index, ()):
+                cut.show(frame.image, frame.time)
+            if not wanted:
+                break
+    if wanted:
+        raise TrackingError(
+            f"video '{video}' has no frame {max(wanted)}, in which its track is; track it again to see what is doubtful"
+        )
+    return write_review_page(
+        path, video.name, names, *size, strips, first_frame=first_frame, command=command,
+        more=len(stretches) - len(strips), anchors=anchors,
+    )  # fmt: skip

@@ -1,19 +1,39 @@
-"""Overlays of a calibrated simulator for people: a film and a sheet a trial, and one sheet of all."""
+"""Overlays of a calibrated simulator for people: over real markers, and on a person's own film of a trial.
+
+On a film the simulated markers are drawn through the camera that tracked it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from swim2real import store
-from swim2real.errors import ArgumentError
-from swim2real.objective import Comparison
+from swim2real.calibration import Problem
+from swim2real.errors import ArgumentError, TrialError
+from swim2real.objective import ComparedTrial, Comparison
+from swim2real.parameters import Values
+from swim2real.pipeline.tracking import TRACKS
 from swim2real.rendering.album import Album
 from swim2real.rendering.drawing import to_png
+from swim2real.rendering.film_overlay import FilmOverlay
 from swim2real.robots.robot import Robot
+from swim2real.tracking.camera import fixed_camera
+from swim2real.tracking.camera_file import CameraFile
+from swim2real.trials import Trial, TrialSet, frames
+from swim2real.trials.pose_tables import read_dlc
+from swim2real.trials.span import Span
+from swim2real.video import VideoReader
+
+Array = NDArray[np.float64]
 
 ALL = "all.png"
 _MOMENTS, _COLUMNS, _TILE, _SMALL_TILE = 8, 4, 480, 240  # px for the tiles of a sheet
+FAR = 3.0  # px, by which real markers may lie beside their track before the camera is doubted
 
 
 def write_overlays(
@@ -56,3 +76,154 @@ def write_overlays(
     except OSError as error:
         raise ArgumentError(f"can't write '{out}': {store.reason(error)}; choose another folder") from error
     return files
+
+
+@dataclass(frozen=True)
+class DrawnFilm:
+    """A film with simulated markers on it.
+
+    Attributes:
+        path: Where it is.
+        frames: How many it has.
+        notes: What a person should know.
+    """
+
+    path: Path
+    frames: int
+    notes: tuple[str, ...]
+
+
+def chosen_trials(videos: tuple[Path, ...], reference: TrialSet) -> TrialSet:
+    """The trials of films, by the films' names.
+
+    Raises:
+        TrialError: A film has no trial of its name.
+        ArgumentError: Two films have one name.
+    """
+    names = [video.stem for video in videos]
+    if len(set(names)) < len(names):
+        raise ArgumentError(f"two films of --video have one name ({', '.join(names)}); draw them one after another")
+    return TrialSet(tuple(reference[name] for name in names), reference.marker_names)
+
+
+def draw_on_film(
+    video: Path, problem: Problem, values: Values, known: CameraFile | None, span: Span, reference: Path, out: Path,
+) -> DrawnFilm:  # fmt: skip
+    """Draws the simulated trial on its film: the markers and links in blue, the tracked markers as red rings.
+
+    A swim is laid over the real one as the loss sees it: in phase, registered, along the real path.
+
+    Args:
+        video: The film.
+        problem: With one trial, that of the film.
+        values: Values of the robot's parameters.
+        known: What the camera file says by which the film was tracked; None without one.
+        span: Where the trial's time 0 is in the film, and up to when it is drawn.
+        reference: Folder of the trial, where `track` left the track in pixels.
+        out: Folder to write.
+
+    Raises:
+        Swim2RealError: The film or the camera can't be used, the simulation diverges, or nothing can be written.
+    """
+    (compared,), (trial,) = problem.evaluate(values).trials, problem.trials
+    if compared.divergence is not None:
+        raise TrialError(f"trial '{trial.name}': the simulation diverged: {compared.divergence}; nothing can be drawn")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ArgumentError(f"can't write '{out}': {store.reason(error)}; choose another folder") from error
+    target, count = out / f"{trial.name}.on-film.mp4", len(compared.times)
+    real = trial.track.positions[:count]
+    with VideoReader(video) as reader:
+        size = (reader.info.width, reader.info.height)
+        camera = fixed_camera(known, trial.meters_per_pixel, problem.robot.marker_heights, size)
+        tracked, drawn = camera.to_pixels(real), camera.to_pixels(in_world(compared, real))
+        times = compared.times - compared.times[0]
+        most = 0.6 * float(np.median(np.diff(times)))
+        done = 0
+        with FilmOverlay(target, size, reader.info.fps, _lines(problem.robot, compared)) as overlay:
+            for frame in reader:
+                time = frame.time - span.begin
+                if span.after(frame.time) or time > times[-1] + most:
+                    break
+                nearest = int(np.abs(times - time).argmin())
+                if abs(times[nearest] - time) > most:
+                    continue
+                overlay.add(frame.scaled(overlay.width), frame.time, tracked[nearest], drawn[nearest])
+                done += 1
+            if not done:
+                raise TrialError(
+                    f"'{video}' has no frame of trial '{trial.name}', which begins at {span.begin:g} s and is "
+                    f"{times[-1]:g} s long; give its begin in the film with --from"
+                )
+    return DrawnFilm(target, done, _doubts(trial, tracked, reference))
+
+
+def in_world(compared: ComparedTrial, real: Array) -> Array:
+    """Simulated markers where the loss sees them beside the real ones, in the world of the real track [m].
+
+    What the frame of comparison takes out, such as the course of a swim, is that of the real robot. Where that isn't
+    seen, it is taken from the frames around.
+
+    Args:
+        compared: The trial.
+        real: Real positions in the world [m]. Shape (T, M, 2).
+
+    Returns:
+        Positions in the world [m]. Shape (T, M, 2).
+    """
+    if compared.frame is None:
+        return compared.simulated
+    pair = compared.frame
+    seen = np.isfinite(real[:, list(pair)]).all(axis=(1, 2)) & (compared.weights[:, list(pair)] > 0).all(axis=1)
+    axes = frames.body_axes(real, pair)
+    angle = np.arctan2(axes[:, 1], axes[:, 0])
+    if compared.head_real is not None and compared.head_simulated is not None:
+        head = compared.head_real
+        seen &= np.isfinite(head.place).all(axis=1)
+        angle = angle - head.yaw
+        places = compared.head_simulated.to_path(compared.simulated + compared.registration)
+        origin, anchor = frames.heads(real, pair), head.place
+    else:
+        places = compared.simulated + compared.registration + _behind(compared)
+        origin, anchor = real[:, pair[0]], np.zeros((len(real), 2))
+    if not seen.any():
+        raise TrialError(f"trial '{compared.name}': its frame is never seen, so it can't be laid on a film")
+    times, known = compared.times, compared.times[seen]
+    turn = np.interp(times, known, np.unwrap(angle[seen]))
+    origin, anchor = (
+        np.column_stack([np.interp(times, known, one[seen, axis]) for axis in (0, 1)]) for one in (origin, anchor)
+    )
+    along = np.column_stack([np.cos(turn), np.sin(turn)])
+    return origin[:, None] + frames.composed(places - anchor[:, None], along[:, None])
+
+
+def _behind(compared: ComparedTrial) -> Array:
+    """How far the simulated robot lies behind the real one, along the frame's x [m]. Shape (T, 1, 2)."""
+    behind = np.zeros_like(compared.times)
+    if compared.progress_real is not None and compared.progress_simulated is not None:
+        behind = np.nan_to_num(compared.progress_real - compared.progress_simulated)
+    return np.column_stack([behind, np.zeros_like(behind)])[:, None]
+
+
+def _doubts(trial: Trial, tracked: Array, reference: Path) -> tuple[str, ...]:
+    """A sentence when the real markers don't fall on where they were tracked; nothing where that isn't known."""
+    table = reference / TRACKS / f"{trial.name}.pixels.csv"
+    if not table.is_file():
+        return ()
+    pixels, _ = read_dlc(table, trial.fps)
+    if pixels.frame_count < len(tracked) or pixels.marker_count != tracked.shape[1]:
+        return ()
+    apart = np.linalg.norm(pixels.positions[: len(tracked)] - tracked, axis=2)
+    known = apart[np.isfinite(apart)]
+    if not known.size or np.median(known) <= FAR:
+        return ()
+    return (
+        f"the red rings lie {np.median(known):.0f} px beside the markers, so this isn't the camera that tracked them; "
+        f"give the same --camera as to track",
+    )
+
+
+def _lines(robot: Robot, compared: ComparedTrial) -> tuple[tuple[int, ...], ...]:
+    """Indices of the markers that each line goes through: a swimmer's chain, or another robot's links."""
+    return tuple(robot.links) if compared.frequency is None else (tuple(range(len(robot.marker_names))),)

@@ -23,8 +23,7 @@ from swim2real import __version__
 from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.names import composed
 from swim2real.objective.comparison import rounded
-from swim2real.pipeline.following import Film, FrameProgress, follow, within
-from swim2real.pipeline.review import write_review
+from swim2real.pipeline.following import Film, FrameProgress, follow, within, write_review
 from swim2real.robots.compiled import marker_bodies, rigid_markers
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
@@ -35,10 +34,10 @@ from swim2real.tracking.cleaning import fill_gaps, smooth
 from swim2real.tracking.detection import DetectionTracker
 from swim2real.tracking.labeling import label_markers
 from swim2real.tracking.markers import MarkerTracker
+from swim2real.tracking.opencv import CsrtTracker, TagTracker
 from swim2real.tracking.points import Anchor, load_anchors, load_points
 from swim2real.tracking.quality import LostMarkers, check_bodies, check_track
-from swim2real.tracking.tags import TagTracker
-from swim2real.tracking.tracker import CsrtTracker, Tracker
+from swim2real.tracking.tracker import Tracker
 from swim2real.trials import MarkerTrack, Trial
 from swim2real.trials.pose_tables import write_dlc
 from swim2real.trials.reference import add_trial, check_folder, load_reference, nominal_frequency
@@ -253,7 +252,7 @@ def _labeled(first: Frame, robot: Robot, settings: TrackingSettings) -> Array:
             f"the markers of robot '{robot.name}' can't be found by themselves: that takes a straight swimmer, and its "
             f"trials are recordings; pick the points with `swim2real pick`"
         )
-    return label_markers(first.image, robot.rest_markers, robot.marker_heights).points
+    return label_markers(first.image, robot.rest_markers, robot.marker_heights)
 
 
 def _filled_share(seen: MarkerTrack, pixels: MarkerTrack) -> Array:

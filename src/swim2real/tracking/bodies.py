@@ -18,11 +18,10 @@ from swim2real.tracking.body import AGAIN_FRAMES, FORGET, STIFF, Body, distance
 from swim2real.tracking.looks import LIKE, Looks, squares
 from swim2real.tracking.rigid import Expected, Labeling, label, rigid_fit
 from swim2real.tracking.spots import Spots, streaks
-from swim2real.tracking.tracker import REASONS, Array, Image
+from swim2real.tracking.tracker import DOUBT, REASONS, Array, Image
 
 LEAD = 4.0  # by which labels must be better than any others to be sure: two fifths of a missing marker
 CLEAR, MANY, SOON_FRAMES = 20.0, 5, 1  # lead with which a body of many markers, all seen, is sure after so many frames
-DOUBT = 0.45  # confidence of a marker that may be another one: `quality` counts it as lost
 WHOLE = (0.72, 1.4)  # area of a spot, as a share of a marker's, that is neither partly hidden nor more than one
 FEW = 0.4  # of the markers of a body that was lost, with fewer of which it isn't found again
 FAR = 4.0  # times how far a body may easily be from where it is expected: a push, or a mistake

@@ -7,31 +7,125 @@ one scale for a camera that looks straight down), the markers' heights (if the c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
 from swim2real.tracking.camera_file import CameraFile, Lens
-from swim2real.tracking.plane import (
-    LEVEL,
-    MOST_LISTED,
-    Scale,
-    fit_plane,
-    local_scale,
-    make_scale,
-    marker_estimates,
-    project,
-)
+from swim2real.tracking.tracker import Array
 from swim2real.trials import frames
 from swim2real.trials.trial import MarkerTrack
 
-Array = NDArray[np.float64]
-
+DISAGREEMENT = 0.02  # of the scale, by which known lengths may differ before a person is told
+MOST_LISTED = 10  # estimates of a scale that are listed
+LEVEL = 1e-3  # m, heights that count as the same
+_FLATTEST = 1e-3  # of the fit's singular values, below which the points are (nearly) on a line
 LOOSEST_FIT = 0.01  # m, root mean square error of a plane's points before a person is told
 _CORRELATED = 30  # frames whose residuals count as one when the camera's height is sought in a track
 _PLAUSIBLE_HEIGHTS = (0.5, 10.0)  # m
+
+
+def project(plane: Array, points: Array) -> Array:
+    """Points through a homography; NaN where they were NaN or lie on the other side of the horizon.
+
+    Args:
+        plane: Homography. Shape (3, 3).
+        points: Shape (..., 2).
+    """
+    mapped = points @ plane[:, :2].T + plane[:, 2]
+    weights = np.where(mapped[..., 2:] > 0, mapped[..., 2:], np.nan)
+    return mapped[..., :2] / weights
+
+
+def fit_plane(points: Array, targets: Array) -> tuple[Array, float]:
+    """The homography from points to targets (direct linear transform of normalized points).
+
+    Args:
+        points: At least 4, no 3 of 4 on a line. Shape (N, 2).
+        targets: Where they are to lie. Shape (N, 2).
+
+    Returns:
+        Homography (3, 3), with all points on the near side of the horizon, and the root mean square distance of the
+        mapped points from the targets, in the targets' unit.
+
+    Raises:
+        TrackingError: The points don't determine a homography.
+    """
+    if len(points) < 4:
+        raise TrackingError(f"{len(points)} points for a plane; at least 4 are needed")
+    from_points, from_targets = _normalizer(points), _normalizer(targets)
+    p, q = project(from_points, points), project(from_targets, targets)
+    ones, zeros = np.ones((len(p), 1)), np.zeros((len(p), 3))
+    homogeneous = np.hstack([p, ones])
+    for_x = np.hstack([homogeneous, zeros, -q[:, :1] * homogeneous])
+    for_y = np.hstack([zeros, homogeneous, -q[:, 1:] * homogeneous])
+    rows = np.vstack([for_x, for_y])
+    _, sizes, directions = np.linalg.svd(rows)
+    if sizes[7] < _FLATTEST * sizes[0]:
+        raise TrackingError("the points don't determine a plane: they coincide or lie on a line; spread them out")
+    plane = np.linalg.inv(from_targets) @ directions[8].reshape(3, 3) @ from_points
+    weights = np.hstack([points, ones]) @ plane[2]
+    if weights.mean() < 0:
+        plane, weights = -plane, -weights
+    if np.any(weights <= 0):
+        raise TrackingError("the points are no picture of a plane: some lie beyond its horizon; check their order")
+    plane = plane / weights.mean()
+    return plane, float(np.sqrt(((project(plane, points) - targets) ** 2).sum(axis=1).mean()))
+
+
+def local_scale(plane: Array, point: Array) -> float:
+    """Targets' units per point's unit at a point; negative where the map keeps the sense of turning (no mirror image).
+
+    The picture's y points down and the world's up, so a map to the world must turn it over and is positive here.
+    """
+    x, y, w = plane @ np.array([point[0], point[1], 1.0])
+    jacobian = (plane[:2, :2] * w - np.outer([x, y], plane[2, :2])) / w**2
+    area = float(np.linalg.det(jacobian))
+    return float(np.copysign(np.sqrt(abs(area)), -area))
+
+
+def _normalizer(points: Array) -> Array:
+    """Moves the points' center to 0 and their mean distance to 1. Shape (3, 3)."""
+    center = points.mean(axis=0)
+    size = float(np.linalg.norm(points - center, axis=1).mean())
+    if not size > 0:
+        raise TrackingError("the points don't determine a plane: they coincide or lie on a line; spread them out")
+    return np.array([[1, 0, -center[0]], [0, 1, -center[1]], [0, 0, size]]) / size
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How large a pixel is, and how well that is known.
+
+    Attributes:
+        meters_per_pixel: The one that is used [m].
+        spread: Range of all estimates, relative to it.
+        estimates: Name of each known length, and what it says by itself [m].
+        body_length: Length of the robot, which says what a doubt means in millimeters [m]; 0 when unknown.
+    """
+
+    meters_per_pixel: float
+    spread: float
+    estimates: tuple[tuple[str, float], ...]
+    body_length: float = 0.0
+
+    def findings(self) -> list[str]:
+        """A sentence when the estimates disagree by more than 2 %."""
+        if self.spread <= DISAGREEMENT:
+            return []
+        listed = [f"{name} {1e3 * value:.4f}" for name, value in self.estimates]
+        if len(listed) > MOST_LISTED:
+            ordered = [listed[i] for i in np.argsort([value for _, value in self.estimates])]
+            half = MOST_LISTED // 2
+            listed = [*ordered[:half], f"{len(listed) - 2 * half} between", *ordered[-half:]]
+        meaning = f" (1 % is {10 * self.body_length:.0f} mm at the last marker)" if self.body_length > 0 else ""
+        return [
+            f"the scale is doubtful: known lengths disagree by {100 * self.spread:.1f} %{meaning}; "
+            f"mm per pixel by {', '.join(listed)}; used is {1e3 * self.meters_per_pixel:.4f}; "
+            f"measure a length in the pool and add it to the camera file"
+        ]
 
 
 @dataclass(frozen=True)
@@ -68,7 +162,7 @@ class Camera:
             raise TrackingError(f"the track has {track.marker_count} markers; the camera is for {len(self.heights)}")
         points = project(self.plane, _straight(self.lens, track.positions))
         if self.height is not None and self.center is not None:
-            points = lowered(points, project(self.plane, self.center), self.heights, self.height)
+            points = _lowered(points, project(self.plane, self.center), self.heights, self.height)
         return MarkerTrack(track.times, points, track.confidence)
 
     def to_pixels(self, positions: Array) -> Array:
@@ -87,16 +181,6 @@ class Camera:
         back: Array = np.linalg.inv(self.plane).astype(np.float64)
         pixels = project(back, points)
         return pixels if self.lens is None else self.lens.distort(pixels)
-
-    def with_scale(self, scale: Scale) -> Camera:
-        """The same camera with another scale, such as one for several videos.
-
-        Raises:
-            TrackingError: The scale comes from points or a homography, which say more.
-        """
-        if not np.array_equal(self.plane, _scaling(self.plane[0, 0])):
-            raise TrackingError("the camera file gives a plane, which has its own scale; it can't have another one")
-        return replace(self, plane=_scaling(scale.meters_per_pixel), scale=scale)
 
     def findings(self) -> list[str]:
         """A sentence for each thing that a person should know."""
@@ -150,15 +234,15 @@ def camera_for(
     points = pixels if plane is None else project(plane, pixels)
     if camera.camera_height is not None and center is not None:
         below = center if plane is None else project(plane, center)
-        points = lowered(points, below, above, camera.camera_height)
+        points = _lowered(points, below, above, camera.camera_height)
     unit = None if plane is None else local_scale(plane, _middle(pixels[:, :2]))
     # with a plane, lengths are measured in meters: what they should be over what they are, times the plane's own scale
     ratio = 1.0 if unit is None else unit
     lengths = [
         (length.name, ratio * length.meters / _distance(camera, plane, length.pixels)) for length in camera.lengths
     ]
-    markers = marker_estimates(points, ratio, rest_markers, heights, names, rigid)
-    scale = make_scale(lengths, markers, unit, rest_markers)
+    markers = _marker_estimates(points, ratio, rest_markers, heights, names, rigid)
+    scale = _make_scale(lengths, markers, unit, rest_markers)
 
     notes: list[str] = []
     if residual is not None and residual > LOOSEST_FIT:
@@ -166,7 +250,7 @@ def camera_for(
             f"the camera file's points fit no plane better than {1e3 * residual:.0f} mm; check their pixels and meters"
         )
     if camera.camera_height is None and raised.size:
-        notes.append(height_note(pixels, scale.meters_per_pixel, plane is None, center, size, above, names, rigid))
+        notes.append(_height_note(pixels, scale.meters_per_pixel, plane is None, center, size, above, names, rigid))
     return Camera(
         _scaling(scale.meters_per_pixel) if plane is None else plane,
         scale, above, camera.camera_height, center, camera.lens, residual, tuple(notes),
@@ -257,7 +341,7 @@ def _middle(heads: Array) -> Array:
     return np.median(seen, axis=0)
 
 
-def lowered(points: Array, below: Array, heights: Array, camera_height: float) -> Array:
+def _lowered(points: Array, below: Array, heights: Array, camera_height: float) -> Array:
     """Where the markers stand, from where they seem to lie on the plane: exact, however the camera is tilted.
 
     Args:
@@ -309,7 +393,7 @@ def camera_height_seen(pixels: Array, heights: Array, center: Array, rigid: Sequ
     return height if _PLAUSIBLE_HEIGHTS[0] <= height <= _PLAUSIBLE_HEIGHTS[1] else None
 
 
-def height_note(
+def _height_note(
     pixels: Array, scale: float, flat: bool, center: Array | None, size: tuple[int, int] | None,
     above: Array, names: Sequence[str], rigid: Sequence[int],
 ) -> str:  # fmt: skip
@@ -345,3 +429,59 @@ def height_note(
     out = np.linalg.norm(pixels[:, raised] - center, axis=2) * scale * share
     drift = float(np.nanmax(out)) if np.isfinite(out).any() else 0.0
     return f"{begin} up to {1e3 * drift:.0f} mm too far out (estimated for a camera {basis}); {advice}"
+
+
+def _make_scale(
+    lengths: Sequence[tuple[str, float]], markers: Sequence[tuple[str, float, bool]], plane: float | None,
+    rest_markers: Array,
+) -> Scale:  # fmt: skip
+    """The scale of a video.
+
+    Args:
+        lengths: Name of each length in the pool, and its meters per pixel [m].
+        markers: Name of each distance between markers, its meters per pixel [m], and whether both stand level.
+        plane: Meters per pixel of the camera file's plane, which then is used [m].
+        rest_markers: Marker positions of the straight robot [m]. Shape (M, 2).
+
+    Raises:
+        TrackingError: There is nothing to use.
+    """
+    estimates = [*lengths, *((name, value) for name, value, _ in markers)]
+    if plane is not None:
+        estimates.insert(0, ("camera file's plane", plane))
+        used = plane
+    else:
+        trusted = [value for _, value in lengths] or [value for _, value, level in markers if level]
+        if not trusted:
+            raise TrackingError(
+                "there is no scale: of the markers that keep their distances no two are seen together; "
+                "add a known length to the camera file"
+            )
+        used = float(np.median(trusted))
+    values = [value for _, value in estimates]
+    body_length = float(np.linalg.norm(rest_markers[-1] - rest_markers[0]))
+    return Scale(used, (max(values) - min(values)) / used, tuple(estimates), body_length)
+
+
+def _marker_estimates(
+    points: Array, unit: float, rest_markers: Array, heights: Array, names: Sequence[str], rigid: Sequence[int]
+) -> list[tuple[str, float, bool]]:
+    """What the distances of the rigid markers say: name, meters per pixel [m], and whether both stand level.
+
+    Args:
+        points: NaN where not seen. Shape (T, M, 2).
+        unit: Meters per pixel where the points are in meters already, 1 where they are in pixels.
+        rest_markers: Shape (M, 2).
+        heights: Heights of the markers [m]. Shape (M,).
+        names: Names of the M markers.
+        rigid: Indices of markers that keep their distances.
+    """
+    estimates: list[tuple[str, float, bool]] = []
+    for a, b in combinations(rigid, 2):
+        apart = np.linalg.norm(points[:, a] - points[:, b], axis=1)
+        seen = apart[np.isfinite(apart)]
+        if seen.size and np.median(seen) > 0:
+            rest = float(np.linalg.norm(rest_markers[a] - rest_markers[b]))
+            level = bool(abs(heights[a] - heights[b]) <= LEVEL)
+            estimates.append((f"{names[a]}–{names[b]}", unit * rest / float(np.median(seen)), level))
+    return estimates

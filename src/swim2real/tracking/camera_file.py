@@ -173,21 +173,6 @@ def write_camera(path: str | Path, camera: CameraFile) -> None:
         raise TrackingError(f"can't write camera file '{path}': {error.strerror or error}") from error
 
 
-def camera_from_board(image: NDArray[np.uint8], squares: tuple[int, int], square_size: float) -> CameraFile:
-    """A camera whose plane is that of a chessboard, which lies (or floats) at the height of the head's markers.
-
-    Args:
-        image: Upright frame of the video, gray or RGB. Shape (height, width) or (height, width, 3).
-        squares: Along the board's two sides.
-        square_size: Side of a square [m].
-
-    Raises:
-        ArgumentError: No board has these squares.
-        TrackingError: The board isn't in the picture.
-    """
-    return CameraFile(points=find_board(image, squares, square_size))
-
-
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Row = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Matrix = Annotated[list[Row], Field(min_length=3, max_length=3)]

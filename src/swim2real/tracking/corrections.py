@@ -1,4 +1,6 @@
-"""Corrections by hand: a marker that a person put right is followed from there in both directions.
+"""Where a track is doubtful, and corrections by hand, from which a marker is followed in both directions.
+
+Markers that fail at about the same time, near one another, are one stretch: a person sees to them together.
 
 A track keeps what it was sure of, except where a correction contradicts it. Between two places that are known, clicks
 or sure frames, a marker is followed forward from the first and backward from the second by its picture (`patches`), and
@@ -8,8 +10,9 @@ moves with its neighbors meanwhile. Where both ways meet it is sure, where they 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +21,16 @@ from swim2real.tracking.appearance import radius_at
 from swim2real.tracking.patches import Patches
 from swim2real.tracking.points import Anchor
 from swim2real.tracking.quality import DOUBTFUL
-from swim2real.tracking.stretches import expected_places, spacing
+from swim2real.tracking.tracker import DOUBT, Array, Image, Mask
 from swim2real.trials.trial import MarkerTrack
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 _Found = tuple[Array, float]  # place and score
 
+GAP = 5  # frames between two failures of a marker that are one stretch
+OVERLAP = 0.5  # share of their common time in which two markers of one stretch fail at once
+NEAR = 1.25  # times the usual spacing of markers, within which those of one stretch lie
+NEIGHBORS = 3  # markers with which a lost one is expected to move on
+_SAMPLES = 50  # frames that tell how far apart markers are
 ROOM = (32, 80)  # px around an expected place that are kept, at least and at most
 AGREE = 0.5  # radii within which the ways from both sides agree, or
 AGREE_PX = 2.0  # px
@@ -35,7 +41,90 @@ FAIR = 0.7  # correlation of a marker on which both ways agree
 CHANGED = 0.9  # correlation below which its picture is taken anew
 SURE = 0.8  # correlation of a marker that is followed without a doubt
 MEANWHILE = 5  # frames that a click is believed against the track, on each side, where it says that a marker is hidden
-DOUBT = 0.45  # confidence of a place on which the two ways don't agree
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A time in which markers of a track fail.
+
+    Attributes:
+        markers: Indices of the markers, which are near one another.
+        first: Number of the first frame in which one of them fails, in the track.
+        last: Number of the last one.
+        reason: What happens to them in most frames.
+        failures: Number of marker-frames that are lost or doubtful.
+    """
+
+    markers: tuple[int, ...]
+    first: int
+    last: int
+    reason: Literal["lost", "doubtful"]
+    failures: int
+
+
+def find_stretches(track: MarkerTrack) -> list[Stretch]:
+    """Finds where a track is lost (without a position, or with confidence 0) or doubtful.
+
+    Args:
+        track: Track in pixels.
+
+    Returns:
+        Stretches, the one with the most failures first. None where nothing is doubtful.
+    """
+    lost = ~np.isfinite(track.positions).all(axis=2) | (track.confidence <= 0)
+    failing = lost | (track.confidence < DOUBTFUL)
+    expected = expected_places(track)
+    near = NEAR * spacing(expected)
+    runs = [(first, last, m) for m in range(track.marker_count) for first, last in _runs(failing[:, m])]
+    groups: list[list[tuple[int, int, int]]] = []
+    going: list[list[tuple[int, int, int]]] = []  # groups that a later run can belong to
+    for first, last, m in sorted(runs):
+        going = [group for group in going if group[0][1] >= first]
+        for group in going:
+            begin, end, other = group[0]
+            common = min(last, end) - first + 1
+            apart = expected[first + common // 2, m] - expected[first + common // 2, other]
+            if common >= OVERLAP * (max(last, end) - begin + 1) and np.hypot(*apart) <= near:
+                group.append((first, last, m))
+                break
+        else:
+            groups.append([(first, last, m)])
+            going.append(groups[-1])
+    stretches: list[Stretch] = []
+    for group in groups:
+        count = sum(int(failing[first : last + 1, m].sum()) for first, last, m in group)
+        missed = sum(int(lost[first : last + 1, m].sum()) for first, last, m in group)
+        begin, end = min(run[0] for run in group), max(run[1] for run in group)
+        reason = "lost" if 2 * missed >= count else "doubtful"
+        stretches.append(Stretch(tuple(sorted({run[2] for run in group})), begin, end, reason, count))
+    return sorted(stretches, key=lambda stretch: (-stretch.failures, stretch.first))
+
+
+def expected_places(track: MarkerTrack) -> Array:
+    """Where each marker should be by its sure frames, between which it moves with its neighbors [px]. Shape (T, M, 2).
+
+    NaN for a marker that was never seen.
+    """
+    seen = np.isfinite(track.positions).all(axis=2) & (track.confidence > 0)
+    sure = seen & (track.confidence >= DOUBTFUL)
+    known = np.where(sure.any(axis=0), sure, seen)
+    filled = _filled(track.positions, known)
+    apart = _apart(filled)
+    expected = filled.copy()
+    for m in np.flatnonzero(~known.all(axis=0)).tolist():
+        beside = np.argsort(apart[m])[:NEIGHBORS]
+        beside = beside[np.isfinite(apart[m, beside])]
+        if len(beside):
+            carried = filled[:, beside].mean(axis=1)
+            offset = (track.positions[:, m] - carried)[:, None]
+            expected[:, m] = carried + _filled(offset, known[:, m : m + 1])[:, 0]
+    return expected
+
+
+def spacing(places: Array) -> float:
+    """Usual distance of a marker from the next one [px]; NaN where there is one marker."""
+    nearest = _apart(places).min(axis=1)
+    return float(np.median(nearest[np.isfinite(nearest)])) if np.isfinite(nearest).any() else float("nan")
 
 
 @dataclass
@@ -58,9 +147,7 @@ class Gap:
     hidden: frozenset[int]
     expected: Array
     room: int
-
-    def __post_init__(self) -> None:
-        self._windows: dict[int, tuple[Image, Array]] = {}
+    _windows: dict[int, tuple[Image, Array]] = field(default_factory=dict[int, tuple[Image, Array]], repr=False)
 
     def needs(self, frame: int) -> bool:
         """Whether a frame lies in the stretch or beside it."""
@@ -155,7 +242,8 @@ def gaps_to_correct(
                 continue
             clicks.setdefault(m, {})[anchor.frame] = anchor.points[m]
             if sure[anchor.frame, m]:
-                sure[_run(sure[:, m], anchor.frame), m] = False
+                first, last = _around(~sure[:, m], anchor.frame)
+                sure[first : last + 1, m] = False
         for m in np.flatnonzero(anchor.hidden).tolist():
             hidden.setdefault(m, set()).add(anchor.frame)
             near = slice(max(anchor.frame - MEANWHILE, 0), anchor.frame + MEANWHILE + 1)
@@ -163,7 +251,7 @@ def gaps_to_correct(
             positions[near, m], confidence[near, m] = np.nan, 0.0
     for m, places in clicks.items():
         for frame, place in places.items():
-            positions[frame, m], confidence[frame, m] = place, 1.0
+            positions[frame, m] = place
     confidence = np.where(sure, np.maximum(confidence, DOUBTFUL), np.minimum(confidence, DOUBT))
     for m, places in clicks.items():
         confidence[list(places), m] = 1.0
@@ -191,13 +279,7 @@ def corrected(track: MarkerTrack, gaps: Sequence[Gap]) -> MarkerTrack:
     return MarkerTrack(track.times, positions, confidence)
 
 
-def _run(mask: NDArray[np.bool_], frame: int) -> slice:
-    """The frames around one in which a mask is as there."""
-    first, last = _around(mask != mask[frame], frame)
-    return slice(first, last + 1)
-
-
-def _steady(places: Array, doubted: NDArray[np.bool_], frame: int, most: float) -> NDArray[np.int64]:
+def _steady(places: Array, doubted: Mask, frame: int, most: float) -> NDArray[np.int64]:
     """The doubted frames around one, up to where a marker's velocity changes by more than some way per frame [px]."""
     found = [frame]
     for step in (-1, 1):
@@ -212,8 +294,32 @@ def _steady(places: Array, doubted: NDArray[np.bool_], frame: int, most: float) 
     return np.array(sorted(found))
 
 
-def _around(known: NDArray[np.bool_], frame: int) -> tuple[int, int]:
+def _around(known: Mask, frame: int) -> tuple[int, int]:
     """First and last of the frames around one that lie between two that are known."""
     before, after = np.flatnonzero(known[:frame]), np.flatnonzero(known[frame + 1 :])
     first = int(before[-1]) + 1 if len(before) else 0
     return first, (frame + int(after[0]) if len(after) else len(known) - 1)
+
+
+def _runs(mask: Mask) -> list[tuple[int, int]]:
+    """First and last frames of what is true, over gaps of at most `GAP` frames."""
+    at = np.flatnonzero(mask)
+    parts = np.split(at, np.flatnonzero(np.diff(at) > GAP + 1) + 1)
+    return [(int(part[0]), int(part[-1])) for part in parts if len(part)]
+
+
+def _filled(positions: Array, known: Mask) -> Array:
+    """Positions with straight lines between known frames, and the nearest known one at the ends. Shape (T, M, 2)."""
+    out, frames = np.full(positions.shape, np.nan), np.arange(len(positions))
+    for m in np.flatnonzero(known.any(axis=0)).tolist():
+        at = np.flatnonzero(known[:, m])
+        for axis in range(2):
+            out[:, m, axis] = np.interp(frames, at, positions[at, m, axis])
+    return out
+
+
+def _apart(places: Array) -> Array:
+    """Usual distance of each two markers, infinite of a marker from itself or one never seen [px]. Shape (M, M)."""
+    sample = places[np.linspace(0, len(places) - 1, min(len(places), _SAMPLES)).astype(int)]
+    apart = np.median(np.linalg.norm(sample[:, :, None] - sample[:, None], axis=3), axis=0)
+    return np.where(np.eye(len(apart), dtype=bool) | np.isnan(apart), np.inf, apart)

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
 from swim2real.tracking.appearance import own_radii
-from swim2real.tracking.candidates import find_blobs
+from swim2real.tracking.labeling import find_blobs
+from swim2real.tracking.opencv import dictionary_at
 from swim2real.tracking.patches import Patches
 from swim2real.tracking.spots import SpotFinder, Spots, streak_lengths
-from swim2real.tracking.tags import dictionary_at
-from swim2real.tracking.tracker import Array, Image
+from swim2real.tracking.tracker import Array, Image, Mask
 
 OWN_AREAS = (0.4, 2.4)  # of a disc of a marker's radius, within which a spot at its point is the marker
 CLICK_SHARE = 0.7  # of the radius by which a point may be beside the spot's center
@@ -43,8 +43,6 @@ SOLID_AGAIN, MOST_CHANGE = 0.85, 1.4  # solidity and change of the area of a spo
 BESIDE_AGAIN = 0.4  # radii by which it may be beside the place
 LEAST_MANY = 8.0  # px radius from which a marker may have several colors
 ROUNDS = 2  # of learning colors and radius from a marker's own spot
-
-Mask = NDArray[np.bool_]
 
 
 class Looks:

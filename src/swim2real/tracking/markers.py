@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.tracking.bodies import BodyTracker
-from swim2real.tracking.free import APART, DOUBT, FreeTracker
-from swim2real.tracking.tracker import REASONS, Array, Image
+from swim2real.tracking.free import APART, FreeTracker
+from swim2real.tracking.tracker import DOUBT, REASONS, Array, Image
 
 FOUND = 0.7  # of the markers of a soft body, up to which it is left
 

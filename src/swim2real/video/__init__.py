@@ -1,6 +1,6 @@
 """Videos, read and written frame by frame in constant memory. Knows nothing of markers."""
 
-from swim2real.video.reader import Frame, VideoInfo, VideoReader, first_frame
+from swim2real.video.reader import Frame, VideoInfo, VideoReader, first_frame, frames_backwards
 from swim2real.video.writer import VideoWriter
 
-__all__ = ["Frame", "VideoInfo", "VideoReader", "VideoWriter", "first_frame"]
+__all__ = ["Frame", "VideoInfo", "VideoReader", "VideoWriter", "first_frame", "frames_backwards"]

@@ -7,6 +7,7 @@ from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
 
@@ -27,6 +28,8 @@ Result = TypeVar("Result")
 USUAL_RATE = Fraction(30)  # frames a second, where a file doesn't say
 ROUNDING = 5e-4  # s, of a time that a person gives
 SLACK = 5.0  # s beyond FIRST_PICTURE that a film has which is read, but gives no picture
+MOST_BYTES = 256 << 20  # of decoded frames that are kept at a time
+_BYTES = 1.5  # of a pixel, as it is decoded
 SOUND_SLACK = 0.5  # s by which sound may outlast the pictures
 
 
@@ -177,6 +180,30 @@ def first_frame(path: str | Path, since: float = 0.0) -> Frame:
                 return frame
             last = frame.time
     raise VideoError(f"'{path}' ends at {last:.3f} s; there is no frame from {since:g} s on")
+
+
+def frames_backwards(path: str | Path, first: int, last: int, threads: int = 0) -> Iterator[Frame]:
+    """Frames of a video in reverse order.
+
+    A video is decoded forward only, so it is read several times, up to the end of one part after the other: of 1000
+    frames of 1080p each is decoded six times on average.
+
+    Args:
+        path: Path of the video.
+        first: Number of the frame that comes last.
+        last: Number of the frame that comes first.
+        threads: Number of threads that decode; 0 for as many as the machine has cores.
+
+    Raises:
+        VideoError: The file can't be read.
+    """
+    with VideoReader(path, threads) as reader:
+        part = max(1, int(MOST_BYTES / (_BYTES * reader.info.width * reader.info.height)))
+        while last >= first:
+            begin = max(first, last - part + 1)
+            kept = [frame for frame in islice(reader, last + 1) if begin <= frame.index <= last]
+            yield from reversed(kept)
+            last = begin - 1
 
 
 class _Pass:
