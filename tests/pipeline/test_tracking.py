@@ -476,7 +476,7 @@ def test_a_process_that_dies_is_told(shot, tmp_path):
 @pytest.mark.parametrize(
     ("markers", "changes", "says"),
     [
-        (8, {}, r"points '.*' lack M8; expected are 9 points"),
+        (8, {}, r"points '.*' lack M8; expected are 9, one"),
         (9, {"width": 1920, "height": 1080}, "were picked on a frame of 1920 x 1080 px; the video's is 640 x 360 px"),
     ],
 )

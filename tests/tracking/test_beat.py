@@ -73,10 +73,11 @@ def test_a_tail_first_swimmer_isnt_started_backward():
 
 
 def wandering():
-    angle = np.cumsum(np.convolve(np.random.default_rng(1).normal(0, 0.2, 300), np.ones(15) / 4, mode="same"))
-    positions = Swimmer().body(TIMES)
+    times = np.arange(600) / 60
+    angle = np.cumsum(np.convolve(np.random.default_rng(1).normal(0, 0.2, 600), np.ones(15) / 4, mode="same"))
+    positions = Swimmer().body(times)
     positions[..., 1] = 0.06 * (REST[:, 0] / 0.551) ** 2 * np.cos(angle)[:, None]
-    return MarkerTrack(TIMES, positions)
+    return MarkerTrack(times, positions)
 
 
 def tailless():

@@ -36,7 +36,7 @@ def patches(image: np.ndarray, radius: float = RADIUS) -> Patches:
 
 
 @pytest.mark.parametrize(("learns", "close"), [(True, 0.5), (False, 1.0)])
-@pytest.mark.parametrize(("turn", "size"), [(np.pi / 2, 1.6), (-1.0, 1 / 1.4)])
+@pytest.mark.parametrize(("turn", "size"), [(np.pi / 2, 1.0), (-1.0, 1 / 1.4)])
 def test_a_picture_that_turns_and_grows_is_followed(turn, size, learns, close):
     """In 16 steps, while it moves by 2 px in each; less well where nothing is ever taken in."""
     known, place = patches(shown(CENTER)), CENTER

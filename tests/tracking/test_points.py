@@ -79,7 +79,7 @@ GOOD = {"M0": [1, 2], "M1": [30, 40], "M2": [50, 60]}
 @pytest.mark.parametrize(
     ("markers", "says"),
     [
-        ({"M0": [1, 2]}, "lack M1, M2; expected are 3 points, one for each of M0, M1, M2"),
+        ({"M0": [1, 2]}, "lack M1, M2; expected are 3, one for each of M0, M1, M2"),
         ({"M0": [1, 2], "M1": [30, 40], "m2": [5, 6]}, "unknown marker 'm2'; did you mean 'M2'?"),
         (GOOD | {"M9": [70, 80]}, "unknown marker 'M9'; known are M0, M1, M2"), ([[1, 2]], "it must be a table"),
         (GOOD | {"M1": [700, 20]}, "is at (700, 20), outside of the frame of 640 x 480 px"),
@@ -184,7 +184,7 @@ def test_a_points_file_is_the_corrections_of_one_frame(file, tmp_path, frame):
     (tmp_path / "points.json").write_text(json.dumps(POINTS.tolist()))
     (anchor,) = anchors(tmp_path / "points.json")
     assert said(anchor) == everything
-    assert "lack M2; expected are 3 points" in anchors_refused(file(markers={"M0": [1, 2], "M1": None}))
+    assert "lack M2; expected are 3" in anchors_refused(file(markers={"M0": [1, 2], "M1": None}))
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def missing(positions, frames, marker):
         (slid, 8, 100, 200, {"misplaced", "collapsed"}), (aside, 5, 100, 301, {"misplaced"}),
         (aside, 6, 150, 151, {"misplaced", "jumped"}),
         (frozen, 2, 100, 200, {"frozen"}), (frozen, 8, 100, 140, {"frozen"}), (frozen, 8, 0, 301, {"frozen"}),
-        (missing, 3, 50, 80, {"missing"}), (missing, 0, 0, 301, {"missing"}), (missing, 8, 0, 301, {"missing"}),
+        (missing, 3, 50, 80, {"missing"}), (missing, 7, 0, 301, {"missing"}), (missing, 8, 0, 301, {"missing"}),
     ],
 )  # fmt: skip
 def test_a_marker_that_isnt_where_it_was_is_lost_and_no_other(healthy, harm, marker, start, stop, names):

@@ -13,12 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import TrackingError
 from swim2real.tracking.body import AGAIN_FRAMES, FORGET, STIFF, Body, distance
 from swim2real.tracking.looks import LIKE, Looks, squares
 from swim2real.tracking.rigid import Expected, Labeling, label, rigid_fit
 from swim2real.tracking.spots import Spots, streaks
-from swim2real.tracking.tracker import DOUBT, REASONS, Array, Image
+from swim2real.tracking.tracker import DOUBT, REASONS, Array, Image, check_order, inside
 
 LEAD = 4.0  # by which labels must be better than any others to be sure: two fifths of a missing marker
 CLEAR, MANY, SOON_FRAMES = 20.0, 5, 1  # lead with which a body of many markers, all seen, is sure after so many frames
@@ -57,12 +56,10 @@ class BodyTracker:
         """Learns what the markers look like and how they lie on their bodies."""
         self._looks = Looks(image, points)
         positions = self._looks.points
-        self._bodies = [
-            Body(
-                np.flatnonzero(self._numbers == number), number == self._fixed, positions[self._numbers == number], time
-            )
-            for number in dict.fromkeys(self._numbers.tolist())
-        ]
+        self._bodies: list[Body] = []
+        for number in dict.fromkeys(self._numbers.tolist()):
+            markers = np.flatnonzero(self._numbers == number)
+            self._bodies.append(Body(markers, number == self._fixed, positions[markers], time))
         self.reasons = {reason: np.zeros(len(points), dtype=np.int64) for reason in REASONS}
         self._time = time
         self._fastest = 0.0
@@ -70,17 +67,15 @@ class BodyTracker:
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Finds the markers in the next frame."""
-        if time <= self._time:
-            raise TrackingError(f"frame time {time:.4f} s isn't after the last one; call start() first, then in order")
+        check_order(time, self._time)
         if not self._bodies:  # all were left
             return np.full((len(self._numbers), 2), np.nan), np.zeros(len(self._numbers))
         predicted = [body.predicted(time) for body in self._bodies]
         expected = self._expected(predicted, [False] * len(predicted))
         spots, labeling = self._labeled(image, expected)
         spots, labeling, pictures = self._with_pictures(image, spots, labeling, expected)
-        size = np.array(image.shape[1::-1]) - 1
         missing = [
-            bool(np.count_nonzero(labels >= 0) < _inside(places, size))
+            bool(np.count_nonzero(labels >= 0) < inside(places, image).sum())
             for labels, places in zip(labeling.spots, predicted, strict=True)
         ]
         if any(missing):
@@ -154,7 +149,7 @@ class BodyTracker:
         self, image: Image, spots: Spots, labeling: Labeling, expected: list[Expected]
     ) -> tuple[Spots, Labeling, Spots | None]:
         """Looks by their pictures for markers of which no spot of their color was found that is like them."""
-        looks, size = self._likeness(spots), np.array(image.shape[1::-1]) - 1
+        looks = self._likeness(spots)
         markers: list[int] = []
         places: list[Array] = []
         reaches: list[float] = []
@@ -166,12 +161,9 @@ class BodyTracker:
             laid = rigid_fit(one.places, found)
             reach = one.tolerance + 1.0
             if not good.any() or (len(labels) < 3 and distance(laid, one.places) > 2 * one.usual):
-                good[:], laid, reach = (
-                    False,
-                    one.places,
-                    min(one.near, one.tolerance + 2 * one.usual, MOST_REACH * self._radius(body)),
-                )
-            for m in np.flatnonzero(~good & ((laid >= 0) & (laid <= size)).all(axis=1)):
+                good[:], laid = False, one.places
+                reach = min(one.near, one.tolerance + 2 * one.usual, MOST_REACH * self._radius(body))
+            for m in np.flatnonzero(~good & inside(laid, image)):
                 markers.append(int(body.markers[m]))
                 places.append(laid[m])
                 reaches.append(reach)
@@ -300,7 +292,3 @@ def _common_streak(spread: Array) -> float:
     mean = uneven.mean(axis=0)
     along = uneven @ mean / max(float(np.linalg.norm(mean)), 1e-9)
     return float(np.sqrt(24 * max(float(np.quantile(along, FEWEST)), 0.0)))
-
-
-def _inside(places: Array, size: Array) -> int:
-    return int(((places >= 0) & (places <= size)).all(axis=1).sum())

@@ -15,7 +15,6 @@ import numpy as np
 from swim2real.errors import TrackingError
 from swim2real.tracking.camera_file import CameraFile, Lens
 from swim2real.tracking.tracker import Array
-from swim2real.trials import frames
 from swim2real.trials.trial import MarkerTrack
 
 DISAGREEMENT = 0.02  # of the scale, by which known lengths may differ before a person is told
@@ -23,8 +22,6 @@ MOST_LISTED = 10  # estimates of a scale that are listed
 LEVEL = 1e-3  # m, heights that count as the same
 _FLATTEST = 1e-3  # of the fit's singular values, below which the points are (nearly) on a line
 LOOSEST_FIT = 0.01  # m, root mean square error of a plane's points before a person is told
-_CORRELATED = 30  # frames whose residuals count as one when the camera's height is sought in a track
-_PLAUSIBLE_HEIGHTS = (0.5, 10.0)  # m
 
 
 def project(plane: Array, points: Array) -> Array:
@@ -250,7 +247,7 @@ def camera_for(
             f"the camera file's points fit no plane better than {1e3 * residual:.0f} mm; check their pixels and meters"
         )
     if camera.camera_height is None and raised.size:
-        notes.append(_height_note(pixels, scale.meters_per_pixel, plane is None, center, size, above, names, rigid))
+        notes.append(_height_note(pixels, scale.meters_per_pixel, center, size, above, names))
     return Camera(
         _scaling(scale.meters_per_pixel) if plane is None else plane,
         scale, above, camera.camera_height, center, camera.lens, residual, tuple(notes),
@@ -353,82 +350,32 @@ def _lowered(points: Array, below: Array, heights: Array, camera_height: float) 
     return below + (points - below) * (1 - heights / camera_height)[:, None]
 
 
-def camera_height_seen(pixels: Array, heights: Array, center: Array, rigid: Sequence[int]) -> float | None:
-    """The height at which the camera seems to hang, from how a raised marker shifts against the head on its way.
-
-    A marker on the head that stands higher lies still against it but for a share `height / camera height` of its
-    distance from the picture's center. Of the fish's published tracks four of six give 1.7 to 2.5 m, and the others
-    nothing, so it is a hint and never used by itself.
-
-    Args:
-        pixels: Positions [px]. Shape (T, M, 2).
-        heights: Heights of the markers above the first [m]. Shape (M,).
-        center: The pixel straight below the camera [px]. Shape (2,).
-        rigid: Indices of markers that keep their distances.
-
-    Returns:
-        Above the first marker [m]; None where the track doesn't show it, or no rigid marker stands higher.
-    """
-    raised = [m for m in rigid if abs(heights[m]) > LEVEL]
-    if not raised or not {0, 1} <= set(rigid):
-        return None
-    marker = raised[0]
-    axes = frames.body_axes(pixels)
-    aside = np.stack([-axes[:, 1], axes[:, 0]], axis=1)
-    terms = np.stack([axes, aside, pixels[:, marker] - center], axis=2)  # (T, 2, 3)
-    offsets = pixels[:, marker] - pixels[:, 0]
-    good = np.isfinite(terms).all(axis=(1, 2)) & np.isfinite(offsets).all(axis=1)
-    if np.count_nonzero(good) < 2 * _CORRELATED:
-        return None
-    matrix, values = terms[good].reshape(-1, 3), offsets[good].ravel()
-    fitted, _, rank, _ = np.linalg.lstsq(matrix, values, rcond=None)
-    if rank < 3:
-        return None
-    rest = values - matrix @ fitted
-    variance = float(rest @ rest) / len(values) * _CORRELATED * float(np.linalg.inv(matrix.T @ matrix)[2, 2])
-    share = float(fitted[2])
-    if share <= 0 or share < 3 * np.sqrt(variance):
-        return None
-    height = float(heights[marker]) / share
-    return height if _PLAUSIBLE_HEIGHTS[0] <= height <= _PLAUSIBLE_HEIGHTS[1] else None
-
-
 def _height_note(
-    pixels: Array, scale: float, flat: bool, center: Array | None, size: tuple[int, int] | None,
-    above: Array, names: Sequence[str], rigid: Sequence[int],
-) -> str:  # fmt: skip
+    pixels: Array, scale: float, center: Array | None, size: tuple[int, int] | None, above: Array, names: Sequence[str]
+) -> str:
     """A sentence on what the markers' heights do when nothing corrects them.
 
     Args:
         pixels: NaN where not seen [px]. Shape (T, M, 2).
         scale: Meters per pixel [m].
-        flat: Whether the camera looks straight down, with one scale.
         center: The pixel straight below the camera [px]. Shape (2,).
-        size: Width and height of the video [px].
+        size: Width and height of the video [px]; the camera is taken to be as far away as the picture is wide.
         above: Heights of the markers above the first [m]. Shape (M,).
         names: Names of the M markers.
-        rigid: Indices of markers that keep their distances.
     """
     raised = np.flatnonzero(np.abs(above) > LEVEL)
     few = len(raised) <= MOST_LISTED
     which = " and ".join(names[m] for m in raised.tolist()) if few else f"{len(raised)} of {len(names)} markers"
     nearer = f"{1e3 * above[raised].max():.0f} mm nearer to the camera than {names[0]}"
-    begin = f"{which} stand up to {nearer} and seem to lie"
     advice = "give camera_height in the camera file to correct it"
-    if center is None:
-        return f"{begin} farther from the picture's center than they do; {advice}, with principal_point"
-    height = camera_height_seen(pixels, above, center, rigid) if flat else None
-    if height is not None:
-        basis = f"{height:.1f} m away, as the track suggests"
-    elif size is not None:
+    advice += ", with principal_point" if center is None else ""
+    where = "farther from the picture's center than they do"
+    if center is not None and size is not None:
         height = max(size) * scale
-        basis = f"{height:.1f} m away, as far as its picture is wide"
-    else:
-        return f"{begin} farther from the picture's center than they do; {advice}"
-    share = above[raised] / height
-    out = np.linalg.norm(pixels[:, raised] - center, axis=2) * scale * share
-    drift = float(np.nanmax(out)) if np.isfinite(out).any() else 0.0
-    return f"{begin} up to {1e3 * drift:.0f} mm too far out (estimated for a camera {basis}); {advice}"
+        out = np.linalg.norm(pixels[:, raised] - center, axis=2) * scale * above[raised] / height
+        drift = float(np.nanmax(out)) if np.isfinite(out).any() else 0.0
+        where = f"up to {1e3 * drift:.0f} mm too far out (for a camera {height:.1f} m away, the width of its picture)"
+    return f"{which} stand up to {nearer} and seem to lie {where}; {advice}"
 
 
 def _make_scale(

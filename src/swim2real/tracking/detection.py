@@ -25,7 +25,7 @@ from swim2real.tracking.matching import (
     strained,
     unsupported,
 )
-from swim2real.tracking.tracker import Array, Image
+from swim2real.tracking.tracker import Array, Image, check_order, check_points, inside
 
 LEAST_CONFIDENCE, LEAST_AGAIN = 0.4, 0.6  # below it a marker is lost, and isn't found again
 RELEARN_TIME = 0.2  # s between two looks at how the light has changed
@@ -54,11 +54,9 @@ class DetectionTracker:
 
     def start(self, image: Image, points: Array, time: float) -> tuple[Array, Array]:
         """Learns what the markers look like."""
-        height, width = image.shape[:2]
         if len(points) < LEAST_SEEN:
             raise TrackingError(f"{len(points)} points were given; the tracker needs {LEAST_SEEN} markers or more")
-        if not ((points >= 0) & (points <= [width - 1, height - 1])).all():
-            raise TrackingError(f"{len(points)} points must be finite and lie in the frame of {width} x {height} px")
+        check_points(image, points)
         self._look = Appearance(image, points)
         positions = self._look.points
         count = len(positions)
@@ -78,8 +76,7 @@ class DetectionTracker:
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Finds the markers in the next frame."""
-        if not self._times or time <= self._times[-1]:
-            raise TrackingError(f"frame time {time:.4f} s isn't after the last one; call start() first, then in order")
+        check_order(time, self._times[-1] if self._times else np.inf)
         self._interval = time - self._times[-1]
         predicted = self._predicted(time)
         result = self._in_region(image, predicted, time)
@@ -119,7 +116,7 @@ class DetectionTracker:
         # of markers that overlap in the picture only one blob may be left: each is looked for at its place
         apart = np.linalg.norm(places[:, None] - places[None], axis=2) + np.where(np.eye(count), np.inf, 0.0)
         crowded = (apart < CROWDED * radius) & ((chosen < 0)[:, None] | (chosen < 0))
-        crowded = crowded.any(axis=1) & (places == np.clip(places, 0, np.array(image.shape[1::-1]) - 1)).all(axis=1)
+        crowded = crowded.any(axis=1) & inside(places, image)
         seeds[crowded] = places[crowded]
         seen = np.flatnonzero((chosen >= 0) | crowded)
         self._share = np.zeros(count)

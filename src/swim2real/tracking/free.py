@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from swim2real.errors import TrackingError
 from swim2real.tracking.looks import LIKE, Looks, squares
 from swim2real.tracking.spots import Spots
-from swim2real.tracking.tracker import DOUBT, REASONS, Array, Image, Mask
+from swim2real.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, inside
 
 CERTAIN, RIGHT, LIKELY = 1.0, 0.9, 0.8  # confidence by spot, own spot, spot elsewhere
 MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
@@ -85,23 +84,21 @@ class FreeTracker:
 
     def follow(self, image: Image, time: float) -> tuple[Array, Array]:
         """Finds the markers in the next frame."""
-        if time <= self._time:
-            raise TrackingError(f"frame time {time:.4f} s isn't after the last one; call start() first, then in order")
+        check_order(time, self._time)
         self._time = time
-        size = np.array(image.shape[1::-1]) - 1
         moves = self._flow.follow(image, self._places, self.radii, self._steps)
         carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
-        carried &= (self._doubtful <= CARRIED) & _inside(self._places + moves.steps, size)
+        carried &= (self._doubtful <= CARRIED) & inside(self._places + moves.steps, image)
         expected = self._places + np.where(carried[:, None], moves.steps, self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
         spots, chosen, alone = self._spots(image, expected, carried, moves)
-        positions, confidence = self._seen(image, size, expected, carried, spots, chosen, alone)
+        positions, confidence = self._seen(image, expected, carried, spots, chosen, alone)
         lost = self._doubles(positions, confidence)
         positions[lost], confidence[lost], chosen[lost] = np.nan, 0.0, -1
         self._agreed = np.where(confidence > DOUBT, self._agreed + 1, 0)
         sure = self._agreed >= AGAIN
         self._count(positions, sure, alone)
-        self._take(positions, sure, moves, carried, size)
+        self._take(positions, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
         certain = np.flatnonzero(sure & (chosen >= 0))
         self._looks.learn(image, spots, certain, chosen[certain], np.zeros((len(certain), 2)))
         self.radii = self._looks.radii
@@ -134,9 +131,8 @@ class FreeTracker:
         return spots, chosen, alone
 
     def _seen(
-        self, image: Image, size: Array, expected: Array, carried: Mask, spots: Spots, chosen: NDArray[np.int64],
-        alone: Mask,
-    ) -> tuple[Array, Array]:  # fmt: skip
+        self, image: Image, expected: Array, carried: Mask, spots: Spots, chosen: NDArray[np.int64], alone: Mask
+    ) -> tuple[Array, Array]:
         """Positions and confidence by the best opinion on each marker."""
         positions, confidence = np.full_like(expected, np.nan), np.zeros(len(expected))
         for m in range(len(expected)):
@@ -150,7 +146,7 @@ class FreeTracker:
                     positions[m], confidence[m] = again, RIGHT
                     continue
             reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else MOST_FAR * self.radii[m]
-            peak, score = self._picture(image, size, m, place, reach)
+            peak, score = self._picture(image, m, place, reach)
             if carried[m] and not self._lost[m] and score > SAME:
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
                 if score < SURELY:
@@ -164,9 +160,9 @@ class FreeTracker:
                 positions[m], confidence[m] = place, DOUBT
         return positions, confidence
 
-    def _picture(self, image: Image, size: Array, marker: int, place: Array, reach: float) -> tuple[Array, float]:
+    def _picture(self, image: Image, marker: int, place: Array, reach: float) -> tuple[Array, float]:
         """Where it looks most like a marker near a place (2,), and how much it does."""
-        if not _inside(place, size):
+        if not inside(place, image):
             return place, 0.0
         found = self._looks.find_pictures(image, np.array([marker]), place[None], np.array([reach]))
         if not len(found):
@@ -195,10 +191,6 @@ class FreeTracker:
         self._doubtful = np.where(known, 0, self._doubtful + 1)
         self._lost = ~known & (self._lost | ~carried)
         self._fastest = np.where(known, np.maximum(SLOWER[1] * self._fastest, np.hypot(*steps.T)), self._fastest)
-
-
-def _inside(places: Array, size: Array) -> Mask:
-    return np.asarray(((places >= 0) & (places <= size)).all(axis=-1))
 
 
 class _Moves(NamedTuple):

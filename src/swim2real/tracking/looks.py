@@ -19,7 +19,7 @@ from swim2real.tracking.labeling import find_blobs
 from swim2real.tracking.opencv import dictionary_at
 from swim2real.tracking.patches import Patches
 from swim2real.tracking.spots import SpotFinder, Spots, streak_lengths
-from swim2real.tracking.tracker import Array, Image, Mask
+from swim2real.tracking.tracker import Array, Image, Mask, check_points
 
 OWN_AREAS = (0.4, 2.4)  # of a disc of a marker's radius, within which a spot at its point is the marker
 CLICK_SHARE = 0.7  # of the radius by which a point may be beside the spot's center
@@ -64,9 +64,7 @@ class Looks:
             TrackingError: A point isn't in the frame; there are tags, or spots beside the points; or a picture of what
                 is there has no detail.
         """
-        height, width = image.shape[:2]
-        if not ((points >= 0) & (points <= [width - 1, height - 1])).all():
-            raise TrackingError(f"{len(points)} points must be finite and lie in the frame of {width} x {height} px")
+        check_points(image, points)
         self.points, radii = points.copy(), own_radii(image, points)
         own, glossy = _Own.none(points), np.zeros(len(points), dtype=bool)
         for _ in range(ROUNDS):

@@ -100,7 +100,7 @@ class _Checked:
 
     def all_named(self, content: _Content) -> _Markers:
         """What a points file says, of every marker."""
-        expected = f"expected are {len(self.names)} points, one for each of {', '.join(self.names)}; {self.remedy}"
+        expected = f"expected are {len(self.names)}, one for each of {', '.join(self.names)}; {self.remedy}"
         if content.markers is not None:
             self.check_names(content.markers)
             if missing := [name for name in self.names if name not in content.markers]:

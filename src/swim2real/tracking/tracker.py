@@ -7,6 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.errors import TrackingError
+
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
@@ -48,3 +50,29 @@ class Tracker(Protocol):
             Positions, NaN where a marker is lost [px], shape (M, 2), and confidence from 0 (lost) to 1, shape (M,).
         """
         ...
+
+
+def check_points(image: Image, points: Array) -> None:
+    """Refuses points (M, 2) that aren't in a frame.
+
+    Raises:
+        TrackingError: One isn't.
+    """
+    height, width = image.shape[:2]
+    if not ((points >= 0) & (points <= [width - 1, height - 1])).all():
+        raise TrackingError(f"{len(points)} points must be finite and lie in the frame of {width} x {height} px")
+
+
+def check_order(time: float, last: float) -> None:
+    """Refuses a frame that isn't after the last one.
+
+    Raises:
+        TrackingError: It isn't.
+    """
+    if time <= last:
+        raise TrackingError(f"frame time {time:.4f} s isn't after the last one; call start() first, then in order")
+
+
+def inside(places: Array, image: Image) -> Mask:
+    """Whether places are in a picture. Shapes (..., 2), (...)."""
+    return np.asarray(((places >= 0) & (places <= np.array(image.shape[1::-1]) - 1)).all(axis=-1))
