@@ -1,5 +1,6 @@
 """The synthetic pool camera: that what it says is true of its pictures."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -90,15 +91,14 @@ def test_a_tilted_camera_keeps_its_middle_and_sees_one_side_larger():
     assert abs(np.log(scales[1] / scales[2])) == pytest.approx(2 * 0.3 * np.sin(0.1) / 2.5, rel=0.01)
 
 
-@pytest.mark.parametrize("shutter", [1.0])
-def test_motion_blur_draws_a_marker_out_over_the_way_of_one_exposure(shutter):
+def test_motion_blur_draws_a_marker_out_over_the_way_of_one_exposure():
     track = swim(speed=0.5, amplitude=0.0)
-    camera = replace(CAMERA, shutter=shutter)
+    camera = replace(CAMERA, shutter=1.0)
     setting = scene(track, HEIGHTS, camera, 0)
     x, y, weight = around(coverage(track, camera, 15)[0], setting.filmed.truth.positions[15, 2])
     weight = weight / weight.sum()
     spread = [(weight * (axis - (weight * axis).sum()) ** 2).sum() for axis in (x, y)]
-    way = 0.5 * shutter / 30 / setting.filmed.meters_per_pixel
+    way = 0.5 / 30 / setting.filmed.meters_per_pixel
     assert spread[0] - spread[1] == pytest.approx(way**2 / 12, rel=0.05)  # variance of a uniform distribution
 
 
@@ -189,24 +189,15 @@ def test_dropped_and_late_frames_have_their_true_times():
     np.testing.assert_allclose(late.positions[:, 0, 0], moved[0], atol=0.1)
 
 
-def test_noise_has_its_size_and_never_overflows():
-    track = still((0.0, 0.0), (0.1, 0.0), (0.2, 0.0))
-    for color in ((92, 158, 178), (255, 255, 255)):
-        camera = replace(CAMERA, water_color=color, noise=6.0)
-        calm = replace(CAMERA, water_color=color)
-        noisy, quiet = (scene(track, HEIGHTS, c, 0).frame(1).astype(float) for c in (camera, calm))
-        if color == (92, 158, 178):
-            corner = (noisy - quiet)[:100, :200]
-            assert corner.std() == pytest.approx(6.0, rel=0.03)
-            assert abs(corner.mean()) < 0.2
-        assert np.abs(noisy - quiet).max() < 110  # an overflow would make black white
-
-
-def test_low_contrast_markers_are_nearly_as_dark_as_the_body():
-    camera = replace(CAMERA, contrast=0.2, body_color=(100, 100, 100), marker_color=(200, 200, 200))
-    setting = scene(swim(), HEIGHTS, camera, 0)
-    column, row = np.round(setting.filmed.truth.positions[3, 0]).astype(int)
-    np.testing.assert_array_equal(setting.frame(3)[row, column], 120)
+@pytest.mark.parametrize("color", [(92, 158, 178), (255, 255, 255)])
+def test_noise_has_its_size_and_never_overflows(color):
+    track, calm = still((0.0, 0.0), (0.1, 0.0), (0.2, 0.0)), replace(CAMERA, water_color=color)
+    noisy, quiet = (scene(track, HEIGHTS, c, 0).frame(1).astype(float) for c in (replace(calm, noise=6.0), calm))
+    assert np.abs(noisy - quiet).max() < 110  # an overflow would make black white
+    if color == CAMERA.water_color:
+        corner = (noisy - quiet)[:100, :200]
+        assert corner.std() == pytest.approx(6.0, rel=0.03)
+        assert abs(corner.mean()) < 0.2
 
 
 def test_the_light_in_the_water_moves_slowly():
@@ -217,7 +208,11 @@ def test_the_light_in_the_water_moves_slowly():
     np.testing.assert_array_equal(calm.frame(0)[:80, :120], calm.frame(30)[:80, :120])
 
 
-def test_markers_alone_can_be_filmed():
+def test_markers_alone_and_of_low_contrast_can_be_filmed():
+    camera = replace(CAMERA, contrast=0.2, body_color=(100, 100, 100), marker_color=(200, 200, 200))
+    setting = scene(swim(), HEIGHTS, camera, 0)
+    column, row = np.round(setting.filmed.truth.positions[3, 0]).astype(int)
+    np.testing.assert_array_equal(setting.frame(3)[row, column], 120)
     setting = scene(swim(), HEIGHTS, CAMERA, 0, body_half_width=0.0)
     water = setting.water.frame(4, float(setting.filmed.truth.times[4]))
     changed = (setting.frame(4) != water).any(axis=2).sum()
@@ -232,38 +227,41 @@ def test_markers_alone_can_be_filmed():
         ({"fps": 0.0}, "camera fps is 0.0 Hz; it must be above 0"),
         ({"view": np.nan}, "camera view is nan m; it must be above 0"),
         ({"shutter": 1.2}, "camera shutter is 1.2; it must lie within 0 and 1"),
-        ({"noise": 21.0}, "camera noise is 21.0; it must lie within 0 and 20"),
         ({"dropped": 1.0}, "camera dropped is 1.0; it must lie within 0 and 0.9"),
-        ({"tilt": (0.0, 0.6)}, r"camera tilt is \(0.0, 0.6\) rad; each angle must lie within -0.5 and 0.5"),
-        ({"center": (0.0, np.inf)}, r"camera center is \(0.0, inf\); it must be two finite numbers \(x, y\) in m"),
-        ({"body_color": (0, 0, 256)}, r"camera body_color is \(0, 0, 256\); it must be three numbers"),
+        ({"tilt": (0.0, 0.6)}, "camera tilt is (0.0, 0.6) rad; each angle must lie within -0.5 and 0.5"),
+        ({"center": (0.0, np.inf)}, "camera center is (0.0, inf); it must be two finite numbers (x, y) in m"),
+        ({"body_color": (0, 0, 256)}, "camera body_color is (0, 0, 256); it must be three numbers"),
     ],
 )
 def test_a_camera_that_cannot_be(change, message):
-    with pytest.raises(ArgumentError, match=message):
+    with pytest.raises(ArgumentError, match=re.escape(message)):
         replace(CAMERA, **change)
 
 
-def test_things_that_cannot_be_filmed():
-    with pytest.raises(ArgumentError, match=r"heights have shape \(2,\); give 3 finite numbers in m, one a marker"):
-        scene(swim(), [0.0, 0.0], CAMERA, 0)
-    with pytest.raises(ArgumentError, match=r"a marker is 3 m high and the camera 2.5 m; raise camera_height"):
-        scene(swim(), [0.0, 0.0, 3.0], CAMERA, 0)
-    gap = MarkerTrack([0, 1], [[[0, 0]], [[np.nan, 0]]])
-    with pytest.raises(ArgumentError, match="only a swim without gaps can be filmed"):
-        scene(gap, [0.0], CAMERA, 0)
-    with pytest.raises(ArgumentError, match="body_half_width is -1 m; it must be 0, for no body, or more"):
-        scene(swim(), HEIGHTS, CAMERA, 0, body_half_width=-1)
-    with pytest.raises(ArgumentError, match=r"a glare lies over markers \(3,\); there are markers 0 to 2"):
-        scene(swim(), HEIGHTS, replace(CAMERA, glares=(Glare(over=(3,)),)), 0)
-    with pytest.raises(ArgumentError, match=r"a link joins markers \(0, 3\); there are markers 0 to 2"):
-        scene(swim(), HEIGHTS, CAMERA, 0, links=[(0, 3)])
-    with pytest.raises(ArgumentError, match=r"leaves 1 frame at 30 frames a second; at least 2 are needed"):
-        scene(swim(seconds=0.02), HEIGHTS, CAMERA, 0)
-    with pytest.raises(ArgumentError, match=r"a glare starts at 1.0 s and ends at 0.5 s; it must end later"):
+GAP = MarkerTrack([0, 1], [[[0, 0]], [[np.nan, 0]]])
+
+
+@pytest.mark.parametrize(
+    ("track", "heights", "camera", "options", "message"),
+    [
+        (swim(), [0.0, 0.0], {}, {}, "heights have shape (2,); give 3 finite numbers in m"),
+        (swim(), [0.0, 0.0, 3.0], {}, {}, "a marker is 3 m high and the camera 2.5 m; raise camera_height"),
+        (GAP, [0.0], {}, {}, "only a swim without gaps can be filmed"),
+        (swim(), HEIGHTS, {}, {"body_half_width": -1}, "body_half_width is -1 m; it must be 0, for no body, or more"),
+        (swim(), HEIGHTS, {"glares": (Glare(over=(3,)),)}, {}, "a glare lies over markers (3,); there are markers 0"),
+        (swim(), HEIGHTS, {}, {"links": [(0, 3)]}, "a link joins markers (0, 3); there are markers 0 to 2"),
+        (swim(seconds=0.02), HEIGHTS, {}, {}, "leaves 1 frame at 30 frames a second; at least 2 are needed"),
+        (swim(), HEIGHTS, {}, {"occluder": Occluder(((0, 0), (1, 1)), height=3)}, "the occluder is 3 m high"),
+    ],
+)
+def test_things_that_cannot_be_filmed(track, heights, camera, options, message):
+    with pytest.raises(ArgumentError, match=re.escape(message)):
+        scene(track, heights, replace(CAMERA, **camera), 0, **options)
+
+
+def test_a_glare_that_ends_before_it_starts():
+    with pytest.raises(ArgumentError, match=r"starts at 1.0 s and ends at 0.5 s; it must end later"):
         Glare(1.0, 0.5)
-    with pytest.raises(ArgumentError, match=r"the occluder is 3 m high and the camera 2.5 m; lower the occluder"):
-        scene(swim(), HEIGHTS, CAMERA, 0, occluder=Occluder(((0, 0), (1, 1)), height=3))
 
 
 def test_links_are_bars_between_their_markers():
@@ -282,7 +280,6 @@ def test_links_are_bars_between_their_markers():
 
 @pytest.mark.parametrize(("rotation", "dropped"), [pytest.param(0, 0.0, marks=pytest.mark.slow), (90, 0.3)])
 def test_a_film_is_read_back_as_it_was_filmed(tmp_path, rotation, dropped):
-    pytest.importorskip("av")
     camera = replace(CAMERA, dropped=dropped, noise=1.0)
     filmed = film(swim(seconds=0.3), HEIGHTS, camera, tmp_path / "swim.mp4", 0, rotation=rotation)
     shown = scene(swim(seconds=0.3), HEIGHTS, camera, 0)

@@ -134,13 +134,10 @@ def test_the_pace_is_that_of_the_motion() -> None:
     assert swim().pace == 1 / BEAT
 
 
-def test_moments_of_a_trial_without_a_beat_go_from_start_to_end() -> None:
-    times, shares = arm().moments(4)
+def test_a_beat_begins_where_the_tail_is_at_the_left_and_lies_in_the_middle() -> None:
+    times, shares = arm().moments(4)  # without a beat: from start to end
     np.testing.assert_allclose(times, [2, 3, 4, 5])
     np.testing.assert_allclose(shares, [0, 1 / 3, 2 / 3, 1])
-
-
-def test_a_beat_begins_where_the_tail_is_at_the_left_and_lies_in_the_middle() -> None:
     for seconds in (0.8, 1.3, 2.0, 5.0):
         times, shares = swim(seconds=seconds).moments(8)
         np.testing.assert_allclose(shares, np.arange(8) / 8)
@@ -157,30 +154,29 @@ def test_a_beat_begins_where_the_tail_is_at_the_left_and_lies_in_the_middle() ->
 
 
 def test_trails_are_a_beat_of_the_tail_or_a_share_of_the_trial_of_all() -> None:
+    nearest = swim().nearest(np.array([-1, 0, 0.008, 0.0085, 0.05, 2.0, 9.0]))
+    np.testing.assert_array_equal(nearest, [0, 0, 0, 1, 3, 120, 120])
     assert swim().trail(60) == (slice(30, 61), (4,))
     assert swim().trail(5) == (slice(0, 6), (4,))
     assert arm().trail(60) == (slice(53, 61), (0, 1, 2, 3))  # 8 % of 3 s
 
 
-def test_nearest_samples() -> None:
-    nearest = swim().nearest(np.array([-1, 0, 0.008, 0.0085, 0.05, 2.0, 9.0]))
-    np.testing.assert_array_equal(nearest, [0, 0, 0, 1, 3, 120, 120])
-
-
-def test_what_does_not_fit_is_refused() -> None:
-    view = arm()
-    for call, words in (
-        (lambda: replace(view, errors=view.errors[1:]), "view 'a': errors has shape (90,); it must have (91,)"),
-        (lambda: replace(view, path_real=view.real[1:]), "view 'a': path_real has shape (90, 4, 2)"),
-        (lambda: replace(view, seen=view.seen[:, 1:]), "seen has shape (91, 3); it must have (91, 4)"),
-        (lambda: replace(view, times=view.times[::-1]), "view 'a': times must be 2 or more finite numbers that rise"),
-        (lambda: view.moments(1), "count is 1"),
-        (lambda: swim().moments(0), "count is 0"),
-        (lambda: common_limits([]), "views is empty"),
-        (lambda: Box(1, 0, 0, 1), "a box from (1, 0) to (0, 1) m holds nothing"),
-    ):
-        with pytest.raises(ArgumentError, match=re.escape(words)):
-            call()
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda view: replace(view, errors=view.errors[1:]), "view 'a': errors has shape (90,); it must have (91,)"),
+        (lambda view: replace(view, path_real=view.real[1:]), "view 'a': path_real has shape (90, 4, 2)"),
+        (lambda view: replace(view, seen=view.seen[:, 1:]), "seen has shape (91, 3); it must have (91, 4)"),
+        (lambda view: replace(view, times=view.times[::-1]), "times must be 2 or more finite numbers that rise"),
+        (lambda view: view.moments(1), "count is 1"),
+        (lambda view: swim().moments(0), "count is 0"),
+        (lambda view: common_limits([]), "views is empty"),
+        (lambda view: Box(1, 0, 0, 1), "a box from (1, 0) to (0, 1) m holds nothing"),
+    ],
+)
+def test_what_does_not_fit_is_refused(call, words) -> None:
+    with pytest.raises(ArgumentError, match=re.escape(words)):
+        call(arm())
 
 
 def test_small_differences_are_enlarged_and_large_ones_are_not() -> None:

@@ -1,26 +1,21 @@
 """The film on a run's page: what it holds of the trials, that a browser plays it; how long the page is on a phone."""
 
 import base64
-import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from test_report import ROBOT, Run, page_of, searched, swim
+from made_pages import ROBOT, Run, longer, page_of, searched, seen_by, swim
 
-from browser import open_to_scripts, opened
 from swim2real.calibration import SavedTrial
 from swim2real.report.film import Film, films
-from swim2real.report.headline import poor_fit
-from swim2real.report.run import read_run
 
 LOST = -(2**15)
 
 
-def film_of(trial, robot=ROBOT) -> Film:
-    (film,) = films([SavedTrial(False, trial)], robot)
+def film_of(trial) -> Film:
+    (film,) = films([SavedTrial(False, trial)], ROBOT)
     return film
 
 
@@ -28,11 +23,6 @@ def positions(film: Film, text: str) -> np.ndarray:
     """Positions from the middle of the picture [mm], NaN where they aren't known. Shape (T, M, 2)."""
     whole = np.frombuffer(base64.b64decode(text), dtype="<i2").reshape(film.frames, film.markers, 2)
     return np.where(whole == LOST, np.nan, whole * film.step)
-
-
-def spans(places: np.ndarray) -> np.ndarray:
-    """Positions from that of the first marker in the first frame."""
-    return places - places[0, 0]
 
 
 def test_it_holds_the_real_and_the_registered_simulated_markers_at_half_the_rate() -> None:
@@ -44,7 +34,7 @@ def test_it_holds_the_real_and_the_registered_simulated_markers_at_half_the_rate
     picked = np.abs(trial.times[:, None] - np.arange(60) / 30).argmin(axis=0)
     seen = trial.weights[picked] > 0
     assert (np.isnan(found).any(axis=2) == ~seen).all()
-    assert np.nanmax(np.abs(spans(found) - spans(real[picked]))) <= 0.11
+    assert np.nanmax(np.abs((found - found[0, 0]) - (real[picked] - real[0, 0]))) <= 0.11
     simulated = positions(film, film.simulated)
     axes = trial.path_simulated[picked, 1] - trial.path_simulated[picked, 0]
     along = axes / np.linalg.norm(axes, axis=1, keepdims=True)
@@ -62,50 +52,16 @@ def test_a_simulation_that_diverged_and_one_that_goes_astray() -> None:
     assert max(astray.size) < 3e3  # mm; the real one still is to be seen
 
 
-def test_many_long_trials_stay_small_and_say_what_is_cut() -> None:
+def test_many_long_trials_stay_small_and_say_what_is_cut(tmp_path: Path) -> None:
     trial = swim("f1_00", 1.0, 0.02)
-    count = 60 * 100
-    arrays = {
-        name: np.resize(getattr(trial, name), (count, *getattr(trial, name).shape[1:]))
-        for name in (
-            "weights",
-            "real",
-            "simulated",
-            "path_real",
-            "path_simulated",
-            "progress_real",
-            "progress_simulated",
-        )
-    }
-    long = replace(trial, times=np.arange(count) / 60, **arrays)
+    long = longer(trial, 60 * 100, 60)
     made = films([SavedTrial(False, replace(long, name=f"t{i}")) for i in range(24)], ROBOT)
     assert sum(len(film.real) + len(film.simulated) for film in made) < 3.2e5
     assert {film.cut is None for film in made} == {False}
-    (alone,) = films([SavedTrial(False, long)], ROBOT)
-    assert alone.cut == pytest.approx(899 / 30)
+    assert film_of(long).cut == pytest.approx(899 / 30)
     assert film_of(trial).cut is None
-
-
-def test_there_is_none_without_markers_and_without_trials(tmp_path: Path) -> None:
-    assert films([SavedTrial(False, swim("a", 1.0, 0.0))], replace(ROBOT, marker_names=())) == ()
-    page = page_of(searched(tmp_path / "run"))
-    assert 'id="film"' not in page
-
-
-def test_a_fit_that_is_bad_for_the_size_of_the_motion_is_said(tmp_path: Path) -> None:
-    run = searched(tmp_path / "run")
-    run.conclude(0.02)
-    assert poor_fit(read_run(run.path, ROBOT)) == ()
-    run.conclude(0.3)
-    (said,) = poor_fit(read_run(run.path, ROBOT))
-    assert "the fit is bad" in said
-    assert f"Warning: {said.partition(':')[0]}" in page_of(run)
-
-
-def test_parameters_on_a_bound_are_named(tmp_path: Path) -> None:
-    page = page_of(searched(tmp_path / "run"))
-    assert re.search(r'On a bound: <b class="name">arm</b> \(upper\)', page)
-    assert page.count('<tr class="on-bound">') == 1
+    assert films([SavedTrial(False, trial)], replace(ROBOT, marker_names=())) == ()
+    assert 'id="film"' not in page_of(searched(tmp_path / "run"))
 
 
 @pytest.fixture
@@ -115,25 +71,11 @@ def finished(tmp_path: Path) -> Run:
     return run
 
 
-def seen_by(run: Run, look: str, *options: str) -> list:
-    """What a script finds on the page of a run."""
-    place = run.path.parent / "page.html"
-    script = f"""<script id="look">addEventListener("load", async () => {{
-      const say = document.createElement("pre"); say.id = "said";
-      say.textContent = JSON.stringify(await (async () => {{ {look} }})());
-      document.body.append(say); }});</script></body>"""
-    place.write_text(open_to_scripts(page_of(run)).replace("</body>", script), encoding="utf-8")
-    shown, told = opened(place, *options)
-    assert "CONSOLE" not in told, told[-2000:]
-    said = re.search(r'<pre id="said">(.*?)</pre>', shown)
-    assert said
-    return json.loads(said[1])
-
-
 @pytest.mark.slow
-def test_a_browser_plays_it(finished: Run) -> None:
+def test_a_browser_plays_it(finished: Run, tmp_path: Path) -> None:
     before, after, blank, trials, label = seen_by(
-        finished,
+        page_of(finished),
+        tmp_path / "page.html",
         """window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 16);
         const player = document.querySelector(".player"), canvas = player.querySelector("canvas");
         const time = player.querySelector(".time"), trial = player.querySelector(".trial");
@@ -154,9 +96,10 @@ def test_a_browser_plays_it(finished: Run) -> None:
 
 
 @pytest.mark.slow
-def test_on_a_phone_it_is_below_ten_screens_with_the_rounds_folded(finished: Run, drawn: None) -> None:
+def test_on_a_phone_it_is_below_ten_screens_with_the_rounds_folded(finished: Run, drawn: None, tmp_path: Path) -> None:
     height, wide, rounds = seen_by(
-        finished,
+        page_of(finished),
+        tmp_path / "page.html",
         """document.getElementById("look").remove();
         const frame = document.createElement("iframe");
         frame.style = "width: 390px; height: 844px"; frame.srcdoc = document.documentElement.outerHTML;
