@@ -1,7 +1,7 @@
 """Makes the pages of the site that are not written by hand, each time that it is built.
 
-The command-line reference comes from the program's own help; the home page, the contributor's guide, the changelog and
-the examples from the Markdown files beside the code.
+The command-line reference comes from the program's own help, the table of figures from the code; the home page, the
+contributor's guide, the changelog and the examples from the Markdown files beside the code.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ SOURCES = {
     "examples/arm.md": "examples/arm/README.md",
 }
 COMMANDS = "reference/commands.md"  # what it has by hand comes first, then a section for each command
+FIGURES = "<!-- figures -->"  # stands where the table of figures goes
 LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
 
 HELP = """
@@ -46,6 +47,14 @@ def help_of(name):
     return text.getvalue().replace(EVERYWHERE, "")  # said once, at the top of the page
 
 json.dump({title: {name: help_of(name) for name in group} for title, group in COMMANDS.items()}, sys.stdout)
+"""
+
+TABLE = """
+from swim2real.objective.figures import FIGURES
+
+print("| key | unit shown | meaning |", "|---|---|---|", sep="\\n")
+for name, figure in FIGURES.items():
+    print(f"| `{name}` | {figure.unit} | {figure.meaning} |")
 """
 
 
@@ -75,15 +84,22 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
             on_site = str(path.relative_to("docs"))
         return f"{image}[{text}]({os.path.relpath(on_site, Path(place).parent)}{anchor or ''})" if on_site else text
 
+    if FIGURES in markdown:
+        markdown = markdown.replace(FIGURES, _output(TABLE))
     return LINK.sub(rewritten, markdown) + (_commands() if place == COMMANDS else "")
+
+
+def _output(script: str) -> str:
+    """What a script of the package prints."""
+    environment = {**os.environ, "COLUMNS": "92", "NO_COLOR": "1", "PYTHONPATH": str(ROOT / "src")}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    return done.stdout
 
 
 def _commands() -> str:
     """A section for each command: its description, and what else its `--help` prints."""
-    environment = {**os.environ, "COLUMNS": "92", "NO_COLOR": "1", "PYTHONPATH": str(ROOT / "src")}
-    done = subprocess.run([sys.executable, "-c", HELP], env=environment, capture_output=True, text=True, check=True)
     parts: list[str] = ["\n"]
-    for title, group in json.loads(done.stdout).items():
+    for title, group in json.loads(_output(HELP)).items():
         parts.append(f"## {title}\n")
         for name, text in group.items():
             marked = re.sub(r"^ (\S.*?) *\n -+ *$", "\f\\1:", text, flags=re.MULTILINE)  # titles, not underlined
