@@ -50,7 +50,6 @@ def main():
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--episodes", type=int, default=50)
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--allow-code", action="store_true", help="resume from checkpoints that hold pickles")
     parser.add_argument("--out", type=Path, required=True)
     a = parser.parse_args()
     simulators = {}

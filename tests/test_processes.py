@@ -135,45 +135,6 @@ def test_processes_end_when_their_parent_is_killed(work, initializer, tmp_path):
         time.sleep(0.02)
 
 
-STARTER = """
-import sys
-from swim2real.processes import start_program
-
-if __name__ == "__main__":
-    start_program([sys.executable, *sys.argv[1:]]).wait()
-"""
-PROGRAM = """
-import sys
-from pathlib import Path
-import pool_work
-from swim2real.processes import end_with_starter
-
-end_with_starter()
-getattr(pool_work, sys.argv[1], lambda: None)()
-pool_work.sleep(Path(sys.argv[2]))
-"""
-
-
-@LINUX
-@pytest.mark.parametrize("forget", ["", "forget_the_parent"], ids=["by the system", "as on other systems"])
-def test_a_program_that_was_started_ends_when_its_starter_is_killed(forget, tmp_path):
-    for name, text in (("starter.py", STARTER), ("program.py", PROGRAM)):
-        (tmp_path / name).write_text(text)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
-    words = [sys.executable, tmp_path / "starter.py", tmp_path / "program.py", forget, tmp_path / "begun"]
-    starter = subprocess.Popen(words, env=environment)
-    try:
-        process = int(wait_for(tmp_path / "begun"))
-        assert alive(process)
-    finally:
-        starter.kill()
-        starter.wait()
-    deadline = time.monotonic() + 10
-    while alive(process):
-        assert time.monotonic() < deadline, "it goes on without its starter"
-        time.sleep(0.02)
-
-
 @pytest.mark.parametrize("count", [0, -5])
 def test_a_number_of_workers_is_checked(count):
     with pytest.raises(ArgumentError, match=f"workers is {count}; it must be at least 1"):

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from swim2real.errors import Swim2RealError
     from swim2real.objective import Comparison
     from swim2real.pipeline import calibrate, track_video, track_videos
+    from swim2real.pipeline.training import train
     from swim2real.report import write_report
-    from swim2real.rl.training import train
     from swim2real.robots import load_robot
     from swim2real.robots.robot import Robot
     from swim2real.settings import (
@@ -74,8 +74,8 @@ _MODULES = {
     "errors": ("Swim2RealError",),
     "objective": ("Comparison",),
     "pipeline": ("calibrate", "track_video", "track_videos"),
+    "pipeline.training": ("train",),
     "report": ("write_report",),
-    "rl.training": ("train",),
     "robots": ("load_robot",),
     "robots.robot": ("Robot",),
     "settings": (

@@ -13,10 +13,10 @@ from typing import Any
 from swim2real import comparison
 from swim2real.calibration import Outcome, Problem, RunFolder
 from swim2real.comparison import ComparisonProgress, ComparisonResults, contestants, make_plan, table_methods
-from swim2real.errors import ArgumentError, EngineError, RunError
+from swim2real.errors import ArgumentError, EngineError
 from swim2real.objective import Comparison
 from swim2real.parameters import Values, read_parameters
-from swim2real.robots import load_robot
+from swim2real.robots import recorded_robot
 from swim2real.robots.robot import Robot
 from swim2real.settings import ComparisonSettings, EvaluationSettings, VlmAccess, all_cores, expand_seeds
 from swim2real.simulation import Simulator, Swim
@@ -60,36 +60,18 @@ def open_run(folder: str | Path, *, allow_code: bool = False) -> Run:
     """
     run = RunFolder(folder)
     settings = run.settings()
-    robot = recorded_robot(run, allow_code=allow_code)
+    robot = run_robot(run, allow_code=allow_code)
     values = read_parameters(run.path, robot.name, robot.space).values
     losses = tuple(float(entry["loss"]) for entry in run.record())
     return Run(run.path, robot, settings, values, losses, run.outcome())
 
 
-def recorded_robot(run: RunFolder, given: str | Path | None = None, *, allow_code: bool = False) -> Robot:
-    """The robot of a run folder, as `load_robot` loads it.
-
-    Args:
-        run: The run folder.
-        given: Where its robot file is; by default where the run's settings say.
-        allow_code: Run the Python code that the robot file names, and remember that.
-
-    Raises:
-        RunError: The given robot isn't that of the run, or the file isn't where the settings say.
-    """
+def run_robot(run: RunFolder, given: str | Path | None = None, *, allow_code: bool = False) -> Robot:
+    """The robot of a run folder, as `recorded_robot` finds it."""
     settings = run.settings()
-    if given is not None:
-        robot = load_robot(given, allow_code=allow_code)
-        if robot.name != settings.get("robot"):
-            raise RunError(f"run '{run.path}' is of robot '{settings.get('robot')}', not '{robot.name}'; give its file")
-        return robot
     file = settings.get("robot_file")
-    if file is not None and not (run.path / str(file)).is_file():
-        raise RunError(
-            f"robot file '{run.path / str(file)}' of run '{run.path}' is not there; give its place with --robot"
-        )
-    place = str(settings.get("robot")) if file is None else run.path / str(file)
-    return load_robot(place, allow_code=allow_code)
+    name = str(settings.get("robot"))
+    return recorded_robot(run.path, name, None if file is None else str(file), given, allow_code=allow_code)
 
 
 def evaluate(

@@ -54,16 +54,6 @@ def allowing(options: Iterable[str]) -> Generator[None]:
         _options = before
 
 
-def options() -> tuple[str, ...]:
-    """The options that the present command was given, for commands that it starts itself."""
-    return _options
-
-
-def given(option: str) -> bool:
-    """Whether the present command was given an option."""
-    return option in _options
-
-
 def require(request: Request, *, allowed: bool = False) -> None:
     """Goes on only with what is allowed, now or before.
 
@@ -74,7 +64,7 @@ def require(request: Request, *, allowed: bool = False) -> None:
     Raises:
         ConsentError: It isn't allowed.
     """
-    if allowed or given(request.option):
+    if allowed or request.option in _options:
         _remember(request)
     elif request.mark in _marks or request.mark in _remembered():
         _marks.add(request.mark)

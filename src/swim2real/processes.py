@@ -12,11 +12,10 @@ import multiprocessing
 import os
 import pickle
 import signal
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -28,7 +27,6 @@ from swim2real.errors import ArgumentError, Swim2RealError
 TRIES = 3  # of work whose process dies
 _CLEANING_TIME = 20.0  # s that an ended process has for removing what it has half done
 _PR_SET_PDEATHSIG = 1  # of Linux's <sys/prctl.h>
-_STARTER = "SWIM2REAL_STARTER"  # environment variable with the process that a command ends with
 
 
 class ProcessDiedError(Swim2RealError):
@@ -169,40 +167,20 @@ def _pickled(reply: tuple[bool, Any]) -> bytes:
         return pickle.dumps((False, TypeError(f"{reply[1]!r} can't be sent to another process: {error}")))
 
 
-def start_program(words: Sequence[str]) -> subprocess.Popen[bytes]:
-    """Starts a command of this program as a process in a session of its own, which doesn't outlive this one either.
-
-    Its standard input is a pipe, whose end tells it that this process has ended.
-    """
-    return subprocess.Popen(
-        words, stdin=subprocess.PIPE, start_new_session=True, env={**os.environ, _STARTER: str(os.getpid())}
-    )
-
-
-def end_with_starter() -> None:
-    """Ends this process with the one that started it, where that was `start_program`."""
-    starter = os.environ.pop(_STARTER, "")
-    if starter.isdecimal():
-        _end_with(int(starter), lambda: os.read(0, 1))
-
-
 def _end_with_parent() -> None:
     """Ends this process when the one that started it has ended, however that came."""
     parent = multiprocessing.parent_process()
-    if parent is not None and parent.pid is not None:
-        _end_with(parent.pid, parent.join)
-
-
-def _end_with(parent: int, wait: Callable[[], object]) -> None:
+    if parent is None or parent.pid is None:
+        return
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-        if os.getppid() != parent:  # it ended before
+        if os.getppid() != parent.pid:  # it ended before
             os._exit(1)
-    threading.Thread(target=_follow, args=(wait,), daemon=True).start()  # other systems have only this
+    threading.Thread(target=_follow, args=(parent,), daemon=True).start()  # other systems have only this
 
 
-def _follow(wait: Callable[[], object]) -> None:
-    wait()
+def _follow(parent: Any) -> None:
+    parent.join()
     os._exit(1)
 
 

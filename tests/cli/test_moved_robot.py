@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from swim2real.api import recorded_robot
+from swim2real.api import run_robot
 from swim2real.calibration import RunFolder
 from swim2real.errors import RunError
 from swim2real.parameters import write_parameters
@@ -47,10 +47,10 @@ def test_a_robot_file_that_has_moved_is_given(program, moved, tmp_path, command)
 def test_a_report_is_of_the_robot_that_is_given(moved):
     run, elsewhere = RunFolder(moved[0]), moved[1]
     with pytest.raises(RunError, match="is not there; give its place with --robot"):
-        recorded_robot(run)
+        run_robot(run)
     with pytest.raises(RunError, match="is of robot 'pendulum', not 'other'"):
-        recorded_robot(run, elsewhere / "other.toml")
-    assert recorded_robot(run, elsewhere / "pendulum.toml").name == "pendulum"
+        run_robot(run, elsewhere / "other.toml")
+    assert run_robot(run, elsewhere / "pendulum.toml").name == "pendulum"
 
 
 def test_published_values_are_those_of_the_given_robot(program, moved, tmp_path):

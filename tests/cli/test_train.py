@@ -108,7 +108,7 @@ def test_what_is_wrong_is_said(run, program, tmp_path):
     ).sentence(2)
 
 
-def test_no_policy_is_trained_in_what_swims_backward_from_rest_unless_asked_for(run, program, tmp_path):
+def test_no_policy_is_trained_in_what_swims_backward_from_rest_unless_asked_for(run, program, tmp_path, caplog):
     out, _, _ = run
     path = tmp_path / "short-arm.json"
     values = {**FISH.space.published, "motor_arm_length": 0.01}
@@ -118,10 +118,10 @@ def test_no_policy_is_trained_in_what_swims_backward_from_rest_unless_asked_for(
     assert refused.endswith("; --anyway trains all the same")
     assert not (tmp_path / "new").exists()
     program("train", "forward", "--parameters", path, "--out", out, "--quiet", "--anyway")
-    warning, refusal = program.err.splitlines()
-    assert warning.startswith(f"swim2real: warning: '{path}': unusable: from rest, where a policy and the robot begin")
-    assert "swims tail first at 1.16 Hz; train no policy in it" in warning
-    assert "already holds a run" in refusal
+    assert (
+        f"'{path}': unusable: from rest, where a policy and the robot begin, this fit swims tail first" in caplog.text
+    )
+    assert "already holds a run" in program.err
 
 
 @pytest.mark.slow
@@ -146,9 +146,30 @@ def test_several_seeds_are_trained_in_folders_of_their_own(tmp_path):
     started = process("train", "forward", *SHORT, "--seeds", "0:2", "--workers", 2, "--out", tmp_path / "runs")
     _, err = started.communicate(timeout=240)
     assert started.returncode == 0, err
-    seeds = [json.loads((tmp_path / f"runs/seed-{k}/settings.json").read_text())["seed"] for k in (0, 1)]
-    assert seeds == [0, 1]
-    assert all(json.loads((tmp_path / f"runs/seed-{k}/outcome.json").read_text())["complete"] for k in (0, 1))
+    assert "seed 1: " in err
+    for k in (0, 1):
+        assert json.loads((tmp_path / f"runs/seed-{k}/settings.json").read_text())["seed"] == k
+        assert json.loads((tmp_path / f"runs/seed-{k}/outcome.json").read_text())["complete"]
+        assert (tmp_path / f"runs/seed-{k}/training.html").is_file()
+
+
+@pytest.mark.slow
+def test_ctrl_c_leaves_checkpoints_of_several_seeds(tmp_path):
+    long = ("--parameters", "published", "--env-steps", 40000, "--exploration", 200, "--updates", 1)
+    started = process("train", "forward", *long, "--seeds", "0:3", "--workers", 2, "--out", tmp_path)
+    for _ in range(900):
+        if all((tmp_path / f"seed-{k}/settings.json").exists() for k in (0, 1)):
+            break
+        time.sleep(0.1)
+    time.sleep(3)
+    os.kill(started.pid, signal.SIGINT)
+    _, err = started.communicate(timeout=60)
+    assert started.returncode == 1
+    assert "seeds 0, 1, 2 aren't done; the same command with --resume goes on" in err
+    for k in (0, 1):
+        step = json.loads((tmp_path / f"seed-{k}/outcome.json").read_text())["step"]
+        assert list((tmp_path / f"seed-{k}/checkpoints").glob(f"step-{step:09d}/replay.npz"))
+    assert not (tmp_path / "seed-2").exists()
 
 
 @pytest.mark.slow

@@ -183,11 +183,11 @@ def _watched(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path,
 
 def _told(outcome: Outcome, folder: Path, quiet: bool, as_json: bool) -> int:
     """Prints the outcome of a run and its warnings, and writes the report."""
-    from swim2real.api import recorded_robot
+    from swim2real.api import run_robot
     from swim2real.calibration import RunFolder
     from swim2real.report import read_run, warnings, write_report
 
-    reported = read_run(folder, recorded_robot(RunFolder(folder)))
+    reported = read_run(folder, run_robot(RunFolder(folder)))
     if as_json:
         say_json(outcome.to_json())
     elif not quiet:

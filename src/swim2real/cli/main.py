@@ -30,7 +30,6 @@ from swim2real.cli.study import ensemble, export_sysid, identify, import_sysid
 from swim2real.cli.terminal import LogLine, say, tell, warning_line
 from swim2real.cli.view import view
 from swim2real.errors import ArgumentError, Swim2RealError
-from swim2real.processes import end_with_starter
 from swim2real.store import reason
 
 Command = Callable[..., int]
@@ -59,7 +58,6 @@ names, and --allow-outside reads files outside of a model's folder: both are ref
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Runs a command and exits: 0 done, 1 the work failed (with a sentence), 2 wrong arguments."""
-    end_with_starter()
     words = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in words
     allowed = [option for option in consent.OPTIONS if option in words]

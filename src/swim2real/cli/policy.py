@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import math
 import os
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Mapping
-from dataclasses import asdict, replace
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import PositionalRequiredArgs
 
-from swim2real import consent
 from swim2real.cli.options import Positional, word
 from swim2real.cli.terminal import say, say_json, tell
-from swim2real.errors import ArgumentError
+from swim2real.errors import ArgumentError, Swim2RealError
 from swim2real.settings import TrainingSettings, expand_seeds
 
 if TYPE_CHECKING:
-    from swim2real.parameters import Values
     from swim2real.rl.assessment import Assessment
+    from swim2real.rl.training import Progress
     from swim2real.rl.training_run import TrainingOutcome
-    from swim2real.robots.robot import Robot
+
+_stop: Any = None  # in a process that trains one of several seeds: the event that asks for its end
 
 
 def train(
@@ -65,69 +63,109 @@ def train(
     """
     if workers < 0 or threads < 0:
         raise ArgumentError(f"--workers is {workers} and --threads {threads}; they must be 0 or above")
-    cores = os.cpu_count() or 1
-    if seeds:
-        options = {
-            **asdict(settings), "parameters": parameters, "ensemble": ensemble, "robot": robot, "threads": threads or 1,
-            "any_phase": any_phase, "tendon_friction": tendon_friction, "noise": noise, "delay": delay,
-            "anyway": anyway, "json": json, "quiet": quiet,
-        }  # fmt: skip
-        return _train_seeds(options, expand_seeds(seeds), out, workers or cores, resume)
-    from datetime import UTC, datetime
-    from importlib import metadata
-
     from swim2real.calibration.ensemble import read_ensemble
-    from swim2real.calibration.provenance import commit, versions
-    from swim2real.cli.progress import training_shown
     from swim2real.cli.subject import robot_for, values_for
-    from swim2real.interruption import Interruption
-    from swim2real.report.training_page import write_training_page
+    from swim2real.pipeline.training import train as run_training
     from swim2real.rl.conditions import Disturbances, StateEstimate
-    from swim2real.rl.training import Progress
-    from swim2real.rl.training import train as run_training
-    from swim2real.rl.training_run import TrainingRun
-    from swim2real.robots import load_robot
-    from swim2real.simulation import Engine
-    from swim2real.store import source_from
 
-    trained = robot_for(parameters) if robot is None else load_robot(robot)
-    if ensemble:
-        sets = read_ensemble(ensemble, trained)
-    else:
-        sets = [values_for(parameters, trained)]
-        _check_forward(parameters, sets[0], trained, anyway or resume)
-    disturbances = Disturbances(
-        (-math.pi, math.pi) if any_phase else (0.0, 0.0), (0.0, 0.0), tendon_friction,
-        None if noise is None and delay is None else StateEstimate(
+    cores = os.cpu_count() or 1
+    trained = robot_for(parameters, robot)
+    phases = (-math.pi, math.pi) if any_phase else (0.0, 0.0)
+    estimate = None
+    if noise is not None or delay is not None:
+        estimate = StateEstimate(
             StateEstimate.noise if noise is None else noise, StateEstimate.delay if delay is None else delay
-        ),
+        )
+    run = partial(
+        run_training, parameters=read_ensemble(ensemble, trained) if ensemble else [values_for(parameters, trained)],
+        robot=trained, reference=str(ensemble or parameters), anyway=anyway, threads=threads or (1 if seeds else cores),
+        disturbances=Disturbances(phases, tendon_friction=tendon_friction, estimate=estimate),
     )  # fmt: skip
-    libraries = {name: metadata.version(name) for name in ("gymnasium", "stable-baselines3", "torch")}
-    about = {
-        "reference": source_from(out, str(ensemble or parameters)), "engine": Engine.of(trained).as_dict(),
-        "versions": {**versions(), **libraries}, "commit": commit(),
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-    }  # fmt: skip
+    if seeds:
+        each = [replace(settings, seed=seed) for seed in expand_seeds(seeds)]
+        return _train_seeds(run, each, out, workers or cores, resume, json, quiet)
+    from swim2real.cli.progress import training_shown
+    from swim2real.interruption import Interruption
+
     with Interruption() as interruption, training_shown(settings.env_steps, quiet) as show:
-
-        def progress(state: Progress) -> None:
-            show(state)
-            if state.evaluation:
-                write_training_page(TrainingRun.open(out), out)
-
-        outcome = run_training(
-            settings, sets, trained, out, about=about, disturbances=disturbances, threads=threads or cores,
-            resume=resume, on_progress=progress,
-            stop=lambda: bool(interruption),
-        )  # fmt: skip
-    write_training_page(TrainingRun.open(out), out)
-    if json:
-        say_json(outcome.as_dict())
-    elif not quiet:
-        say(_summary(outcome, out))
+        outcome = _train_one(run, settings, out, resume, show, lambda: bool(interruption))
+    _report_outcome(outcome, out, json, quiet)
     if not outcome.complete:
         tell(f"interrupted at step {outcome.step}; --resume goes on")
     return 0 if outcome.complete else 1
+
+
+def _train_one(
+    run: Callable[..., TrainingOutcome], settings: TrainingSettings, out: Path, resume: bool,
+    show: Callable[[Progress], None], stop: Callable[[], bool],
+) -> TrainingOutcome:  # fmt: skip
+    """Trains into a folder and writes its page after every evaluation."""
+    from swim2real.report.training_page import write_training_page
+    from swim2real.rl.training_run import TrainingRun
+
+    def progress(state: Progress) -> None:
+        show(state)
+        if state.evaluation:
+            write_training_page(TrainingRun.open(out), out)
+
+    outcome = run(settings, out=out, resume=resume, on_progress=progress, stop=stop)
+    write_training_page(TrainingRun.open(out), out)
+    return outcome
+
+
+def _train_seeds(
+    run: Callable[..., TrainingOutcome], each: list[TrainingSettings], out: Path, workers: int, resume: bool,
+    json: bool, quiet: bool,
+) -> int:  # fmt: skip
+    """Trains each seed in a process, so many at a time as there are workers. Ctrl-C leaves checkpoints."""
+    from concurrent.futures import CancelledError, wait
+
+    from swim2real.interruption import Interruption
+    from swim2real.processes import ProcessPool
+
+    stop, unfinished = get_context("spawn").Event(), list[int]()
+    with Interruption() as interruption, ProcessPool(workers, tries=1, initializer=_connect, initargs=(stop,)) as pool:
+        futures = {pool.submit(_train_seed, run, one, out / f"seed-{one.seed}", resume, quiet): one for one in each}
+        left = set(futures)
+        while left:
+            done, left = wait(left, 0.2)
+            if interruption and not stop.is_set():
+                stop.set()
+                _ = [future.cancel() for future in left]
+            for future in done:
+                seed = futures[future].seed
+                try:
+                    outcome = future.result()
+                except CancelledError:
+                    unfinished.append(seed)
+                except Swim2RealError as error:
+                    tell(f"seed {seed}: {error}")
+                    unfinished.append(seed)
+                else:
+                    _report_outcome(outcome, out / f"seed-{seed}", json, quiet)
+                    unfinished += [] if outcome.complete else [seed]
+    if unfinished:
+        tell(f"seeds {', '.join(map(str, sorted(unfinished)))} aren't done; the same command with --resume goes on")
+    return 1 if unfinished else 0
+
+
+def _connect(stop: Any) -> None:
+    global _stop
+    _stop = stop
+
+
+def _train_seed(
+    run: Callable[..., TrainingOutcome], settings: TrainingSettings, out: Path, resume: bool, quiet: bool
+) -> TrainingOutcome:
+    """Trains one of several seeds, in a process of its own, and prints a line for every evaluation."""
+    from swim2real.cli.progress import training_line
+    from swim2real.rl.training_run import SETTINGS
+
+    def show(state: Progress) -> None:
+        if state.evaluation and not quiet:
+            tell(f"seed {settings.seed}: {training_line(state)}")
+
+    return _train_one(run, settings, out, resume and (out / SETTINGS).exists(), show, _stop.is_set)
 
 
 def rollout(
@@ -173,8 +211,8 @@ def rollout(
     from swim2real.rl.training_run import TrainingRun
     from swim2real.store import source_at, write_json
 
-    run = TrainingRun.open(policy, allow_code=consent.given(consent.CODE), robot=robot)
-    others = [TrainingRun.open(folder, allow_code=consent.given(consent.CODE), robot=robot) for folder in beside]
+    run = TrainingRun.open(policy, robot=robot)
+    others = [TrainingRun.open(folder, robot=robot) for folder in beside]
     task = find_task(run.task)
     stages = task.stages
     if goals and not stages:
@@ -245,7 +283,7 @@ def export_commands(
 
     if out.suffix not in (".csv", ".npz"):
         raise ArgumentError(f"--out is '{out}'; it must end in .csv, for `deploy`, or in .npz, for other controllers")
-    run = TrainingRun.open(policy, allow_code=consent.given(consent.CODE), robot=robot)
+    run = TrainingRun.open(policy, robot=robot)
     actuators, commands = policy_commands(run, seconds, which=which, phase=phase, goal=goal)
     columns = {
         f"{name}_{unit.replace('/', '_')}": commands[:, i].tolist()
@@ -268,25 +306,11 @@ def export_commands(
     return 0
 
 
-def _check_forward(path: Path, values: Values, robot: Robot, anyway: bool) -> None:
-    """Simulates the motor's greatest speed from rest; a steady swimmer that swims tail first is told of.
-
-    Raises:
-        ArgumentError: It does, and nobody wants it anyway.
-    """
-    from swim2real.calibration.from_rest import backward_from_rest, from_rest
-    from swim2real.rl.body import policy_setup
-    from swim2real.simulation import Simulator
-
-    if robot.trials.motor_joint is None:
-        return
-    fastest = next(iter(policy_setup(robot).actuators.values())).upper
-    swims = from_rest(Simulator(robot, 1), values, {"fastest": fastest / (2 * math.pi)})
-    warning = backward_from_rest({name: swim.as_dict() for name, swim in swims.items()})
-    if warning and not anyway:
-        raise ArgumentError(f"'{path}': {warning}; --anyway trains all the same")
-    if warning:
-        tell(f"warning: '{path}': {warning}")
+def _report_outcome(outcome: TrainingOutcome, out: Path, json: bool, quiet: bool) -> None:
+    if json:
+        say_json(outcome.as_dict())
+    elif not quiet:
+        say(_summary(outcome, out))
 
 
 def _summary(outcome: TrainingOutcome, out: Path) -> str:
@@ -299,50 +323,6 @@ def _summary(outcome: TrainingOutcome, out: Path) -> str:
         f"({100 * outcome.learner_share:.0f} % of the time learning, {100 * outcome.simulator_share:.0f} % "
         f"simulating); {evaluation}`swim2real rollout {word(out)}` assesses it"
     )
-
-
-def _train_seeds(options: Mapping[str, Any], seeds: list[int], out: Path, workers: int, resume: bool) -> int:
-    """Trains each seed in a process of its own, so many at a time as there are workers."""
-    from swim2real.interruption import Interruption
-    from swim2real.processes import start_program
-
-    waiting, running, failed = list(seeds), dict[int, subprocess.Popen[bytes]](), list[int]()
-    out.mkdir(parents=True, exist_ok=True)
-    with Interruption() as interruption:
-        signaled = False
-        while running or (waiting and not interruption):
-            while waiting and len(running) < workers and not interruption:
-                seed = waiting.pop(0)
-                running[seed] = start_program(_command(options, seed, out, resume))
-            if interruption and not signaled:
-                signaled = True
-                for process in running.values():
-                    process.send_signal(signal.SIGINT)
-            for seed, process in list(running.items()):
-                if process.poll() is not None:
-                    del running[seed]
-                    if process.returncode:
-                        failed.append(seed)
-            time.sleep(0.1)
-    if failed or waiting:
-        names = ", ".join(map(str, sorted(failed + waiting)))
-        tell(f"seeds {names} aren't done; the same command with --resume goes on")
-    return 1 if failed or waiting else 0
-
-
-def _command(options: Mapping[str, Any], seed: int, out: Path, resume: bool) -> list[str]:
-    """The command that trains one seed."""
-    from swim2real.rl.training_run import SETTINGS
-
-    folder = out / f"seed-{seed}"
-    words = [sys.executable, "-m", "swim2real", "train", str(options["task"])]
-    for name, value in {**options, "seed": seed, "out": folder}.items():
-        flag = "--" + name.replace("_", "-")
-        if name == "task" or value is None or value is False:
-            continue
-        words += [flag] if value is True else [flag, *map(str, value if isinstance(value, tuple) else (value,))]
-    words += consent.options()
-    return [*words, "--resume"] if resume and (folder / SETTINGS).exists() else words
 
 
 def _print(assessment: Assessment) -> None:

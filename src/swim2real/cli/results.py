@@ -175,7 +175,7 @@ def report(runs: Positional[tuple[Path, ...]], *, out: Path | None = None, robot
         out: Page of several runs to write; by default runs.html here. The page of one is written into its folder.
         robot: Robot file, where it isn't the place that the runs name.
     """
-    from swim2real.api import recorded_robot
+    from swim2real.api import run_robot
     from swim2real.calibration import RunFolder
     from swim2real.cli.comparison_files import write_files
     from swim2real.comparison.plan import PLAN
@@ -188,12 +188,12 @@ def report(runs: Positional[tuple[Path, ...]], *, out: Path | None = None, robot
         compared = next((run for run in runs if (run / PLAN).is_file()), None)
         if compared is not None:
             raise ArgumentError(f"'{compared}' is a comparison; a page of several shows runs, so give it alone")
-        read = [(run, recorded_robot(RunFolder(run), robot)) for run in runs]
+        read = [(run, run_robot(RunFolder(run), robot)) for run in runs]
         say(str(write_runs_page(read, out or Path(RUNS_PAGE))))
         return 0
     if out is not None:
         raise ArgumentError(f"--out '{out}' is the page of several runs; the page of one is written into its folder")
     run = next(iter(runs))
-    page = write_files(run)[-1] if (run / PLAN).is_file() else write_report(run, recorded_robot(RunFolder(run), robot))
+    page = write_files(run)[-1] if (run / PLAN).is_file() else write_report(run, run_robot(RunFolder(run), robot))
     say(str(page))
     return 0

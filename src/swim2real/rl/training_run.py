@@ -17,7 +17,7 @@ from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.conditions import Disturbances
 from swim2real.rl.tasks import check_allowed
-from swim2real.robots import load_robot
+from swim2real.robots import recorded_robot
 from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
 from swim2real.store import (
@@ -187,24 +187,10 @@ class TrainingRun:
             RunError: It isn't known here, or another one was given.
             ConsentError: Its file names Python code that wasn't allowed.
         """
-        if self.given_robot is not None:
-            robot = load_robot(self.given_robot, allow_code=self.allow_code)
-            if robot.name != self.settings.robot:
-                raise RunError(
-                    f"training run '{self.folder}' is of robot '{self.settings.robot}', not '{robot.name}'; give its "
-                    f"file"
-                )
-            return robot
-        try:
-            file = self.settings.robot_file
-            if file is not None and not (self.folder / file).is_file():
-                raise RunError(
-                    f"robot file '{self.folder / file}' of training run '{self.folder}' is not there; give its place "
-                    f"with --robot"
-                )
-            return load_robot(self.settings.robot if file is None else self.folder / file, allow_code=self.allow_code)
-        except ArgumentError as error:
-            raise RunError(f"'{self.folder}': {error}") from error
+        settings = self.settings
+        return recorded_robot(
+            self.folder, settings.robot, settings.robot_file, self.given_robot, allow_code=self.allow_code
+        )
 
     def check_fits(self, actor: Actor, observations: int, actions: int) -> None:
         """Checks that a policy takes the observations of the robot as it is now, and commands its actuators.

@@ -6,12 +6,12 @@ import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swim2real.errors import ArgumentError
+from swim2real.errors import ArgumentError, RunError
 
 if TYPE_CHECKING:
     from swim2real.robots.robot import Robot
 
-__all__ = ["ROBOTS", "load_robot", "robot_file"]
+__all__ = ["ROBOTS", "load_robot", "recorded_robot", "robot_file"]
 
 ROBOTS = ("fish", "fish-extended")
 _log = logging.getLogger(__name__)
@@ -50,6 +50,34 @@ def load_robot(
             "taken for that one's; give it another 'name'", name, robot.name,
         )  # fmt: skip
     return robot
+
+
+def recorded_robot(
+    folder: Path, name: str, file: str | None, given: str | Path | None = None, *, allow_code: bool = False
+) -> Robot:
+    """The robot of a run, as `load_robot` loads it.
+
+    Args:
+        folder: Folder of the run.
+        name: Name of the robot, as the run's settings say.
+        file: Its robot file, from the folder; None for a built-in robot.
+        given: Where the robot file is now; by default where the settings say.
+        allow_code: Run the Python code that the robot file names, and remember that.
+
+    Raises:
+        RunError: There is no such robot, the file isn't there, or the given robot isn't that of the run.
+    """
+    if given is not None:
+        robot = load_robot(given, allow_code=allow_code)
+        if robot.name != name:
+            raise RunError(f"run '{folder}' is of robot '{name}', not '{robot.name}'; give its file")
+        return robot
+    if file is not None and not (folder / file).is_file():
+        raise RunError(f"robot file '{folder / file}' of run '{folder}' is not there; give its place with --robot")
+    try:
+        return load_robot(name if file is None else folder / file, allow_code=allow_code)
+    except ArgumentError as error:
+        raise RunError(f"'{folder}': {error}") from error
 
 
 def robot_file(name: str | Path) -> Path:
