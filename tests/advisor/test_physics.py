@@ -117,7 +117,7 @@ def test_a_proposal_is_a_pure_function_within_its_trust():
         first = advisor().propose(shown)
         np.testing.assert_array_equal(np.random.get_state()[1], state)  # noqa: NPY002
         assert first.as_dict() == advisor().propose(shown).as_dict()
-        assert 0 < np.abs(first.point - shown.incumbent.candidate.point).max()
+        assert np.abs(first.point - shown.incumbent.candidate.point).max() > 0
         assert np.abs(first.point - shown.incumbent.candidate.point).max() <= trust_radius(shown.rounds) + 10**-DECIMALS
 
 
