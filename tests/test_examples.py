@@ -65,7 +65,7 @@ def check_same(shipped: list[dict], again: list[dict]) -> None:
 def test_a_shipped_vlm_run_begins_as_it_did(shared, tmp_path):
     check_same(*replayed(VLM_RUNS / "seed-4", shared, tmp_path, budget=4))
     settings = RunFolder(tmp_path / "run").settings()
-    assert [settings[name] for name in ("protocol", "start", "seed")] == ["aligned", "speed", 4]
+    assert (settings.protocol, settings.start, settings.seed) == ("aligned", "speed", 4)
 
 
 @pytest.mark.slow

@@ -39,7 +39,7 @@ def test_videos_and_tracking_need_no_physics_engine():
 
 @pytest.mark.slow
 def test_only_tracking_needs_opencv():
-    rest = "sysid, report, rl, viewing, rendering, video, tracking"  # the package; its trackers are modules of it
+    rest = "report, rl, viewing, rendering, video, tracking"  # the package; its trackers are modules of it
     assert "cv2" not in loaded_by(f"from swim2real import {rest}")
 
 
@@ -50,7 +50,7 @@ def test_only_tracking_needs_opencv():
         "swim2real.pipeline",
         "swim2real.demo",
         "swim2real.comparison, swim2real.report, swim2real.advisor",
-        "swim2real.sysid, swim2real.cli.subject, swim2real.cli.progress",
+        "swim2real.cli.subject, swim2real.cli.progress",
         "swim2real.video, swim2real.rendering.pool, swim2real.rendering.overlay",
         "swim2real.cli.robot_check, swim2real.cli.tables",
     ],

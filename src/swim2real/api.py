@@ -5,13 +5,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from swim2real import comparison
-from swim2real.calibration import Outcome, Problem, RunFolder
+from swim2real.calibration import Outcome, Problem, RunFolder, RunSettings
 from swim2real.comparison import ComparisonProgress, ComparisonResults, contestants, make_plan, table_methods
 from swim2real.errors import ArgumentError, EngineError
 from swim2real.objective import Comparison
@@ -32,7 +31,7 @@ class Run:
     Attributes:
         path: Folder of the run.
         robot: Robot whose parameters were calibrated.
-        settings: Content of settings.json.
+        settings: Settings of the run.
         values: Best parameters so far, by name.
         losses: Loss of every evaluation, in order [m]. Shape (N,).
         outcome: What the run found; None while it hasn't ended.
@@ -40,7 +39,7 @@ class Run:
 
     path: Path
     robot: Robot
-    settings: Mapping[str, Any]
+    settings: RunSettings
     values: dict[str, float]
     losses: tuple[float, ...]
     outcome: Outcome | None
@@ -69,9 +68,7 @@ def open_run(folder: str | Path, *, allow_code: bool = False) -> Run:
 def run_robot(run: RunFolder, given: str | Path | None = None, *, allow_code: bool = False) -> Robot:
     """The robot of a run folder, as `recorded_robot` finds it."""
     settings = run.settings()
-    file = settings.get("robot_file")
-    name = str(settings.get("robot"))
-    return recorded_robot(run.path, name, None if file is None else str(file), given, allow_code=allow_code)
+    return recorded_robot(run.path, settings.robot, settings.robot_file, given, allow_code=allow_code)
 
 
 def evaluate(
@@ -125,7 +122,7 @@ def simulate(
 
 def compare(
     reference: TrialSet, robot: Robot, settings: ComparisonSettings, out: str | Path, *, source: str = "",
-    access: VlmAccess | None = None, accept_edited: bool = False,
+    access: VlmAccess | None = None,
     on_progress: Callable[[ComparisonProgress], None] = lambda progress: None,
 ) -> ComparisonResults:  # fmt: skip
     """Compares methods of calibration: each with every seed, under every protocol, with one budget.
@@ -139,7 +136,6 @@ def compare(
         out: Folder of the comparison.
         source: Where the reference came from, for the record.
         access: How VLMs are reached.
-        accept_edited: Whether records that were edited or cut are taken as they are.
         on_progress: Called as jobs go on and end.
     """
     methods = contestants(settings.methods or table_methods(robot), settings.scale)
@@ -150,5 +146,5 @@ def compare(
     )  # fmt: skip
     return comparison.compare(
         plan, reference, robot, out, workers=settings.workers or None, cluster=settings.cluster, access=access,
-        accept_edited=accept_edited, on_progress=on_progress,
+        on_progress=on_progress,
     )  # fmt: skip

@@ -17,10 +17,9 @@ from typing import Literal, get_args
 from swim2real.errors import ArgumentError
 
 Method = Literal[
-    "line-search", "random", "warm-start", "cma-es", "bayesopt", "least-squares", "mujoco-sysid", "staged"
+    "line-search", "random", "cma-es", "bayesopt", "least-squares", "mujoco-sysid", "staged"
 ]  # fmt: skip
 METHODS: tuple[Method, ...] = get_args(Method)
-ADVISED: tuple[Method, ...] = ("line-search", "warm-start")  # by an advisor
 ProtocolName = Literal["motion", "aligned", "paper", "playback"]
 Start = Literal["speed", "rest"]
 First = Literal["auto", "model", "random"]
@@ -151,9 +150,9 @@ class CalibrationSettings(EvaluationSettings):
     """What decides the result of a calibration. On resume only `threads` may change, and the budget may be raised.
 
     Attributes:
-        method: line-search: an advisor's proposals with backtracking. warm-start: one proposal, then random. cma-es:
-            pycma. bayesopt: scikit-optimize. least-squares: Levenberg-Marquardt with finite differences. mujoco-sysid:
-            the least squares of MuJoCo's own toolbox. staged: the prior work's stages by hand.
+        method: line-search: an advisor's proposals with backtracking. cma-es: pycma. bayesopt: scikit-optimize.
+            least-squares: Levenberg-Marquardt with finite differences. mujoco-sysid: the least squares of MuJoCo's own
+            toolbox. staged: the prior work's stages by hand.
         advisor: Who proposes. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a VLM, key from
             GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window. replay:RUN: an earlier
             run's replies, without a network; what isn't given is as that run had it.
@@ -166,10 +165,6 @@ class CalibrationSettings(EvaluationSettings):
             the physics advisor a tenth of the budget and at most two a parameter, else 1.
         scale: Scale of the parameters; auto: linear for protocol paper, log otherwise.
         max_steps: Steps of the line search; 1 is the ablation without it.
-        early_stop: Stop a step's evaluation once it is certain to be rejected. The advisor then sees less of rejected
-            steps.
-        give_up: Leave a direction after its full step where every trial's loss is more than so many times the best
-            point's; by default all steps are tried.
         probes: Parameters that are measured before the advisor's first proposal, at one evaluation each, in the robot's
             order; an advisor that is briefed finds what they do in a table.
         hold_out: Trials to leave out of the fit and to evaluate on afterwards.
@@ -183,8 +178,6 @@ class CalibrationSettings(EvaluationSettings):
     starts: int | None = None
     scale: ScaleChoice = "auto"
     max_steps: int = 3
-    early_stop: bool = False
-    give_up: float | None = None
     probes: int = 0
     hold_out: tuple[str, ...] = ()
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
@@ -202,15 +195,9 @@ class CalibrationSettings(EvaluationSettings):
                 raise ArgumentError(f"starts is for method line-search; method {self.method} has starts of its own")
         _choice("scale", self.scale, get_args(ScaleChoice))
         _least("max_steps", self.max_steps, 1)
-        if self.early_stop and self.method != "line-search":
-            raise ArgumentError(f"early_stop is for method line-search; method {self.method} needs every loss in full")
         _least("probes", self.probes, 0)
-        if self.give_up is not None:
-            _finite("give_up", self.give_up, above=1.0)
-            if self.method != "line-search":
-                raise ArgumentError(f"give_up is for method line-search; method {self.method} tries no steps")
-        if self.probes and self.method not in ADVISED:
-            raise ArgumentError(f"probes is for methods with an advisor ({', '.join(ADVISED)}), not {self.method}")
+        if self.probes and self.method != "line-search":
+            raise ArgumentError(f"probes is for method line-search, which has an advisor, not {self.method}")
 
     @property
     def resolved_scale(self) -> Scale:
@@ -226,9 +213,9 @@ class ComparisonSettings:
 
     Attributes:
         methods: random, cma-es, bayesopt, least-squares, mujoco-sysid, staged, line-search (with the physics advisor),
-            no-line-search (its ablation), warm-start; line-search@ADVISOR, no-line-search@ADVISOR and
-            warm-start@ADVISOR for other advisors, as line-search@google:MODEL or line-search@replay:RUN. By default all
-            but mujoco-sysid and warm-start, and but staged for a robot without stages.
+            no-line-search (its ablation); line-search@ADVISOR and no-line-search@ADVISOR for other advisors, as
+            line-search@google:MODEL or line-search@replay:RUN. By default all but mujoco-sysid, and but staged for a
+            robot without stages.
         seeds: Numbers, and ranges without their end: 0:5 is 0 1 2 3 4.
         budget: Simulation evaluations of a run, the first included.
         protocols: As for calibrate; by default all that the robot's trials can be compared by.
@@ -442,6 +429,16 @@ def check_advisor(name: str) -> None:
         vlms = ", ".join(f"{provider}:MODEL" for provider in EXAMPLE_MODELS)
         raise ArgumentError(f"advisor is '{name}'; there are {PHYSICS}, {FILES}, {REPLAY}RUN, {vlms}")
     split_vlm_name(name)
+
+
+def asks_a_vlm(name: str) -> bool:
+    """Whether the advisor of this name is briefed: a VLM, or a person in its place."""
+    return name != PHYSICS and replayed_run(name) is None
+
+
+def replayed_run(name: str) -> Path | None:
+    """The run whose replies the advisor of this name repeats, None for other advisors."""
+    return Path(name.removeprefix(REPLAY)) if name.startswith(REPLAY) else None
 
 
 def split_vlm_name(name: str) -> tuple[str, str]:

@@ -56,7 +56,7 @@ class Swing:
 
 
 def compared(
-    pairs: Mapping[str, tuple[Swing, Swing | str]], robot: Robot = ARM, lost: tuple[int, ...] = (), skipped: int = 0
+    pairs: Mapping[str, tuple[Swing, Swing | str]], robot: Robot = ARM, lost: tuple[int, ...] = ()
 ) -> Comparison:
     """Recordings by name, each real with its playback, or with the reason why there is none."""
     about, found = robot.recordings, []
@@ -68,11 +68,11 @@ def compared(
         target = playback_target(trial, weights, about.frame, about.score_progress, worths)
         made = real.trial(name, robot, simulated) if isinstance(simulated, str) else simulated.trial(name, robot)
         found.append(compare_playback(target, made))
-    return Comparison(tuple(found), "playback", None, skipped)
+    return Comparison(tuple(found), "playback", None)
 
 
 def evaluated(comparison: Comparison, robot: Robot = ARM) -> Evaluation:
     """Its evaluation, in the middle of the space."""
     failed = comparison.divergence is not None
     point = np.full(len(robot.space), 0.5)
-    return Evaluation(Candidate(point), comparison.loss, failed, evidence(comparison), comparison.lower_bound)
+    return Evaluation(Candidate(point), comparison.loss, failed, evidence(comparison))

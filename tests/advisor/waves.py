@@ -63,7 +63,7 @@ class Wave:
         return MarkerTrack(times, positions)
 
 
-def compared_waves(pairs: Sequence[tuple[Wave, Wave | str]], protocol="aligned", skipped: int = 0) -> Comparison:
+def compared_waves(pairs: Sequence[tuple[Wave, Wave | str]], protocol="aligned") -> Comparison:
     """Swims, each real with its simulated one, or with the reason why there is none."""
     found = []
     for i, (real, simulated) in enumerate(pairs):
@@ -78,18 +78,18 @@ def compared_waves(pairs: Sequence[tuple[Wave, Wave | str]], protocol="aligned",
         else:
             swim = Trial(f"swim{i}", simulated.track(3.0 + 1 / driven + 0.1))
         found.append(compare_steady(target, swim, fit_phase=protocol != "paper"))
-    return Comparison(tuple(found), protocol, 2.0, skipped)
+    return Comparison(tuple(found), protocol, 2.0)
 
 
 def evaluate(
-    point: Sequence[float], pairs: Sequence[tuple[Wave, Wave | str]], protocol="aligned", skipped: int = 0,
+    point: Sequence[float], pairs: Sequence[tuple[Wave, Wave | str]], protocol="aligned",
     loss: float | None = None,
 ) -> Evaluation:  # fmt: skip
     """The evaluation of such swims."""
-    whole = compared_waves(pairs, protocol, skipped)
+    whole = compared_waves(pairs, protocol)
     failed = whole.divergence is not None
     known = whole.loss if loss is None else loss
-    return Evaluation(Candidate(np.array(point)), known, failed, evidence(whole), whole.lower_bound)
+    return Evaluation(Candidate(np.array(point)), known, failed, evidence(whole))
 
 
 def start(evaluation: Evaluation) -> Situation:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from swim2real.calibration import Problem, Progress, RunFolder, minimize, reference_fingerprint
+from run_settings import settings_of
+from swim2real.calibration import Problem, Progress, RunFolder, minimize
 from swim2real.optimizers import BacktrackingLineSearch, Optimizer, RandomSearch, ScriptedAdvisor, first_point, streams
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.fish import FISH
@@ -65,17 +66,13 @@ def make_optimizer(method: str, seed: int = 0) -> Optimizer:
     return BacktrackingLineSearch(ScriptedAdvisor(list(streams(seed)[2].random((20, dimension)))), first)
 
 
-def make_settings(reference: TrialSet, method: str, budget: int, seed: int = 0) -> dict[str, object]:
-    return {"method": method, "seed": seed, "budget": budget, "reference": reference_fingerprint(reference)}
-
-
 def run(
     problem: Problem, reference: TrialSet, out: Path, method: str, budget: int, seed: int = 0,
     on_progress: Callable[[Progress], None] = lambda progress: None,
 ) -> dict[str, object]:  # fmt: skip
     """Begins a run or goes on with it."""
     folder = RunFolder(out)
-    settings = make_settings(reference, method, budget, seed)
+    settings = settings_of(problem, reference, method=method, seed=seed, budget=max(budget, 1))
     with folder.locked():
         if folder.exists:
             folder.resume(settings)

@@ -28,7 +28,6 @@ from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.fitted_start import Reading, Stretch, sensed_start
 from swim2real.simulation.misfits import misfits, misplaced, starts
 from swim2real.simulation.probing import probe
-from swim2real.sysid.trajectory import trajectories
 from swim2real.trials import MarkerTrack, TrialSet
 
 XML = PENDULUM_XML.replace("</sensor>", '<jointpos name="bend" joint="elbow"/></sensor>')
@@ -108,11 +107,6 @@ def test_pieces_of_encoders(reference):
     player = PlaybackSimulator(ROBOT, 1)
     found = player.simulate(PENDULUM_HIDDEN, [player.request(reference["a"], pieces=0.5)])["a"]
     assert np.abs(found.sensors.values[:, 0] - reference["a"].sensors.column("encoder")).max() < 3e-3
-
-
-def test_the_toolbox_gets_the_readings(problem):
-    one, _ = trajectories(problem, PENDULUM_HIDDEN)
-    assert np.isfinite(one.readings).sum() == 2 * len(one.times)
 
 
 @pytest.mark.slow

@@ -93,7 +93,7 @@ def test_without_evaluations_the_runs_alone_are_read(run):
 
 def test_provenance(made, run):
     assert made["robot"] == "toy"
-    assert made["reference_fingerprint"] == run.settings["reference_fingerprint"]
+    assert made["reference_fingerprint"] == run.settings.reference_fingerprint
     assert made["engine"]["name"] == run.problem.simulator.engine.name
     assert made["evaluations"] == 40 + 8 + 1
     assert made["runs"] == [str(run.folder.path)]

@@ -92,16 +92,6 @@ def test_the_best_evaluation_is_a_parameters_file(uninterrupted, problem, method
     assert (written["loss"], written["evaluation"]) == (best["loss"], best["index"])
 
 
-def test_progress_is_told_after_every_evaluation(go):
-    seen = []
-    best = go(budget=3, on_progress=seen.append)
-    assert [(p.done, p.budget, p.replayed) for p in seen] == [(1, 3, False), (2, 3, False), (3, 3, False)]
-    assert [p.best for p in seen] == np.minimum.accumulate([p.loss for p in seen]).tolist()
-    assert seen[0].improved
-    assert seen[-1].best == best["loss"]
-    assert seen[-1].seconds_left == 0
-
-
 @pytest.mark.slow
 @both
 @pytest.mark.parametrize("stop", [1, 4])
@@ -125,14 +115,6 @@ def test_a_line_that_was_cut_off_is_done_again(go, half, uninterrupted, cut):
     whole = (uninterrupted["random"] / "record.jsonl").read_text().splitlines(keepends=True)[3]
     with (half / "record.jsonl").open("a") as file:
         file.write(whole[: min(cut, len(whole) - 2)])
-    go(run=half)
-    assert without_seconds(half) == without_seconds(uninterrupted["random"])
-
-
-def test_a_line_that_only_lacks_its_end_is_done_again(go, half, uninterrupted):
-    whole = (uninterrupted["random"] / "record.jsonl").read_text().splitlines()[3]
-    with (half / "record.jsonl").open("a") as file:
-        file.write(whole)
     go(run=half)
     assert without_seconds(half) == without_seconds(uninterrupted["random"])
 
@@ -167,7 +149,7 @@ def test_a_larger_budget_goes_on(go, tmp_path, uninterrupted):
     go(budget=BUDGET, on_progress=seen.append)
     assert [progress.replayed for progress in seen] == [True] * 2 + [False] * 4
     assert without_seconds(tmp_path / "run") == without_seconds(uninterrupted["random"])
-    assert RunFolder(tmp_path / "run").settings()["budget"] == BUDGET
+    assert RunFolder(tmp_path / "run").settings().budget == BUDGET
 
 
 def test_a_run_that_is_done_is_only_read(go, tmp_path, uninterrupted):
@@ -227,15 +209,6 @@ def edited(run, line, change):
     (run / "record.jsonl").write_text("\n".join(lines) + "\n")
 
 
-def as_of_an_earlier_version(run):
-    """Takes the hashes out of a record, and what tells that it had some."""
-    lines = (run / "record.jsonl").read_text().splitlines()
-    entries = [{key: value for key, value in json.loads(line).items() if key != "chain"} for line in lines]
-    (run / "record.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
-    settings = json.loads((run / "settings.json").read_text())
-    (run / "settings.json").write_text(json.dumps({key: settings[key] for key in settings if key != "chained"}))
-
-
 def exaggerate(entry):
     entry["values"]["motor_arm_length"] = 1e30
 
@@ -244,14 +217,9 @@ def nudge(entry):
     entry["point"][1] += 1e-12
 
 
-def skip(entry):
-    entry["index"] += 1
-
-
-@pytest.mark.parametrize("change", [nudge, skip, exaggerate])
+@pytest.mark.parametrize("change", [nudge, exaggerate])
 @pytest.mark.parametrize("line", [0, 2])
-def test_an_edited_record_without_hashes_is_refused_at_the_first_mismatch(go, half, change, line):
-    as_of_an_earlier_version(half)
+def test_an_edited_record_is_refused_at_the_first_mismatch(go, half, change, line):
     edited(half, line, change)
     before = (half / "record.jsonl").read_bytes()
     seen = []
@@ -267,35 +235,8 @@ def test_an_edited_loss_is_noticed_by_the_search_that_built_on_it(go, tmp_path, 
     entries = record(run)
     accepted = next(i for i in range(1, BUDGET - 1) if entries[i + 1]["note"]["round"] != entries[i]["note"]["round"])
     better = entries[accepted]["loss"] < min(entry["loss"] for entry in entries[:accepted])
-    as_of_an_earlier_version(run)
     edited(run, accepted, lambda entry: entry.update(loss=0.9 if better else 1e-6))
     assert "isn't the one that these settings ask for" in refusal(go, "line-search", budget=BUDGET + 4)
-
-
-def test_an_edited_loss_is_told_before_anything_is_evaluated(go, half):
-    edited(half, 2, lambda entry: entry.update(loss=1e-9))
-    seen = []
-    assert "line 3 isn't as it was written" in refusal(go, run=half, on_progress=seen.append)
-    assert not seen
-
-
-def test_a_record_of_an_earlier_version_goes_on_to_the_same_points_and_losses(go, half, uninterrupted):
-    as_of_an_earlier_version(half)
-    go(run=half)
-    assert without_seconds(half) == without_seconds(uninterrupted["random"])
-
-
-def test_a_damaged_line_in_the_middle_is_named(go, half):
-    lines = (half / "record.jsonl").read_text().splitlines(keepends=True)
-    (half / "record.jsonl").write_text(lines[0] + lines[1][:50] + "\n" + lines[2])
-    assert refusal(go, run=half).startswith(f"{half / 'record.jsonl'}, line 2 is damaged (")
-
-
-@pytest.mark.parametrize("line", ["[]", "3", "null", '"text"', "{}"])
-def test_a_line_that_is_no_evaluation_is_refused(go, half, line):
-    lines = (half / "record.jsonl").read_text().splitlines()
-    (half / "record.jsonl").write_text("\n".join([lines[0], line, lines[2]]) + "\n")
-    refusal(go, run=half)
 
 
 def test_the_record_of_another_seed_is_refused(go, half, reference):

@@ -14,6 +14,7 @@ from recorded import (
     pendulum_reference,
     telling,
 )
+from run_settings import run_settings, settings_of
 from swim2real.calibration import (
     Problem,
     RunFolder,
@@ -21,7 +22,6 @@ from swim2real.calibration import (
     load_trials,
     minimize,
     protocol_for,
-    reference_fingerprint,
     sensitivities,
 )
 from swim2real.calibration.ensemble import make_ensemble
@@ -29,7 +29,6 @@ from swim2real.calibration.finished_run import reopen
 from swim2real.calibration.identifiability import identify
 from swim2real.calibration.saved_trials import save_trials
 from swim2real.errors import ArgumentError, RunError, TrialError
-from swim2real.objective import evidence
 from swim2real.optimizers import RandomSearch, streams
 from swim2real.robots.fish import FISH
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings
@@ -127,16 +126,6 @@ def test_only_the_horizon_is_simulated_and_compared(pendulum):
     assert trial.sensors[0].times[-1] <= trial.times[-1] + 1e-9
 
 
-def test_an_early_stop_bounds_the_loss(problem):
-    values = PENDULUM.space.published
-    whole = problem.evaluate(values)
-    stopped = problem.evaluate(values, stop_above=1e-4)
-    assert stopped.skipped == 1
-    assert stopped.lower_bound
-    assert 1e-4 < stopped.loss <= whole.loss
-    assert evidence(problem.evaluate(values, stop_above=1.0)) == evidence(whole)
-
-
 def test_blocks_are_the_residuals_parts(problem, floater):
     for one in (problem, floater):
         vector = one.evaluate(one.robot.space.published).residual_vector()
@@ -171,11 +160,8 @@ def runs(tmp_path_factory, problem, floater):
     for one, hidden in ((problem, PENDULUM_HIDDEN), (floater, FLOATER_HIDDEN)):
         folder, space = RunFolder(tmp_path_factory.mktemp("run") / one.robot.name), one.robot.space
         with folder.locked():
-            folder.begin({
-                "robot": one.robot.name, "scale": space.scale, "protocol": "playback", "horizon": 4.0, "hold_out": [],
-                "reference_fingerprint": reference_fingerprint(TrialSet(one.trials, one.robot.marker_names)),
-                "engine": one.engine.as_dict(), "budget": 3, "seed": 0,
-            })  # fmt: skip
+            reference = TrialSet(one.trials, one.robot.marker_names)
+            folder.begin(settings_of(one, reference, budget=3))
             optimizer = RandomSearch(len(space), streams(0)[1], space.to_cube(hidden))
             minimize(one, space, optimizer, 3, folder)
         found[one.robot.name] = folder
@@ -287,7 +273,7 @@ def test_optimizers_are_told_the_way_from_the_models_values_and_losses_arent(pro
         optimizer = Told(len(space), streams(0)[1])
         folder = RunFolder(tmp_path / name)
         with folder.locked():
-            folder.begin({"budget": 3})
+            folder.begin(run_settings(budget=3))
             minimize(problem, space, optimizer, 3, folder, prior=given)
         runs[name] = optimizer.heard
     length = np.linalg.norm(runs["plain"][0].residual)

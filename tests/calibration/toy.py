@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from recorded import PENDULUM, blank, build_pendulum, recorded, telling
-from swim2real.calibration import Problem, RunFolder, minimize, reference_fingerprint
+from run_settings import settings_of
+from swim2real.calibration import Problem, RunFolder, minimize
 from swim2real.optimizers import RandomSearch, streams
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.trials import TrialSet
@@ -46,12 +47,8 @@ def make_run(reference: TrialSet, out: Path, budget: int = 3, seed: int = 0) -> 
     folder = RunFolder(out)
     with folder.locked():
         folder.begin(
-            {
-                "robot": ROBOT.name, "scale": SPACE.scale, "protocol": "playback", "horizon": 4.0, "hold_out": [],
-                "reference_fingerprint": reference_fingerprint(reference), "reference": "the toy's reference",
-                "engine": problem.engine.as_dict(), "budget": budget, "seed": seed,
-            }
-        )  # fmt: skip
+            replace(settings_of(problem, reference, budget=budget, seed=seed), reference="the toy's reference")
+        )
         optimizer = RandomSearch(len(SPACE), streams(seed)[1], SPACE.to_cube(START))
         minimize(problem, SPACE, optimizer, budget, folder)
     return folder

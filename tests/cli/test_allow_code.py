@@ -2,11 +2,13 @@
 
 import json
 import shutil
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
 from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made
+from run_settings import run_settings
 from swim2real import consent
 from swim2real.rl.actor import Actor, Linear
 
@@ -36,7 +38,7 @@ def stranger(tmp_path, pendulum_folder):
     named = {"robot": "arm", "robot_file": "../arm.toml"}
     parameters = {"format": 1, **named, "parameters": {"damping": 0.1}}
     for name, content in (
-        ("run/settings.json", {"format": 1, **named}), ("run/best.json", parameters),
+        ("run/settings.json", {"format": 1, **asdict(run_settings(**named))}), ("run/best.json", parameters),
         ("robot-policy/settings.json", {**TRAINING, **named}),
         ("task-policy/settings.json", {**TRAINING, "task": "python:../code.py:Task"}),
     ):  # fmt: skip

@@ -29,7 +29,7 @@ from swim2real.trials import save_reference
 
 COMMANDS = (
     "board", "calibrate", "check", "compare", "cut", "demo", "deploy", "ensemble", "evaluate", "export-commands",
-    "export-model", "export-sysid", "fetch", "identify", "import-recording", "import-sysid", "import-tracks", "init",
+    "export-model", "fetch", "identify", "import-recording", "import-tracks", "init",
     "overlay", "pick", "quality", "report", "rollout", "simulate", "track", "train", "view",
 )  # fmt: skip
 SPEC_FIGURES = {  # of the interface's `evaluate --json`
@@ -120,7 +120,7 @@ def test_the_version_is_told(program):
     {
         "calibrate": [
             "--resume", "--hold-out", "--budget", "Reads a reference", "writes a run folder", "record.jsonl",
-            "best.json", "report.html", "Costs under a second an evaluation", "--early-stop",
+            "best.json", "report.html", "Costs under a second an evaluation", "--probes",
         ],
         "demo": [
             "--out", "no network", "writes the report", "Folder to write", "tracks its markers in the videos",
@@ -200,20 +200,11 @@ def test_words_that_make_no_command_leave_with_2(program, tmp_path, monkeypatch,
         (["--advisor", "openai:any"], "there is no key for 'openai:any': set the environment variable OPENAI_API_KEY"),
         (["--advisor", "replay:"], "advisor is 'replay:'; say of which run: replay:RUN"),
         (["--max-steps", "0"], "max_steps is 0; it must be at least 1"),
-        (
-            ["--early-stop", "--method", "random"],
-            "early_stop is for method line-search; method random needs every loss in full",
-        ),
         (["--probes", "17"], "probes is 17; the robot has 2 parameters to measure"),
         (["--probes", "-1"], "probes is -1; it must be at least 0"),
         (
             ["--probes", "2", "--method", "random"],
-            "probes is for methods with an advisor (line-search, warm-start), not random",
-        ),
-        (["--give-up", "1"], "give_up is 1; it must be finite and above 1"),
-        (
-            ["--give-up", "2", "--method", "cma-es"],
-            "give_up is for method line-search; method cma-es tries no steps",
+            "probes is for method line-search, which has an advisor, not random",
         ),
     ],
     ids=" ".join,
@@ -648,9 +639,9 @@ def test_calibrate_leaves_a_whole_run(finished, calibration):
     names = {path.name for path in finished.iterdir()} - {".lock"}
     assert names == {"settings.json", "record.jsonl", "best.json", "outcome.json", "trials.npz", "report.html"}
     settings = RunFolder(finished).settings()
-    assert (settings["budget"], settings["seed"], settings["protocol"]) == (3, 0, "playback")
-    assert settings["reference"] == os.path.relpath(calibration[1], finished)
-    assert settings["versions"]["swim2real"] == swim2real.__version__
+    assert (settings.budget, settings.seed, settings.protocol) == (3, 0, "playback")
+    assert settings.reference == os.path.relpath(calibration[1], finished)
+    assert settings.versions["swim2real"] == swim2real.__version__
     entries = record(finished)
     assert len(entries) == 3
     assert json.loads((finished / "best.json").read_text())["loss"] == min(entry["loss"] for entry in entries)
@@ -666,13 +657,6 @@ def test_calibrate_quietly_only_warns_of_a_fit_that_swims_backward(program, pool
     assert all(line.startswith("swim2real: warning: ") for line in lines)
     assert (f"swim2real: warning: {warning}" in lines) == bool(warning)
     assert program.out == ""
-
-
-@pytest.mark.slow
-def test_calibrate_may_stop_a_hopeless_step_early(program, calibration, tmp_path):
-    program(*calibration, "--out", tmp_path / "run", "--budget", 2, "--early-stop", "--quiet").done()
-    assert RunFolder(tmp_path / "run").settings()["early_stop"] is True
-    assert len(record(tmp_path / "run")) == 2
 
 
 @pytest.mark.slow
@@ -776,7 +760,7 @@ def test_a_run_on_another_reference_is_refused_by_name(program, run, calibration
 
 def test_a_run_of_another_format_is_refused(program, run, calibration):
     edited(run / "settings.json", format=9)
-    says = f"run '{run}' has format 9; this version of swim2real reads 1"
+    says = f"{run / 'settings.json'} is of another format than 1; restore it or begin a new run"
     assert program(*calibration, "--out", run, "--budget", 4, "--resume").sentence(1) == says
     assert program("report", run).sentence(1) == says
 

@@ -60,7 +60,6 @@ def made(folder: Path) -> Path:
     save_reference(reference, folder / "tracks")
     run(["calibrate", "tracks", "--robot", "pendulum.toml", "--out", "run", "--budget", "4", "--method", "line-search",
          "--sensitivity"], folder)  # fmt: skip
-    unchained(folder / "run")
     robot = load_robot(str(folder / "pendulum.toml"))
     content = make_ensemble([reopen(folder / "run", reference, robot)], EnsembleSettings(within=9.0, evaluations=0))
     (folder / "ensemble.json").write_text(json.dumps(content))
@@ -112,16 +111,6 @@ MOTORS = "[wheel]\nid = 1\nspeed = 6\ndirection = -1\n\n[tail]\nid = 2\nlowest =
 POSES = "scorer,a,a,a,a,a,a\nbodyparts,M0,M0,M0,M1,M1,M1\ncoords,x,y,likelihood,x,y,likelihood\n" + "".join(
     f"{k},{k},1,0.9,{k + 5},2,1\n" for k in range(20)
 )
-
-
-def unchained(run_folder: Path) -> None:
-    """The run as an earlier version wrote it: what an edited line says is met, not that it was edited."""
-    lines = [json.loads(line) for line in (run_folder / "record.jsonl").read_text().splitlines()]
-    (run_folder / "record.jsonl").write_text(
-        "".join(json.dumps({k: v for k, v in one.items() if k != "chain"}) + "\n" for one in lines)
-    )
-    settings = json.loads((run_folder / "settings.json").read_text())
-    (run_folder / "settings.json").write_text(json.dumps({k: v for k, v in settings.items() if k != "chained"}))
 
 
 def run(words: list[str], folder: Path) -> int:

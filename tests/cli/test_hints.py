@@ -24,7 +24,7 @@ URDF = """
     ("typed", "meant"),
     [
         ("chek", "'check'"), ("Calibrate", "'calibrate'"),
-        ("import", "'import-tracks' or 'import-recording' or 'import-sysid'"),
+        ("import", "'import-tracks' or 'import-recording'"),
         ("export_model", "'export-model'"),
     ],
 )  # fmt: skip

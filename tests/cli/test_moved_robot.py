@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 
+from run_settings import run_settings
 from swim2real.api import run_robot
 from swim2real.calibration import RunFolder
 from swim2real.errors import RunError
@@ -27,7 +28,7 @@ def moved(pendulum_folder, tmp_path):
     robot = load_robot(elsewhere / "pendulum.toml")
     gone, engine = tmp_path / "pendulum.toml", Engine.of(robot)
     write_parameters(run / "best.json", robot.name, robot.space.published, engine.name, engine.as_dict(), gone)
-    RunFolder(run).begin({"robot": robot.name, "robot_file": "../pendulum.toml"})
+    RunFolder(run).begin(run_settings(robot=robot.name, robot_file="../pendulum.toml"))
     return run, elsewhere, pendulum_folder / "tracks"
 
 

@@ -77,7 +77,7 @@ def test_a_run_with_each_provider_shows_films_or_pictures(program, words, vlm, t
     assert (vlm.requests[0].schema is not None) == (provider != "anthropic")  # of an unknown one it is told in words
     assert "additionalProperties" in wire
     settings = RunFolder(tmp_path / "run").settings()
-    assert settings["advisor"] == f"{provider}:some-model"
+    assert settings.advisor == f"{provider}:some-model"
     assert settings["briefing"] == {"show": "both", "media": "auto", "detail": "low"}
     assert "so far 1 calls, 1.1k tokens" in program.err
 
@@ -161,13 +161,12 @@ def test_numbers_alone_and_pictures_alone_are_ablations(program, words, vlm):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["line-search", "warm-start"])
-def test_no_line_search_and_warm_start_are_compositions(program, words, vlm, tmp_path, method):
+def test_without_the_line_search_every_proposal_is_tried_in_full(program, words, vlm, tmp_path):
     vlm.script(then=thoughtful)
-    program(*words("run", "--method", method, "--max-steps", 1)).done()
+    program(*words("run", "--max-steps", 1)).done()
     sizes = [entry["note"].get("step_size") for entry in record(tmp_path / "run")]
-    assert sizes == ([None, 1.0, 1.0, 1.0, 1.0] if method == "line-search" else [None, 1.0, None, None, None])
-    assert len(vlm.requests) == (4 if method == "line-search" else 1)
+    assert sizes == [None, 1.0, 1.0, 1.0, 1.0]
+    assert len(vlm.requests) == 4
 
 
 def test_the_key_is_never_seen(program, words, vlm, tmp_path, monkeypatch, caplog):

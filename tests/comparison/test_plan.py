@@ -12,6 +12,7 @@ from swim2real.comparison.contestants import NAMES, folder_name, table_methods
 from swim2real.errors import ArgumentError, RunError
 from swim2real.robots.fish import FISH
 from swim2real.settings import METHODS, BriefingSettings
+from swim2real.simulation import Engine
 
 
 @pytest.fixture
@@ -28,8 +29,8 @@ def keys(plan: Plan) -> list[str]:
 
 def test_every_method_and_the_ablation_take_part():
     assert set(NAMES) == {*METHODS, "no-line-search"}
-    assert set(table_methods(FISH)) == {*NAMES} - {"mujoco-sysid", "warm-start"}
-    assert set(table_methods(PENDULUM)) == {*NAMES} - {"mujoco-sysid", "warm-start", "staged"}  # nobody planned any
+    assert set(table_methods(FISH)) == {*NAMES} - {"mujoco-sysid"}
+    assert set(table_methods(PENDULUM)) == {*NAMES} - {"mujoco-sysid", "staged"}  # nobody planned any
     for name in NAMES:
         one = contestant(name)
         assert (one.name, one.advisor, one.scale) == (name, "physics", None)
@@ -66,7 +67,7 @@ def test_an_advisor_and_a_scale_are_part_of_a_name():
     assert (one.method, one.advisor, one.max_steps, one.scale) == ("line-search", "google:gemini-3-pro", 1, "linear")
     assert one.label("log") == "no-line-search@google:gemini-3-pro+linear"
     assert one.label("linear") == "no-line-search@google:gemini-3-pro"
-    assert contestant("warm-start@replay:some/run").advisor == "replay:some/run"
+    assert contestant("line-search@replay:some/run").advisor == "replay:some/run"
     assert contestant("line-search@physics") == contestant("line-search")
 
 
@@ -78,7 +79,7 @@ def test_scales_multiply_and_nothing_takes_part_twice():
 
 
 KNOWN = ", ".join(NAMES)
-ADVISED = ", ".join(f"{name}@ADVISOR" for name in NAMES if name in ("line-search", "warm-start", "no-line-search"))
+ADVISED = ", ".join(f"{name}@ADVISOR" for name in NAMES if name in ("line-search", "no-line-search"))
 
 
 @pytest.mark.parametrize(
@@ -208,11 +209,11 @@ def test_a_damaged_plan_is_a_sentence(plan, changes, says, tmp_path):
 
 def test_a_larger_plan_has_all_of_the_earlier_one(plan):
     later = replace(
-        plan, contestants=contestants(["warm-start", "random"]), seeds=(7,), protocols=("paper",), budget=5,
+        plan, contestants=contestants(["least-squares", "random"]), seeds=(7,), protocols=("paper",), budget=5,
         leave_one_out=True,
     )  # fmt: skip
     both = later.extending(plan)
-    assert both.methods == ("random", "no-line-search", "warm-start")
+    assert both.methods == ("random", "no-line-search", "least-squares")
     assert (both.seeds, both.protocols, both.budget, both.leave_one_out) == ((0, 1, 7), ("aligned", "paper"), 5, True)
     assert set(keys(plan)) < set(keys(both))
 
@@ -226,7 +227,7 @@ def test_a_larger_plan_has_all_of_the_earlier_one(plan):
             r"use the same, or another folder",
         ),
         (
-            {"engine": {"name": "mujoco 9.9", "integrator": "implicit", "timestep": 0.001, "fluid_fingerprint": [1]}},
+            {"engine": Engine("mujoco 9.9", "implicit", 0.001, (1.0,))},
             r"go on with another engine: it was mujoco \S+ \(implicit, 0.001 s, fluid forces \w{8}\) and is now "
             r"mujoco 9.9 \(implicit, 0.001 s, fluid forces \w{8}\); use the same",
         ),

@@ -40,6 +40,7 @@ from swim2real.errors import ArgumentError, MissingExtraError, RunError
 from swim2real.pipeline import calibrate
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings
+from swim2real.simulation import Engine
 
 METHODS = ("random", "no-line-search")
 REFERENCE = pendulum_reference()
@@ -142,7 +143,7 @@ def test_a_comparison_is_run_folders_results_and_a_table(finished):
         assert run_.fit == outcome.fit
         assert (run_.held_out, run_.held_out_fit, run_.spent) == (None, None, None)
         assert len(run_.fit.trials["a"].aligned_marker_errors) == 3
-        assert folder.settings()["threads"] == 1
+        assert folder.settings().threads == 1
         assert len(load_trials(folder)) == 2
     starts = {(run_.seed, run_.losses[0]) for run_ in results.runs}
     assert len(starts) == 2  # the same first point for every method of a seed
@@ -196,13 +197,13 @@ def test_methods_are_added_to_the_seeds_that_are_there(copy, in_a_thread):
         if p.finished is not None:
             states[p.finished.key] = p.finished.state
 
-    results = compare_pendulum(make(["warm-start"], (0,)), copy, on_progress=tell)
+    results = compare_pendulum(make(["least-squares"], (0,)), copy, on_progress=tell)
     assert results.missing == {}
-    assert results.methods == (*METHODS, "warm-start")
+    assert results.methods == (*METHODS, "least-squares")
     assert states == {
         **{f"playback/{method}/seed-{seed}": "read" for method in METHODS for seed in (0, 1)},
-        "playback/warm-start/seed-0": "done",
-        "playback/warm-start/seed-1": "done",
+        "playback/least-squares/seed-0": "done",
+        "playback/least-squares/seed-1": "done",
     }
     assert rows(copy)[: len(before)] == before
     assert len(rows(copy)) == 6
@@ -249,7 +250,7 @@ def test_stages_are_planned_by_the_budget_so_they_begin_anew_with_another(pool, 
     shared, job = Work(tmp_path, "token", pool, FISH, plans[0].basis), staged[0]
     for one in staged:
         assert run_job(one, shared).problem is None
-        assert len(RunFolder(job.folder).record()) == RunFolder(job.folder).settings()["budget"] == one.settings.budget
+        assert len(RunFolder(job.folder).record()) == RunFolder(job.folder).settings().budget == one.settings.budget
     assert len(RunFolder(job.folder / "budget-2").record()) == 2
     assert run_job(staged[1], shared).state == "read"
 
@@ -263,7 +264,7 @@ def test_another_reference_is_refused_and_nothing_is_changed(copy):
 
 
 def test_a_plan_without_a_run_binds_nobody(tmp_path, in_a_thread):
-    make(["warm-start"], range(9), 99).write(tmp_path)
+    make(["least-squares"], range(9), 99).write(tmp_path)
     assert compare_pendulum(make(["random"], (0,), 1), tmp_path).missing == {}
     assert lines(tmp_path) == {"playback/random/seed-0": 1}
 
@@ -346,7 +347,7 @@ def test_a_run_of_other_settings_is_refused(work):
 
 def test_a_worker_with_another_engine_is_refused(work):
     job, shared = work
-    other = {**shared.basis, "engine": {**shared.basis["engine"], "name": "mujoco 9.9", "fluid_fingerprint": [1.0]}}
+    other = {**shared.basis, "engine": Engine("mujoco 9.9", "implicit", 0.001, (1.0,))}
     problem = run_job(job, replace(shared, basis=other)).problem
     assert "whose physics differs from that of mujoco 9.9, which the comparison was begun with" in problem
 

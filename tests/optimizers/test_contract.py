@@ -17,7 +17,6 @@ from swim2real.optimizers import (
     Optimizer,
     RandomSearch,
     ScriptedAdvisor,
-    WarmStart,
     first_point,
     streams,
 )
@@ -39,10 +38,6 @@ def line_search(seed: int) -> Optimizer:
     return BacktrackingLineSearch(scripted(seed), first_point(D, seed))
 
 
-def warm_start(seed: int) -> Optimizer:
-    return WarmStart(scripted(seed), first_point(D, seed), RandomSearch(D, streams(seed)[1]))
-
-
 def bayesopt(seed: int) -> Optimizer:
     return BayesianOptimization(D, streams(seed)[1], first_point(D, seed), initial=23)
 
@@ -62,7 +57,7 @@ def cma_es(seed: int) -> Optimizer:
     return CmaEs(D, streams(seed)[1])
 
 
-MAKERS = [random_search, line_search, warm_start, bayesopt, least_squares, callback_solver]
+MAKERS = [random_search, line_search, bayesopt, least_squares, callback_solver]
 
 
 def _parameters(makers: Sequence[Callable[[int], Optimizer]]) -> pytest.MarkDecorator:

@@ -11,7 +11,6 @@ from swim2real.optimizers import (
     Proposal,
     RandomSearch,
     ScriptedAdvisor,
-    WarmStart,
 )
 
 FIRST = np.array([0.2, 0.8])
@@ -27,29 +26,6 @@ def feed(optimizer, losses, failed=()):
         candidates.append(candidate)
         optimizer.tell(Evaluation(candidate, loss, i in failed, {"number": i}))
     return candidates
-
-
-def test_an_early_stop_asks_for_no_more_than_the_incumbents_loss():
-    search = BacktrackingLineSearch(ScriptedAdvisor([TO, FIRST]), FIRST, early_stop=True)
-    asked = feed(search, [1.0, 2.0, 0.5, 2.0])
-    assert [candidate.stop_above for candidate in asked] == [None, 1.0, 1.0, 0.5]
-    assert [c.stop_above for c in feed(BacktrackingLineSearch(ScriptedAdvisor([TO]), FIRST), [1.0, 2.0])] == [None] * 2
-
-
-@pytest.mark.parametrize(("optimizer", "sentence"), [
-    (RandomSearch(2, np.random.default_rng(0)), "got a lower bound of 0.7 where the loss was asked for$"),
-    (BacktrackingLineSearch(ScriptedAdvisor([TO]), FIRST, early_stop=True), "asked for$"),
-])  # fmt: skip
-def test_who_needs_the_loss_gets_no_lower_bound(optimizer, sentence):
-    with pytest.raises(OptimizerError, match=sentence):
-        optimizer.tell(Evaluation(optimizer.ask(), 0.7, lower_bound=True))
-
-
-def test_a_lower_bound_must_reject():
-    search = BacktrackingLineSearch(ScriptedAdvisor([TO]), FIRST, early_stop=True)
-    feed(search, [1.0])
-    with pytest.raises(OptimizerError, match=r"lower bound of 0.7 where the loss was asked for up to 1.0"):
-        search.tell(Evaluation(search.ask(), 0.7, lower_bound=True))
 
 
 def points(candidates):
@@ -202,42 +178,12 @@ def test_a_decrease_factor_out_of_range_is_refused(factor):
         BacktrackingLineSearch(ScriptedAdvisor([]), FIRST, decrease_factor=factor)
 
 
-def test_a_direction_that_is_far_worse_in_every_trial_is_left_where_that_was_chosen():
-    def tried(losses, give_up):
-        advisor = Watching([TO, FIRST])
-        search = BacktrackingLineSearch(advisor, FIRST, give_up=give_up)
-        for loss, by_trial in losses:
-            detail = {"trials": {name: {"loss": one} for name, one in zip("ab", by_trial, strict=True)}}
-            search.tell(Evaluation(search.ask(), loss, detail=detail))
-        return len(search.rounds)
-
-    hopeless, mixed = (5.0, (4.0, 6.0)), (5.0, (1.5, 8.5))  # the first point has 1 and 1
-    assert tried([(1.0, (1.0, 1.0)), hopeless], 2.0) == 1
-    assert tried([(1.0, (1.0, 1.0)), hopeless], None) == 0
-    assert tried([(1.0, (1.0, 1.0)), mixed, hopeless], 2.0) == 1  # after the second step
-    assert tried([(1.0, (1.0, 1.0)), mixed], 2.0) == 0
-    with pytest.raises(OptimizerError, match=r"give_up is 1; it must be above 1"):
-        BacktrackingLineSearch(ScriptedAdvisor([TO]), FIRST, give_up=1)
-
-
 def test_no_steps_are_refused():
     with pytest.raises(OptimizerError, match="max_steps is 0; it must be at least 1"):
         BacktrackingLineSearch(ScriptedAdvisor([]), FIRST, max_steps=0)
 
 
 # the other two
-
-
-def test_a_warm_start_asks_its_advisor_once_then_hands_over():
-    advisor = Watching([Proposal(TO, "slow")])
-    start = WarmStart(advisor, FIRST, RandomSearch(2, np.random.default_rng(5)))
-    asked = feed(start, [1.0, 0.5, 0.7, 0.6])
-    np.testing.assert_array_equal(points(asked)[:2], [FIRST, TO])
-    np.testing.assert_array_equal(points(asked)[2:], np.random.default_rng(5).random((2, 2)))
-    assert [candidate.note["source"] for candidate in asked] == ["first point", "warm start", "random", "random"]
-    assert asked[1].note["proposal"]["diagnosis"] == "slow"
-    assert len(advisor.shown) == 1
-    assert advisor.shown[0].incumbent.loss == 1.0
 
 
 def test_random_search_samples_the_whole_cube_evenly():

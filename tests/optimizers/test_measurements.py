@@ -12,9 +12,7 @@ from swim2real.optimizers import (
     Evaluation,
     Measurement,
     Proposal,
-    RandomSearch,
     ScriptedAdvisor,
-    WarmStart,
     recorded_advice,
 )
 
@@ -79,11 +77,6 @@ def test_a_measurement_that_failed_is_none():
     assert advisor.shown[-1].measurements[0].failed
 
 
-def test_a_measurement_needs_its_loss_in_full():
-    search = BacktrackingLineSearch(ScriptedAdvisor([BESIDE, TO]), FIRST, early_stop=True)
-    assert [e.candidate.stop_above for e in feed(search, [1.0, 2.0, 0.5])] == [None, None, 1.0]
-
-
 def test_a_measurement_outside_the_cube_is_refused():
     search = BacktrackingLineSearch(ScriptedAdvisor([Measurement(np.array([0.5, 1.5]))]), FIRST)
     feed(search, [1.0])
@@ -91,28 +84,13 @@ def test_a_measurement_outside_the_cube_is_refused():
         search.ask()
 
 
-def test_a_warm_start_measures_first_and_hands_over():
-    advisor = Watching([BESIDE, ABOVE, TO])
-    start = WarmStart(advisor, FIRST, RandomSearch(2, np.random.default_rng(5)))
-    told = feed(start, [1.0, 0.8, 0.9, 2.0, 3.0, 4.0])
-    np.testing.assert_array_equal(points(told)[:4], [FIRST, BESIDE.point, ABOVE.point, TO])
-    np.testing.assert_array_equal(points(told)[4:], np.random.default_rng(5).random((2, 2)))
-    assert [e.candidate.note.get("round") for e in told] == [None, None, None, 1, None, None]
-    assert advisor.shown[-1].incumbent.loss == 0.8
-    assert len(advisor.shown) == 3
-
-
-@pytest.mark.parametrize("warm", [False, True])
 @pytest.mark.parametrize("stop", [1, 2, 3, 4])
-def test_a_record_replays_what_was_measured(warm, stop):
+def test_a_record_replays_what_was_measured(stop):
     losses = [1.0, 0.9, 2.0, 0.8, 0.7, 1.5]
     script = [BESIDE, ABOVE, Proposal(TO, "slow", "more", {"n": 1}), Measurement(TO / 2), Proposal(FIRST)]
 
     def make(advice):
-        advisor = ScriptedAdvisor(advice)
-        if warm:
-            return WarmStart(advisor, FIRST, RandomSearch(2, np.random.default_rng(0)))
-        return BacktrackingLineSearch(advisor, FIRST)
+        return BacktrackingLineSearch(ScriptedAdvisor(advice), FIRST)
 
     whole = feed(make(script), losses)
     entries = [{"point": e.candidate.point.tolist(), "note": dict(e.candidate.note)} for e in whole]
@@ -131,11 +109,9 @@ class Reader(ScriptedAdvisor):
 
 
 def test_residuals_are_asked_for_where_the_advisor_reads_them():
-    follow = RandomSearch(2, np.random.default_rng(0))
     for advisor, needed in ((ScriptedAdvisor([TO]), False), (Reader([TO]), True)):
         for wrapped in (advisor, ScriptedAdvisor([TO], then=advisor)):
             assert BacktrackingLineSearch(wrapped, FIRST).needs_residual == needed
-            assert WarmStart(wrapped, FIRST, follow).needs_residual == needed
 
 
 def test_anything_that_didnt_fail_is_better_than_a_first_point_that_did():

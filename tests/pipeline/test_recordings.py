@@ -8,7 +8,7 @@ import pytest
 from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, PENDULUM_HIDDEN, floater_reference, pendulum_reference, recorded
 from swim2real.calibration import RunFolder, load_trials
 from swim2real.cli import tables
-from swim2real.errors import ArgumentError, RunError
+from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor
 from swim2real.parameters import read_parameters
 from swim2real.pipeline import calibrate
@@ -45,17 +45,13 @@ def scripted(monkeypatch):
     [
         "least-squares",
         "line-search",
-        *(
-            pytest.param(method, marks=pytest.mark.slow)
-            for method in ("random", "cma-es", "bayesopt", "warm-start", "mujoco-sysid")
-        ),
+        *(pytest.param(method, marks=pytest.mark.slow) for method in ("random", "cma-es", "bayesopt", "mujoco-sysid")),
     ],
 )
 def test_every_method_runs_and_goes_on(method, reference, tmp_path, scripted):
-    early = {"early_stop": True} if method == "line-search" else {}
-    calibrate(reference, FLOATER, settings(method, 8, **early), tmp_path / "whole")
-    calibrate(reference, FLOATER, settings(method, 5, **early), tmp_path / "parts")
-    outcome = calibrate(reference, FLOATER, settings(method, 8, **early), tmp_path / "parts", resume=True).to_json()
+    calibrate(reference, FLOATER, settings(method, 8), tmp_path / "whole")
+    calibrate(reference, FLOATER, settings(method, 5), tmp_path / "parts")
+    outcome = calibrate(reference, FLOATER, settings(method, 8), tmp_path / "parts", resume=True).to_json()
     assert without_seconds(tmp_path / "parts") == without_seconds(tmp_path / "whole")
     best = min(entry["loss"] for entry in without_seconds(tmp_path / "whole"))
     assert outcome["fit"]["loss"] == pytest.approx(best)
@@ -139,16 +135,4 @@ def test_recordings_begin_at_the_models_own_values_unless_another_seed_is_given(
     assert begun["chosen"] == pytest.approx(own)
     assert begun["other"] != pytest.approx(own, rel=0.1)
     assert begun["any"] != pytest.approx(own, rel=0.1)
-    assert [RunFolder(tmp_path / name).settings()["first"] for name in runs] == ["model", "random", "random", "model"]
-
-
-def test_a_run_of_an_earlier_version_goes_on_where_it_began(reference, tmp_path):
-    calibrate(reference, FLOATER, settings("least-squares", 2, first="random"), tmp_path / "run")
-    written = json.loads((tmp_path / "run" / "settings.json").read_text())
-    del written["first"], written["pieces"]  # which 0.1 didn't know
-    (tmp_path / "run" / "settings.json").write_text(json.dumps(written))
-    calibrate(reference, FLOATER, settings("least-squares", 3), tmp_path / "run", resume=True)
-    calibrate(reference, FLOATER, settings("least-squares", 3, first="random"), tmp_path / "whole")
-    assert without_seconds(tmp_path / "run") == without_seconds(tmp_path / "whole")
-    with pytest.raises(RunError, match='first was "random" and is now "model"'):
-        calibrate(reference, FLOATER, settings("least-squares", 4, first="model"), tmp_path / "run", resume=True)
+    assert [RunFolder(tmp_path / name).settings().first for name in runs] == ["model", "random", "random", "model"]

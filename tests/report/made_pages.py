@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from browser import open_to_scripts, opened
+from run_settings import run_settings
 from swim2real.calibration import Problem, RunFolder, conclude
 from swim2real.calibration.protocols import Aligned
 from swim2real.objective import ComparedTrial, Comparison, evidence
@@ -87,7 +88,7 @@ class Evaluated(Problem):
         )  # fmt: skip
         self.simulator = SimpleNamespace(engine=Engine("mujoco 3.13.0", "implicit", 0.001, ()), simulate=simulate)
 
-    def evaluate(self, values: object, stop_above: float | None = None) -> Comparison:
+    def evaluate(self, values: object) -> Comparison:
         return self.result
 
 
@@ -106,13 +107,12 @@ class Run:
     def __post_init__(self) -> None:
         self.folder = RunFolder(self.path)
         self.path.mkdir()
-        self.folder.begin({
-            "robot": "fish", "method": self.method, "advisor": "physics" if self.method == "line-search" else None,
-            "protocol": "aligned", "budget": self.budget, "seed": 3, "scale": "log", "hold_out": ["f1_75"],
-            "reference": "tracks/<b>bold</b>", "reference_fingerprint": "d5756570ca64", "commit": "abc123-dirty",
-            "engine": {"name": "mujoco 3.13.0", "fluid_fingerprint": [-0.95, 11.05, -4.2, 0.1]},
-            "versions": {"swim2real": "0.1.0"}, "own_setting": True,
-        })  # fmt: skip
+        self.folder.begin(run_settings(
+            method=self.method, protocol="aligned", budget=self.budget, seed=3, hold_out=("f1_75",),
+            reference="tracks/<b>bold</b>", reference_fingerprint="d5756570ca64", commit="abc123-dirty",
+            engine=Engine("mujoco 3.13.0", "implicit", 0.001, (-0.95, 11.05, -4.2, 0.1)),
+            versions={"swim2real": "0.1.0"},
+        ))  # fmt: skip
 
     def change_settings(self, **changes: object) -> None:
         path = self.path / "settings.json"

@@ -101,12 +101,15 @@ def hostile_run(folder: Path) -> tuple[Path, Robot]:
     run.add(0.5, (0.1, 0.1, 0.9), "the simulation grew", round=2, step_size=1.0, proposal=steady)
     Run.conclude(run, 0.2)
     names = hostile("arm", "stiffness", "drag", "f0_50", "f1<b>00", "f1_75", *MARKERS)
-    for path in (run.path / "settings.json", run.path / "outcome.json", *run.transcript.glob("call_*.json")):
+    settings = json.loads((run.path / "settings.json").read_text("utf-8"))
+    chosen = {key: settings[key] for key in ("method", "protocol", "start", "first", "scale", "briefing", "advisor")}
+    (run.path / "settings.json").write_text(json.dumps(poisoned(settings, names) | chosen))
+    for path in (run.path / "outcome.json", *run.transcript.glob("call_*.json")):
         path.write_text(json.dumps(poisoned(json.loads(path.read_text("utf-8")), names)))
     entries = run.folder.record()
     (run.path / "record.jsonl").unlink()
     again = RunFolder(run.path)
-    for entry in entries:  # whoever makes such a run makes its hashes fit
+    for entry in entries:
         again.append(poisoned(entry, names))
     with np.load(run.path / SAVED) as saved:
         arrays = {key: np.array(names[str(a)]) if str(a) in names else a for key, a in saved.items()}

@@ -20,7 +20,7 @@ from swim2real.report.comparison_charts import convergence, line_search, strip, 
 from swim2real.report.paper_figures import write_figures
 from swim2real.report.style import COLORS, VARIABLES, legend_columns, method_styles, paper_style
 
-KNOWN = ("line-search", "no-line-search", "warm-start", "bayesopt", "cma-es", "random", "staged", "least-squares")
+KNOWN = ("line-search", "no-line-search", "bayesopt", "cma-es", "random", "staged", "least-squares")
 TIMES = np.arange(61) / 30
 
 
@@ -185,7 +185,7 @@ def test_each_method_has_its_own_look_everywhere() -> None:
     assert method_styles(["x", "random"])["random"] == styles["random"]
     many = method_styles([f"line-search@{i}" for i in range(6)])
     assert len({(s.light, s.mark, s.dashes) for s in many.values()}) == 6
-    assert len({style.light for style in many.values()} | {s.light for s in styles.values()}) == 14
+    assert len({style.light for style in many.values()} | {s.light for s in styles.values()}) == 13
     known = {light for light, _ in VARIABLES.values()}
     assert {s.light for s in (*many.values(), *styles.values())} <= known
     assert not {s.light for s in (*many.values(), *styles.values())} & {light for light, _ in COLORS.values()}

@@ -170,7 +170,7 @@ def test_an_interrupted_run_has_what_its_record_has(copied: Path) -> None:
 
 def test_a_held_out_trial_that_diverged(copied: Path) -> None:
     class Diverging(Problem):
-        def evaluate(self, values, stop_above=None) -> Comparison:
+        def evaluate(self, values) -> Comparison:
             found = super().evaluate(values)
             nowhere = [replace(t, divergence="it grew", simulated=np.nan * t.real) for t in found.trials]
             return Comparison(tuple(nowhere), found.protocol, found.horizon)

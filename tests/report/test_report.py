@@ -54,7 +54,7 @@ def test_a_finished_run_shows_everything(run: Run) -> None:
         "Convergence", "Speed against frequency", "Real and simulated", "Error from head to tail",
         "on its upper bound", "identified", "+12.30", "Length of the arm.", "1 of 3 rounds were accepted",
         "Tail too soft.", "trust: 0.3", "0.37740 ± 0.00020", "check the track", "M2 is lost in 3 % of frames",
-        "held out", "−0.95, 11.05, −4.2, … (4 numbers)", "d5756570ca64", "abc123-dirty", "own_setting", "mujoco 3.13.0",
+        "held out", "−0.95, 11.05, −4.2, … (4 numbers)", "d5756570ca64", "abc123-dirty", "mujoco 3.13.0",
     )  # fmt: skip
     assert missing(words, visible(page)) == []
     assert "has not ended" not in visible(page)

@@ -14,7 +14,6 @@ from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots import load_robot
 from swim2real.robots.delays import Delay, Delays
 from swim2real.simulation import PlaybackSimulator
-from swim2real.sysid.trajectory import trajectories
 from swim2real.trials import Signals
 
 LATE = Parameter("late", "s", -0.05, 0.1, "How late.", 0.0)
@@ -85,16 +84,6 @@ def test_the_hidden_delay_explains_a_recording(line, start):
     at, off = problem.evaluate_many([hidden, {**hidden, "late": 0.03}])
     assert at.loss < 1e-4
     assert off.loss > 3 * at.loss
-
-
-def test_the_toolbox_gets_readings_at_the_times_that_they_show():
-    robot = late('sensor "gyro*" delay')
-    values = {**PENDULUM_HIDDEN, "late": 0.02}
-    problem = Problem(robot, recorded(robot, values, [trial_of()]), threads=1)
-    (made_of,) = trajectories(problem, values)
-    shown = made_of.times[np.isfinite(made_of.readings[:, 1])]
-    assert shown[0] == pytest.approx(0.0, abs=1e-9)
-    assert shown[-1] == pytest.approx(0.98)
 
 
 # lines of a robot file

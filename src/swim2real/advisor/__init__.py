@@ -1,6 +1,6 @@
 """Advisors: who says what is physically wrong and where to go. Optimizers ask them through one protocol."""
 
-from swim2real.advisor.choice import AdvisorContext, asks_a_vlm, make_advisor, replayed_run
+from swim2real.advisor.choice import AdvisorContext, make_advisor
 from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
 from swim2real.advisor.probing import ProbingAdvisor
 from swim2real.advisor.vlm.advisor import AdvisorEvent
@@ -11,7 +11,5 @@ __all__ = [
     "PhysicsAdvisor",
     "ProbingAdvisor",
     "SensitivityAdvisor",
-    "asks_a_vlm",
     "make_advisor",
-    "replayed_run",
 ]

@@ -19,7 +19,7 @@ from swim2real.objective import Comparison
 from swim2real.optimizers import Advisor
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
-from swim2real.settings import FILES, PHYSICS, REPLAY, BriefingSettings, VlmAccess, check_advisor
+from swim2real.settings import FILES, PHYSICS, BriefingSettings, VlmAccess, check_advisor, replayed_run
 
 
 @dataclass(frozen=True)
@@ -44,16 +44,6 @@ class AdvisorContext:
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
     access: VlmAccess = field(default_factory=VlmAccess)
     on_event: Callable[[AdvisorEvent], None] = lambda event: None
-
-
-def asks_a_vlm(name: str) -> bool:
-    """Whether the advisor of this name is briefed: a VLM, or a person in its place."""
-    return name != PHYSICS and replayed_run(name) is None
-
-
-def replayed_run(name: str) -> Path | None:
-    """The run whose replies the advisor of this name repeats, None for other advisors."""
-    return Path(name.removeprefix(REPLAY)) if name.startswith(REPLAY) else None
 
 
 def make_advisor(

@@ -1,12 +1,13 @@
 """Calibration: the loop around an optimizer and a simulator, with its record."""
 
 from swim2real.calibration.file_models import Outcome
-from swim2real.calibration.loop import Progress, RecordMismatchError, minimize
+from swim2real.calibration.loop import Progress, minimize
 from swim2real.calibration.outcome import conclude
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.protocols import RealSwim, examine_swims, protocol_for
 from swim2real.calibration.provenance import commit, reference_fingerprint, versions
 from swim2real.calibration.run_folder import RunFolder
+from swim2real.calibration.run_settings import RunSettings
 from swim2real.calibration.saved_trials import SavedTrial, load_trials
 from swim2real.calibration.sensitivity import Sensitivity, sensitivities
 
@@ -15,8 +16,8 @@ __all__ = [
     "Problem",
     "Progress",
     "RealSwim",
-    "RecordMismatchError",
     "RunFolder",
+    "RunSettings",
     "SavedTrial",
     "Sensitivity",
     "commit",

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from swim2real.settings import CalibrationSettings
+
 _FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
 _FEW = 10  # evaluations of which nothing is said
 _SPREAD = ("first point", "start", "initial")  # sources of points that no search has proposed
@@ -21,43 +23,41 @@ def best_losses(entries: Sequence[Mapping[str, Any]]) -> list[float]:
     return losses
 
 
-def still_falling(entries: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]) -> str | None:
+def still_falling(entries: Sequence[Mapping[str, Any]], settings: CalibrationSettings) -> str | None:
     """A warning that a run hadn't converged: its last quarter lowered the loss by more than 5 %.
 
     Args:
         entries: Evaluations on record.
-        settings: Settings of the run; `budget` and `method` are read.
+        settings: Settings of the run.
 
     Returns:
         None for a run that converged, hasn't spent its budget, or is shorter than four evaluations.
     """
-    budget = settings.get("budget", 0)
+    budget = settings.budget
     if budget < 4 or len(entries) < budget:
         return None
     losses = best_losses(entries)
     before, end = losses[len(losses) - len(losses) // 4 - 1], losses[-1]
     if end >= (1 - _FALLING) * before:
         return None
-    more = "begin a new run with a higher --budget"  # its stages are planned by the budget
-    if settings.get("method") != "staged":
-        more = "raise --budget and add --resume"
     return (
-        f"the loss was still falling: {100 * (1 - end / before):.0f} % lower in the last quarter of the budget; {more}"
+        f"the loss was still falling: {100 * (1 - end / before):.0f} % lower in the last quarter of the budget; raise "
+        f"--budget and add --resume (with method staged: begin a new run)"
     )
 
 
-def never_beaten(entries: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]) -> str | None:
+def never_beaten(entries: Sequence[Mapping[str, Any]], settings: CalibrationSettings) -> str | None:
     """A warning that a search has found nothing better than the points that it began with.
 
     Args:
         entries: Evaluations on record.
-        settings: Settings of the run; `budget` and `method` are read.
+        settings: Settings of the run.
 
     Returns:
         None for a run that did, hasn't spent its budget, or is shorter than ten evaluations.
     """
-    budget = settings.get("budget", 0)
-    if settings.get("method") == "random" or budget < _FEW or len(entries) < budget:
+    budget = settings.budget
+    if settings.method == "random" or budget < _FEW or len(entries) < budget:
         return None
     best = min((entry for entry in entries if not entry["failed"]), key=lambda entry: entry["loss"], default=None)
     if best is None or best["note"].get("source") not in _SPREAD:

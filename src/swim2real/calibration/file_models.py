@@ -5,13 +5,13 @@ What is checked here is what is read again; keys that a later version adds are k
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from swim2real.calibration.from_rest import FromRest
 from swim2real.calibration.sensitivity import Sensitivity
-from swim2real.checking import Number, PathText, Positive
+from swim2real.checking import Number
 from swim2real.objective.figures import Fact, FitFigures, Text
 
 Whole = Annotated[int, Field(strict=True, ge=0, le=10**9)]
@@ -20,37 +20,6 @@ Share = Annotated[float, Field(strict=True, ge=0, le=1)]
 
 class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="allow")
-
-
-class RunSettings(_Part):
-    """What `settings.json` of a run says; every key may be missing, since versions and methods differ."""
-
-    format: Any = None
-    chained: bool = False
-    robot: Text | None = None
-    robot_file: PathText | None = None
-    protocol: Text | None = None
-    start: Text | None = None
-    horizon: Positive | None = None
-    pieces: Positive | None = None
-    method: Text | None = None
-    advisor: Text | None = None
-    budget: Whole = 0
-    seed: Annotated[int, Field(strict=True, ge=0)] = 0
-    first: Text | None = None
-    starts: Whole | None = None
-    scale: Literal["log", "linear"] = "log"
-    max_steps: Whole | None = None
-    early_stop: bool = True
-    give_up: bool | Number | None = None
-    probes: Whole = 0
-    hold_out: list[Text] = []
-    reference_fingerprint: Text | None = None
-    reference: Text | None = None
-    engine: dict[str, Any] | None = None
-    commit: Text | None = None
-    versions: dict[str, Text] = {}
-    created: Text | None = None
 
 
 class Proposal(_Part):
@@ -79,7 +48,6 @@ class RecordedEvaluation(_Part):
     loss: Number
     failed: Annotated[bool, Field(strict=True)]
     reason: Text | None = None
-    lower_bound: bool | None = None
     point: list[Share]
     values: dict[str, Number]
     note: Note

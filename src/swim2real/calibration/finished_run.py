@@ -11,6 +11,7 @@ from typing import Any
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.provenance import reference_fingerprint
 from swim2real.calibration.run_folder import RunFolder
+from swim2real.calibration.run_settings import RunSettings
 from swim2real.errors import RunError
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
@@ -31,7 +32,7 @@ class FinishedRun:
     """
 
     folder: RunFolder
-    settings: Mapping[str, Any]
+    settings: RunSettings
     problem: Problem
     space: ParameterSpace
     record: tuple[Mapping[str, Any], ...]
@@ -44,13 +45,13 @@ class FinishedRun:
     def conditions(self) -> dict[str, Any]:
         """What decides a loss, for the file of a study: robot, protocol, trials, reference and engine."""
         conditions = {
-            "robot": self.settings["robot"],
+            "robot": self.settings.robot,
             "parameters": list(self.space.names),
             "scale": self.space.scale,
             "protocol": self.problem.protocol.name,
             "horizon": self.problem.horizon,
             "trials": [trial.name for trial in self.problem.trials],
-            "reference_fingerprint": self.settings["reference_fingerprint"],
+            "reference_fingerprint": self.settings.reference_fingerprint,
             "engine": self.problem.engine.as_dict(),
         }
         return json.loads(json.dumps(conditions))  # as it will be when it is read back
@@ -70,29 +71,23 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
     """
     folder = RunFolder(path)
     settings = folder.settings()
-    if settings.get("robot") != robot.name:
-        raise RunError(f"run '{folder.path}' is of robot {settings.get('robot')!r}, not '{robot.name}'")
-    if settings.get("reference_fingerprint") != reference_fingerprint(reference):
-        source = source_at(folder.path, str(settings.get("reference") or ""))
+    if settings.robot != robot.name:
+        raise RunError(f"run '{folder.path}' is of robot '{settings.robot}', not '{robot.name}'")
+    if settings.reference_fingerprint != reference_fingerprint(reference):
+        source = source_at(folder.path, settings.reference)
         raise RunError(
             f"run '{folder.path}' was made with another reference than this one of {len(reference)} trials; give the "
             f"one that it was made with" + (f", {source}" if source else "")
         )
-    for key in ("hold_out", "protocol", "horizon", "scale"):
-        if key not in settings:
-            raise RunError(f"{folder.settings_path}: '{key}' is missing; {folder.RESTORE}")
-    fitted, _ = reference.split(tuple(settings["hold_out"]))
-    problem = Problem(
-        robot, fitted, settings["protocol"], settings["horizon"], start=settings.get("start", "speed"),
-        pieces=settings.get("pieces"), threads=threads,
-    )  # fmt: skip
-    note = problem.engine.difference(settings.get("engine") or {})
+    fitted, _ = reference.split(settings.hold_out)
+    problem = Problem.with_settings(robot, fitted, replace(settings, threads=threads))
+    note = problem.engine.difference(settings.engine.as_dict())
     if note:
         raise RunError(f"run '{folder.path}' was {note}; losses can't be compared, so make a new run")
-    record = tuple(e for e in folder.record() if not e["failed"] and not e.get("lower_bound"))
+    record = tuple(e for e in folder.record() if not e["failed"])
     if not record:
         raise RunError(f"run '{folder.path}' has no evaluation that went well; calibrate first")
-    space = replace(robot.space, scale=settings["scale"])
+    space = replace(robot.space, scale=settings.resolved_scale)
     try:
         for entry in record:
             space.to_values(entry["point"])

@@ -28,18 +28,6 @@ from swim2real.store import reason
 _PRIOR = 0.01  # of the first residual's length: what the way over a parameter's whole range adds
 
 
-class RecordMismatchError(RunError):
-    """An evaluation on record isn't the one that the optimizer asks for.
-
-    Attributes:
-        index: Its index.
-    """
-
-    def __init__(self, sentence: str, index: int) -> None:
-        super().__init__(sentence)
-        self.index = index
-
-
 @dataclass(frozen=True)
 class Progress:
     """What a person wants to see after each evaluation.
@@ -53,7 +41,6 @@ class Progress:
         improved: Whether this one is the new incumbent.
         seconds_left: Estimate [s].
         replayed: True for an evaluation that was read from the record.
-        lower_bound: True when it stopped early: the loss is at least this.
     """
 
     done: int
@@ -64,7 +51,6 @@ class Progress:
     improved: bool
     seconds_left: float
     replayed: bool
-    lower_bound: bool = False
 
 
 def minimize(
@@ -88,8 +74,7 @@ def minimize(
         The record's entry of the incumbent.
 
     Raises:
-        RecordMismatchError: The record doesn't fit the optimizer.
-        RunError: The record was edited, or the disk failed.
+        RunError: The record doesn't fit the optimizer, or the disk failed.
     """
     if budget < 1:
         raise RunError(f"budget is {budget}; it must be at least 1")
@@ -116,16 +101,13 @@ def minimize(
             best = entry
         if (best is not before and not replayed) or index == len(recorded) - 1:  # once for all that is replayed
             write_best(folder, problem, best)
-        bound = bool(entry.get("lower_bound"))
         residual = comparison.residual_vector() if comparison is not None and optimizer.needs_residual else None
         if residual is not None and prior is not None:
             scale = scale or (_PRIOR * float(np.linalg.norm(residual)) if not entry["failed"] else None)
             residual = np.concatenate([residual, (scale or 0.0) * (candidate.point - prior)])
-        optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"], bound, residual))
+        optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"], residual))
         left = (time.monotonic() - started) / max(fresh, 1) * (budget - index - 1)
-        on_progress(
-            Progress(index + 1, budget, entry["loss"], best["loss"], entry["note"], improved, left, replayed, bound)
-        )
+        on_progress(Progress(index + 1, budget, entry["loss"], best["loss"], entry["note"], improved, left, replayed))
     if best is None:
         raise RunError("nothing was evaluated")
     return best
@@ -136,13 +118,12 @@ def _evaluate(
 ) -> tuple[dict[str, Any], Comparison]:
     began = time.monotonic()
     values = space.to_values(candidate.point)
-    comparison = problem.evaluate(values, candidate.stop_above)
+    comparison = problem.evaluate(values)
     entry = {
         "index": index,
         "loss": comparison.loss,
         "failed": comparison.divergence is not None,
         "reason": comparison.divergence,
-        "lower_bound": comparison.lower_bound,
         "point": [float(x) for x in candidate.point],
         "values": values,
         "note": dict(candidate.note),
@@ -161,10 +142,9 @@ def _check_replay(
         or not np.array_equal(point, candidate.point)
         or not _same_values(entry.get("values"), space.to_values(candidate.point))
     ):
-        raise RecordMismatchError(
+        raise RunError(
             f"run '{folder.path}' can't go on: evaluation {index + 1} on record isn't the one that these settings ask "
-            f"for (another version of swim2real, another kind of processor, or an edited record?); begin a new run",
-            index,
+            f"for (another version of swim2real, another kind of processor, or an edited record?); begin a new run"
         )
 
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing
 from typing import Any
 
 from swim2real.calibration.protocols import Protocol, protocol_for
 from swim2real.errors import TrialError
-from swim2real.objective import ComparedTrial, Comparison
+from swim2real.objective import Comparison
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import HORIZON, EvaluationSettings, ProtocolName, Start
 from swim2real.simulation import Engine, ForwardModel
 from swim2real.trials import Trial, TrialSet
-
-_ROUNDING = 1e-9  # an early stop must not hang on the order of a sum
 
 
 class Problem:
@@ -89,27 +86,9 @@ class Problem:
         """Which physics the losses are made with."""
         return self.simulator.engine
 
-    def evaluate(self, values: Values, stop_above: float | None = None) -> Comparison:
-        """Simulates all trials and compares them with the real ones.
-
-        Args:
-            values: Parameter values of the candidate.
-            stop_above: Stop as soon as the loss is certain to exceed this [m]. A trial's error can't be negative, so
-                the sum over the trials so far bounds the loss from below. The trials are taken from the cheapest to
-                the costliest; how many it takes doesn't depend on threads.
-        """
-        if stop_above is None:
-            return self.evaluate_many([values])[0]
-        order = sorted(range(len(self.prepared)), key=lambda i: self.prepared[i].cost)
-        limit = stop_above * len(order) * (1 + _ROUNDING)
-        compared: dict[int, ComparedTrial] = {}
-        with closing(self.simulator.simulate_each(values, [self.prepared[i].request for i in order])) as simulated:
-            for i, trial in zip(order, simulated, strict=True):
-                compared[i] = self.protocol.compare(self.prepared[i].target, trial)
-                if trial.divergence or sum(other.loss for other in compared.values()) > limit:
-                    break
-        trials = tuple(compared[i] for i in sorted(compared))
-        return Comparison(trials, self.protocol.name, self.horizon, len(order) - len(compared))
+    def evaluate(self, values: Values) -> Comparison:
+        """Simulates all trials with a candidate's parameter values and compares them with the real ones."""
+        return self.evaluate_many([values])[0]
 
     def evaluate_many(self, candidates: Sequence[Values]) -> list[Comparison]:
         """The same for several candidates in one batch."""

@@ -25,7 +25,7 @@ MOST_LINES = 10  # on lost tracks, before they are told in a line for each trial
 
 def calibrate(
     reference: Positional[Path], settings: CalibrationSettings, access: VlmAccess, *, out: Path,
-    robot: RobotOption = "fish", sensitivity: bool = False, resume: bool = False, accept_edited: bool = False,
+    robot: RobotOption = "fish", sensitivity: bool = False, resume: bool = False,
     seeds: int = 1, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Find simulator parameters that make simulated trials match real ones.
@@ -45,8 +45,6 @@ def calibrate(
         sensitivity: Also measure each parameter's effect on the loss at the end: two evaluations a parameter, outside
             the budget.
         resume: Go on with the run in --out.
-        accept_edited: With --resume, take a record that was edited or cut as it is. What doesn't fit the rest any more
-            is evaluated anew; the record as it was is kept as record-edited-1.jsonl.
         seeds: Make so many runs, with --seed and the numbers after it, in folders beside --out, and copy the best one
             to --out.
         json: Print the outcome as JSON.
@@ -54,8 +52,6 @@ def calibrate(
     """
     if seeds < 1:
         raise ArgumentError(f"seeds is {seeds}; it must be at least 1")
-    if accept_edited and not resume:
-        raise ArgumentError("--accept-edited is for a run that goes on; add --resume")
     from swim2real import pipeline
     from swim2real.robots import load_robot
     from swim2real.simulation.misfits import hasty, long_swings, misplaced, other_units
@@ -76,7 +72,7 @@ def calibrate(
     def run(chosen: CalibrationSettings, folder: Path, resume: bool) -> Outcome | None:
         def work(callbacks: RunCallbacks) -> Outcome:
             return pipeline.calibrate(
-                trials, body, chosen, folder, source=str(reference), resume=resume, accept_edited=accept_edited,
+                trials, body, chosen, folder, source=str(reference), resume=resume,
                 sensitivity=sensitivity, access=access, on_progress=callbacks.progress, on_advisor=callbacks.advisor,
             )  # fmt: skip
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def compare(
     reference: Positional[Path], settings: ComparisonSettings, access: VlmAccess, *, out: Path,
-    robot: RobotOption = "fish", accept_edited: bool = False, json: bool = False, quiet: bool = False,
+    robot: RobotOption = "fish", json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Run methods against methods: each with every seed, under every protocol, with one budget.
 
@@ -32,7 +32,6 @@ def compare(
         access: Access to VLMs, for --methods line-search@PROVIDER:MODEL and the like.
         out: Folder to write.
         robot: As for calibrate: fish, fish-extended, or a robot file.
-        accept_edited: Take records of runs that were edited or cut as they are, as calibrate --resume does.
         json: Print the results as JSON.
         quiet: Print no progress.
     """
@@ -48,7 +47,7 @@ def compare(
     try:
         with comparison_shown(quiet or json) as show:
             results = api.compare(
-                trials, body, settings, out, source=str(reference), access=access, accept_edited=accept_edited,
+                trials, body, settings, out, source=str(reference), access=access,
                 on_progress=show,
             )  # fmt: skip
     except KeyboardInterrupt:

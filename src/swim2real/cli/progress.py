@@ -106,7 +106,7 @@ def _run_line(p: Progress) -> str:
     if "round" in p.note:
         how = f"round {p.note['round']}, step {p.note['step_size']:g}"
     kind = "read" if p.replayed else "best" if p.improved else "    "
-    loss = f"{'>' * p.lower_bound}{1e3 * p.loss:.1f}"
+    loss = f"{1e3 * p.loss:.1f}"
     return (
         f"{p.done:4d}/{p.budget} {kind} {loss:>7} mm  (best {1e3 * p.best:.1f} mm, {how}, "
         f"{_clock(p.seconds_left)} left)"

@@ -1,4 +1,4 @@
-"""`identify`, `ensemble`, `export-sysid` and `import-sysid`: studies of runs, here and with MuJoCo's own toolbox."""
+"""`identify` and `ensemble`: studies of runs."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swim2real.cli.options import PUBLISHED, Positional
+from swim2real.cli.options import Positional
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
-from swim2real.settings import EnsembleSettings, EvaluationSettings, IdentifiabilitySettings, all_cores
+from swim2real.settings import EnsembleSettings, IdentifiabilitySettings, all_cores
 
 _SLOPPY, _STIFF = 5, 2  # directions that are printed
 _NAMED = 3  # parameters that are named in a cell
@@ -138,68 +138,6 @@ def ensemble(
         ],
     )
     say(f"Written: {out}")
-    return 0
-
-
-def export_sysid(
-    parameters: Positional[Path],
-    *,
-    reference: Path,
-    out: Path,
-    robot: str | None = None,
-    horizon: float = 4.0,
-    threads: int = 0,
-) -> int:
-    """Write a reference and parameters as files of MuJoCo's own identification toolbox, mujoco.sysid.
-
-    Reads a run folder or parameters file and a reference; writes params_x_0.yaml, the model as MJCF and a .npz a trial.
-    docs/mujoco-sysid.md says what goes over and how to go on. Costs a few seconds.
-
-    Args:
-        parameters: Run folder or parameters file, where an identification is to begin; 'published' for the prior
-            work's values.
-        reference: Folder with the real trials.
-        out: New folder to write.
-        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
-            robot whose own values are taken.
-        horizon: Seconds of each trial that are written; 0 for all of it.
-        threads: Trials simulated at a time; 0 for all cores.
-    """
-    settings = EvaluationSettings(horizon=horizon, threads=threads)
-    from swim2real.cli.subject import problem_of
-    from swim2real.sysid import save, to_sysid
-
-    problem, values = problem_of(parameters, reference, settings, robot)
-    save(to_sysid(problem, values), out)
-    say(f"{out}: {len(problem.robot.space)} parameters, {len(problem.trials)} trials")
-    return 0
-
-
-def import_sysid(results: Positional[Path], *, like: Path, out: Path, robot: str | None = None) -> int:
-    """Make a parameters file of what MuJoCo's identification toolbox has found.
-
-    Names and bounds are checked against the robot's.
-
-    Args:
-        results: Folder that its save_results wrote, or a YAML file of its parameters.
-        like: Run folder or parameters file of the same robot, whose values parameters keep that the toolbox didn't
-            have; 'published' for the prior work's values.
-        out: Parameters file to write.
-        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
-            robot whose own values are taken.
-    """
-    from swim2real.cli.subject import robot_for
-    from swim2real.parameters import read_parameters, write_parameters
-    from swim2real.simulation import Engine
-    from swim2real.sysid import read_values
-
-    body = robot_for(like, robot)
-    published = str(like) == PUBLISHED
-    others = body.space.published if published else read_parameters(like, body.name, body.space).values
-    values, engine = read_values(results, body.space, others), Engine.of(body)
-    write_parameters(out, body.name, values, engine.name, engine.as_dict(), body.source)
-    changed = sum(values[name] != others[name] for name in values)
-    say(f"{out}: {changed} of {len(values)} parameters differ from {like}")
     return 0
 
 

@@ -118,7 +118,7 @@ def _own_reference(path: Path) -> Path | None:
     run = RunFolder(path)
     if not run.exists:
         return None
-    source = str(run.settings().get("reference", ""))
+    source = run.settings().reference
     return next((folder for folder in (path / source, Path(source)) if source and folder.is_dir()), None)
 
 

@@ -9,23 +9,21 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from swim2real.advisor import asks_a_vlm
 from swim2real.calibration.run_folder import RECORD
 from swim2real.comparison.cluster import SESSION, dask_cluster, explain_failure, session
 from swim2real.comparison.jobs import JobReport, Work, failed_job, read_job, run_job
 from swim2real.comparison.plan import RUNS, Job, Plan, read_plan
 from swim2real.comparison.results import ComparisonResults, read_results, write_results
 from swim2real.errors import RunError
+from swim2real.pipeline.methods import METHODS
 from swim2real.processes import ProcessPool
 from swim2real.robots.robot import Robot
-from swim2real.settings import VlmAccess
+from swim2real.settings import VlmAccess, asks_a_vlm
 from swim2real.store import locked, reason, remove_leftovers, source_from
 from swim2real.trials import TrialSet
 
 _PROGRESS_INTERVAL = 1.0  # s
 _WRITTEN = ("plan.json", "results.json", "results.csv", SESSION)  # only by the process that has the comparison
-# of one evaluation relative to a random search's, with what the method itself takes; only the order hangs on it
-_COST: Mapping[str, float] = {"bayesopt": 3.0, "staged": 2.0}
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class ComparisonProgress:
 
 def compare(
     plan: Plan, reference: TrialSet, robot: Robot, out: str | Path, *, workers: int | None = None,
-    cluster: str | None = None, access: VlmAccess | None = None, accept_edited: bool = False,
+    cluster: str | None = None, access: VlmAccess | None = None,
     on_progress: Callable[[ComparisonProgress], None] = lambda progress: None,
 ) -> ComparisonResults:  # fmt: skip
     """Runs what isn't finished of a comparison. Called again, it goes on; with a larger plan, it adds to what is there.
@@ -66,7 +64,6 @@ def compare(
         workers: Processes on this machine; None for as many as there are cores.
         cluster: Dask scheduler that is used instead: its address, or `local:N`.
         access: How VLMs are reached.
-        accept_edited: Whether records that were edited or cut are taken as they are.
         on_progress: Called when a job ends, and about once a second.
 
     Returns:
@@ -86,7 +83,7 @@ def compare(
         plan.write(root)
         with session(root) as token:
             work = Work(
-                root, token, reference, robot, plan.basis, source, access or VlmAccess(), accept_edited
+                root, token, reference, robot, plan.basis, source, access or VlmAccess()
             )  # fmt: skip
 
             def begin() -> AbstractContextManager[Executor]:
@@ -156,7 +153,7 @@ def _ended_job(future: Future[JobReport], job: Job) -> JobReport:
 def _cost(job: Job) -> float:
     """Roughly how long a job takes: the longest are begun first, so that no worker is left with one at the end."""
     settings = job.settings
-    method = 4.0 if asks_a_vlm(settings.advisor) else _COST.get(settings.method, 1.0)
+    method = 4.0 if asks_a_vlm(settings.advisor) else METHODS[settings.method].cost
     return method * (0.8 if settings.hold_out else 1.0)
 
 

@@ -11,14 +11,14 @@ from typing import cast
 from swim2real.checking import did_you_mean
 from swim2real.errors import ArgumentError
 from swim2real.names import quoted
+from swim2real.pipeline.methods import METHODS
 from swim2real.robots.robot import Robot
-from swim2real.settings import ADVISED, METHODS, Method, Scale, check_advisor
+from swim2real.settings import Method, Scale, check_advisor
 
 ABLATION = "no-line-search"
 NAMES: tuple[str, ...] = (*METHODS, ABLATION)
 SCALES = ("auto", "log", "linear")
 _LONGEST = 1000  # characters of a name; an advisor may be the path of a run
-_NOT_BY_DEFAULT = ("mujoco-sysid", "warm-start")
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Contestant:
                 f"there is no method {quoted(self.name if method in NAMES else method)}; "
                 f"there are {_all_methods()}{did_you_mean(method, NAMES)}"
             )
-        if at and self.method not in ADVISED:
+        if at and not METHODS[self.method].advised:
             raise ArgumentError(f"method {method} has no advisor; write '{method}' without '@{advisor}'")
         if at:
             check_advisor(advisor)
@@ -108,7 +108,9 @@ def contestants(names: Sequence[str], scales: Sequence[str] = ("auto",)) -> tupl
 
 def table_methods(robot: Robot) -> tuple[str, ...]:
     """Names of the methods that are compared by default: without stages for a robot that has no plan of them."""
-    left_out = _NOT_BY_DEFAULT if robot.trials.fit_plan is not None else (*_NOT_BY_DEFAULT, "staged")
+    left_out = {name for name, method in METHODS.items() if not method.by_default}
+    if robot.trials.fit_plan is None:
+        left_out.add("staged")
     return tuple(name for name in NAMES if name not in left_out)
 
 
@@ -121,5 +123,5 @@ def folder_name(label: str) -> str:
 
 
 def _all_methods() -> str:
-    advised = [name for name in NAMES if name in (*ADVISED, ABLATION)]
+    advised = [*(name for name, method in METHODS.items() if method.advised), ABLATION]
     return f"{', '.join(NAMES)}, and with another advisor {', '.join(f'{name}@ADVISOR' for name in advised)}"

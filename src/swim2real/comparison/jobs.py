@@ -7,20 +7,20 @@ import time
 import traceback
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from filelock import FileLock, Timeout
 
-from swim2real.advisor import asks_a_vlm
 from swim2real.calibration import Progress, RunFolder
-from swim2real.calibration.run_folder import ADDED, SETTINGS
+from swim2real.calibration.run_folder import SETTINGS
 from swim2real.comparison.cluster import SessionEnded, check_session
 from swim2real.comparison.plan import Job
 from swim2real.errors import RunError, Swim2RealError
 from swim2real.pipeline import calibrate
+from swim2real.pipeline.methods import METHODS
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess
 from swim2real.simulation import Engine
@@ -28,7 +28,6 @@ from swim2real.store import LOCK, write_text
 from swim2real.trials import TrialSet
 
 PROBLEM = "problem.txt"
-_PLANNED_BY_BUDGET = ("staged",)  # methods that can't go on with a higher budget
 _LOCK_TIMEOUT = 60.0  # s that a run folder is waited for, which a worker taken for lost may still hold
 
 
@@ -44,7 +43,6 @@ class Work:
         basis: What every run must rest on, as `Plan.basis` says it.
         source: Where the reference came from.
         access: How VLMs are reached.
-        accept_edited: Whether records that were edited or cut are taken as they are.
     """
 
     root: Path
@@ -54,7 +52,6 @@ class Work:
     basis: Mapping[str, Any]
     source: str = ""
     access: VlmAccess = field(default_factory=VlmAccess)
-    accept_edited: bool = False
 
 
 @dataclass(frozen=True)
@@ -95,8 +92,6 @@ def run_job(job: Job, work: Work) -> JobReport:
     began = time.monotonic()
     try:
         check_session(work.root, work.token)
-        if work.accept_edited:
-            _accept_edited(job)
         finished = is_finished(job, work.basis)
         if not finished:
             _continue(job, work)
@@ -136,19 +131,15 @@ def is_finished(job: Job, basis: Mapping[str, Any]) -> bool:
     folder = RunFolder(job.folder)
     if not folder.exists:
         return False
-    recorded = folder.settings()
-    settings = job.settings
-    briefing = asdict(settings.briefing) if asks_a_vlm(settings.advisor) else None
-    wanted = {
-        **asdict(settings), "scale": settings.resolved_scale, "hold_out": sorted(settings.hold_out),
-        "briefing": briefing, **basis,
-    }  # fmt: skip
-    for key, value in wanted.items():
-        if key not in ("budget", "threads") and recorded.get(key, ADDED.get(key)) != value:
-            raise RunError(
-                f"'{job.folder}' was run with another setting of {key}: {recorded.get(key)!r}, and now it is "
-                f"{value!r}; remove it, or use another folder for the comparison"
-            )
+    recorded, settings = folder.settings(), job.settings
+    wanted = {field.name: getattr(settings, field.name) for field in fields(settings)}
+    expected = replace(recorded, **{**wanted, "scale": settings.resolved_scale, **basis})
+    if (differing := recorded.difference(expected)) is not None:
+        name, before, now = differing
+        raise RunError(
+            f"'{job.folder}' was run with another setting of {name}: {before!r}, and now it is {now!r}; remove it, or "
+            f"use another folder for the comparison"
+        )
     record, outcome = folder.record(), folder.outcome()
     if outcome is None or len(record) < settings.budget:
         return False
@@ -159,14 +150,6 @@ def is_finished(job: Job, basis: Mapping[str, Any]) -> bool:
     return bool(np.isclose(outcome.fit.loss or 0.0, best["loss"], rtol=1e-6, atol=0.0))
 
 
-def _accept_edited(job: Job) -> None:
-    """Takes the record of a job as it is, so that it can be said whether the job is finished."""
-    folder = RunFolder(job.folder)
-    if folder.exists:
-        with folder.locked():
-            folder.accept_edited()
-
-
 def _report(job: Job, state: Literal["read", "done"]) -> JobReport:
     record = RunFolder(job.folder).record()
     losses = [entry["loss"] for entry in record if not entry["failed"]]
@@ -175,12 +158,12 @@ def _report(job: Job, state: Literal["read", "done"]) -> JobReport:
 
 def _continue(job: Job, work: Work) -> None:
     """Runs a job from where its record ends."""
-    engine = Engine.of(work.robot).as_dict()
+    engine = Engine.of(work.robot)
     wanted = work.basis["engine"]
     if engine != wanted:
         raise RunError(
-            f"worker {socket.gethostname()} simulates with {engine['name']}, whose physics differs from that of "
-            f"{wanted['name']}, which the comparison was begun with; install the same on every worker"
+            f"worker {socket.gethostname()} simulates with {engine.name}, whose physics differs from that of "
+            f"{wanted.name}, which the comparison was begun with; install the same on every worker"
         )
     _prepare(job)
 
@@ -190,7 +173,7 @@ def _continue(job: Job, work: Work) -> None:
 
     calibrate(
         work.reference, work.robot, job.settings, job.folder, source=work.source,
-        resume=RunFolder(job.folder).exists, accept_edited=work.accept_edited, access=work.access, on_progress=check,
+        resume=RunFolder(job.folder).exists, access=work.access, on_progress=check,
     )  # fmt: skip
 
 
@@ -200,14 +183,14 @@ def _prepare(job: Job) -> None:
         return
     try:
         with FileLock(job.folder / LOCK, timeout=_LOCK_TIMEOUT):
-            if RunFolder(job.folder).exists and job.settings.method in _PLANNED_BY_BUDGET:
+            if RunFolder(job.folder).exists and METHODS[job.settings.method].planned_by_budget:
                 _set_aside(job)
     except (Timeout, OSError):
         return  # the run says it in its words
 
 
 def _set_aside(job: Job) -> None:
-    before = RunFolder(job.folder).settings().get("budget")
+    before = RunFolder(job.folder).settings().budget
     if before == job.settings.budget:
         return
     aside = job.folder / f"budget-{before}"

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from swim2real import checking
-from swim2real.advisor import asks_a_vlm
 from swim2real.calibration import protocol_for, reference_fingerprint, versions
 from swim2real.comparison.contestants import Contestant, folder_name
 from swim2real.errors import ArgumentError, RunError
@@ -24,6 +23,7 @@ from swim2real.settings import (
     CalibrationSettings,
     ProtocolName,
     Start,
+    asks_a_vlm,
     chooses_start,
     start_of,
 )
@@ -92,7 +92,7 @@ class Plan:
     trials: tuple[str, ...]
     markers: tuple[str, ...]
     reference: str
-    engine: Mapping[str, Any]
+    engine: Engine
     leave_one_out: bool = False
     horizon: float | None = HORIZON
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
@@ -145,9 +145,9 @@ class Plan:
     @property
     def basis(self) -> dict[str, Any]:
         """What every run must rest on, by its name in a run's settings."""
-        robot_file = {} if self.robot_fingerprint is None else {"robot_fingerprint": self.robot_fingerprint}
         return {
-            "robot": self.robot, **robot_file, "reference_fingerprint": self.reference, "engine": dict(self.engine),
+            "robot": self.robot, "robot_fingerprint": self.robot_fingerprint, "reference_fingerprint": self.reference,
+            "engine": self.engine,
         }  # fmt: skip
 
     def extending(self, before: Plan) -> Plan:
@@ -217,7 +217,7 @@ def make_plan(
     asked: list[ProtocolName] = [protocol_for(robot, protocol).name for protocol in protocols or robot.trials.protocols]
     return Plan(
         tuple(contestants), tuple(dict.fromkeys(seeds)), tuple(dict.fromkeys(asked)), budget, robot.name,
-        reference.names, robot.marker_names, reference_fingerprint(reference), Engine.of(robot).as_dict(),
+        reference.names, robot.marker_names, reference_fingerprint(reference), Engine.of(robot),
         leave_one_out, horizon, briefing or BriefingSettings(), source,
         robot_fingerprint=None if robot.source is None else fingerprint(robot.source),
         sensors={sensor.name: sensor.unit for sensor in robot.trials.sensors}, start=start,
@@ -264,6 +264,6 @@ def _describe_reference(plan: Plan) -> str:
     return f"{plan.reference[:12]} ({', '.join(plan.trials)})"
 
 
-def _describe_engine(engine: Mapping[str, Any]) -> str:
-    forces = hashlib.sha256(json.dumps(engine.get("fluid_fingerprint")).encode()).hexdigest()
-    return f"{engine.get('name')} ({engine.get('integrator')}, {engine.get('timestep')} s, fluid forces {forces[:8]})"
+def _describe_engine(engine: Engine) -> str:
+    forces = hashlib.sha256(json.dumps(engine.fluid_fingerprint).encode()).hexdigest()
+    return f"{engine.name} ({engine.integrator}, {engine.timestep} s, fluid forces {forces[:8]})"

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real import checking
-from swim2real.advisor import asks_a_vlm
 from swim2real.advisor.vlm.transcript import Transcript, totals
 from swim2real.calibration import RunFolder
 from swim2real.comparison.jobs import is_finished, read_problem
@@ -22,6 +21,7 @@ from swim2real.comparison.plan import RUNS, Job, Plan, read_plan, writing
 from swim2real.errors import RunError, Swim2RealError
 from swim2real.names import quoted
 from swim2real.objective.figures import FitFigures, figure_values
+from swim2real.settings import asks_a_vlm
 from swim2real.store import write_json, write_text
 
 FORMAT = 1
@@ -243,7 +243,7 @@ def read_results(root: str | Path, plan: Plan | None = None) -> ComparisonResult
             missing[job.key] = str(error)
     return ComparisonResults(
         tuple(runs), plan.methods, plan.protocols, plan.trials, plan.markers, plan.budget, plan.reference, missing,
-        plan.engine, plan.sensors,
+        plan.engine.as_dict(), plan.sensors,
     )  # fmt: skip
 
 

@@ -25,13 +25,11 @@ class Comparison:
         trials: Compared trials, in the order of the real ones.
         protocol: Name of the protocol by which they were compared.
         horizon: Seconds that are compared, None for all of each trial.
-        skipped: Number of trials that an early stop left out; the other figures are means over the rest.
     """
 
     trials: tuple[ComparedTrial, ...]
     protocol: str
     horizon: float | None
-    skipped: int = 0
 
     @property
     def divergence(self) -> str | None:
@@ -52,13 +50,8 @@ class Comparison:
         """
         if self.divergence is not None:
             return FAILED_LOSS
-        loss = float(np.mean([trial.loss for trial in self.trials] + [0.0] * self.skipped))
+        loss = float(np.mean([trial.loss for trial in self.trials]))
         return loss + TAIL_FIRST_LOSS if self.tail_first else loss
-
-    @property
-    def lower_bound(self) -> bool:
-        """Whether the loss is only known to be at least what it says, as after an early stop."""
-        return self.skipped > 0 and self.divergence is None
 
     def residual_vector(self) -> Array:
         """Residuals of all trials in a row; the squares add up to the mean over trials [m]. Shape (n,)."""
@@ -74,8 +67,7 @@ class Comparison:
         by_trial = {trial.name: trial.figures() for trial in self.trials}
         figures = list(by_trial.values())
         overall = {name: _mean([one[name] for one in figures]) for name in AVERAGED if name in figures[0]}
-        skipped = {"skipped": self.skipped} if self.skipped else {}
-        settings = {"loss": self.loss, **skipped, "protocol": self.protocol, "horizon": self.horizon}
+        settings = {"loss": self.loss, "protocol": self.protocol, "horizon": self.horizon}
         return {**overall, **settings, "trials": by_trial}
 
 

@@ -15,7 +15,7 @@ from swim2real.optimizers.bayesopt import BayesianOptimization
 from swim2real.optimizers.cma_es import CmaEs
 from swim2real.optimizers.contract import Candidate, Evaluation, Optimizer, RandomSearch, first_point, streams
 from swim2real.optimizers.least_squares import LeastSquares
-from swim2real.optimizers.line_search import BacktrackingLineSearch, WarmStart
+from swim2real.optimizers.line_search import BacktrackingLineSearch
 from swim2real.optimizers.staged import Stage, Staged
 
 __all__ = [
@@ -37,7 +37,6 @@ __all__ = [
     "Stage",
     "Staged",
     "Step",
-    "WarmStart",
     "first_point",
     "recorded_advice",
     "streams",

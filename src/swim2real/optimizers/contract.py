@@ -55,13 +55,10 @@ class Candidate:
     Attributes:
         point: Point of the unit cube, read-only. Shape (d,).
         note: Where it comes from, for the record, ready for JSON.
-        stop_above: The evaluation may stop as soon as it is certain that the loss is above this: the optimizer needs to
-            know no more of such a loss. None asks for the loss itself.
     """
 
     point: Array
     note: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    stop_above: float | None = None
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,6 @@ class Evaluation:
         loss: A finite number, lower is better.
         failed: True when there is no proper result, such as a simulation that diverged.
         detail: Further results, for advisors that can read them.
-        lower_bound: True when the evaluation stopped early: the loss is at least this, and the detail is incomplete.
         residual: What a least-squares method drives to zero, for optimizers that ask for it; its squared norm is the
             mean over trials of the weighted mean squared distance. Shape (n,), the same n for all of a run.
     """
@@ -82,7 +78,6 @@ class Evaluation:
     loss: float
     failed: bool = False
     detail: Any = None
-    lower_bound: bool = False
     residual: Array | None = None
 
     def __post_init__(self) -> None:
@@ -120,19 +115,12 @@ class Optimizer(ABC):
         """Takes the evaluation of the candidate that was asked last.
 
         Raises:
-            OptimizerError: Nothing was asked, it is another candidate's evaluation, or it is a lower bound where the
-                loss was asked for.
+            OptimizerError: Nothing was asked, or it is another candidate's evaluation.
         """
         if self._pending is None:
             raise OptimizerError("tell() without a candidate; ask() for one first")
         if not np.array_equal(evaluation.candidate.point, self._pending.point):
             raise OptimizerError("tell() got the evaluation of another candidate than the one that was asked last")
-        limit = self._pending.stop_above
-        if evaluation.lower_bound and (limit is None or evaluation.loss < limit):
-            raise OptimizerError(
-                f"tell() got a lower bound of {evaluation.loss} where "
-                + ("the loss was asked for" if limit is None else f"the loss was asked for up to {limit}")
-            )
         self._pending = None
         self._learn(evaluation)
 

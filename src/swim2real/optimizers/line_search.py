@@ -1,10 +1,10 @@
-"""Optimizers that follow an advisor: backtracking line search (paper, Algorithm 1 and Eq. 2) and warm start."""
+"""Backtracking line search along the directions that an advisor proposes (paper, Algorithm 1 and Eq. 2)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +56,7 @@ class BacktrackingLineSearch(Optimizer):
 
     def __init__(
         self, advisor: Advisor, first: Array, decrease_factor: float = 0.5, max_steps: int = 3,
-        early_stop: bool = False, give_up: float | None = None, more_starts: Sequence[Array] = (),
+        more_starts: Sequence[Array] = (),
     ) -> None:  # fmt: skip
         """Prepares the search.
 
@@ -65,10 +65,6 @@ class BacktrackingLineSearch(Optimizer):
             first: First point of the run. Shape (d,).
             decrease_factor: β, within 0 and 1.
             max_steps: K; 1 is the ablation without line search.
-            early_stop: Whether evaluations of steps may stop once they are certain to be rejected. The same steps are
-                accepted, but the advisor then sees less of rejected ones.
-            give_up: A direction is left after its full step where every trial's loss is more than so many times the
-                incumbent's; None tries all steps, as the paper does.
             more_starts: Points where a search may begin as well. Shapes (d,).
 
         Raises:
@@ -79,13 +75,10 @@ class BacktrackingLineSearch(Optimizer):
             raise OptimizerError(f"decrease_factor is {decrease_factor}; it must lie between 0 and 1")
         if max_steps < 1:
             raise OptimizerError(f"max_steps is {max_steps}; it must be at least 1")
-        if give_up is not None and not give_up > 1:
-            raise OptimizerError(f"give_up is {give_up}; it must be above 1")
-        self._give_up = give_up
         self._advisor = advisor
         self.needs_residual = reads_residuals(advisor)
         self._start_points = [cube_point(first), *(cube_point(point, len(first)) for point in more_starts)]
-        self._decrease_factor, self._max_steps, self._early_stop = decrease_factor, max_steps, early_stop
+        self._decrease_factor, self._max_steps = decrease_factor, max_steps
         self._starts: list[Evaluation] = []
         self._descents: list[_Descent] = []
         self._descent: _Descent | None = None
@@ -121,7 +114,7 @@ class BacktrackingLineSearch(Optimizer):
         note: dict[str, Any] = {"source": "line search", "round": self._count + 1, "step_size": step_size}
         if not self._steps:
             note["proposal"] = self._proposal.as_dict()
-        return Candidate(point, note, descent.incumbent.loss if self._early_stop else None)
+        return Candidate(point, note)
 
     def _present_descent(self) -> _Descent:
         """The search that goes on, or the one that takes its place where it has stalled between two rounds."""
@@ -147,70 +140,17 @@ class BacktrackingLineSearch(Optimizer):
             self._starts.append(evaluation)
             return
         incumbent = self._descent.incumbent
-        better = not evaluation.failed and not evaluation.lower_bound
-        better = better and (incumbent.failed or evaluation.loss < incumbent.loss)
+        better = not evaluation.failed and (incumbent.failed or evaluation.loss < incumbent.loss)
         if better:
             self._descent.incumbent = evaluation
         if self._proposal is None:
             self._measurements.append(evaluation)
         else:
             self._steps.append(Step(self._step_size, evaluation))
-            if better or len(self._steps) == self._max_steps or self._is_hopeless(evaluation, incumbent):
+            if better or len(self._steps) == self._max_steps:
                 self._finish(self._descent, self._proposal, incumbent, accepted=better)
-
-    def _is_hopeless(self, step: Evaluation, incumbent: Evaluation) -> bool:
-        """Whether a direction is left early, because a step is far worse in every trial."""
-        if self._give_up is None or incumbent.failed or step.lower_bound:
-            return False
-        losses = [
-            {name: trial.get("loss") for name, trial in (one.detail or {}).get("trials", {}).items()}
-            for one in (step, incumbent)
-        ]
-        pairs = [(loss, losses[1].get(name)) for name, loss in losses[0].items()]
-        known = [(there, here) for there, here in pairs if there is not None and here is not None]
-        return bool(known) and all(there > self._give_up * here for there, here in known)
 
     def _finish(self, descent: _Descent, proposal: Proposal, incumbent: Evaluation, accepted: bool) -> None:
         descent.rounds.append(Round(proposal, incumbent, tuple(self._steps), accepted, tuple(self._measurements)))
         self._count += 1
         self._proposal, self._steps, self._measurements = None, [], []
-
-
-class WarmStart(Optimizer):
-    """The first point, one proposal of an advisor in full, then another optimizer (the single-call ablation)."""
-
-    def __init__(self, advisor: Advisor, first: Array, then: Optimizer) -> None:
-        """Prepares the search.
-
-        Args:
-            advisor: Advisor that is asked for one proposal.
-            first: First point of the run. Shape (d,).
-            then: Optimizer that takes over; it learns from its own candidates alone.
-        """
-        super().__init__(len(first))
-        self.needs_residual = reads_residuals(advisor) or then.needs_residual
-        self._advisor, self._first_point, self._then = advisor, cube_point(first), then
-        self._evaluations: list[Evaluation] = []  # of the first point and of measurements
-        self._state: Literal["measuring", "proposed", "handed over"] = "measuring"
-
-    def _next(self) -> Candidate:
-        if not self._evaluations:
-            return Candidate(self._first_point, {"source": "first point"})
-        if self._state == "measuring":
-            first, *measured = self._evaluations
-            incumbent = min((e for e in self._evaluations if not e.failed), key=lambda e: e.loss, default=first)
-            advice = self._advisor.propose(Situation(incumbent, (), first, tuple(measured)))
-            if isinstance(advice, Measurement):
-                return advice.candidate
-            self._state = "proposed"
-            note = {"source": "warm start", "round": 1, "step_size": 1.0, "proposal": advice.as_dict()}
-            return Candidate(cube_point(advice.point), note)
-        return self._then.ask()
-
-    def _learn(self, evaluation: Evaluation) -> None:
-        if self._state == "measuring":
-            self._evaluations.append(evaluation)
-        elif self._state == "proposed":
-            self._state = "handed over"
-        else:
-            self._then.tell(evaluation)

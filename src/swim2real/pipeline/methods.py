@@ -1,15 +1,15 @@
-"""From a method's name to the optimizer."""
+"""The methods of calibration: one entry each, with how it is made and what a comparison needs to know of it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import (
-    Advice,
     Advisor,
     BacktrackingLineSearch,
     BayesianOptimization,
@@ -17,83 +17,95 @@ from swim2real.optimizers import (
     LeastSquares,
     Optimizer,
     RandomSearch,
-    ScriptedAdvisor,
     Stage,
     Staged,
-    WarmStart,
     first_point,
     streams,
 )
 from swim2real.optimizers.callback import CallbackSolver
+from swim2real.optimizers.mujoco_sysid import least_squares
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
-from swim2real.settings import Method
-from swim2real.sysid import least_squares
+from swim2real.settings import CalibrationSettings, Method
 
 Array = NDArray[np.float64]
 
 _INSIDE = 0.02  # of a parameter's range
 
 
+@dataclass(frozen=True)
+class _Start:
+    """What an optimizer is made of.
+
+    Attributes:
+        robot: Robot whose simulator is calibrated.
+        space: Its parameters, on the run's scale.
+        settings: Settings of the run.
+        first: First point. Shape (d,).
+        rng: Random stream of the optimizer.
+        advisor: Who proposes, None without one.
+    """
+
+    robot: Robot
+    space: ParameterSpace
+    settings: CalibrationSettings
+    first: Array
+    rng: np.random.Generator
+    advisor: Advisor | None
+
+
+@dataclass(frozen=True)
+class MethodEntry:
+    """A method of calibration.
+
+    Attributes:
+        make: Makes its optimizer.
+        advised: Whether an advisor proposes.
+        planned_by_budget: Whether a run can't go on with another budget.
+        cost: Duration of an evaluation relative to a random search's, with what the method itself takes.
+        by_default: Whether a comparison has it where no methods are named.
+    """
+
+    make: Callable[[_Start], Optimizer]
+    advised: bool = False
+    planned_by_budget: bool = False
+    cost: float = 1.0
+    by_default: bool = True
+
+
 def make_optimizer(
-    method: Method, robot: Robot, space: ParameterSpace, seed: int, budget: int, advisor: Advisor | None = None,
-    advice: Sequence[Advice] = (), *, from_model: bool = False, starts: int = 1, max_steps: int = 3,
-    early_stop: bool = False, give_up: float | None = None,
-) -> Optimizer:  # fmt: skip
-    """The optimizer of a name, fresh.
+    settings: CalibrationSettings, robot: Robot, space: ParameterSpace, advisor: Advisor | None = None
+) -> Optimizer:
+    """The optimizer of a run's settings, fresh.
 
     Args:
-        method: Its name.
-        robot: Whose simulator is calibrated.
-        space: Space of the robot's parameters, on the run's scale.
-        seed: Seed of the run.
-        budget: Budget of the run, which stages are planned by.
+        settings: Its method, seed and budget, whether it begins at the model's values, and steps and starts of the
+            line search.
+        robot: Robot whose simulator is calibrated.
+        space: The robot's parameters, on the run's scale.
         advisor: Who proposes, where the method is advised.
-        advice: On record, which isn't asked for again.
-        from_model: Whether the first point is the model's own values; else it is random, by the seed. Where a method
-            draws a population, it doesn't begin there.
-        starts: Points that the line search evaluates first, the first point included.
-        max_steps: Largest number of steps tried in a round of the line search.
-        early_stop: Whether the line search lets evaluations stop once a step is certain to be rejected.
-        give_up: When the line search leaves a direction after its full step; None never.
 
     Raises:
         ArgumentError: The method needs an advisor and there is none, or stages that the robot hasn't.
         MissingExtraError: A library that the method needs isn't installed.
     """
-    dimension = len(space)
-    first = _of_model(space) if from_model else first_point(dimension, seed)
-    _, rng, _ = streams(seed)
-    match method:
-        case "random":
-            return RandomSearch(dimension, rng, first)
-        case "cma-es":  # begins where its own population does, as in the paper
-            return CmaEs(dimension, rng)
-        case "bayesopt":
-            return BayesianOptimization(dimension, rng, first)
-        case "least-squares":
-            return LeastSquares(first, rng)
-        case "mujoco-sysid":
-            return CallbackSolver(first, rng, least_squares(space), "mujoco.sysid")
-        case "staged":
-            return _staged(robot, space, first, rng, budget)
-        case "line-search" | "warm-start":
-            pass
-    if advisor is None:
-        raise ArgumentError(f"method {method} needs an advisor")
-    if advice:
-        advisor = ScriptedAdvisor(advice, then=advisor)
-    if method == "warm-start":
-        return WarmStart(advisor, first, RandomSearch(dimension, rng))
-    return BacktrackingLineSearch(
-        advisor, first, max_steps=max_steps, early_stop=early_stop, give_up=give_up,
-        more_starts=_spread(dimension, starts - 1, rng),
-    )  # fmt: skip
+    first = _of_model(space) if settings.first == "model" else first_point(len(space), settings.seed)
+    _, rng, _ = streams(settings.seed)
+    return METHODS[settings.method].make(_Start(robot, space, settings, first, rng, advisor))
 
 
 def default_starts(dimension: int, budget: int) -> int:
-    """Starts of a line search where nothing is known of the robot: a tenth of the budget, at most two a parameter."""
+    """Starts of a line search where nothing is known of the robot: a tenth of the budget, at most two per parameter."""
     return max(1, min(2 * dimension, budget // 10))
+
+
+def _line_search(start: _Start) -> Optimizer:
+    if start.advisor is None:
+        raise ArgumentError(f"method {start.settings.method} needs an advisor")
+    return BacktrackingLineSearch(
+        start.advisor, start.first, max_steps=start.settings.max_steps,
+        more_starts=_spread(len(start.space), (start.settings.starts or 1) - 1, start.rng),
+    )  # fmt: skip
 
 
 def _spread(dimension: int, count: int, rng: np.random.Generator) -> list[Array]:
@@ -107,8 +119,9 @@ def _of_model(space: ParameterSpace) -> Array:
     return np.clip(space.to_cube(space.published), _INSIDE, 1 - _INSIDE)
 
 
-def _staged(robot: Robot, space: ParameterSpace, first: Array, rng: np.random.Generator, budget: int) -> Staged:
-    """The robot's plan in the unit cube."""
+def _staged(start: _Start) -> Optimizer:
+    """The robot's plan of stages in the unit cube."""
+    robot, space = start.robot, start.space
     plan = robot.swims.fit_plan
     if plan is None:
         raise ArgumentError(f"robot '{robot.name}' has no stages, which method staged needs; choose another method")
@@ -119,6 +132,21 @@ def _staged(robot: Robot, space: ParameterSpace, first: Array, rng: np.random.Ge
         )
         for one in plan.stages
     ]  # fmt: skip
-    held_point = space.to_cube({**space.to_values(first), **plan.held})
+    held_point = space.to_cube({**space.to_values(start.first), **plan.held})
     held = {space.names.index(name): float(held_point[space.names.index(name)]) for name in plan.held}
-    return Staged(first, stages, budget, BayesianOptimization, rng, held)
+    return Staged(start.first, stages, start.settings.budget, BayesianOptimization, start.rng, held)
+
+
+METHODS: dict[Method, MethodEntry] = {
+    "line-search": MethodEntry(_line_search, advised=True),
+    "random": MethodEntry(lambda start: RandomSearch(len(start.space), start.rng, start.first)),
+    # begins where its own population does, as in the paper
+    "cma-es": MethodEntry(lambda start: CmaEs(len(start.space), start.rng)),
+    "bayesopt": MethodEntry(lambda start: BayesianOptimization(len(start.space), start.rng, start.first), cost=3.0),
+    "least-squares": MethodEntry(lambda start: LeastSquares(start.first, start.rng)),
+    "mujoco-sysid": MethodEntry(
+        lambda start: CallbackSolver(start.first, start.rng, least_squares(start.space), "mujoco.sysid"),
+        by_default=False,
+    ),
+    "staged": MethodEntry(_staged, planned_by_budget=True, cost=2.0),
+}

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from swim2real.advisor import replayed_run
 from swim2real.advisor.vlm.providers import same_model
 from swim2real.advisor.vlm.transcript import CALLS, Call, Transcript, totals
+from swim2real.calibration import RunSettings
 from swim2real.errors import AdvisorError
 from swim2real.report.units import NOTHING, count, dollars, duration, listed, shortened, text
+from swim2real.settings import replayed_run
 
 Json = Mapping[str, Any]
 
@@ -60,7 +61,7 @@ class RecordedCalls:
         return self.shown.get(asked, ())
 
 
-def read_calls(folder: Path, settings: Json, entries: Sequence[Json]) -> RecordedCalls | None:
+def read_calls(folder: Path, settings: RunSettings, entries: Sequence[Json]) -> RecordedCalls | None:
     """Gathers the calls of a run. A transcript that can't be read is a sentence, not an error.
 
     Args:
@@ -73,7 +74,7 @@ def read_calls(folder: Path, settings: Json, entries: Sequence[Json]) -> Recorde
     """
     has_files = any((folder / CALLS).glob("call_*.json"))
     named = {number for entry in entries for number in _calls_of(entry)}
-    if not has_files and (not named or replayed_run(str(settings.get("advisor"))) is not None):
+    if not has_files and (not named or replayed_run(settings.advisor) is not None):
         return None
     if not has_files:
         return RecordedCalls(

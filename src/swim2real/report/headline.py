@@ -57,7 +57,7 @@ class SplitRow:
 
 def tiles(run: ReportedRun) -> tuple[Tile, ...]:
     """The large numbers; what is minimized first."""
-    paper = run.settings.get("protocol") == "paper"
+    paper = run.settings.protocol == "paper"
     rows = [row for row in split(run) if row.name in _LARGE or row.name.startswith(_SENSOR)]
     minimized = [row for row in split(run) if row.name == "marker_error" and paper]
     return tuple(

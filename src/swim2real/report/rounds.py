@@ -135,7 +135,7 @@ class AdvisorRound:
 def advisor_rounds(run: ReportedRun) -> tuple[AdvisorRound, ...]:
     """All rounds of a run in order; none for a method without an advisor."""
     grouped = _grouped(run)
-    longest = int(run.settings.get("max_steps") or max((len(indices) for _, indices in grouped), default=0))
+    longest = run.settings.max_steps
     exhibits = _exhibits(run, [number for number, _ in grouped])
     rounds: list[AdvisorRound] = []
     for number, indices in grouped:
@@ -199,7 +199,7 @@ def _grouped(run: ReportedRun) -> list[tuple[int, list[int]]]:
 
 def _step(index: int, entry: Json, before: Json | None) -> Step:
     failed = bool(entry["failed"])
-    change = None if failed or before is None or entry.get("lower_bound") else entry["loss"] - before["loss"]
+    change = None if failed or before is None else entry["loss"] - before["loss"]
     return Step(
         evaluation=index + 1,
         size=f"{text(100 * float(entry['note'].get('step_size', 1.0)), 1).removesuffix('.0')} %",
@@ -213,7 +213,7 @@ def _step(index: int, entry: Json, before: Json | None) -> Step:
 def _loss(entry: Json | None) -> str:
     if entry is None or entry["failed"]:
         return "diverged"
-    return f"{'over ' if entry.get('lower_bound') else ''}{mm(entry['loss'], 2)} mm"
+    return f"{mm(entry['loss'], 2)} mm"
 
 
 def _moves(space: ParameterSpace, start: Json, proposal: Json) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from swim2real.calibration import RunFolder, SavedTrial, load_trials
+from swim2real.calibration import RunFolder, RunSettings, SavedTrial, load_trials
 from swim2real.calibration.convergence import never_beaten, still_falling
 from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.calibration.run_folder import TRIALS
@@ -67,7 +67,7 @@ class ReportedRun:
 
     name: str
     robot: Robot
-    settings: Json
+    settings: RunSettings
     space: ParameterSpace
     entries: tuple[Json, ...]
     fit: Json
@@ -104,7 +104,7 @@ class ReportedRun:
         if not self.registered:
             return "marker error"
         names = {"motion": "motion error", "paper": "marker error"}
-        return names.get(str(self.settings.get("protocol")), "aligned marker error")
+        return names.get(self.settings.protocol, "aligned marker error")
 
     @cached_property
     def trials(self) -> tuple[ReportedTrial, ...]:
@@ -168,7 +168,7 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
         name=folder.path.resolve().name,
         robot=robot,
         settings=settings,
-        space=replace(space, scale=settings.get("scale", space.scale)),
+        space=replace(space, scale=settings.resolved_scale),
         entries=entries,
         fit=of_best.get("fit") or best["evidence"],
         held_out=of_best.get("held_out"),
@@ -188,8 +188,8 @@ def incumbent(entries: tuple[Json, ...]) -> Json | None:
     return min(proper, key=lambda entry: entry["loss"]) if proper else None
 
 
-def _unfinished(settings: Json, done: int, ended: bool, current: bool, has_trials: bool) -> str | None:
-    on_record = f"{done} of {settings.get('budget', '?')} evaluations are on record"
+def _unfinished(settings: RunSettings, done: int, ended: bool, current: bool, has_trials: bool) -> str | None:
+    on_record = f"{done} of {settings.budget} evaluations are on record"
     if not ended:
         return (
             f"This run has not ended: {on_record}. The page shows what the record can tell. Charts of each trial, "

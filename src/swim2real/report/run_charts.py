@@ -41,7 +41,7 @@ def convergence(run: ReportedRun) -> Figure:
             [n for n, _ in proper], losses[: len(proper)], s=12, color=LIGHT["faint"],
             linewidths=0, label="evaluation", zorder=2,
         ),
-        [f"evaluation {n}: {'over ' * bool(e.get('lower_bound'))}{mm(e['loss'])} mm" for n, e in proper],
+        [f"evaluation {n}: {mm(e['loss'])} mm" for n, e in proper],
     )  # fmt: skip
     begun = proper[0][0] if proper else len(run.entries) + 1
     highest = top / (top / min(losses)) ** 0.03

@@ -128,11 +128,7 @@ def _warnings(run: ReportedRun) -> list[str]:
 
 def _differences(runs: Sequence[ReportedRun]) -> str:
     """A sentence when the figures of the runs aren't of the same thing; else empty."""
-    apart = [
-        words
-        for key, words in _COMPARABLE.items()
-        if len({repr(run.settings.get(key)) for run in runs if key in run.settings}) > 1
-    ]
+    apart = [words for key, words in _COMPARABLE.items() if len({repr(getattr(run.settings, key)) for run in runs}) > 1]
     return f"The runs differ in {listed(apart)}, so their figures aren't of the same thing." if apart else ""
 
 

@@ -181,7 +181,6 @@ _DASH, _DASHDOT, _DOT, _LONGDASH = (4, 1.6), (4, 1.4, 1, 1.4), (1, 1.3), (7, 1.8
 _KNOWN = {
     "line-search": MethodStyle("#0072b2", "#4da6e8", "o"),
     "no-line-search": MethodStyle("#56b4e9", "#a8dcff", "s", _DASH),
-    "warm-start": MethodStyle("#cc79a7", "#ee9fcb", "v", _DASHDOT),
     "bayesopt": MethodStyle("#009e73", "#2fc79a", "^"),
     "cma-es": MethodStyle("#d55e00", "#ff7d3b", "D", _DASH),
     "random": MethodStyle("#636a73", "#7d8794", "X", _DOT),

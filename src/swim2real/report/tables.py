@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, cast
 
 from swim2real.report.run import Json, ReportedRun, ReportedTrial
 from swim2real.report.units import NOTHING, degrees, mm, percent, significant, spread, text
+from swim2real.settings import asks_a_vlm
 
 ON_BOUND = 0.01  # of the unit cube
 _LABELS = {
@@ -22,8 +23,6 @@ _LABELS = {
     "budget": "Budget (evaluations)",
     "seed": "Seed",
     "scale": "Scale of the search",
-    "early_stop": "Early stop of rejected steps",
-    "give_up": "Give up of a direction (times the best loss)",
     "probes": "Parameters measured first",
     "horizon": "Horizon (s compared of each trial)",
     "hold_out": "Held-out trials",
@@ -32,7 +31,7 @@ _LABELS = {
     "commit": "Commit",
     "created": "Begun",
 }
-_APART = ("format", "chained", "engine", "versions")
+_APART = ("engine", "versions")
 _UNUSED = {"playback": ("start",)}  # settings that mean nothing under a protocol
 _SHOWN_NUMBERS = 3
 
@@ -193,23 +192,20 @@ def _identified(trial: ReportedTrial) -> str:
 
 
 def settings_rows(run: ReportedRun) -> tuple[tuple[str, str], ...]:
-    """Every setting as label and text; those that this version doesn't know under their own names."""
-    known = [name for name in _LABELS if name in run.settings]
-    apart = (*_APART, *_UNUSED.get(str(run.settings.get("protocol")), ()))
-    others = [name for name in run.settings if name not in _LABELS and name not in apart]
-    rows = [(_LABELS.get(name, name), _text(run.settings[name])) for name in (*known, *others)]
+    """Every setting as label and text."""
+    settings = asdict(run.settings)
+    unused = () if asks_a_vlm(run.settings.advisor) else ("briefing",)
+    apart = (*_LABELS, *_APART, *_UNUSED.get(run.settings.protocol, ()), *unused)
+    names = [*_LABELS, *(name for name in settings if name not in apart)]
     return (
-        *rows,
-        *(_prefixed("Engine", run.settings.get("engine"))),
-        *_prefixed("Version", run.settings.get("versions")),
+        *((_LABELS.get(name, name), _text(settings[name])) for name in names),
+        *_prefixed("Engine", settings["engine"]),
+        *_prefixed("Version", settings["versions"]),
     )
 
 
-def _prefixed(prefix: str, content: Any) -> list[tuple[str, str]]:
-    if not isinstance(content, dict):
-        return [] if content is None else [(prefix, _text(content))]
-    entries = cast(dict[str, Any], content)
-    return [(f"{prefix}: {name.replace('_', ' ')}", _text(value)) for name, value in entries.items()]
+def _prefixed(prefix: str, content: Mapping[str, Any]) -> list[tuple[str, str]]:
+    return [(f"{prefix}: {name.replace('_', ' ')}", _text(value)) for name, value in content.items()]
 
 
 def _text(value: Any) -> str:
@@ -217,8 +213,8 @@ def _text(value: Any) -> str:
         return "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if isinstance(value, list):
-        items = cast(list[Any], value)
+    if isinstance(value, list | tuple):
+        items = cast("Sequence[Any]", value)
         if items and all(isinstance(one, float) for one in items):
             shown = ", ".join(significant(one) for one in items[:_SHOWN_NUMBERS])
             return shown if len(items) <= _SHOWN_NUMBERS else f"{shown}, … ({len(items)} numbers)"

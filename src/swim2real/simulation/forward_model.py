@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol, TypeVar
 
@@ -11,7 +11,7 @@ from swim2real.errors import EngineError
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.engine import Engine
-from swim2real.trials import Trial, TrialSet
+from swim2real.trials import TrialSet
 
 Request_contra = TypeVar("Request_contra", contravariant=True)
 
@@ -38,13 +38,6 @@ class ForwardModel(Protocol[Request_contra]):
         """Simulated trials for several candidates, in one batch."""
         ...
 
-    def simulate_each(self, values: Values, requests: Sequence[Request_contra], /) -> Generator[Trial]:
-        """Simulated trials for one candidate, each as soon as it and those before it are done.
-
-        Closing the generator gives up the rest.
-        """
-        ...
-
 
 T = TypeVar("T")
 
@@ -66,15 +59,3 @@ def all_of(work: Sequence[Callable[[], T]], costs: Sequence[float], threads: int
     with ThreadPoolExecutor(threads) as pool:
         done = dict(zip(order, pool.map(lambda i: work[i](), order), strict=True))
     return [done[i] for i in range(len(work))]
-
-
-def each_of(work: Sequence[Callable[[], T]], threads: int) -> Generator[T]:
-    """Results one after the other, each as soon as it and those before it are there.
-
-    Closing the generator gives up the rest.
-    """
-    pool = ThreadPoolExecutor(threads)
-    try:
-        yield from pool.map(lambda one: one(), work)
-    finally:
-        pool.shutdown(cancel_futures=True)

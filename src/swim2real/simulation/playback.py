@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -17,7 +17,7 @@ from swim2real.robots.delays import Delays
 from swim2real.robots.robot import Control, Robot, Sine
 from swim2real.simulation.engine import Engine
 from swim2real.simulation.fitted_start import UNIT_TIME, Attempt, State, Stretch, fitted_start, sensed_start
-from swim2real.simulation.forward_model import all_of, each_of, thread_count
+from swim2real.simulation.forward_model import all_of, thread_count
 from swim2real.simulation.pose import PoseFit
 from swim2real.simulation.start import (
     FITTED,
@@ -161,14 +161,6 @@ class PlaybackSimulator:
         trials, count = all_of(jobs, seconds, self._threads), len(rollouts)
         sets = [tuple(trials[c * count : (c + 1) * count]) for c in range(len(candidates))]
         return [TrialSet(each, self.robot.marker_names) for each in sets]
-
-    def simulate_each(self, values: Values, rollouts: Sequence[Rollout]) -> Generator[Trial]:
-        """Simulated trials for one candidate, each as soon as it and those before it are done.
-
-        Closing the generator gives up the rest.
-        """
-        model = self._model(values)
-        yield from each_of([partial(self._simulate, model, values, rollout) for rollout in rollouts], self._threads)
 
     def _model(self, values: Values) -> mujoco.MjModel | str:
         """The compiled robot, or why there is none."""

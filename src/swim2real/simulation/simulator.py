@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal, get_args
@@ -17,7 +17,7 @@ from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.engine import Engine
 from swim2real.simulation.fast_step import FastStep, disagreement
-from swim2real.simulation.forward_model import all_of, each_of, thread_count
+from swim2real.simulation.forward_model import all_of, thread_count
 from swim2real.simulation.steady import DivergedError, run_to, steady_cycle
 from swim2real.simulation.stepper import Stepper
 from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet
@@ -117,15 +117,6 @@ class Simulator:
         trials, count = all_of(jobs, periods, self._threads), len(swims)
         sets = [tuple(trials[c * count : (c + 1) * count]) for c in range(len(candidates))]
         return [TrialSet(each, self.robot.marker_names) for each in sets]
-
-    def simulate_each(self, values: Values, swims: Sequence[Swim]) -> Generator[Trial]:
-        """Simulated trials for one candidate, each as soon as it and those before it are done.
-
-        Closing the generator gives up the rest.
-        """
-        model = self.robot.build(values).compile()
-        fast = self._planned(model) if self.step == "fast" else None
-        yield from each_of([partial(self._swim, model, fast, swim) for swim in swims], self._threads)
 
     def _planned(self, model: mujoco.MjModel, check: bool = False) -> FastStep | None:
         """The fast step of a model; without one a warning says why."""

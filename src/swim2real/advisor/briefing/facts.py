@@ -21,7 +21,7 @@ from swim2real.robots.robot import Robot
 MOVING = 0.05  # of the widest real amplitude of a trial: below it a marker's amplitude is noise and has no ratio
 STILL = 1e-3  # m, below which a beat's amplitude is noise and has neither ratio nor phase
 LEAST_SEEN = 0.3  # of the frames: a marker that is seen in fewer of them says nothing
-_ABOUT = ("trials", "protocol", "horizon", "loss", "skipped", "sensor_errors")
+_ABOUT = ("trials", "protocol", "horizon", "loss", "sensor_errors")
 _NEED_NO_SIMULATION = ("frequency", "left_out_share")
 _ELSEWHERE = ("loss", "frequency", "phase", "velocity_real", "velocity_simulated", "divergence")
 _DEGREES = 180 / math.pi
@@ -191,7 +191,6 @@ def _incumbent(
         "failed": evaluation.failed,
         "loss": None if evaluation.failed else evaluation.loss,
         "figures": _without_errors(figures) if evaluation.failed else figures,
-        "skipped": detail.get("skipped", 0),
         "trials": list(trials),
         "from_rest": dict(from_rest),
     }

@@ -80,7 +80,7 @@ def describe_history(facts: Facts, numbers: bool = True, rounds: int | None = No
 
 def _round(number: int, finished: Round, space: ParameterSpace, trials_of: TrialsOf) -> dict[str, Any]:
     before, last = finished.incumbent, finished.steps[-1].evaluation if finished.steps else None
-    known = last is not None and not (last.failed or last.lower_bound or before.failed)
+    known = last is not None and not (last.failed or before.failed)
     notes = finished.proposal.notes
     return {
         "round": number,
@@ -107,13 +107,12 @@ def _changes(finished: Round, space: ParameterSpace) -> list[dict[str, Any]]:
 def _outcome(evaluation: Evaluation, trials_of: TrialsOf) -> dict[str, Any]:
     """The loss of an evaluation and, where all trials were simulated, what else it did."""
     failed, detail = evaluation.failed, evaluation.detail or {}
-    trials = [] if failed or evaluation.lower_bound else trials_of(evaluation)
+    trials = [] if failed else trials_of(evaluation)
     whole = differences(trials)
     sensors = whole["sensors"]
     speeds = [row["speed_ratio"] for row in whole["by_trial"]] if any(t["frequency"] for t in trials) else []
     return {
         "loss": None if failed else evaluation.loss,
-        "lower_bound": evaluation.lower_bound,
         "failed": failed,
         "why": _first_divergence(detail) if failed else None,
         "marker_error": mean(trial["figures"].get("aligned_marker_error") for trial in trials) if sensors else None,
@@ -202,7 +201,7 @@ def _step(step: Facts, finished: Facts, numbers: bool) -> str:
         accepted = finished["accepted"] and step is finished["steps"][-1]
         return f"{size} {'failed' if step['failed'] else 'accepted' if accepted else 'rejected'}"
     change = ""
-    if not (step["failed"] or step["lower_bound"] or finished["start_loss"] is None):
+    if not (step["failed"] or finished["start_loss"] is None):
         change = f" ({mm(step['loss'] - finished['start_loss'], 1, signed=True)})"
     return f"{size}: {_loss(step)}{change}{_effects(step)}"
 
@@ -228,7 +227,7 @@ def _effects(outcome: Facts) -> str:
 def _loss(outcome: Facts) -> str:
     if outcome["failed"]:
         return f"the simulation diverged ({outcome['why'] or 'no reason on record'})"
-    return f"{'over ' if outcome['lower_bound'] else ''}{mm(outcome['loss'], 1)} mm"
+    return f"{mm(outcome['loss'], 1)} mm"
 
 
 def _note(name: str, content: Any) -> str:

@@ -71,7 +71,7 @@ def _cell(change: float | None, speeds: bool) -> str:
 
 
 def _loss(evaluation: Evaluation) -> float:
-    return float("inf") if evaluation.failed or evaluation.lower_bound else evaluation.loss
+    return float("inf") if evaluation.failed else evaluation.loss
 
 
 def _changes(before: Evaluation, after: Evaluation, space: ParameterSpace) -> list[dict[str, Any]]:

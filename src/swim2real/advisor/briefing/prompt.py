@@ -128,7 +128,7 @@ def close_miss(situation: Situation) -> tuple[int, Step] | None:
     """The best step that was rejected since the incumbent was found, with its round, where its loss came close."""
     since: list[tuple[int, Step]] = []
     for i, finished in enumerate(situation.rounds, start=1):
-        whole = [(i, s) for s in finished.steps if not (s.evaluation.failed or s.evaluation.lower_bound)]
+        whole = [(i, s) for s in finished.steps if not s.evaluation.failed]
         since = [] if finished.accepted else since + whole
     best = min(since, key=lambda one: one[1].evaluation.loss, default=None)
     return best if best is not None and best[1].evaluation.loss <= CLOSE * situation.incumbent.loss else None
@@ -193,8 +193,6 @@ def _differences(facts: Facts) -> str:
     diverged = [f"- {trial_label(t)}: diverged. {t['diverged']}" for t in trials if t["diverged"]]
     if diverged:
         parts.append("\n".join(["These trials have no simulated motion:", *diverged]))
-    if incumbent["skipped"]:
-        parts.append(f"Trials that weren't simulated and that nothing here includes: {incumbent['skipped']}.")
     if not trials:
         return "\n\n".join([*parts, "There are no numbers of this point."])
     return "\n\n".join([*parts, *describe_trials(facts), *describe_markers(facts)])

@@ -69,7 +69,7 @@ class PhysicsAdvisor:
 
     def propose(self, situation: Situation) -> Proposal:
         """The point within its trust that it expects to be best."""
-        usable = [e for e in situation.evaluations if not e.failed and not e.lower_bound]
+        usable = [e for e in situation.evaluations if not e.failed]
         rng = np.random.default_rng([self._seed, len(situation.rounds)])
         trust = trust_radius(situation.rounds)
         here = self._point(situation.incumbent)

@@ -61,8 +61,8 @@ class Sensitivities:
 
 
 def is_usable(evaluation: Evaluation) -> bool:
-    """Whether an evaluation tells how the residual answers: one that diverged or stopped early doesn't."""
-    return not evaluation.failed and not evaluation.lower_bound
+    """Whether an evaluation tells how the residual answers: one that diverged doesn't."""
+    return not evaluation.failed
 
 
 def residual_of(evaluation: Evaluation) -> Array:

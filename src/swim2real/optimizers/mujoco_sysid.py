@@ -12,7 +12,7 @@ from swim2real.optimizers.contract import Array
 from swim2real.parameters import ParameterSpace
 
 
-def toolbox() -> Any:
+def _toolbox() -> Any:
     """The module.
 
     Raises:
@@ -37,7 +37,7 @@ def least_squares(space: ParameterSpace) -> Solve:
     Raises:
         MissingExtraError: The toolbox isn't installed.
     """
-    sysid = toolbox()
+    sysid = _toolbox()
 
     def solve(first: Array, residuals: Residuals) -> None:
         parameters = sysid.ParameterDict()
