@@ -87,16 +87,8 @@ def test_tables_of_swims_have_their_speeds_amplitudes_and_lags():
     ahead = [int(row(text, f"P{i}", "marker", "error mm")["phase deg"]) for i in (2, 3, 4)]
     assert [phase - ahead[0] for phase in ahead] == [0, 10, 20]
     spring = row(text, "spring", "parameter")
-    assert list(spring.values()) == [
-        "spring",
-        "N·m/rad",
-        "0.1",
-        "5",
-        "2.55",
-        "2.55",
-        "0.50",
-        "Stiffness of the only joint.",
-    ]
+    meaning = "Stiffness of the only joint."
+    assert list(spring.values()) == ["spring", "N·m/rad", "0.1", "5", "2.55", "2.55", "0.50", meaning]
 
 
 def test_trials_come_by_frequency_with_what_changes_over_it():

@@ -117,8 +117,8 @@ def test_a_proposal_is_a_pure_function_within_its_trust():
         first = advisor().propose(shown)
         np.testing.assert_array_equal(np.random.get_state()[1], state)  # noqa: NPY002
         assert first.as_dict() == advisor().propose(shown).as_dict()
-        assert np.abs(first.point - shown.incumbent.candidate.point).max() > 0
-        assert np.abs(first.point - shown.incumbent.candidate.point).max() <= trust_radius(shown.rounds) + 10**-DECIMALS
+        apart = np.abs(first.point - shown.incumbent.candidate.point).max()
+        assert 0 < apart <= trust_radius(shown.rounds) + 10**-DECIMALS
 
 
 SEARCH = """

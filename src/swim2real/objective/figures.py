@@ -15,12 +15,12 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from swim2real.checking import Number, Positive
+from swim2real.formatting import number
 
 Fact = Number | None
 """A figure; None for what a simulation that diverged doesn't have."""
 Text = Annotated[str, Field(max_length=100_000)]
 
-MISSING = "–"
 SENSORS = "sensor_errors"
 _FACTORS: Mapping[str, float] = {"mm": 1e3, "mm/s": 1e3, "°": 180 / math.pi, "°/s": 180 / math.pi, "%": 100.0}
 
@@ -62,9 +62,7 @@ class Figure:
 
     def text(self, value: float | None) -> str:
         """A value in the unit that is shown, with a real minus sign; a dash for None, NaN and infinity."""
-        if value is None or not math.isfinite(value):
-            return MISSING
-        return f"{self.factor * value:{'.3g' if self.digits is None else f'.{self.digits}f'}}".replace("-", "−")
+        return number(value, self.digits, self.factor)
 
 
 class _Part(BaseModel):
