@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from swim2real.errors import TrialError
 from swim2real.tracking.quality import TrackQuality
+from swim2real.tracking.tracker import Array
 from swim2real.trials import frames
 from swim2real.trials.trial import Actuation, MarkerTrack
-
-Array = NDArray[np.float64]
 
 HARMONICS = 3
 SLOWEST = 0.1  # Hz
@@ -89,11 +87,8 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
     if lowest >= highest or total <= 0:
         raise TrialError(f"{where}{span:.2f} s of tail motion are too little to identify a beat")
 
-    def misfit(frequency: float, harmonics: int) -> float:
-        return sum(_fit(t, y, frequency, harmonics)[1] for t, y in signals)
-
     bounds = _peak(signals, span, lowest, highest)
-    fit = minimize_scalar(misfit, bounds=bounds, args=(HARMONICS,), method="bounded", options={"xatol": 1e-7})
+    fit = minimize_scalar(_misfit, bounds=bounds, args=(signals, HARMONICS), method="bounded", options={"xatol": 1e-7})
     frequency, residual = round(float(fit.x), _DECIMALS), float(fit.fun)
     explained = 1 - residual / total
     if explained < LEAST_SHARE:
@@ -108,10 +103,10 @@ def identify_beat(track: MarkerTrack, tail_markers: tuple[int, ...], quality: Tr
         )
     frequency_std = _frequency_std(times, signals, frequency)
     t, y = signals[-1]
-    coefficients, rss = _fit(t, y, frequency, HARMONICS)
+    coefficients, rest = _fit(t, y, frequency, HARMONICS)
     cosine, sine = coefficients[2], coefficients[3]
     amplitude = float(np.hypot(cosine, sine))
-    noise = np.sqrt(rss / max(len(y) - 2 * HARMONICS - 2, 1) * _correlation_time(y, t, frequency))
+    noise = np.sqrt(float(rest @ rest) / max(len(y) - 2 * HARMONICS - 2, 1) * _correlation_time(rest))
     phase_std = float(np.hypot(noise / amplitude * np.sqrt(2 / len(y)), np.pi * span * frequency_std))
     phase = round(float(np.arctan2(-sine, cosine)), _DECIMALS)
     speed, speed_std = _start_speed(track, 2 / frequency)
@@ -130,7 +125,7 @@ def _peak(signals: list[tuple[Array, Array]], span: float, lowest: float, highes
         parts = [(t[: np.searchsorted(t, t[0] + seconds, "right")], y) for t, y in signals]
         parts = [(t, y[: len(t)]) for t, y in parts]
         grid = np.linspace(lowest, highest, max(32, int(np.ceil(8 * seconds * (highest - lowest)))))
-        coarse = [sum(_fit(t, y, frequency, 1)[1] for t, y in parts) for frequency in grid]
+        coarse = [_misfit(frequency, parts, 1) for frequency in grid]
         best = int(np.argmin(coarse))
         lowest, highest = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])
         if seconds >= span:
@@ -145,23 +140,26 @@ def _basis(times: Array, frequency: float, harmonics: int) -> Array:
     return np.column_stack([np.ones_like(times), times - times.mean(), waves])
 
 
-def _fit(times: Array, values: Array, frequency: float, harmonics: int) -> tuple[Array, float]:
-    """Least-squares coefficients and the sum of squared residuals."""
+def _fit(times: Array, values: Array, frequency: float, harmonics: int) -> tuple[Array, Array]:
+    """Least-squares coefficients, and residuals."""
     basis = _basis(times, frequency, harmonics)
     coefficients = np.asarray(np.linalg.lstsq(basis, values, rcond=None)[0], dtype=np.float64)
-    rest = values - basis @ coefficients
-    return coefficients, float(rest @ rest)
+    return coefficients, values - basis @ coefficients
 
 
-def _correlation_time(values: Array, times: Array, frequency: float) -> float:
+def _misfit(frequency: float, signals: list[tuple[Array, Array]], harmonics: int) -> float:
+    """Sum of squared residuals."""
+    rests = (_fit(t, y, frequency, harmonics)[1] for t, y in signals)
+    return sum(float(rest @ rest) for rest in rests)
+
+
+def _correlation_time(rest: Array) -> float:
     """Frames that count as one, because residuals of neighboring frames are alike."""
-    coefficients, _ = _fit(times, values, frequency, HARMONICS)
-    rest = values - _basis(times, frequency, HARMONICS) @ coefficients
     power = float(rest @ rest)
     if power <= 0:
         return 1.0
     lag_one = float(rest[1:] @ rest[:-1]) / power
-    return float(np.clip((1 + lag_one) / (1 - min(lag_one, 0.98)), 1.0, len(values) / 4))
+    return float(np.clip((1 + lag_one) / (1 - min(lag_one, 0.98)), 1.0, len(rest) / 4))
 
 
 def _frequency_std(times: Array, signals: list[tuple[Array, Array]], frequency: float) -> float:
@@ -173,15 +171,15 @@ def _frequency_std(times: Array, signals: list[tuple[Array, Array]], frequency: 
     information, score = 0.0, np.zeros(len(times))
     inflation = 1.0
     for t, y in signals:
-        coefficients, _ = _fit(t, y, frequency, HARMONICS)
+        coefficients, rest = _fit(t, y, frequency, HARMONICS)
         basis = _basis(t, frequency, HARMONICS)
         step = 1e-6 * frequency
         slope = (_basis(t, frequency + step, HARMONICS) - _basis(t, frequency - step, HARMONICS)) @ coefficients
         slope = slope / (2 * step)
         slope = slope - basis @ np.linalg.lstsq(basis, slope, rcond=None)[0]  # what no amplitude can take up
         freedom = len(y) / max(len(y) - basis.shape[1] - 1, 1)
-        score[np.searchsorted(times, t)] += slope * (y - basis @ coefficients) * np.sqrt(freedom)
-        inflation = max(inflation, _correlation_time(y, t, frequency))
+        score[np.searchsorted(times, t)] += slope * rest * np.sqrt(freedom)
+        inflation = max(inflation, _correlation_time(rest))
         information += float(slope @ slope)
     return float(np.sqrt(max(float(score @ score), 1e-18) * inflation) / max(information, 1e-18))
 
@@ -196,7 +194,5 @@ def _start_speed(track: MarkerTrack, window: float) -> tuple[float, float]:
         return 0.0, float("inf")
     speed = frames.slope(times, progress)
     rest = progress - progress.mean() - speed * (times - times.mean())
-    lag_one = float(rest[1:] @ rest[:-1]) / max(float(rest @ rest), 1e-30)
-    inflation = np.clip((1 + lag_one) / (1 - min(lag_one, 0.98)), 1.0, times.size / 4)
     spread = float(((times - times.mean()) ** 2).sum())
-    return speed, float(np.sqrt(float(rest @ rest) / max(times.size - 2, 1) * inflation / spread))
+    return speed, float(np.sqrt(float(rest @ rest) / max(times.size - 2, 1) * _correlation_time(rest) / spread))

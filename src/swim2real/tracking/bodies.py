@@ -17,7 +17,7 @@ from swim2real.tracking.body import AGAIN_FRAMES, FORGET, STIFF, Body, distance
 from swim2real.tracking.looks import LIKE, Looks, squares
 from swim2real.tracking.rigid import Expected, Labeling, label, rigid_fit
 from swim2real.tracking.spots import Spots, streaks
-from swim2real.tracking.tracker import DOUBT, REASONS, Array, Image, check_order, inside
+from swim2real.tracking.tracker import DOUBT, REASONS, Array, Image, Mask, check_order, inside
 
 LEAD = 4.0  # by which labels must be better than any others to be sure: two fifths of a missing marker
 CLEAR, MANY, SOON_FRAMES = 20.0, 5, 1  # lead with which a body of many markers, all seen, is sure after so many frames
@@ -261,7 +261,7 @@ class BodyTracker:
         pairs = [(bodies[int(i)], bodies[int(j)]) for i, j in np.argwhere(near) if i < j]
         return [max(pair, key=lambda body: (body.doubt, -body.followed)) for pair in pairs]
 
-    def _cut(self, streaks: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _cut(self, streaks: Array, seen: Mask) -> Mask:
         """Markers with a streak that is too long or too short for how far they moved, off its middle. Shape (M,)."""
         steps = np.zeros(len(seen))
         for body in self._bodies:

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
+from swim2real.tracking.quality import runs
+from swim2real.tracking.tracker import Array, Mask
 from swim2real.trials.trial import MarkerTrack
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 LONGEST = 0.1  # s, a gap that can be filled; at 2.25 Hz this is a fifth of a beat
 FASTEST_BEAT = 2.25  # Hz, of the trials to come; its second harmonic must survive smoothing as well
@@ -86,8 +85,7 @@ def smooth(track: MarkerTrack, window: int | None = None) -> MarkerTrack:
         return track
     positions = track.positions.copy()
     for m in range(track.marker_count):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], (track.confidence[:, m] > 0).astype(int), [0]])))
-        for start, stop in edges.reshape(-1, 2):
+        for start, stop in runs(track.confidence[:, m] > 0):
             if stop - start >= size:
                 kernels, first = _kernels(track.times[start:stop], size)
                 samples = track.positions[start:stop, m][first[:, None] + np.arange(size)]

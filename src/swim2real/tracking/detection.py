@@ -25,7 +25,7 @@ from swim2real.tracking.matching import (
     strained,
     unsupported,
 )
-from swim2real.tracking.tracker import Array, Image, check_order, check_points, inside
+from swim2real.tracking.tracker import Array, Image, Mask, check_order, check_points, inside
 
 LEAST_CONFIDENCE, LEAST_AGAIN = 0.4, 0.6  # below it a marker is lost, and isn't found again
 RELEARN_TIME = 0.2  # s between two looks at how the light has changed
@@ -236,7 +236,7 @@ class DetectionTracker:
             self._shares[sure] += 0.2 * (self._share[sure] - self._shares[sure])
 
 
-def _outside(points: Array, image: Image, margin: float) -> NDArray[np.bool_]:
+def _outside(points: Array, image: Image, margin: float) -> Mask:
     """Points whose marker isn't wholly in the frame. Shape (N,)."""
     height, width = image.shape[:2]
     x, y = points.T

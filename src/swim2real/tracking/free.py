@@ -276,7 +276,7 @@ def _smaller(picture: Picture, share: int) -> Picture:
 
 def _flow(
     first: Picture, second: Picture, points: NDArray[np.float32], guesses: NDArray[np.float32], window: int
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+) -> tuple[NDArray[np.float32], Mask]:
     """Where points (K, N, 2) of the first picture are in the second, and which of them were found (K, N)."""
     found, status, _ = cv2.calcOpticalFlowPyrLK(
         first, second, points.reshape(-1, 1, 2), guesses.reshape(-1, 1, 2), winSize=(window, window), maxLevel=LEVELS,

@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.tracking.bodies import BodyTracker
 from swim2real.tracking.free import APART, FreeTracker
-from swim2real.tracking.tracker import DOUBT, REASONS, Array, Image
+from swim2real.tracking.tracker import DOUBT, REASONS, Array, Image, Mask
 
 FOUND = 0.7  # of the markers of a soft body, up to which it is left
 
@@ -67,7 +66,7 @@ class MarkerTracker:
         return positions, confidence
 
     @staticmethod
-    def _doubled(places: Array, radii: Array, others: Array, known: Array) -> NDArray[np.bool_]:
+    def _doubled(places: Array, radii: Array, others: Array, known: Array) -> Mask:
         """Which markers are at the place of another one, whose radius is known if its place is. Shapes (K,), (M,)."""
         near = np.linalg.norm(places[:, None] - others, axis=2) < APART * (radii[:, None] + known)
         return near.any(axis=1)

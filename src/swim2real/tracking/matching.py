@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from swim2real.tracking.tracker import Array, Mask
 
 GATE_SHARE = 0.45  # of the distance to the next marker: how far from its place a blob may be
 LINK_SHARES = (0.15, 0.22)  # by which the distance of neighbors, and of next neighbors, may be off
@@ -118,7 +117,7 @@ def links_of(count: int) -> NDArray[np.int64]:
     return np.array([(i, j) for i in range(count) for j in (i + 1, i + 2) if j < count], dtype=np.int64).reshape(-1, 2)
 
 
-def strained(points: Array, links: NDArray[np.int64], lengths: Array, slack: float) -> NDArray[np.bool_]:
+def strained(points: Array, links: NDArray[np.int64], lengths: Array, slack: float) -> Mask:
     """Markers that have to go until all lengths along the body are as usual. Shape (M,).
 
     Args:
@@ -147,7 +146,7 @@ def link_strain(points: Array, links: NDArray[np.int64], lengths: Array, slack: 
     return np.nan_to_num(np.abs(distances - lengths) / (shares * lengths + slack))
 
 
-def unsupported(seen: NDArray[np.bool_], known: NDArray[np.bool_], links: NDArray[np.int64], strain: Array) -> Mask:
+def unsupported(seen: Mask, known: Mask, links: NDArray[np.int64], strain: Array) -> Mask:
     """Markers that reappeared where nothing vouches for them: a wrong blob may lie there. Shape (M,).
 
     A marker that was seen a moment ago vouches for one that reappears next to it at the right distance, and so on along
@@ -251,11 +250,8 @@ def fit_body(predicted: Array, lengths: Array, blobs: Array, quality: Array, sla
     came = np.full((count, number, 2), -1)
     for m in range(1, count):
         for before in range(m):
-            step = (
-                best[before][:, None]
-                + _chord_strain(before, m, lengths, neighbors, away, slack)
-                + MISSED * (m - before - 1)
-            )
+            strain = _chord_strain(before, m, lengths, neighbors, away, slack)
+            step = best[before][:, None] + strain + MISSED * (m - before - 1)
             np.fill_diagonal(step, np.inf)
             source = np.argmin(step, axis=0)
             cost = step[source, np.arange(number)] + own[m]

@@ -107,12 +107,10 @@ class TrackQuality(LostMarkers):
     Attributes:
         head_spread: Relative standard deviation of the head's length, a measure of scale and jitter.
         body_spread: Relative standard deviation of the body's length, first to last marker.
-        rest_misfit: Mean deviation of the marker distances from the robot's rest lengths, after one scale [m].
     """
 
     head_spread: float
     body_spread: float
-    rest_misfit: float
 
     @property
     def weights(self) -> Array:
@@ -155,9 +153,10 @@ def check_bodies(track: MarkerTrack, bodies: Sequence[int]) -> LostMarkers:
             misplaced[:, markers] = _swapped(positions[:, markers])
             jumped[:, markers] = _jumped_together(positions[:, markers])[:, None]
     jumped &= ~(missing | doubtful | misplaced)
-    kinds = {"missing": missing, "doubtful": doubtful, "misplaced": misplaced, "jumped": jumped}
-    reasons = [kinds[reason].sum(axis=0) if reason in kinds else np.zeros(track.marker_count) for reason in REASONS]
-    return LostMarkers(missing | doubtful | misplaced | jumped, np.array(reasons, dtype=np.int64))
+    none = np.zeros_like(missing)
+    return LostMarkers(
+        missing | doubtful | misplaced | jumped, _counted(missing, none, misplaced, jumped, none, doubtful)
+    )
 
 
 def _swapped(positions: Array) -> Mask:
@@ -184,9 +183,7 @@ def _jumped_together(positions: Array) -> Mask:
     apart = np.linalg.norm(first[:, None] - first, axis=2)
     limit = SWAP_SHARE * float(np.nanmin(np.where(np.eye(len(first), dtype=bool), np.inf, apart)))
     out = np.zeros(len(positions), dtype=bool)
-    steps = _median(
-        np.diff(positions, axis=0).swapaxes(0, 1)
-    )  # of the markers that are seen in both frames, (T - 1, 2)
+    steps = _median(np.diff(positions, axis=0).swapaxes(0, 1))  # of markers that are seen in both frames, (T - 1, 2)
     change = np.linalg.norm(np.diff(steps, axis=0), axis=1)  # (T - 2,)
     with np.errstate(invalid="ignore"):
         sudden = np.flatnonzero(change > max(limit, SUDDEN * float(np.nan_to_num(_median(change))))) + 2
@@ -230,26 +227,26 @@ def check_track(track: MarkerTrack, rest_markers: Array) -> TrackQuality:
         expected, spacing = _usual(distances, start), _usual(spacings, start)
     interval = float(np.median(np.diff(track.times)))
 
-    collapsed_pairs = _collapsed(distances, expected)
-    misplaced = _misplaced(spacings, spacing, distances, expected, missing)
-    collapsed = misplaced & collapsed_pairs.any(axis=2)
+    with np.errstate(invalid="ignore"):
+        close = (distances < COLLAPSE_SHARE * expected) & ~np.eye(len(expected), dtype=bool)
+    misplaced = _misplaced(spacings, spacing, distances, expected, missing, close)
+    collapsed = misplaced & close.any(axis=2)
     frozen = _frozen(track, interval)
     jumped = _jumped(track, interval, misplaced | frozen | missing)
     lost = missing | misplaced | frozen | jumped
     lost = _join(lost, max(1, _frames(GAP_TIME, interval, lost)))
 
-    kinds = (missing & ~doubtful, collapsed, misplaced & ~collapsed, jumped, frozen, doubtful)
-    scale = _median(distances[~lost.any(axis=1)] if (~lost.any(axis=1)).any() else distances)
-    off_diagonal = ~np.eye(len(rest), dtype=bool)
-    ratio = float(_median(scale[off_diagonal] / rest[off_diagonal]))
-    deviation = np.abs(scale - ratio * rest)[off_diagonal]
     return TrackQuality(
         lost=lost,
-        reasons=np.array([kind.sum(axis=0) for kind in kinds], dtype=np.int64),
+        reasons=_counted(missing & ~doubtful, collapsed, misplaced & ~collapsed, jumped, frozen, doubtful),
         head_spread=_spread(distances[:, 0, 1], lost[:, 0] | lost[:, 1]),
         body_spread=_spread(distances[:, 0, -1], lost[:, 0] | lost[:, -1]),
-        rest_misfit=float(deviation[np.isfinite(deviation)].mean()) if np.isfinite(deviation).any() else float("nan"),
     )
+
+
+def _counted(*kinds: Mask) -> NDArray[np.int64]:
+    """Frames per reason and marker. Shape (6, M)."""
+    return np.array([kind.sum(axis=0) for kind in kinds], dtype=np.int64)
 
 
 def _missing_and_doubtful(track: MarkerTrack) -> tuple[Mask, Mask]:
@@ -298,15 +295,7 @@ def _usual(lengths: Array, start: int) -> Array:
     return np.where((np.abs(middle - lengths[start]) <= DRIFT_DISTANCE) & ~shrunk, middle, lengths[start])
 
 
-def _collapsed(distances: Array, expected: Array) -> Mask:
-    """True for pairs that nearly coincide. Shape (T, M, M)."""
-    with np.errstate(invalid="ignore"):
-        close = distances < COLLAPSE_SHARE * expected
-    close[:, np.arange(len(expected)), np.arange(len(expected))] = False
-    return close
-
-
-def _misplaced(spacings: Array, spacing: Array, distances: Array, expected: Array, missing: Mask) -> Mask:
+def _misplaced(spacings: Array, spacing: Array, distances: Array, expected: Array, missing: Mask, close: Mask) -> Mask:
     """Markers that have to go until the rest agree with one another. Shape (T, M).
 
     Two markers agree when their spacing along the body or their distance is as usual (a tail that swings out keeps its
@@ -318,17 +307,15 @@ def _misplaced(spacings: Array, spacing: Array, distances: Array, expected: Arra
         apart = np.abs(distances - expected) - BEND_SHARE * expected
         stray = distances - (1 + BEND_SHARE) * expected > STRAY_DISTANCE
         off = np.where(stray, apart, np.minimum(along, apart))
-        wrong = (off > PLACE_TOLERANCE) | _collapsed(distances, expected)
+        wrong = (off > PLACE_TOLERANCE) | close
     badness = np.where(wrong, np.maximum(np.nan_to_num(off), 1e-3), 0.0)
     slack = np.nan_to_num(off)
     out = missing.copy()
     for t in np.flatnonzero(wrong.any(axis=(1, 2))):
         left = ~out[t]
         while (pairs := wrong[t] & left[:, None] & left).any():
-            tie = 1e-3 * (slack[t] * (left[:, None] & left)).sum(
-                axis=1
-            )  # of two that disagree: the one with less slack
-            # only of those that are left, or it would never end
+            # of two that disagree the one with less slack; only of those that are left, or it would never end
+            tie = 1e-3 * (slack[t] * (left[:, None] & left)).sum(axis=1)
             left[int(np.argmax(np.where(left, (badness[t] * pairs).sum(axis=1) + tie, -np.inf)))] = False
         out[t] = ~left
     return out & ~missing
@@ -339,15 +326,11 @@ def _frozen(track: MarkerTrack, interval: float) -> Mask:
     still = np.zeros(track.positions.shape[:2], dtype=bool)
     with np.errstate(invalid="ignore"):
         still[1:] = (np.diff(track.positions, axis=0) == 0).all(axis=2)
-    runs = _long(still, max(2, _frames(FREEZE_TIME, interval, still)))
-    if not runs.any():
-        return runs
-    frozen = np.zeros_like(runs)
-    for m in np.flatnonzero(runs.any(axis=0)):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], runs[:, m].astype(int), [0]])))
-        for start, stop in edges.reshape(-1, 2):
+    frozen, least = np.zeros_like(still), max(2, _frames(FREEZE_TIME, interval, still))
+    for m in np.flatnonzero(still.any(axis=0)):
+        for start, stop in runs(still[:, m]):
             travel = np.linalg.norm(track.positions[stop - 1] - track.positions[max(start - 1, 0)], axis=1)
-            if _median(np.delete(travel, m)) > FREEZE_TRAVEL:
+            if stop - start >= least and _median(np.delete(travel, m)) > FREEZE_TRAVEL:
                 frozen[start:stop, m] = True
     return frozen
 
@@ -370,20 +353,17 @@ def _frames(seconds: float, interval: float, mask: Mask) -> int:
 
 def _join(lost: Mask, frames: int) -> Mask:
     """Closes gaps of at most so many frames between two losses of a marker."""
-    gaps = ~lost
-    ends = np.logical_or.accumulate(lost, axis=0) & np.logical_or.accumulate(lost[::-1], axis=0)[::-1]
-    return lost | (gaps & ends & ~_long(gaps, frames + 1))
+    out = lost.copy()
+    for m in np.flatnonzero(lost.any(axis=0)):
+        for start, stop in runs(~lost[:, m]):
+            if start > 0 and stop < len(lost) and stop - start <= frames:
+                out[start:stop, m] = True
+    return out
 
 
-def _long(mask: Mask, frames: int) -> Mask:
-    """What of a mask stands in runs of at least so many frames, in each column by itself. Shape (T, M)."""
-    kept = np.zeros_like(mask)
-    for m in np.flatnonzero(mask.any(axis=0)):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], mask[:, m].astype(int), [0]])))
-        lengths = np.diff(edges.reshape(-1, 2), axis=1)[:, 0]
-        inside = np.repeat(lengths >= frames, lengths)
-        kept[mask[:, m], m] = inside
-    return kept
+def runs(mask: Mask) -> NDArray[np.int64]:
+    """Where what is true begins, and where it ends: the number of the first frame after it. Shapes (T,), (R, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]]))).reshape(-1, 2)
 
 
 def _another_unit(track: MarkerTrack, rest: Array) -> str | None:

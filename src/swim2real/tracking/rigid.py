@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
-from swim2real.tracking.tracker import Array
+from swim2real.tracking.tracker import Array, Mask
 
 Labels = NDArray[np.int64]
 
@@ -163,7 +163,7 @@ def _together(ways: list[NDArray[np.int64]], costs: list[Array]) -> tuple[NDArra
     return rows, total
 
 
-def _changed(best: Labels, others: Labels, count: int) -> NDArray[np.bool_]:
+def _changed(best: Labels, others: Labels, count: int) -> Mask:
     """Whether each marker has another spot, or its spot another marker; one only left out has not.
 
     Args:

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
-from swim2real.tracking.tracker import Array, Image
+from swim2real.tracking.tracker import Array, Image, Mask
 
 LEAST_COVERAGE = 0.2  # of a pixel that belongs to a spot
 MOST_ASIDE = 0.4  # of the difference of the two colors by which a pixel may be off the way between them
@@ -71,7 +71,7 @@ class SpotFinder:
         kinds: Number of each one's kind. Shape (M,).
     """
 
-    def __init__(self, image: Image, points: Array, radii: Array, glossy: NDArray[np.bool_]) -> None:
+    def __init__(self, image: Image, points: Array, radii: Array, glossy: Mask) -> None:
         """Learns the colors from the first frame.
 
         Args:
@@ -133,7 +133,7 @@ class SpotFinder:
         _learn(image, positions, streaks, self.radii, self.markers, self.around)
 
 
-def _kinds(ways: Array, radii: Array, glossy: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _kinds(ways: Array, radii: Array, glossy: Mask) -> NDArray[np.int64]:
     """Numbers of the kinds, given how each marker's color differs from what is around it. Shapes (M, 3), (M,), (M,)."""
     kinds = np.full(len(ways), -1)
     strength = np.linalg.norm(ways, axis=1) + 1e-9

@@ -31,6 +31,10 @@ class Tally:
         *others, last = (f"{time:.3f}" for time in self._times)
         return f"at {', '.join(others)} and {last} s" if others else f"at {last} s"
 
+    def note(self, what: str, then: str = "") -> list[str]:
+        """A sentence on so many frames; none where there are none."""
+        return [f"{frames(self.count)} {what}, {self.when}{then}"] if self.count else []
+
 
 class Clock:
     """Turns time stamps into times since the first frame, and mends what is wrong with them.
@@ -75,17 +79,11 @@ class Clock:
 
     def notes(self) -> list[str]:
         """A sentence for each irregularity of the time stamps."""
-        notes: list[str] = []
-        if self.missing.count:
-            notes.append(
-                f"{frames(self.missing.count)} without a time stamp, {self.missing.when}; "
-                f"placed by the frame rate of {float(1 / self.interval):.2f} a second"
-            )
-        if self.mended.count:
-            notes.append(
-                f"{frames(self.mended.count)} with a time stamp that doesn't come after the one before, "
-                f"{self.mended.when}; placed half an interval after it"
-            )
+        rate = f"; placed by the frame rate of {float(1 / self.interval):.2f} a second"
+        notes = self.missing.note("without a time stamp", rate)
+        notes += self.mended.note(
+            "with a time stamp that doesn't come after the one before", "; placed half an interval after it"
+        )
         if self.restarts.count:
             notes.append(f"the time stamps begin anew {self.restarts.when}; joined without a gap")
         if self.gaps.count:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple, Self, TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from av import VideoFrame
@@ -222,9 +223,10 @@ class _Pass:
             VideoError: The file can't be read, or not one frame can be decoded.
         """
         # a disk that doesn't answer can't be interrupted, only left alone
-        begun = in_time(lambda: _begun(path, threads), FIRST_PICTURE + SLACK)
-        if begun is None:
-            raise VideoError(no_picture(path))
+        try:
+            begun = _in_time(lambda: _begun(path, threads), FIRST_PICTURE + SLACK)
+        except TimeoutError:
+            raise VideoError(no_picture(path)) from None
         self._container, stream, self._decoder, self._pictures, self._first = begun
         rate = stream.average_rate or stream.guessed_rate or USUAL_RATE
         self._clock = Clock(1 / rate)
@@ -254,7 +256,7 @@ class _Pass:
         while picture is not None:
             for _ in range(picture.lost):
                 self._clock.skip()
-            time = self._clock.tick(self._seconds(picture.stamp))
+            time = self._clock.tick(None if picture.stamp is None else picture.stamp * self._base)
             stored, intact = picture.stored, picture.intact and not picture.odd
             if (stored.width, stored.height) != self._size:
                 self._resized.add(time)
@@ -273,44 +275,27 @@ class _Pass:
 
     def notes(self) -> list[str]:
         """A sentence for each thing that a person should know; complete after the last frame."""
-        notes = [*self._shape_notes(), *self._loss_notes(), *self._clock.notes()]
-        if self._resized.count:
-            notes.append(
-                f"{frames(self._resized.count)} of another size, {self._resized.when}; scaled to that of the first"
-            )
-        return notes
-
-    def _shape_notes(self) -> list[str]:
         notes: list[str] = []
-        shape = self._pixel_shape
-        if shape and shape != 1:
-            notes.append(f"the pixels aren't square ({shape.numerator}:{shape.denominator}); lengths are distorted")
+        if self._pixel_shape and self._pixel_shape != 1:
+            shape = f"{self._pixel_shape.numerator}:{self._pixel_shape.denominator}"
+            notes.append(f"the pixels aren't square ({shape}); lengths are distorted")
         if self._tilt % 90:
             notes.append(f"the file asks for a turn of {self._tilt} degrees; turned by {self.info.rotation}")
-        return notes
-
-    def _loss_notes(self) -> list[str]:
-        notes: list[str] = []
-        early, lost = 0, Tally()
-        for stamp in sorted(self._decoder.left_out):
-            time = self._clock.place(stamp * self._base)
-            if time < 0:
-                early += 1
-            else:
-                lost.add(time)
+        times = [self._clock.place(stamp * self._base) for stamp in sorted(self._decoder.left_out)]
+        early, lost = sum(time < 0 for time in times), Tally()
+        for time in times[early:]:
+            lost.add(time)
         if early:
             notes.append(f"{frames(early)} before the first whole one left out")
-        if lost.count:
-            notes.append(f"{frames(lost.count)} broken and left out, {lost.when}")
+        notes += lost.note("broken and left out")
         if self._decoder.unstamped:
             notes.append(f"{frames(self._decoder.unstamped)} broken and left out")
-        if self._smeared.count:
-            notes.append(f"{frames(self._smeared.count)} after a broken one may be smeared, {self._smeared.when}")
-        if self._odd.count:
-            notes.append(f"{frames(self._odd.count)} that may be damaged, by what they show, {self._odd.when}")
+        notes += self._smeared.note("after a broken one may be smeared")
+        notes += self._odd.note("that may be damaged, by what they show")
         if self._decoder.failure:
             notes.append(self._decoder.failure)
-        return notes + self._end_notes()
+        notes += [*self._end_notes(), *self._clock.notes()]
+        return notes + self._resized.note("of another size", "; scaled to that of the first")
 
     def _end_notes(self) -> list[str]:
         if self._end is None:
@@ -326,9 +311,6 @@ class _Pass:
             return [f"the video ends early: the file says {duration:.3f} s, the last frame is at {self._end:.3f} s"]
         return []
 
-    def _seconds(self, stamp: int | None) -> Fraction | None:
-        return None if stamp is None else stamp * self._base
-
     def _describe(self, path: Path, rate: Fraction, stream: VideoStream) -> VideoInfo:
         duration: float | None = None
         if stream.duration is not None:
@@ -342,17 +324,8 @@ class _Pass:
         return VideoInfo(path, width, height, float(rate), count, duration, rotation, codec)
 
 
-class _Begun(NamedTuple):
-    """A film whose first picture is there."""
-
-    container: InputContainer
-    stream: VideoStream
-    decoder: Decoder
-    pictures: Generator[Picture]
-    first: Picture
-
-
-def _begun(path: Path, threads: int) -> _Begun:
+def _begun(path: Path, threads: int) -> tuple[InputContainer, VideoStream, Decoder, Generator[Picture], Picture]:
+    """A film whose first picture is there, which comes last."""
     container, stream = open_stream(path, threads)
     try:
         decoder = Decoder(container, stream)
@@ -368,31 +341,25 @@ def _begun(path: Path, threads: int) -> _Begun:
     except VideoError:
         container.close()
         raise
-    return _Begun(container, stream, decoder, pictures, first)
+    return container, stream, decoder, pictures, first
 
 
-def in_time(work: Callable[[], Result], seconds: float) -> Result | None:
-    """What a function returns, or None where it takes longer; it is left to itself then, in a thread of its own.
+def _in_time(work: Callable[[], Result], seconds: float) -> Result:
+    """What a function returns, or raises.
 
-    Args:
-        work: Called in a thread; what it raises is raised here.
-        seconds: Time that it may take [s].
+    Raises:
+        TimeoutError: It takes longer [s]; it is left to itself then, in a thread of its own.
     """
-    results: list[Result] = []
-    errors: list[BaseException] = []
+    future: Future[Result] = Future()
 
     def run() -> None:
         try:
-            results.append(work())
+            future.set_result(work())
         except BaseException as error:
-            errors.append(error)
+            future.set_exception(error)
 
-    thread = threading.Thread(target=run, name="first picture", daemon=True)
-    thread.start()
-    thread.join(seconds)
-    if errors:
-        raise errors[0]
-    return results[0] if results else None
+    threading.Thread(target=run, name="first picture", daemon=True).start()
+    return future.result(seconds)
 
 
 def _stated_count(container: InputContainer, stream: VideoStream) -> int:

@@ -184,19 +184,16 @@ class VideoWriter:
 
 
 def _check(path: Path, width: int, height: int, fps: float, codec: str, crf: int, rotation: int) -> None:
-    if path.suffix.lower() not in FORMATS:
-        raise VideoError(f"'{path}' can't be written: its ending must be one of {', '.join(FORMATS)}")
-    if path.is_dir():
-        raise VideoError(f"'{path}' can't be written: it is a folder")
-    if not path.parent.is_dir():
-        raise VideoError(f"'{path}' can't be written: there is no folder '{path.parent}'")
-    if width < 2 or height < 2:
-        raise VideoError(f"a video can't be {width} x {height} px; both must be at least 2")
-    if not (np.isfinite(fps) and 0.1 <= fps <= 10_000):
-        raise VideoError(f"fps is {fps}; it must lie within 0.1 and 10000 frames a second")
-    if codec not in ENCODERS:
-        raise VideoError(f"codec is '{codec}'; it must be one of {', '.join(ENCODERS)}")
-    if not 0 <= crf <= 51:
-        raise VideoError(f"crf is {crf}; it must lie within 0 (best) and 51")
-    if rotation not in (0, 90, 180, 270):
-        raise VideoError(f"rotation is {rotation}; it must be 0, 90, 180 or 270 degrees clockwise")
+    written = f"'{path}' can't be written: "
+    for wrong, sentence in (
+        (path.suffix.lower() not in FORMATS, f"{written}its ending must be one of {', '.join(FORMATS)}"),
+        (path.is_dir(), f"{written}it is a folder"),
+        (not path.parent.is_dir(), f"{written}there is no folder '{path.parent}'"),
+        (width < 2 or height < 2, f"a video can't be {width} x {height} px; both must be at least 2"),
+        (not 0.1 <= fps <= 10_000, f"fps is {fps}; it must lie within 0.1 and 10000 frames a second"),
+        (codec not in ENCODERS, f"codec is '{codec}'; it must be one of {', '.join(ENCODERS)}"),
+        (not 0 <= crf <= 51, f"crf is {crf}; it must lie within 0 (best) and 51"),
+        (rotation not in (0, 90, 180, 270), f"rotation is {rotation}; it must be 0, 90, 180 or 270 degrees clockwise"),
+    ):
+        if wrong:
+            raise VideoError(sentence)
