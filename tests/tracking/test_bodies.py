@@ -195,8 +195,7 @@ def test_a_free_marker_that_was_hidden_is_found_where_it_went_with_the_others():
     assert (confidence[20:, 5] >= 0.5).all()
 
 
-@pytest.mark.parametrize("gap", [1.0, 1.5])  # radii
-@pytest.mark.parametrize("turning", [False, True])
+@pytest.mark.parametrize(("gap", "turning"), [(1.0, False), (1.5, True)])  # radii
 def test_equal_free_markers_that_meet_are_not_swapped_silently(gap, turning):
     """They pass each other, or turn back where they are closest."""
 

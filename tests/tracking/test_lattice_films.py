@@ -11,7 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-from lattice_camera import drawn, write
+from lattice_camera import drawn
 from lattice_films import Result
 from lattice_looks import filmed
 from lattice_real import ALONE, real_film
@@ -19,7 +19,6 @@ from lattice_scenes import random_film
 from lattice_truth import Body, Box, Camera, Glare, Occluder, Scene, planned
 
 from swim2real.tracking.markers import MarkerTracker
-from swim2real.video import VideoReader
 
 WHITE, BLACK = (230, 230, 230), (20, 20, 20)
 CAMERA = Camera(320, 240, fps=50, shutter=0.8, bend=0.08, softness=2.0, electrons=1e6, read_noise=1.0, uneven=0.0,
@@ -59,27 +58,6 @@ def test_markers_are_drawn_where_the_truth_has_them(squares):
     for image, places in zip(drawn(made), made.places, strict=True):
         found = [centroid(image, place, 22, CAMERA.gamma) for place in places]
         assert np.abs(np.array(found) - places).max() < 0.2
-
-
-def test_a_film_is_read_back_as_it_was_drawn(tmp_path):
-    for camera, name in ((CAMERA, "film.mp4"), (replace(CAMERA, codec="mjpeg", quality=2), "film.mkv")):
-        made = film(tmp_path / name, camera)
-        write(made)
-        with VideoReader(made.path, threads=1) as reader:
-            frames = [(frame.time, frame.image) for frame in reader]
-        np.testing.assert_allclose([time for time, _ in frames], made.times, atol=2e-3)
-        for (_, image), original in zip(frames, drawn(made), strict=True):
-            assert np.abs(image.astype(int) - original).mean() < 4
-
-
-def test_the_first_frames_are_at_rest_and_speed_is_that_of_the_markers(tmp_path):
-    made = random_film(5, 2, tmp_path)
-    rest = made.times < 0.2
-    assert np.ptp(made.places[rest], axis=0).max() == 0
-    assert made.speed[0].max() == 0
-    assert np.linalg.norm(made.picks - made.places[0], axis=1) == pytest.approx(1.0)
-    steps = np.linalg.norm(np.diff(made.places, axis=0), axis=2).max()
-    assert made.speed.max() == pytest.approx(steps, rel=0.15)
 
 
 def test_covered_markers_are_known():
