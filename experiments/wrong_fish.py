@@ -28,7 +28,7 @@ def panels(path, reference):
     trial = next(one for one in comparison.trials if one.name == TRIAL)
     chosen = np.searchsorted(trial.times, BEGIN + np.arange(MIDLINES) / MIDLINES / trial.frequency)
     drawn = []
-    for head, body in ((trial.head_real, trial.real), (trial.head_simulated, trial.simulated + trial.registration)):
+    for head, body in ((trial.head.real, trial.real), (trial.head.simulated, trial.simulated + trial.registration)):
         along = np.column_stack([head.progress, np.zeros(len(body))])[:, None]
         drawn.append((body[chosen], (head.to_path(body) + along)[chosen]))
     (body_real, path_real), (body_simulated, path_simulated) = drawn

@@ -41,7 +41,7 @@ def test_a_perfect_fit_that_swims_backward_from_rest_is_told(simulator, new_flui
     )
     started = Problem(FISH, filmed, "aligned", start="rest", simulator=simulator).evaluate(BOTH_WAYS)
     assert started.loss > 0.1
-    assert all(trial.velocity_simulated < -0.1 for trial in started.trials)
+    assert all(trial.progress.velocity_simulated < -0.1 for trial in started.trials)
 
 
 def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, reference, tmp_path):

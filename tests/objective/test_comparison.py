@@ -68,7 +68,7 @@ def test_a_perfect_simulation_has_no_error():
     comparison = aligned(real, swim(REAL_SPEED, 5.5, beat=0.05))
     assert comparison.loss < 1e-4
     assert comparison.figure("marker_error") < 2e-4
-    assert comparison.trials[0].phase == pytest.approx(0.7, abs=2e-3)
+    assert comparison.trials[0].beat.phase == pytest.approx(0.7, abs=2e-3)
 
 
 def test_a_shape_that_differs_is_all_shape_error():
@@ -130,7 +130,7 @@ def test_the_papers_protocol_has_no_phase_no_registration_and_no_weights():
     weights[:, :2] = 1.0
     trial = compared(real, Trial("a", swim(REAL_SPEED, 4.0, beat=0.05)), "paper", weights)
     comparison = Comparison((trial,), "paper", None)
-    assert trial.phase == 0.0
+    assert trial.beat.phase == 0.0
     np.testing.assert_array_equal(trial.registration, 0.0)
     expected = np.abs(OFFSET - 0.1 * np.cos(2 * np.pi * real.times)).mean() / 3
     assert comparison.loss == comparison.figure("marker_error") == pytest.approx(expected, rel=1e-3)
@@ -223,7 +223,7 @@ def whole_motion(pool) -> Comparison:
 
 def test_the_whole_motion_is_shape_recoil_and_progress(whole_motion):
     for trial in whole_motion.trials:
-        real, simulated = trial.head_real, trial.head_simulated
+        real, simulated = trial.head.real, trial.head.simulated
         turned = composed(trial.shape_residual, simulated.axes[:, None])
         turned -= turned[:, :2].mean(axis=1, keepdims=True)  # of the head, on which the frame stands
         behind = np.column_stack([real.progress - simulated.progress, np.zeros(len(trial.times))])
@@ -245,13 +245,14 @@ def test_a_swim_like_itself_has_no_motion_error(pool):
     perfect = Problem(FISH, synthetic_reference(FISH, values, (1.2,), 4.0, Camera(), 3), "motion").evaluate(values)
     (trial,) = perfect.trials
     assert trial.motion_error < 2e-3
-    assert abs(trial.head_simulated.yaw_beat.amplitude - trial.head_real.yaw_beat.amplitude) < 2e-3
+    assert abs(trial.head.simulated.yaw_beat.amplitude - trial.head.real.yaw_beat.amplitude) < 2e-3
 
 
 def test_tail_first_is_worse_than_anything_that_goes_forward_and_worse_the_faster(whole_motion):
     def backward(speed: float) -> Comparison:
         first, *others = whole_motion.trials
-        return replace(whole_motion, trials=(replace(first, velocity_simulated=-speed), *others))
+        backward = replace(first, progress=replace(first.progress, velocity_simulated=-speed))
+        return replace(whole_motion, trials=(backward, *others))
 
     assert not whole_motion.tail_first
     assert backward(1e-4).tail_first
@@ -265,7 +266,8 @@ def test_the_residual_vector_holds_what_the_loss_measures(pool, protocol):
     assert np.isfinite(vector).all()
     squares = []
     for trial in found.trials:
-        residual = {"motion": trial.motion_residual, "aligned": trial.residual, "paper": trial.swim_residual}[protocol]
+        residuals = {"motion": trial.motion_residual, "aligned": trial.residual, "paper": trial.beat.swim_residual}
+        residual = residuals[protocol]
         counts = np.isfinite(residual).all(axis=2) if protocol == "paper" else trial.weights > 0
         squares.append(np.mean(np.square(residual[counts]).sum(axis=1)))
     assert np.sum(vector**2) == pytest.approx(np.mean(squares))

@@ -11,7 +11,7 @@ from views import ARM_RATE, BEAT, arm, swim
 
 from recorded import FLOATER, PENDULUM
 from swim2real.errors import ArgumentError
-from swim2real.objective import ComparedTrial
+from swim2real.objective import ComparedBeat, ComparedProgress, ComparedTrial
 from swim2real.rendering.panel import COLORS, Box
 from swim2real.rendering.swing_chart import Swing, swing_chart
 from swim2real.rendering.trial_view import common_limits, grid_step, length_text, rounded_up, view_of
@@ -45,7 +45,7 @@ def test_a_recording_is_drawn_with_its_links_and_axes() -> None:
 
 def test_a_robot_that_travels_is_seen_from_its_first_pose() -> None:
     progress = 0.1 * TIMES
-    trial = compared(4, frame=(0, 1), progress_real=progress, progress_simulated=progress)
+    trial = compared(4, frame=(0, 1), progress=ComparedProgress(progress, progress, 0.1, 0.1))
     view = view_of(trial, FLOATER)
     assert view.axes == "nose at the origin, neck to its right"
     assert view.path_real is not None
@@ -60,9 +60,9 @@ def test_a_swim_is_registered_by_markers_that_were_seen() -> None:
     registration = np.zeros((9, 2))
     registration[0], registration[1:] = (5.0, 5.0), (0.02, 0.0)
     progress = 0.1 * TIMES
-    trial = compared(
-        9, registration=registration, frame=(0, 1), frequency=1.5, progress_real=progress, progress_simulated=progress
-    )
+    beat = ComparedBeat(1.5, 1.5, 0.0, 0.0, np.zeros((11, 9, 2)))
+    way = ComparedProgress(progress, progress, 0.1, 0.1)
+    trial = compared(9, registration=registration, frame=(0, 1), beat=beat, progress=way)
     view = view_of(trial, FISH)
     assert (view.about, view.axes) == ("1.50 Hz", "body frame, head at the left")
     assert view.lines == (tuple(range(9)),)

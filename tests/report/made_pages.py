@@ -15,7 +15,7 @@ from browser import open_to_scripts, opened
 from run_settings import run_settings
 from swim2real.calibration import Problem, RunFolder, conclude
 from swim2real.calibration.protocols import Aligned
-from swim2real.objective import ComparedTrial, Comparison, evidence
+from swim2real.objective import ComparedBeat, ComparedProgress, ComparedTrial, Comparison, evidence
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.report import write_report
 from swim2real.report.page import content
@@ -51,8 +51,10 @@ def swim(name: str, frequency: float, miss: float, lost: int | None = None, dive
         real[:, lost] = np.nan
     return ComparedTrial(
         name, "aligned_marker_error", TIMES, weights, real, simulated, np.full((4, 2), 0.003), real, simulated, (0, 1),
-        0.1 * TIMES, 0.1 * TIMES - miss * TIMES / TIMES[-1], 0.1, 0.1 - miss / TIMES[-1], (), frequency, None, 0.4,
-        0.004, simulated - real, divergence,
+        divergence=divergence, beat=ComparedBeat(frequency, frequency, 0.4, 0.004, simulated - real),
+        progress=ComparedProgress(
+            0.1 * TIMES, 0.1 * TIMES - miss * TIMES / TIMES[-1], 0.1, 0.1 - miss / TIMES[-1]
+        ),
     )  # fmt: skip
 
 
@@ -67,7 +69,10 @@ def longer(trial: ComparedTrial, count: int, rate: float) -> ComparedTrial:
         replace(s, **{k: np.resize(getattr(s, k), count) for k in ("times", "real", "simulated")})
         for s in trial.sensors
     )
-    return replace(trial, **{**arrays, "times": np.arange(count) / rate, "sensors": sensors})
+    way = trial.progress and replace(
+        trial.progress, **{side: np.resize(getattr(trial.progress, side), count) for side in ("real", "simulated")}
+    )
+    return replace(trial, **{**arrays, "times": np.arange(count) / rate, "sensors": sensors, "progress": way})
 
 
 class Evaluated(Problem):

@@ -13,7 +13,7 @@ from swim2real.calibration.saved_trials import save_trials
 from swim2real.comparison.results import ComparisonResults
 from swim2real.comparison.statistics import method_statistics
 from swim2real.errors import RunError
-from swim2real.objective import ComparedTrial, Comparison
+from swim2real.objective import ComparedBeat, ComparedProgress, ComparedTrial, Comparison
 from swim2real.report import paper_figures
 from swim2real.report.chronophotography import chronophotography, moments, outline
 from swim2real.report.comparison_charts import convergence, line_search, strip, velocity
@@ -37,7 +37,8 @@ def put_swims(folder: Path, results: ComparisonResults) -> None:
             trials.append(
                 ComparedTrial(
                     TRIALS[i], "aligned_marker_error", TIMES, np.ones((len(TIMES), 3)), body, body, np.zeros((3, 2)),
-                    body, body, (0, 1), 0.1 * TIMES, 0.2 * TIMES, frequency=(0.5, 1.5)[i],
+                    body, body, (0, 1), beat=ComparedBeat((0.5, 1.5)[i], (0.5, 1.5)[i], 0.0, 0.0, 0 * body),
+                    progress=ComparedProgress(0.1 * TIMES, 0.2 * TIMES, 0.1, 0.2),
                 )
             )  # fmt: skip
         save_trials(RunFolder(place), Comparison(tuple(trials), "aligned", None), None)
@@ -127,9 +128,8 @@ def test_bodies_swim_to_the_right_and_lost_markers_are_left_out() -> None:
     weights[2, 2] = 0
     progress = np.array([0.0, 0.2, 0.4])
     pair = ComparedTrial(
-        "t", "aligned_marker_error", np.arange(3.0), weights, body, body, np.zeros((4, 2)), body, body, (0, 1),
-        progress, progress, frequency=1.0,
-    )  # fmt: skip
+        "t", "aligned_marker_error", np.arange(3.0), weights, body, body, np.zeros((4, 2)), body, body, (0, 1)
+    )
     placed = moments(pair, body, progress, [0, 1, 2], seen=True)
     np.testing.assert_allclose(placed[:, 0, 0], [0, 0.2, 0.4])
     np.testing.assert_allclose(placed[0, 3], [-0.5, 0])

@@ -189,7 +189,10 @@ def test_charts_have_units_and_long_swims_are_thinned(run: Run) -> None:
             assert re.search(r"\((mm|mm/s|s|Hz)\)$", title) or title in ("evaluation", "marker, head to tail"), title
     found = read_run(run.path, ROBOT)
     long = longer(found.saved[0].compared, 2_000, 240)
-    saved = tuple(SavedTrial(False, replace(long, name=f"t{i}", frequency=0.5 + i / 100)) for i in range(40))
+    saved = tuple(
+        SavedTrial(False, replace(long, name=f"t{i}", beat=replace(long.beat, frequency=0.5 + i / 100)))
+        for i in range(40)
+    )
     shown = content(replace(found, saved=saved))
     assert len(shown["saved"]) == 24
     assert max(len(drawn.get_xdata()) for drawn in shown["charts"]["paths-23"]().axes[0].lines) <= 480

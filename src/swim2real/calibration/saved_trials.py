@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, get_args
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
 from swim2real.calibration.run_folder import TRIALS, RunFolder
 from swim2real.errors import RunError
-from swim2real.objective import ComparedSensor, ComparedTrial, Comparison
+from swim2real.objective import ComparedBeat, ComparedHead, ComparedProgress, ComparedSensor, ComparedTrial, Comparison
 from swim2real.objective.head import HeadMotion, Oscillation
 from swim2real.objective.trial import LossFigure
 
-_EARLIER = ("swims.npz", "recordings.npz")  # what version 0.1 wrote
 _LARGEST = 1e15  # of a number, in whatever unit
-_SHAPES = {
-    "times": "T", "weights": "TM", "real": "TM2", "simulated": "TM2", "registration": "M2", "path_real": "TM2",
-    "path_simulated": "TM2", "progress_real": "T", "progress_simulated": "T", "swim_residual": "TM2",
+_SHAPES: Mapping[Any, Mapping[str, str]] = {
+    ComparedTrial: {
+        "times": "T", "weights": "TM", "real": "TM2", "simulated": "TM2", "registration": "M2", "path_real": "TM2",
+        "path_simulated": "TM2",
+    },
+    ComparedBeat: {"swim_residual": "TM2"},
+    ComparedProgress: {"real": "T", "simulated": "T"},
+    ComparedHead: {},
+    HeadMotion: {"progress": "T", "sway": "T", "yaw": "T"},
+    ComparedSensor: {"times": "R", "real": "R", "simulated": "R"},
 }  # fmt: skip
-_HEAD_SHAPES = {"progress": "T", "sway": "T", "yaw": "T"}
-_SENSOR_SHAPES = {"times": "R", "real": "R", "simulated": "R"}
-_TEXTS = ("name", "loss_figure", "divergence")
-_NUMBERS = (
-    "velocity_real", "velocity_simulated", "frequency", "beat_frequency", "phase", "static_offset", "turn_rate",
-    "wander",
-    "meters_per_unit",
-)  # fmt: skip
-_TIMES = ("times",)  # arrays that are kept with all their digits; the others as 32-bit floats
 
 
 @dataclass(frozen=True)
@@ -54,15 +51,7 @@ def save_trials(folder: RunFolder, fit: Comparison, held_out: Comparison | None)
     pairs += [(True, trial) for trial in held_out.trials] if held_out is not None else []
     arrays: dict[str, Any] = {"held_out": np.array([held for held, _ in pairs])}
     for i, (_, trial) in enumerate(pairs):
-        for field in fields(ComparedTrial):
-            value = getattr(trial, field.name)
-            if isinstance(value, HeadMotion):
-                arrays |= {f"{i}/{field.name}/{name}": part for name, part in _head_arrays(value).items()}
-            elif field.name != "sensors" and value is not None:
-                arrays[f"{i}/{field.name}"] = _stored(field.name, value)
-        for j, sensor in enumerate(trial.sensors):
-            for field in fields(ComparedSensor):
-                arrays[f"{i}/sensors/{j}/{field.name}"] = _stored(field.name, getattr(sensor, field.name))
+        arrays |= _flat(str(i), trial)
     folder.write_arrays(TRIALS, arrays)
 
 
@@ -70,101 +59,80 @@ def load_trials(folder: RunFolder) -> tuple[SavedTrial, ...]:
     """The trials of a run that has ended.
 
     Raises:
-        RunError: The run hasn't ended, was made by version 0.1, or the file is damaged.
+        RunError: The run hasn't ended, or the file is damaged.
     """
-    if not (folder.path / TRIALS).is_file():
-        earlier = next((name for name in _EARLIER if (folder.path / name).is_file()), None)
-        if earlier is not None:
-            raise RunError(
-                f"run '{folder.path}' was made by version 0.1, whose {earlier} this version doesn't read; run its "
-                f"calibrate command again with --resume, which takes the record as it is and writes {TRIALS}"
-            )
     content = folder.read_arrays(TRIALS)
     try:
         held_out = np.atleast_1d(content["held_out"])
-        return tuple(SavedTrial(bool(held), _trial(content, i)) for i, held in enumerate(held_out))
+        return tuple(SavedTrial(bool(held), _trial(content, str(i))) for i, held in enumerate(held_out))
     except (AttributeError, IndexError, KeyError, ValueError, TypeError) as error:
         raise RunError(f"{folder.path / TRIALS} can't be read: {error!r}; {folder.RESTORE}") from error
 
 
-def _stored(name: str, value: Any) -> Any:
-    if isinstance(value, np.ndarray) and value.dtype == np.float64 and name not in _TIMES:
-        return value.astype(np.float32)
-    return np.array(value)
+def _flat(path: str, value: Any) -> dict[str, Any]:
+    """A value, or those of all its parts, by their paths; times keep all their digits, other numbers 32 bits."""
+    if is_dataclass(value):
+        parts = {field.name: getattr(value, field.name) for field in fields(value)}
+        return {key: array for name, part in parts.items() for key, array in _flat(f"{path}/{name}", part).items()}
+    if path.endswith("/sensors"):
+        return {key: array for j, sensor in enumerate(value) for key, array in _flat(f"{path}/{j}", sensor).items()}
+    if value is None:
+        return {}
+    if isinstance(value, np.ndarray) and value.dtype == np.float64 and not path.endswith("/times"):
+        return {path: value.astype(np.float32)}
+    return {path: np.array(value)}
 
 
-def _head_arrays(head: HeadMotion) -> dict[str, Any]:
-    return {field.name: _stored(field.name, getattr(head, field.name)) for field in fields(HeadMotion)}
-
-
-def _head(of_trial: Mapping[str, Any], name: str) -> HeadMotion | None:
-    if f"{name}/progress" not in of_trial:
-        return None
-    parts: dict[str, Any] = {field.name: _read(of_trial[f"{name}/{field.name}"]) for field in fields(HeadMotion)}
-    parts |= {beat: Oscillation(*map(float, parts[beat])) for beat in ("sway_beat", "yaw_beat")}
-    return HeadMotion(**parts)
-
-
-def _trial(content: Mapping[str, Any], index: int) -> ComparedTrial:
-    prefix = f"{index}/"
-    of_trial = {key.removeprefix(prefix): array for key, array in content.items() if key.startswith(prefix)}
-    count = len({key.split("/")[1] for key in of_trial if key.startswith("sensors/")})
-    sensors = tuple(
-        ComparedSensor(**{field.name: _read(of_trial[f"sensors/{j}/{field.name}"]) for field in fields(ComparedSensor)})
-        for j in range(count)
-    )
-    values: dict[str, Any] = {
-        field.name: _read(of_trial[field.name]) for field in fields(ComparedTrial) if field.name in of_trial
-    }
-    if values.get("frame") is not None:
-        values["frame"] = (int(values["frame"][0]), int(values["frame"][1]))
-    values |= {name: _head(of_trial, name) for name in ("head_real", "head_simulated")}
-    trial = ComparedTrial(**values, sensors=sensors)
-    _check_shapes(trial)
-    return trial
-
-
-def _check_shapes(trial: ComparedTrial) -> None:
-    """Checks what constructors take as it is, since every other trial comes from our own code.
+def _trial(content: Mapping[str, Any], path: str) -> ComparedTrial:
+    """A trial from its arrays. What constructors take as it is is checked, since other trials come from our own code.
 
     Raises:
         ValueError: An array has another shape, or a number or a text is none.
     """
-    sizes: dict[str, Any] = {
-        "T": len(trial.times),
-        "M": np.shape(trial.weights)[-1] if np.ndim(trial.weights) else -1,
-        "2": 2,
-    }
-    heads = [head for head in (trial.head_real, trial.head_simulated) if head is not None]
-    parts: list[tuple[Any, Mapping[str, str], Mapping[str, Any]]] = [
-        (trial, _SHAPES, sizes), *((head, _HEAD_SHAPES, sizes) for head in heads),
-        *((sensor, _SENSOR_SHAPES, {"R": len(sensor.times)}) for sensor in trial.sensors),
-    ]  # fmt: skip
-    for part, shapes, known in parts:
-        for field in fields(part):
-            value = getattr(part, field.name)
-            if field.name in shapes and value is not None:
-                wanted = tuple(known[letter] for letter in shapes[field.name])
-                if np.shape(value) != wanted:
-                    raise ValueError(f"{field.name} has shape {np.shape(value)}; expected {wanted}")
-            elif field.name in _TEXTS and not isinstance(value, str | None):
-                raise ValueError(f"{field.name} is no text")
-            elif field.name in _NUMBERS and not isinstance(value, float | int | None):
-                raise ValueError(f"{field.name} is no number")
+    weights = content[f"{path}/weights"]
+    sizes = {"T": len(content[f"{path}/times"]), "M": weights.shape[-1] if weights.ndim else -1, "2": 2}
+    trial: ComparedTrial = _part(ComparedTrial, content, path, sizes)
     if trial.loss_figure not in get_args(LossFigure):
         raise ValueError(f"loss_figure is {trial.loss_figure!r}; it must be one of {', '.join(get_args(LossFigure))}")
-    marker_count = sizes["M"]
-    if trial.frame is not None and not all(0 <= marker < marker_count for marker in trial.frame):
-        raise ValueError(f"frame is {trial.frame}; it must be two of {marker_count} markers")
+    if trial.frame is not None and not all(0 <= marker < sizes["M"] for marker in trial.frame):
+        raise ValueError(f"frame is {trial.frame}; it must be two of {sizes['M']} markers")
     if not (np.isfinite(trial.times).all() and (np.diff(trial.times) > 0).all() and len(trial.times) > 1):
         raise ValueError("times must be finite and rise")
+    return trial
 
 
-def _read(array: Any) -> Any:
-    """A text, a number, or an array of 64-bit floats."""
+def _part(kind: Any, content: Mapping[str, Any], path: str, sizes: Mapping[str, int]) -> Any:
+    """An object of a dataclass from the arrays below a path."""
+    values: dict[str, Any] = {}
+    for name, hint in get_type_hints(kind).items():
+        place, parts = f"{path}/{name}", [part for part in (hint, *get_args(hint)) if part in _SHAPES]
+        if name == "sensors":
+            count = len({key.split("/")[2] for key in content if key.startswith(f"{place}/")})
+            paths = [f"{place}/{j}" for j in range(count)]
+            values[name] = tuple(_part(ComparedSensor, content, p, {"R": len(content[f"{p}/times"])}) for p in paths)
+        elif parts and any(key.startswith(f"{place}/") for key in content):
+            values[name] = _part(parts[0], content, place, sizes)
+        elif place in content:
+            shape = _SHAPES[kind].get(name)
+            wanted = None if shape is None else tuple(sizes[letter] for letter in shape)
+            values[name] = _checked(name, hint, content[place], wanted)
+    return kind(**values)
+
+
+def _checked(name: str, hint: Any, array: Any, shape: tuple[int, ...] | None) -> Any:
+    """A text, a number, or an array of 64-bit floats, as the type and the shape want it."""
     if array.ndim == 0:
-        return array.item()
+        value = array.item()
+        if shape is not None or not isinstance(value, float | int if hint is float else str):
+            raise ValueError(f"{name} is {value!r}, which is no {'number' if hint is float else 'text or array'}")
+        return value
     numbers = array.astype(float)
     if numbers.size and np.nanmax(np.abs(numbers), initial=0.0) > _LARGEST:
         raise ValueError(f"a number is beyond ±{_LARGEST:g}")
+    if hint is Oscillation:
+        return Oscillation(*map(float, numbers))
+    if name == "frame":
+        return int(numbers[0]), int(numbers[1])
+    if numbers.shape != shape:
+        raise ValueError(f"{name} has shape {numbers.shape}; expected {shape}")
     return numbers

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -10,7 +12,14 @@ from swim2real.errors import TrialError
 from swim2real.objective.alignment import align, register
 from swim2real.objective.head import head_motion
 from swim2real.objective.target import SensorTarget, Target, framed_progress
-from swim2real.objective.trial import ComparedSensor, ComparedTrial, LossFigure
+from swim2real.objective.trial import (
+    ComparedBeat,
+    ComparedHead,
+    ComparedProgress,
+    ComparedSensor,
+    ComparedTrial,
+    LossFigure,
+)
 from swim2real.trials import MarkerTrack, Trial, frames
 
 Array = NDArray[np.float64]
@@ -36,11 +45,12 @@ def compare_steady(target: Target, simulated: Trial, *, fit_phase: bool = True) 
     kept, motionless = len(target.times), np.zeros(target.real.shape[1:])
     if simulated.divergence is not None:
         nothing = np.full_like(target.real, np.nan)
-        return ComparedTrial(
-            target.name, loss_figure, target.times, target.weights, target.real, nothing, motionless, target.path,
-            nothing, target.frame, target.progress, np.full(kept, np.nan), target.velocity, float("nan"), (),
-            target.frequency, target.beat_frequency, 0.0, 0.0, nothing, simulated.divergence, target.head,
-        )  # fmt: skip
+        return replace(
+            _compared(target, loss_figure, nothing, nothing, np.full(kept, np.nan), float("nan")),
+            divergence=simulated.divergence,
+            beat=ComparedBeat(target.frequency, target.beat_frequency or target.frequency, 0.0, 0.0, nothing),
+            head=None if target.head is None else ComparedHead(target.head, None),
+        )
     period = 1 / target.frequency
     lead = period if fit_phase else 0.0
     sim_times = simulated.track.times - simulated.track.times[0]
@@ -62,31 +72,20 @@ def compare_steady(target: Target, simulated: Trial, *, fit_phase: bool = True) 
     body_simulated = sampled.body[:kept]
     head = None
     if target.head is not None:
-        head = head_motion(sampled.times, sampled.positions, target.frequency).until(kept)
+        moved = head_motion(sampled.times, sampled.positions, target.frequency).until(kept)
+        head = ComparedHead(target.head, moved)
     offsets = registration if fit_phase else register(target.real - body_simulated, target.weights)
-    return ComparedTrial(
-        name=target.name,
-        loss_figure=loss_figure,
-        times=target.times,
-        weights=target.weights,
-        real=target.real,
-        simulated=body_simulated,
-        registration=registration,
-        path_real=target.path,
-        path_simulated=sampled.course[:kept],
-        frame=target.frame,
-        progress_real=target.progress,
-        progress_simulated=sampled.progress[:kept],
-        velocity_real=target.velocity,
-        velocity_simulated=sampled.speed,
+    beat = ComparedBeat(
         frequency=target.frequency,
-        beat_frequency=target.beat_frequency,
+        real_frequency=target.beat_frequency or target.frequency,
         phase=2 * np.pi * target.frequency * shift,
         static_offset=float(np.linalg.norm(offsets, axis=1).mean()),
         swim_residual=(sampled.swim - target.swim)[:kept],
-        head_real=target.head,
-        head_simulated=head,
     )
+    compared = _compared(
+        target, loss_figure, body_simulated, sampled.course[:kept], sampled.progress[:kept], sampled.speed
+    )
+    return replace(compared, registration=registration, beat=beat, head=head)
 
 
 def compare_playback(target: Target, simulated: Trial) -> ComparedTrial:
@@ -103,29 +102,39 @@ def compare_playback(target: Target, simulated: Trial) -> ComparedTrial:
     if not np.array_equal(target.times, simulated.track.times):
         raise TrialError(f"trial '{simulated.name}': it wasn't simulated at the recording's time stamps")
     world = simulated.track.positions
-    progress = velocity = None
+    progress, velocity = None, float("nan")
     if target.progress is not None and target.frame is not None:
         progress = np.full(len(world), np.nan)
         if simulated.divergence is None or np.isfinite(world).any():
             progress = framed_progress(target.times, world, target.weights, target.frame)
         velocity = frames.slope(target.times, progress)
+    positions = world if target.frame is None else frames.to_body(world, target.frame)
+    return replace(
+        _compared(target, "aligned_marker_error", positions, world, progress, velocity),
+        sensors=tuple(_compared_sensor(sensor, simulated) for sensor in target.sensors),
+        divergence=simulated.divergence,
+    )
+
+
+def _compared(
+    target: Target, loss_figure: LossFigure, simulated: Array, path: Array, progress: Array | None, velocity: float
+) -> ComparedTrial:
+    """What every compared trial has, and the way that it has come where that is scored."""
+    way = None
+    if target.progress is not None and target.velocity is not None and progress is not None:
+        way = ComparedProgress(target.progress, progress, target.velocity, velocity)
     return ComparedTrial(
         name=target.name,
-        loss_figure="aligned_marker_error",
+        loss_figure=loss_figure,
         times=target.times,
         weights=target.weights,
         real=target.real,
-        simulated=world if target.frame is None else frames.to_body(world, target.frame),
+        simulated=simulated,
         registration=np.zeros(target.real.shape[1:]),
         path_real=target.path,
-        path_simulated=world,
+        path_simulated=path,
         frame=target.frame,
-        progress_real=target.progress,
-        progress_simulated=progress,
-        velocity_real=target.velocity,
-        velocity_simulated=velocity,
-        sensors=tuple(_compared_sensor(sensor, simulated) for sensor in target.sensors),
-        divergence=simulated.divergence,
+        progress=way,
     )
 
 

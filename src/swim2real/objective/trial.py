@@ -1,7 +1,7 @@
 """One simulated trial against its real one: residuals, figures, and the evidence that an advisor judges by.
 
-There is one class for every kind of trial. What a trial hasn't is None or empty: a beat, a way that it has come,
-sensors. Figures in SI.
+There is one class for every kind of trial, with a part for each thing that only some of them have: a beat, a way that
+it has come, a head that moves about its path, sensors. Figures in SI.
 """
 
 from __future__ import annotations
@@ -57,6 +57,70 @@ class ComparedSensor:
 
 
 @dataclass(frozen=True)
+class ComparedBeat:
+    """What only steady swims have.
+
+    Attributes:
+        frequency: Frequency of the simulated motor [Hz].
+        real_frequency: Frequency of the real beat [Hz].
+        phase: Motor angle at the first frame [rad].
+        static_offset: Mean length of the registration vectors, whether they are used or not [m].
+        swim_residual: Simulated minus real in the swim frame [m]. Shape (T, M, 2).
+    """
+
+    frequency: float
+    real_frequency: float
+    phase: float
+    static_offset: float
+    swim_residual: Array
+
+
+@dataclass(frozen=True)
+class ComparedProgress:
+    """The way along the line of travel, of a trial that is scored by it.
+
+    Attributes:
+        real: Real way [m]. Shape (T,).
+        simulated: Simulated way [m]. Shape (T,).
+        velocity_real: Real speed along the line of travel [m/s].
+        velocity_simulated: Simulated speed, negative when it goes tail first [m/s].
+    """
+
+    real: Array
+    simulated: Array
+    velocity_real: float
+    velocity_simulated: float
+
+
+@dataclass(frozen=True)
+class ComparedHead:
+    """The motion of the head about its path, where the whole motion is compared.
+
+    Attributes:
+        real: Real motion.
+        simulated: Simulated motion; None when the simulation diverged.
+    """
+
+    real: HeadMotion
+    simulated: HeadMotion | None = None
+
+    def figures(self) -> dict[str, float]:
+        """Figures of yaw, sway and turn; those of the simulated head are NaN when the simulation diverged."""
+        figures: dict[str, float] = {}
+        nothing = Oscillation(float("nan"), float("nan"), float("nan"))
+        for name in ("yaw", "sway"):
+            real: Oscillation = getattr(self.real, f"{name}_beat")
+            simulated: Oscillation = getattr(self.simulated, f"{name}_beat", nothing)
+            figures[f"{name}_error"] = abs(simulated.amplitude - real.amplitude)
+            figures[f"{name}_real"], figures[f"{name}_simulated"] = real.amplitude, simulated.amplitude
+            figures[f"{name}_real_std"], figures[f"{name}_simulated_std"] = real.std, simulated.std
+            figures[f"{name}_lag"] = float(np.angle(np.exp(1j * (simulated.phase - real.phase))))
+        figures["turn_rate_real"] = self.real.turn_rate
+        figures["turn_rate_simulated"] = getattr(self.simulated, "turn_rate", float("nan"))
+        return figures
+
+
+@dataclass(frozen=True)
 class ComparedTrial:
     """One simulated trial against its real one, at the real time stamps that are compared.
 
@@ -74,20 +138,11 @@ class ComparedTrial:
             the swim goes toward -x [m]. Shape (T, M, 2).
         path_simulated: Simulated positions in the same plane [m]. Shape (T, M, 2).
         frame: Indices of the markers that the frame of comparison stands on; None for the world.
-        progress_real: Way along the line of travel [m]; None where the trial isn't scored by it. Shape (T,).
-        progress_simulated: Way of the simulation [m]. Shape (T,).
-        velocity_real: Real speed along the line of travel [m/s]; None where the trial isn't scored by its progress.
-        velocity_simulated: Simulated speed, negative when it goes tail first [m/s].
         sensors: Sensors that are compared beside the markers.
-        frequency: Frequency of the simulated motor in a trial with a beat [Hz].
-        beat_frequency: Frequency of the real beat [Hz].
-        phase: Motor angle at the first frame in a trial with a beat [rad].
-        static_offset: Mean length of the registration vectors, whether they are used or not [m]; None in a trial that
-            isn't registered.
-        swim_residual: Simulated minus real in the swim frame [m]; None where there is no such frame. Shape (T, M, 2).
         divergence: Why the simulation failed, or None.
-        head_real: Real motion of the head about its path; None where it isn't compared.
-        head_simulated: Simulated motion of the head; None as well when the simulation diverged.
+        beat: Its beat, of a steady swim.
+        progress: The way that it has come, where the trial is scored by it.
+        head: Motion of the head about its path, where it is compared.
     """
 
     name: str
@@ -100,19 +155,16 @@ class ComparedTrial:
     path_real: Array
     path_simulated: Array
     frame: tuple[int, int] | None = None
-    progress_real: Array | None = None
-    progress_simulated: Array | None = None
-    velocity_real: float | None = None
-    velocity_simulated: float | None = None
     sensors: tuple[ComparedSensor, ...] = ()
-    frequency: float | None = None
-    beat_frequency: float | None = None
-    phase: float | None = None
-    static_offset: float | None = None
-    swim_residual: Array | None = None
     divergence: str | None = None
-    head_real: HeadMotion | None = None
-    head_simulated: HeadMotion | None = None
+    beat: ComparedBeat | None = None
+    progress: ComparedProgress | None = None
+    head: ComparedHead | None = None
+
+    @property
+    def frequency(self) -> float | None:
+        """Frequency of the simulated motor [Hz]; None without a beat."""
+        return None if self.beat is None else self.beat.frequency
 
     @cached_property
     def shape_residual(self) -> Array:
@@ -122,9 +174,9 @@ class ComparedTrial:
     @cached_property
     def residual(self) -> Array:
         """The shape residual and, along x, how much farther the simulation hasn't come [m]. Shape (T, M, 2)."""
-        if self.progress_real is None or self.progress_simulated is None:
+        if self.progress is None:
             return self.shape_residual
-        behind = self.progress_real - self.progress_simulated  # a robot moves toward -x of its frame
+        behind = self.progress.real - self.progress.simulated  # a robot moves toward -x of its frame
         return self.shape_residual + np.stack([behind, np.zeros_like(behind)], axis=1)[:, None]
 
     @cached_property
@@ -134,22 +186,29 @@ class ComparedTrial:
         It is the sum of the shape residual, turned by the simulated yaw, of the recoil residual, and of the difference
         in progress. The registration turns with the body.
         """
-        if self.head_real is None or self.head_simulated is None:
+        if self.head is None or self.head.simulated is None:
             return np.full_like(self.real, np.nan)
-        return self.head_simulated.to_path(self.simulated + self.registration) - self.head_real.to_path(self.real)
+        return self.head.simulated.to_path(self.simulated + self.registration) - self.head.real.to_path(self.real)
 
     @cached_property
     def recoil_residual(self) -> Array:
         """What the difference in yaw and sway alone moves the real markers by [m]; NaN without a path. (T, M, 2)."""
-        if self.head_real is None or self.head_simulated is None:
+        if self.head is None or self.head.simulated is None:
             return np.full_like(self.real, np.nan)
-        swayed = replace(self.head_simulated, progress=self.head_real.progress)
-        return swayed.to_path(self.real) - self.head_real.to_path(self.real)
+        swayed = replace(self.head.simulated, progress=self.head.real.progress)
+        return swayed.to_path(self.real) - self.head.real.to_path(self.real)
 
     @property
     def tail_first(self) -> bool:
         """Whether a trial whose whole motion is compared is simulated tail first."""
-        return self.head_simulated is not None and (self.velocity_simulated or 0.0) < 0
+        return self._backward > 0
+
+    @property
+    def _backward(self) -> float:
+        """Speed at which a trial whose whole motion is compared is simulated tail first [m/s]; 0 where it isn't."""
+        if self.head is None or self.head.simulated is None or self.progress is None:
+            return 0.0
+        return max(-self.progress.velocity_simulated, 0.0)
 
     @property
     def loss(self) -> float:
@@ -161,7 +220,7 @@ class ComparedTrial:
             return FAILED_LOSS
         markers: float = getattr(self, self.loss_figure)
         if self.tail_first:
-            markers += -(self.velocity_simulated or 0.0) * float(self.times[-1] - self.times[0]) / 2
+            markers += self._backward * float(self.times[-1] - self.times[0]) / 2
         return markers + sum(sensor.meters_per_unit * sensor.error for sensor in self.sensors)
 
     def residual_vector(self) -> Array:
@@ -173,8 +232,8 @@ class ComparedTrial:
         residual, weights = self.residual, self.weights
         if self.loss_figure == "motion_error":
             residual = self.motion_residual
-        elif self.loss_figure == "marker_error" and self.swim_residual is not None:
-            residual, weights = self.swim_residual, np.ones_like(self.weights)
+        elif self.loss_figure == "marker_error" and self.beat is not None:
+            residual, weights = self.beat.swim_residual, np.ones_like(self.weights)
         if self.divergence is None:
             weights = np.where(np.isfinite(residual).all(axis=2), weights, 0.0)
             vectors = np.nan_to_num(residual)
@@ -196,7 +255,9 @@ class ComparedTrial:
         """
         if self.divergence is not None:
             return FAILED_LOSS
-        return float("nan") if self.swim_residual is None else _mean_length(self.swim_residual)
+        if self.beat is None:
+            return float("nan")
+        return float(np.nanmean(np.linalg.norm(self.beat.swim_residual, axis=2)))
 
     @cached_property
     def motion_error(self) -> float:
@@ -226,11 +287,11 @@ class ComparedTrial:
     @cached_property
     def progress_error(self) -> float:
         """Mean difference in progress, which thrust and drag explain [m]; NaN where progress isn't scored."""
-        if self.progress_real is None or self.progress_simulated is None:
+        if self.progress is None:
             return float("nan")
         if self.divergence is not None:
             return FAILED_LOSS
-        return float(np.nanmean(np.abs(self.progress_simulated - self.progress_real)))
+        return float(np.nanmean(np.abs(self.progress.simulated - self.progress.real)))
 
     @cached_property
     def heading_error(self) -> float:
@@ -263,13 +324,15 @@ class ComparedTrial:
         """
         if self.divergence is not None:
             return np.full(self.weights.shape[1], FAILED_LOSS)
-        residuals = {
-            "motion": self.motion_residual, "marker": self.swim_residual, "aligned": self.residual,
-            "shape": self.shape_residual,
-        }  # fmt: skip
-        residual = residuals[kind]
-        if residual is None:
-            return np.full(self.weights.shape[1], np.nan)
+        match kind:
+            case "motion":
+                residual = self.motion_residual
+            case "marker":
+                residual = np.full_like(self.real, np.nan) if self.beat is None else self.beat.swim_residual
+            case "aligned":
+                residual = self.residual
+            case "shape":
+                residual = self.shape_residual
         lengths = np.linalg.norm(residual, axis=2)
         weights = np.isfinite(lengths).astype(float) if kind == "marker" else self.weights
         total = weights.sum(axis=0)
@@ -278,29 +341,30 @@ class ComparedTrial:
 
     def figures(self) -> dict[str, Any]:
         """Every figure that the trial has; those of a simulation that diverged are `FAILED_LOSS` or NaN."""
-        figures: dict[str, Any] = self._recoil()
-        if self.swim_residual is not None:
+        figures: dict[str, Any] = {}
+        if self.head is not None:
+            figures |= {"motion_error": self.motion_error, "recoil_error": self.recoil_error, **self.head.figures()}
+        if self.beat is not None:
             figures["marker_error"] = self.marker_error
         if self.weights.size:
             figures["aligned_marker_error"] = self.aligned_marker_error
         if self.frame is not None:
             figures["shape_error"] = self.shape_error
-        if self.progress_real is not None:
+        if self.progress is not None:
             figures["progress_error"] = self.progress_error
-        if self.static_offset is not None:
-            figures["static_offset"] = self.static_offset
-        if self.frame is not None and self.phase is None:  # on the real clock the turn can be compared
+        if self.beat is not None:
+            figures["static_offset"] = self.beat.static_offset
+        elif self.frame is not None:  # on the real clock the turn can be compared
             figures["heading_error"] = self.heading_error
-        if self.velocity_real is not None and self.velocity_simulated is not None:
-            figures["velocity_error"] = abs(self.velocity_simulated - self.velocity_real)
-            figures["velocity_real"] = self.velocity_real
-            figures["velocity_simulated"] = self.velocity_simulated
+        if self.progress is not None:
+            real, simulated = self.progress.velocity_real, self.progress.velocity_simulated
+            figures |= {"velocity_error": abs(simulated - real), "velocity_real": real, "velocity_simulated": simulated}
         if self.sensors:
             figures["sensor_errors"] = {sensor.name: sensor.error for sensor in self.sensors}
-        if self.frequency is not None:
-            figures["frequency"], figures["phase"] = self.frequency, self.phase
+        if self.beat is not None:
+            figures |= {"frequency": self.beat.frequency, "phase": self.beat.phase}
         if self.weights.size:
-            figures["left_out_share"], figures["unweighted_error"] = self.left_out_share, self.unweighted_error
+            figures |= {"left_out_share": self.left_out_share, "unweighted_error": self.unweighted_error}
         return {**figures, "loss": self.loss, "divergence": self.divergence}
 
     def evidence(self) -> dict[str, Any]:
@@ -314,25 +378,21 @@ class ComparedTrial:
         and of all `sensors` [unit].
         """
         evidence: dict[str, Any] = {}
-        if self.head_real is not None:
+        if self.head is not None:
             evidence["motion_marker_errors"] = self.marker_errors("motion")
-        if self.swim_residual is not None:
+        if self.beat is not None:
             evidence["marker_errors"] = self.marker_errors("marker")
         evidence["aligned_marker_errors"] = self.marker_errors("aligned")
         evidence["seen_shares"] = (self.weights > 0).mean(axis=0)
         if self.frame is not None:
             evidence["shape_marker_errors"] = self.marker_errors("shape")
-        if self.frequency is not None:
-            real_frequency = self.beat_frequency or self.frequency
-            evidence["beat_real"] = beat(self.times, self.real, self.weights, real_frequency)
-            evidence["beat_simulated"] = beat(self.times, self.simulated, self.weights, self.frequency)
-            if self.head_real is not None:
-                real = self.head_real.to_path(self.real)
-                evidence["path_beat_real"] = beat(self.times, real, self.weights, real_frequency)
-                simulated = self.simulated  # of a diverged trial nothing is known
-                if self.head_simulated is not None:
-                    simulated = self.head_simulated.to_path(simulated)
-                evidence["path_beat_simulated"] = beat(self.times, simulated, self.weights, self.frequency)
+        if self.beat is not None:
+            evidence |= self._beats("beat", self.beat, self.real, self.simulated)
+            if self.head is not None:
+                real, simulated = self.head.real.to_path(self.real), self.simulated
+                if self.head.simulated is not None:  # of a diverged trial nothing is known
+                    simulated = self.head.simulated.to_path(simulated)
+                evidence |= self._beats("path_beat", self.beat, real, simulated)
             return evidence
         residual = np.where(self.weights[:, :, None] > 0, self.residual, np.nan)
         edges = windows(self.times)
@@ -346,26 +406,12 @@ class ComparedTrial:
         }
         return evidence
 
-    def _recoil(self) -> dict[str, Any]:
-        """Figures of the whole motion; those of the simulated head are NaN when the simulation diverged."""
-        if self.head_real is None:
-            return {}
-        figures: dict[str, Any] = {"motion_error": self.motion_error, "recoil_error": self.recoil_error}
-        nothing = Oscillation(float("nan"), float("nan"), float("nan"))
-        turn = float("nan") if self.head_simulated is None else self.head_simulated.turn_rate
-        for name in ("yaw", "sway"):
-            real: Oscillation = getattr(self.head_real, f"{name}_beat")
-            simulated: Oscillation = getattr(self.head_simulated, f"{name}_beat", nothing)
-            figures[f"{name}_error"] = abs(simulated.amplitude - real.amplitude)
-            figures[f"{name}_real"], figures[f"{name}_simulated"] = real.amplitude, simulated.amplitude
-            figures[f"{name}_real_std"], figures[f"{name}_simulated_std"] = real.std, simulated.std
-            figures[f"{name}_lag"] = float(np.angle(np.exp(1j * (simulated.phase - real.phase))))
-        return {**figures, "turn_rate_real": self.head_real.turn_rate, "turn_rate_simulated": turn}
+    def _beats(self, name: str, compared: ComparedBeat, real: Array, simulated: Array) -> dict[str, Any]:
+        """The fundamental of each marker's motion on both sides, each at its own frequency."""
+        return {
+            f"{name}_real": beat(self.times, real, self.weights, compared.real_frequency),
+            f"{name}_simulated": beat(self.times, simulated, self.weights, compared.frequency),
+        }
 
     def _distance(self, residual: Array, weights: Array) -> float:
         return FAILED_LOSS if self.divergence is not None else weighted_distance(residual, weights)
-
-
-def _mean_length(residual: Array) -> float:
-    """Mean length of the vectors that are known [m]."""
-    return float(np.nanmean(np.linalg.norm(residual, axis=2)))

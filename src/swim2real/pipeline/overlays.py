@@ -178,11 +178,11 @@ def in_world(compared: ComparedTrial, real: Array) -> Array:
     seen = np.isfinite(real[:, list(pair)]).all(axis=(1, 2)) & (compared.weights[:, list(pair)] > 0).all(axis=1)
     axes = frames.body_axes(real, pair)
     angle = np.arctan2(axes[:, 1], axes[:, 0])
-    if compared.head_real is not None and compared.head_simulated is not None:
-        head = compared.head_real
+    if compared.head is not None and compared.head.simulated is not None:
+        head = compared.head.real
         seen &= np.isfinite(head.place).all(axis=1)
         angle = angle - head.yaw
-        places = compared.head_simulated.to_path(compared.simulated + compared.registration)
+        places = compared.head.simulated.to_path(compared.simulated + compared.registration)
         origin, anchor = frames.heads(real, pair), head.place
     else:
         places = compared.simulated + compared.registration + _behind(compared)
@@ -201,8 +201,8 @@ def in_world(compared: ComparedTrial, real: Array) -> Array:
 def _behind(compared: ComparedTrial) -> Array:
     """How far the simulated robot lies behind the real one, along the frame's x [m]. Shape (T, 1, 2)."""
     behind = np.zeros_like(compared.times)
-    if compared.progress_real is not None and compared.progress_simulated is not None:
-        behind = np.nan_to_num(compared.progress_real - compared.progress_simulated)
+    if compared.progress is not None:
+        behind = np.nan_to_num(compared.progress.real - compared.progress.simulated)
     return np.column_stack([behind, np.zeros_like(behind)])[:, None]
 
 

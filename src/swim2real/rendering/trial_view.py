@@ -218,7 +218,7 @@ def view_of(trial: ComparedTrial, robot: Robot) -> TrialView:
     """A compared trial as it is drawn: registered, as the loss sees it."""
     seen, hidden = trial.weights > 0, np.nan if trial.divergence else 0.0
     unseen = np.where(seen, 0.0, np.nan)[:, :, None]
-    residual = trial.residual if trial.head_real is None else trial.motion_residual
+    residual = trial.residual if trial.head is None else trial.motion_residual
     distances = np.where(seen, np.linalg.norm(residual + hidden, axis=2), np.nan)
     chain = tuple(range(len(robot.marker_names)))
     real, simulated = _paths(trial)
@@ -313,13 +313,13 @@ def _offsets(trial: ComparedTrial, seen: Mask) -> Array:
 
 
 def _error(trial: ComparedTrial) -> float:
-    return trial.aligned_marker_error if trial.head_real is None else trial.motion_error
+    return trial.aligned_marker_error if trial.head is None else trial.motion_error
 
 
 def _swings(trial: ComparedTrial) -> tuple[Swing, ...]:
-    real, simulated = trial.head_real, trial.head_simulated
-    if real is None:
+    if trial.head is None:
         return ()
+    real, simulated = trial.head.real, trial.head.simulated
     unknown = np.full_like(real.yaw, np.nan)
     yaw, sway = (unknown, unknown) if simulated is None else (simulated.yaw, simulated.sway)
     return (
@@ -330,7 +330,7 @@ def _swings(trial: ComparedTrial) -> tuple[Swing, ...]:
 
 def _paths(trial: ComparedTrial) -> tuple[Array, Array] | tuple[None, None]:
     """Both paths as seen from the start; with a beat the swims lie along an axis already. Shapes (T, M, 2)."""
-    if trial.progress_real is None or trial.frame is None:
+    if trial.progress is None or trial.frame is None:
         return None, None
     if trial.frequency is not None:
         return trial.path_real, trial.path_simulated

@@ -15,7 +15,7 @@ from swim2real.calibration import RunFolder, load_trials
 from swim2real.comparison.statistics import MethodStatistics
 from swim2real.errors import RunError
 from swim2real.escaping import visible
-from swim2real.objective import ComparedTrial
+from swim2real.objective import ComparedProgress, ComparedTrial
 from swim2real.report.style import DOUBLE, LIGHT, MethodStyle, new_figure
 
 Array = NDArray[np.float64]
@@ -64,13 +64,13 @@ def chronophotography(
     swims = [_swim(folder / one.typical_run().folder, trial) for _, one in chosen]
     real = swims[0]
     frames = _frames(real)
-    lanes = [Lane("real", _INK, moments(real, real.real, real.progress_real, frames, seen=True))]
+    lanes = [Lane("real", _INK, moments(real, real.real, _progress(real).real, frames, seen=True))]
     for (words, one), swim in zip(chosen, swims, strict=True):
         run = one.typical_run()
         figures = run.fit.trials[swim.name]
         error = 1e3 * (getattr(figures, one.description.trial_loss) or 0.0)
         label = f"{words}: {one.method} (seed {run.seed}), {error:.0f} mm"
-        bodies = moments(swim, swim.simulated, swim.progress_simulated, frames, seen=False)
+        bodies = moments(swim, swim.simulated, _progress(swim).simulated, frames, seen=False)
         lanes.append(Lane(label, styles[one.method].light, bodies))
     return _draw(
         lanes,
@@ -90,6 +90,12 @@ def _swim(folder: Path, trial: str | None) -> ComparedTrial:
     return chosen[0]
 
 
+def _progress(swim: ComparedTrial) -> ComparedProgress:
+    if swim.progress is None:
+        raise RunError(f"trial '{swim.name}' isn't scored by how far the robot has come")
+    return swim.progress
+
+
 def _frames(swim: ComparedTrial) -> list[int]:
     """The first, the middle and the last frame, or ones near by in which tracking has more of the markers."""
     seen = ((swim.weights > 0) & np.isfinite(swim.real).all(axis=2)).sum(axis=1)
@@ -101,18 +107,16 @@ def _frames(swim: ComparedTrial) -> list[int]:
     return frames
 
 
-def moments(swim: ComparedTrial, positions: Array, progress: Array | None, frames: Sequence[int], seen: bool) -> Array:
+def moments(swim: ComparedTrial, positions: Array, progress: Array, frames: Sequence[int], seen: bool) -> Array:
     """The body at some frames, swimming to the right from where it was at the first of them [m]. Shape (n, M, 2).
 
     Args:
         swim: The trial whose weights count.
         positions: Positions in the body frame [m]. Shape (T, M, 2).
-        progress: How far the body has come [m]; None where that isn't scored. Shape (T,).
+        progress: How far the body has come [m]. Shape (T,).
         frames: Indices, n of them.
         seen: Whether markers that tracking lost are left out, as NaN.
     """
-    if progress is None:
-        raise RunError(f"trial '{swim.name}' isn't scored by how far the robot has come")
     picked = list(frames)
     bodies = positions[picked].copy()
     if seen:

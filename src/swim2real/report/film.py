@@ -79,8 +79,8 @@ def _view(trial: ComparedTrial, robot: Robot) -> TrialView:
     view = view_of(trial, robot)
     if view.path_simulated is None or trial.frequency is None or trial.frame is None:
         return view
-    if trial.head_real is not None and trial.head_simulated is not None:
-        real, simulated = trial.head_real.to_path(view.real), trial.head_simulated.to_path(view.simulated)
+    if trial.head is not None and trial.head.simulated is not None:
+        real, simulated = trial.head.real.to_path(view.real), trial.head.simulated.to_path(view.simulated)
         return replace(view, path_real=real, path_simulated=simulated)
     axes = frames.body_axes(view.path_simulated, trial.frame)
     shift = frames.composed(view.simulated - trial.simulated, axes[:, None])

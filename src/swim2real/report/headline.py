@@ -145,7 +145,7 @@ def poor_fit(run: ReportedRun) -> tuple[str, ...]:
     errors: list[float] = []
     squares: list[float] = []
     for trial in (one.compared for one in run.saved if not one.held_out and one.compared.divergence is None):
-        real = trial.real if trial.progress_real is None else trial.path_real
+        real = trial.real if trial.progress is None else trial.path_real
         seen = (trial.weights > 0) & np.isfinite(real).all(axis=2)
         count = np.maximum(seen.sum(axis=0), 1)[:, None]
         places = np.where(seen[:, :, None], real, 0.0)

@@ -106,8 +106,8 @@ def trial_charts(trials: Sequence[ComparedTrial], run: ReportedRun) -> dict[str,
             continue
         if names:
             charts[f"off-{i}"] = partial(errors_over_time, trial, names)
-        if trial.progress_real is not None:
-            charts[f"progress-{i}"] = partial(progress_over_time, trial)
+        if trial.progress is not None:
+            charts[f"progress-{i}"] = partial(progress_over_time, trial.times, trial.progress)
         for j, sensor in enumerate(trial.sensors):
             charts[f"sensor-{i}-{j}"] = partial(sensor_readings, sensor, units.get(sensor.name, ""))
     return charts

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from swim2real.objective import ComparedSensor, ComparedTrial
+from swim2real.objective import ComparedProgress, ComparedSensor, ComparedTrial
 from swim2real.report.style import LIGHT, chart_name, new_chart, titled
 from swim2real.robots.robot import Robot
 
@@ -172,13 +172,12 @@ def errors_over_time(trial: ComparedTrial, markers: Sequence[str]) -> Figure:
     return figure
 
 
-def progress_over_time(trial: ComparedTrial) -> Figure:
+def progress_over_time(times: Array, progress: ComparedProgress) -> Figure:
     """How far it has come along the line of travel, over time."""
     figure, axes = new_chart(RIGHT, 2.0, "time (s)", "progress (mm)")
-    thin = _thinned(trial.times)
-    for kind, progress in (("simulated", trial.progress_simulated), ("real", trial.progress_real)):
-        if progress is not None:
-            _draw_line(axes, trial.times[thin], 1e3 * progress[thin], LIGHT[kind], 1.1, kind)
+    thin = _thinned(times)
+    for kind, way in (("simulated", progress.simulated), ("real", progress.real)):
+        _draw_line(axes, times[thin], 1e3 * way[thin], LIGHT[kind], 1.1, kind)
     return figure
 
 

@@ -75,7 +75,7 @@ def shown_swim(
     data = mujoco.MjData(model)
     stepper = Stepper(model, robot, 0.0, speed, 0.0)
     mujoco.mj_setState(model, data, stepper.state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    phase = 0.0 if compared is None else (compared.phase or 0.0) / (2 * np.pi) % 1.0
+    phase = 0.0 if compared is None or compared.beat is None else compared.beat.phase / (2 * np.pi) % 1.0
     if compared is not None:
         seconds = min(seconds, float(compared.times[-1] - compared.times[0]))
     turns = np.ceil(SETTLING * frequency) + phase
