@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import ttest_ind
 
-from swim2real.calibration.ensemble import read_ensemble
 from swim2real.cli.subject import robot_for, values_for
+from swim2real.identification.ensemble import read_ensemble
 from swim2real.rl.assessment import TEST_SEED, constant_waves, scan_waves, sine_waves
 from swim2real.rl.conditions import Disturbances, StateEstimate
 from swim2real.rl.environment import make_environments

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from recordings import LINES, NOISE, PENDULUM, STARTS
 
-from swim2real.calibration.finished_run import reopen
-from swim2real.calibration.identifiability import identify
+from swim2real.identification.finished_run import reopen
+from swim2real.identification.identifiability import identify
 from swim2real.pipeline import calibrate
 from swim2real.robots import load_robot
 from swim2real.settings import CalibrationSettings

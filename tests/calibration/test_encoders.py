@@ -16,9 +16,9 @@ from recorded import (
     with_markers,
 )
 from swim2real.calibration import Problem
-from swim2real.calibration.finished_run import reopen
-from swim2real.calibration.identifiability import identify
 from swim2real.errors import ArgumentError, TrialError
+from swim2real.identification.finished_run import reopen
+from swim2real.identification.identifiability import identify
 from swim2real.objective import evidence
 from swim2real.pipeline import calibrate
 from swim2real.report import write_report

@@ -24,11 +24,11 @@ from swim2real.calibration import (
     protocol_for,
     sensitivities,
 )
-from swim2real.calibration.ensemble import make_ensemble
-from swim2real.calibration.finished_run import reopen
-from swim2real.calibration.identifiability import identify
 from swim2real.calibration.saved_trials import save_trials
 from swim2real.errors import ArgumentError, RunError, TrialError
+from swim2real.identification.ensemble import make_ensemble
+from swim2real.identification.finished_run import reopen
+from swim2real.identification.identifiability import identify
 from swim2real.optimizers import RandomSearch, streams
 from swim2real.robots.fish import FISH
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings

@@ -20,9 +20,6 @@ from made_results import made_results, made_run
 from swim2real import api
 from swim2real.advisor.vlm.transcript import Transcript
 from swim2real.calibration import RunFolder
-from swim2real.calibration.ensemble import make_ensemble, read_ensemble
-from swim2real.calibration.finished_run import reopen
-from swim2real.calibration.identifiability import read_study
 from swim2real.cli import main
 from swim2real.comparison import contestants, make_plan
 from swim2real.comparison.plan import read_plan
@@ -30,6 +27,9 @@ from swim2real.comparison.results import load_results, write_results
 from swim2real.deployment.commands import read_table
 from swim2real.deployment.motors_file import read_motors
 from swim2real.errors import Swim2RealError
+from swim2real.identification.ensemble import make_ensemble, read_ensemble
+from swim2real.identification.finished_run import reopen
+from swim2real.identification.identifiability import read_study
 from swim2real.optimizers import recorded_advice
 from swim2real.parameters import read_parameters, robot_of
 from swim2real.report import pages

@@ -7,7 +7,7 @@ import time
 import pytest
 from program import process
 
-from swim2real.calibration.ensemble import read_ensemble
+from swim2real.identification.ensemble import read_ensemble
 from swim2real.robots.fish import FISH
 
 

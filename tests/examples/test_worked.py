@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from swim2real.calibration import Problem
-from swim2real.calibration.gauss_newton import Evaluator, jacobian
-from swim2real.calibration.neighborhood import neighborhood
+from swim2real.identification.gauss_newton import Evaluator, jacobian
+from swim2real.identification.neighborhood import neighborhood
 from swim2real.pipeline import calibrate
 from swim2real.settings import CalibrationSettings
 

@@ -10,16 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from swim2real import __version__
 from swim2real.trials import TrialSet
 
-_PACKAGES = ("numpy", "scipy", "mujoco", "numba")
+_PACKAGES = ("swim2real", "numpy", "scipy", "mujoco", "numba")
 
 
 def versions() -> dict[str, str]:
     """Versions of what the numbers depend on."""
     found = {name: _version(name) for name in _PACKAGES}
-    return {"swim2real": __version__, "python": platform.python_version(), **found, "machine": platform.machine()}
+    return {**found, "python": platform.python_version(), "machine": platform.machine()}
 
 
 def _version(name: str) -> str:

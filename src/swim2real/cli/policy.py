@@ -63,8 +63,8 @@ def train(
     """
     if workers < 0 or threads < 0:
         raise ArgumentError(f"--workers is {workers} and --threads {threads}; they must be 0 or above")
-    from swim2real.calibration.ensemble import read_ensemble
     from swim2real.cli.subject import robot_for, values_for
+    from swim2real.identification.ensemble import read_ensemble
     from swim2real.pipeline.training import train as run_training
     from swim2real.rl.conditions import Disturbances, StateEstimate
 

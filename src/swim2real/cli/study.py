@@ -36,11 +36,11 @@ def identify(
         json: Print JSON in SI units.
         quiet: Print no progress.
     """
-    from swim2real.calibration.finished_run import reopen
-    from swim2real.calibration.identifiability import IDENTIFIED, StudyProgress
-    from swim2real.calibration.identifiability import identify as study
     from swim2real.cli.subject import robot_for
     from swim2real.cli.tables import progress_console
+    from swim2real.identification.finished_run import reopen
+    from swim2real.identification.identifiability import IDENTIFIED, StudyProgress
+    from swim2real.identification.identifiability import identify as study
     from swim2real.interruption import Interruption
     from swim2real.trials import load_reference
 
@@ -94,10 +94,10 @@ def ensemble(
         json: Print the file's content.
         quiet: Print no progress.
     """
-    from swim2real.calibration.ensemble import make_ensemble, write_ensemble
-    from swim2real.calibration.finished_run import reopen
     from swim2real.cli import tables
     from swim2real.cli.subject import robot_for
+    from swim2real.identification.ensemble import make_ensemble, write_ensemble
+    from swim2real.identification.finished_run import reopen
     from swim2real.interruption import Interruption
     from swim2real.trials import load_reference
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from swim2real import __version__
+from swim2real.calibration import versions
 from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.names import composed
 from swim2real.objective.comparison import rounded
@@ -183,7 +183,7 @@ def track_video(
     camera = _camera(pixels, robot, camera_file, size)
     track = camera.to_meters(pixels)
     quality = check_lost(track, robot)
-    made = f"{size[0]}x{size[1]}, {info.codec}, {settings.tracker} tracker, swim2real {__version__}"
+    made = f"{size[0]}x{size[1]}, {info.codec}, {settings.tracker} tracker, swim2real {versions()['swim2real']}"
     if not span.whole:
         end = begin + float(track.times[-1])
         if span.until is not None and span.until - end > 2 / info.fps:
@@ -272,7 +272,7 @@ def _fingerprint(
         digest.update(file.read())
     about = [
         size, start.points.tolist(), start.frame, settings.tracker, settings.smooth, settings.overlay, robot.name,
-        frequency, __version__,
+        frequency, versions()["swim2real"],
     ]  # fmt: skip
     if settings.tracker == "aruco":
         about.append(settings.tags)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import toy
 
-from swim2real.calibration.finished_run import reopen
-from swim2real.calibration.gauss_newton import EvaluatedPoint, Evaluator, jacobian, refit
-from swim2real.calibration.identifiability import IDENTIFIABILITY, IDENTIFIED, identify, most_evaluations, read_study
-from swim2real.calibration.neighborhood import autocorrelation, neighborhood
-from swim2real.calibration.profile import ProfilePoint, profile, summarize
 from swim2real.errors import ArgumentError, RunError
+from swim2real.identification.finished_run import reopen
+from swim2real.identification.gauss_newton import EvaluatedPoint, Evaluator, jacobian, refit
+from swim2real.identification.identifiability import IDENTIFIABILITY, IDENTIFIED, identify, most_evaluations, read_study
+from swim2real.identification.neighborhood import autocorrelation, neighborhood
+from swim2real.identification.profile import ProfilePoint, profile, summarize
 from swim2real.parameters import read_parameters
 from swim2real.robots.fish import FISH
 from swim2real.settings import IdentifiabilitySettings

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import toy
 
-from swim2real.calibration.ensemble import Member, make_ensemble, read_ensemble, spread_out, write_ensemble
-from swim2real.calibration.finished_run import reopen
-from swim2real.calibration.identifiability import identify
 from swim2real.errors import ArgumentError, ParameterError, RunError
+from swim2real.identification.ensemble import Member, make_ensemble, read_ensemble, spread_out, write_ensemble
+from swim2real.identification.finished_run import reopen
+from swim2real.identification.identifiability import identify
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings
 
 SETTINGS = EnsembleSettings(within=1.2, count=8, evaluations=40, seed=3)

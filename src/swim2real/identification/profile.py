@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.calibration.gauss_newton import EvaluatedPoint, Evaluator, broyden_update, refit, step_toward
+from swim2real.identification.gauss_newton import EvaluatedPoint, Evaluator, broyden_update, refit, step_toward
 
 Array = NDArray[np.float64]
 

@@ -20,15 +20,14 @@ from pydantic import BaseModel, FiniteFloat, NonNegativeInt
 
 from swim2real import store
 from swim2real.calibration.file_models import Share
-from swim2real.calibration.finished_run import FinishedRun
-from swim2real.calibration.gauss_newton import STEP, EvaluatedPoint, Evaluator, jacobian, refit
 from swim2real.calibration.loop import write_fit
-from swim2real.calibration.neighborhood import neighborhood
-from swim2real.calibration.profile import DISTANCES, ProfilePoint, profile, summarize
 from swim2real.calibration.provenance import commit, versions
-from swim2real.calibration.start_noise import DRAWS, pulls
 from swim2real.checking import check
 from swim2real.errors import RunError
+from swim2real.identification.finished_run import FinishedRun
+from swim2real.identification.gauss_newton import STEP, EvaluatedPoint, Evaluator, jacobian, refit
+from swim2real.identification.neighborhood import DRAWS, neighborhood, pulls
+from swim2real.identification.profile import DISTANCES, ProfilePoint, profile, summarize
 from swim2real.settings import IdentifiabilitySettings
 
 FORMAT = 1

@@ -5,9 +5,8 @@ import pytest
 
 from recorded import PENDULUM, PENDULUM_HIDDEN, pendulum_reference, telling
 from swim2real.calibration import Problem
-from swim2real.calibration.gauss_newton import Evaluator, jacobian
-from swim2real.calibration.neighborhood import neighborhood
-from swim2real.calibration.start_noise import DRAWS, pulls, surrogate
+from swim2real.identification.gauss_newton import Evaluator, jacobian
+from swim2real.identification.neighborhood import DRAWS, neighborhood, pulls, surrogate
 from swim2real.trials import TrialSet
 
 
