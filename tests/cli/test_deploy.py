@@ -10,9 +10,9 @@ from contextlib import contextmanager
 import pytest
 from program import process
 
+from faulty_motors import Fault, FaultyEmulator
 from swim2real.deployment import FISH, CommandTable, control_table, write_table
-from swim2real.deployment.emulated_motor import EmulatedMotor
-from swim2real.deployment.emulator import Emulator, Fault
+from swim2real.deployment.emulator import EmulatedMotor, Emulator
 
 MOTORS = """
 [head]
@@ -193,7 +193,7 @@ def test_halted_and_continued_it_says_what_happened(table):
 
 def test_an_error_in_the_middle_is_one_sentence_and_the_log_is_there(program, table, tmp_path):
     log = tmp_path / "log.csv"
-    with Emulator(faults=[Fault("overheated", 60)]) as emulator:
+    with FaultyEmulator(faults=[Fault("overheated", 60)]) as emulator:
         program("deploy", table([3.0] * 200), "--port", emulator.port, "--log", log, "--quiet")
         assert "motor 1 reports overheating" in program.sentence(1)
         assert emulator.velocity() == 0

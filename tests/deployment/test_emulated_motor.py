@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swim2real.deployment import control_table as ct
-from swim2real.deployment.emulated_motor import (
+from swim2real.deployment.emulator import (
     BROADCAST,
     HEADER,
     PING,

@@ -29,7 +29,7 @@ sys.meta_path.insert(0, Missing())
 
 PROGRAM = """
 import sys
-import swim2real.deployment.emulator, swim2real.deployment.motor, swim2real.deployment.sending
+import swim2real.deployment.emulator, swim2real.deployment.motors, swim2real.deployment.sending
 print(*sorted({m.partition(".")[0] for m in sys.modules} - set(sys.stdlib_module_names)))
 try:
     import numpy

@@ -10,12 +10,12 @@ import time
 
 import pytest
 
+from faulty_motors import Fault, FaultyEmulator
 from swim2real.deployment import FISH, XW540_T140, CommandTable, Limits, MotorError, MotorSettings, fish_motor
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.bus import Bus
 from swim2real.deployment.control_table import NoAnswerError
-from swim2real.deployment.emulated_motor import BROADCAST, PING, SYNC_WRITE, WRITE, EmulatedMotor
-from swim2real.deployment.emulator import Emulator, Fault
+from swim2real.deployment.emulator import BROADCAST, PING, SYNC_WRITE, WRITE, EmulatedMotor, Emulator
 from swim2real.deployment.motors import Motors
 from swim2real.deployment.sending import check_time, log_header, send
 from swim2real.errors import ArgumentError, MissingExtraError
@@ -38,7 +38,7 @@ def emulated():
 
 
 def three(*faults, baud=None) -> Emulator:
-    return Emulator(
+    return FaultyEmulator(
         EmulatedMotor(2, XL430, angle=math.pi - 0.1), EmulatedMotor(7, XL430, angle=2.0), EmulatedMotor(5),
         faults=faults, baud=baud,
     )  # fmt: skip

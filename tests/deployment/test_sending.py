@@ -16,11 +16,11 @@ from itertools import pairwise
 
 import pytest
 
+from faulty_motors import Fault, FaultyEmulator
 from swim2real.deployment import FISH, CommandTable, Limits, MotorError, MotorSettings, fish_motor
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.bus import Bus
-from swim2real.deployment.emulated_motor import READ, STATUS, EmulatedMotor, PacketParser, build_packet
-from swim2real.deployment.emulator import Emulator, Fault
+from swim2real.deployment.emulator import READ, STATUS, EmulatedMotor, PacketParser, build_packet
 from swim2real.deployment.motors import Motors
 from swim2real.deployment.sending import send
 
@@ -38,7 +38,7 @@ def slow(*values):
 
 def swim(*faults, table=TABLE, log=None):
     """Sends a table to a motor with these faults; the emulator and what was sent, or the error."""
-    with Emulator(faults=faults) as emulator:
+    with FaultyEmulator(faults=faults) as emulator:
         try:
             with Bus(emulator.port) as bus, Motors(bus, [fish_motor()], WATCHDOG) as motors:
                 motors.identify()
@@ -211,7 +211,7 @@ def test_registers_with_any_content_are_sent_to_or_refused_in_a_sentence(column,
 
 @pytest.mark.slow
 def test_a_flood_takes_no_memory():
-    with Emulator(faults=[Fault("flood")]) as emulator, Bus(emulator.port) as bus:
+    with FaultyEmulator(faults=[Fault("flood")]) as emulator, Bus(emulator.port) as bus:
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         with pytest.raises(MotorError, match="bytes without end"):
             bus.ping(1)

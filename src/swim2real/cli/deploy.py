@@ -14,8 +14,7 @@ from swim2real.cli.options import Positional
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.deployment.commands import FISH, XW540_T140, CommandTable, Limits, is_speed, read_table
 from swim2real.deployment.control_table import MotorError
-from swim2real.deployment.motor import Identity
-from swim2real.deployment.motors import APPROACH, Motors
+from swim2real.deployment.motors import APPROACH, Identity, Motors
 from swim2real.deployment.motors_file import MotorSettings, fish_motor, read_motors
 from swim2real.deployment.schedule import ON_TIME, real_time_priority
 from swim2real.deployment.sending import SendingResult, check_time, log_file, log_header, send

@@ -11,8 +11,7 @@ from typing import TextIO
 
 from swim2real.deployment.commands import FISH, RATE, CommandTable, is_speed
 from swim2real.deployment.control_table import MotorError, NoAnswerError
-from swim2real.deployment.motor import Reading
-from swim2real.deployment.motors import Motors
+from swim2real.deployment.motors import Motors, Reading
 from swim2real.deployment.motors_file import MotorSettings
 from swim2real.deployment.schedule import Punctuality, Schedule
 from swim2real.errors import ArgumentError
