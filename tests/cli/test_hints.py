@@ -36,13 +36,6 @@ def test_another_word_gets_the_commands(program):
     assert program("swim").sentence(2).startswith("there is no command 'swim'. There are demo, ")
 
 
-def test_the_help_says_where_to_start_and_groups_the_commands(program):
-    lines = program("--help").done().out.splitlines()
-    assert any(line.startswith("Start here: swim2real demo.") for line in lines)
-    titles = [line for line in lines if line.endswith(":") and not line.startswith(" ")]
-    assert titles[:3] == ["A first look:", "Real trials:", "A robot of your own:"]
-
-
 def test_a_suggested_command_quotes_a_path_and_a_draft_has_no_name_of_a_built_in_robot(program, tmp_path):
     model = tmp_path / "a fish.xml"
     model.write_text(PENDULUM.replace('<mujoco model="pendulum"', '<mujoco model="fish"'))

@@ -176,15 +176,6 @@ def test_wrong_arguments_of_check_are_named(program, tmp_path):
     assert program.err.endswith(f"--out '{tmp_path / 'none' / 'p.png'}' can't be written: No such file or directory\n")
 
 
-def test_helps_say_what_is_read_and_written(program):
-    program("init", "--help").done()
-    for phrase in ("Reads the model", "MJCF file", "by default beside the model", "--force", "Write over a file"):
-        assert phrase in program.text
-    program("check", "--help").done()
-    for phrase in ("Exits with 1 when", "--reference", "Picture of the markers to write", "Costs some seconds"):
-        assert phrase in program.text
-
-
 @pytest.mark.slow
 def test_the_fish_passes_its_check(program, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
