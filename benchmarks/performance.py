@@ -22,7 +22,7 @@ import numpy as np
 from mujoco import rollout
 
 from swim2real.calibration import Problem
-from swim2real.demo.synthetic import Camera, synthetic_reference
+from swim2real.demo.synthetic import SyntheticCamera, synthetic_reference
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator
 from swim2real.simulation.fast_step import FastStep
@@ -92,7 +92,7 @@ def full_length() -> None:
 
 
 def evaluations(repeats: int) -> dict[str, Problem]:
-    swims = synthetic_reference(FISH, PUBLISHED, FREQUENCIES, HORIZON + 1.0, Camera(noise=1e-3), seed=1)
+    swims = synthetic_reference(FISH, PUBLISHED, FREQUENCIES, HORIZON + 1.0, SyntheticCamera(noise=1e-3), seed=1)
     problems = {
         f"{step} step, {threads} thread{'s' * (threads > 1)}": Problem(
             FISH, swims, "aligned", HORIZON, simulator=Simulator(FISH, threads, step=step)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from swim2real.errors import ArgumentError
-from swim2real.rendering.pool import Filmed, Glare, Occluder, PoolCamera, Scene, film, scene
+from swim2real.rendering.pool import Filmed, Glare, Occluder, PoolCamera, PoolScene, film, scene
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, MarkerTrack
@@ -60,14 +60,12 @@ class Clip:
         c, s = np.cos(self.heading), np.sin(self.heading)
         return MarkerTrack(swum.times, swum.positions @ np.array([[c, s], [-s, c]]))
 
-    def scene(self) -> Scene:
+    def scene(self) -> PoolScene:
         return scene(self.track(), FISH.marker_heights, self.camera, self.seed, occluder=self.occluder)
 
     def film(self, path: str) -> Filmed:
         """Writes the clip to a file."""
-        return film(
-            self.track(), FISH.marker_heights, self.camera, path, self.seed, occluder=self.occluder, crf=self.crf
-        )
+        return film(self.scene(), path, crf=self.crf)
 
     def places(self, filmed: Filmed) -> Array:
         """Where the markers are, also outside of the image [px]. Shape (T, M, 2)."""

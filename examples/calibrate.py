@@ -14,7 +14,7 @@ fish = swim2real.load_robot("fish")
 
 # For real tracks: reference = swim2real.load_reference("tracks")
 hidden = {**fish.space.published, "fluid_kutta_lift": 2.5, "motor_arm_length": 0.035}
-camera = swim2real.Camera(noise=5e-4, placement=3e-3)
+camera = swim2real.SyntheticCamera(noise=5e-4, placement=3e-3)
 reference = swim2real.synthetic_reference(fish, hidden, (0.8, 1.2, 1.6), seconds=4.0, camera=camera, seed=1)
 
 settings = swim2real.CalibrationSettings(budget=budget, seed=0)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from swim2real.demo.synthetic import turned
 from swim2real.errors import ArgumentError, RunError
 from swim2real.parameters import Values
-from swim2real.rendering.pool import PoolCamera, film
+from swim2real.rendering.pool import PoolCamera, film, scene
 from swim2real.robots.robot import Recordings, Robot
 from swim2real.simulation import PlaybackSimulator, Rollout
 from swim2real.simulation.playback import driven
@@ -130,8 +130,8 @@ class Lab:
         films: list[Path] = []
         for number, trial in enumerate(self.move(takes, FINER * camera.fps)):
             path, seed = place / f"{trial.name}.mp4", self.seed + number
-            filmed = film(trial.track, heights, camera, path, seed, body_half_width=half_width, links=self.robot.links)
-            truth = filmed.truth.positions[0]
+            swim = scene(trial.track, heights, camera, seed, body_half_width=half_width, links=self.robot.links)
+            truth = film(swim, path).truth.positions[0]
             clicks = truth + np.random.default_rng([seed, 3]).normal(0, CLICK_ERROR, truth.shape)
             save_points(
                 path.with_suffix(".points.json"), clicks, self.robot.marker_names, path.name, camera.width,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swim2real.demo import Camera, synthetic_reference
+from swim2real.demo import SyntheticCamera, synthetic_reference
 from swim2real.pipeline import calibrate
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings
@@ -26,7 +26,8 @@ def hidden(number):
     rng = np.random.default_rng([7, number])
     while True:
         point = rng.random(len(FISH.space))
-        reference = synthetic_reference(FISH, FISH.space.to_values(point), FREQUENCIES, SECONDS, Camera(), number)
+        values = FISH.space.to_values(point)
+        reference = synthetic_reference(FISH, values, FREQUENCIES, SECONDS, SyntheticCamera(), number)
         speeds = [trial.track.speed for trial in reference]
         if speeds[-1] > LEAST_SPEED and min(speeds) > 0:
             return point, reference

@@ -14,11 +14,17 @@ from scipy.interpolate import CubicSpline
 
 from swim2real.calibration import Problem
 from swim2real.demo.example import CAMERA, hidden_values
-from swim2real.demo.films import PLACEMENT, SAMPLE_INTERVAL, TIMESTEP
-from swim2real.demo.synthetic import placed_by_hand, steady_swims, turned
+from swim2real.demo.synthetic import (
+    PLACEMENT,
+    SAMPLE_INTERVAL,
+    TIMESTEP,
+    placed_by_hand,
+    steady_swims,
+    turned,
+)
 from swim2real.parameters import read_parameters
 from swim2real.pipeline import calibrate, track_videos
-from swim2real.rendering.pool import film
+from swim2real.rendering.pool import film, scene
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings, TrackingSettings
 from swim2real.tracking.camera_file import CameraFile, write_camera
@@ -33,7 +39,7 @@ NAMES = ("aligned_marker_error", "shape_error", "velocity_error")
 def filmed(job):
     """Films one swim and picks its markers; the true markers at the frames' times."""
     name, frequency, times, positions, path, seed = job
-    truth = film(MarkerTrack(times, positions), FISH.marker_heights, CAMERA, path, seed).truth
+    truth = film(scene(MarkerTrack(times, positions), FISH.marker_heights, CAMERA, seed), path).truth
     clicks = truth.positions[0] + np.random.default_rng(seed).normal(0, 1.0, (len(FISH.marker_names), 2))
     save_points(path.with_suffix(".json"), clicks, FISH.marker_names, path.name, CAMERA.width, CAMERA.height)
     return Trial(name, MarkerTrack(truth.times, CubicSpline(times, positions)(truth.times)), frequency)

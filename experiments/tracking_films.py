@@ -56,7 +56,7 @@ def make():
     for name, (camera, options) in KINDS.items():
         path, shown = Path(f"films/{name}.mp4"), turned(positions, np.pi / 2) if name == "portrait" else positions
         track = MarkerTrack(swim.times[swim.times <= 3], shown)
-        truth = film(track, FISH.marker_heights, camera, path, 7, **options).truth
+        truth = film(scene(track, FISH.marker_heights, camera, 7), path, **options).truth
         clicks = truth.positions[0] + np.random.default_rng(5).normal(0, 1, (9, 2))
         save_points(path.with_suffix(".json"), clicks, FISH.marker_names, path.name, camera.width, camera.height)
         np.savez(path.with_suffix(".npz"), times=truth.times, places=truth.positions)

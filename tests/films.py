@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 import pools
-from swim2real.demo import Camera
+from swim2real.demo import SyntheticCamera
 from swim2real.demo.synthetic import turned
-from swim2real.rendering.pool import Filmed, PoolCamera, film
+from swim2real.rendering.pool import Filmed, PoolCamera, film, scene
 from swim2real.robots.fish import FISH
 from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.tracking.points import save_points
@@ -27,7 +27,7 @@ class Shot:
     Attributes:
         video: The film itself.
         points: Where the markers are in its first frame.
-        camera: Camera file with the camera's height.
+        camera: SyntheticCamera file with the camera's height.
         filmed: The truth about it.
     """
 
@@ -56,7 +56,7 @@ class Shot:
 @cache
 def swim() -> MarkerTrack:
     """A simulated fish that swims along x, or nearly so."""
-    track = pools.film(Camera(fps=120.0), (FREQUENCY,), LENGTH).trials[0].track
+    track = pools.film(SyntheticCamera(fps=120.0), (FREQUENCY,), LENGTH).trials[0].track
     x, y = (track.positions[:, -1] - track.positions[:, 0]).mean(axis=0)
     return MarkerTrack(track.times, turned(track.positions, 0.25 - np.arctan2(y, x)))
 
@@ -77,7 +77,7 @@ def shoot(
     track = MarkerTrack(swim().times[kept], turned(swim().positions[kept], turn))
     folder.mkdir(parents=True, exist_ok=True)
     video, points, known = (folder / f"{name}{ending}" for ending in (".mp4", ".points.json", ".camera.json"))
-    filmed = film(track, FISH.marker_heights, camera, video, seed, **options)
+    filmed = film(scene(track, FISH.marker_heights, camera, seed), video, **options)
     clicks = filmed.truth.positions[0]
     save_points(points, clicks, FISH.marker_names, video.name, camera.width, camera.height)
     write_camera(known, CameraFile(camera_height=camera.camera_height - float(FISH.marker_heights[0])))

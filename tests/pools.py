@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from swim2real.demo import Camera, synthetic_reference
+from swim2real.demo import SyntheticCamera, synthetic_reference
 from swim2real.robots.fish import FISH
 from swim2real.trials import TrialSet
 
@@ -18,7 +18,9 @@ def hidden_values(lift: float = 0.85) -> dict[str, float]:
     return LOGARITHMIC.to_values(point)
 
 
-def film(camera: Camera | None = None, frequencies=FREQUENCIES, seconds: float = 2.0, seed: int = 3) -> TrialSet:
+def film(
+    camera: SyntheticCamera | None = None, frequencies=FREQUENCIES, seconds: float = 2.0, seed: int = 3
+) -> TrialSet:
     """Films the hidden fish; by default with a little noise and misplaced markers."""
-    camera = camera or Camera(noise=5e-4, placement=2e-3)
+    camera = camera or SyntheticCamera(noise=5e-4, placement=2e-3)
     return synthetic_reference(FISH, hidden_values(), frequencies, seconds, camera, seed, threads=2)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from swim2real.api import Run, compare, evaluate, open_run, simulate
     from swim2real.calibration import Outcome
     from swim2real.comparison import ComparisonResults
-    from swim2real.demo import Camera, synthetic_reference
+    from swim2real.demo import SyntheticCamera, synthetic_reference
     from swim2real.errors import Swim2RealError
     from swim2real.objective import Comparison
     from swim2real.pipeline import calibrate, track_video, track_videos
@@ -36,7 +36,6 @@ __version__ = "0.1.0"
 __all__ = [
     "BriefingSettings",
     "CalibrationSettings",
-    "Camera",
     "Comparison",
     "ComparisonResults",
     "ComparisonSettings",
@@ -46,6 +45,7 @@ __all__ = [
     "Robot",
     "Run",
     "Swim2RealError",
+    "SyntheticCamera",
     "TrackingSettings",
     "TrainingSettings",
     "Trial",
@@ -70,7 +70,7 @@ _MODULES = {
     "api": ("Run", "compare", "evaluate", "open_run", "simulate"),
     "calibration": ("Outcome",),
     "comparison": ("ComparisonResults",),
-    "demo": ("Camera", "synthetic_reference"),
+    "demo": ("SyntheticCamera", "synthetic_reference"),
     "errors": ("Swim2RealError",),
     "objective": ("Comparison",),
     "pipeline": ("calibrate", "track_video", "track_videos"),

@@ -25,7 +25,7 @@ from swim2real.advisor.physics.model import (
     to_speed_scale,
     without_outliers,
 )
-from swim2real.demo import Camera, synthetic_reference
+from swim2real.demo import SyntheticCamera, synthetic_reference
 from swim2real.errors import ArgumentError
 from swim2real.objective.head import head_motion
 from swim2real.objective.motion import beat
@@ -255,7 +255,7 @@ def test_it_gets_close_in_a_world_that_is_like_its_response(seed):
 @pytest.mark.slow
 def test_it_finds_a_hidden_fish(tmp_path):
     """Noise-free swims; against the simulator itself, in a dozen evaluations."""
-    reference = synthetic_reference(FISH, hidden_values(), (0.8, 1.2, 1.6), 2.5, Camera(), seed=3)
+    reference = synthetic_reference(FISH, hidden_values(), (0.8, 1.2, 1.6), 2.5, SyntheticCamera(), seed=3)
     losses = []
     calibrate(
         reference, FISH, CalibrationSettings(budget=12), tmp_path / "run", on_progress=lambda p: losses.append(p.loss)

@@ -16,8 +16,8 @@ from swim2real.demo import (
     DEMO_FREQUENCIES,
     FULL_FREQUENCIES,
     HELD_OUT,
-    Camera,
     DemoCallbacks,
+    SyntheticCamera,
     demo_settings,
     film_and_track,
     fit,
@@ -39,8 +39,8 @@ FREQUENCY = 1.6  # Hz
 
 
 def filmed(seed: int = 3, frequencies=(FREQUENCY,), seconds: float = 1.5, **camera) -> list[MarkerTrack]:
-    camera = Camera(**camera)
-    return [t.track for t in synthetic_reference(FISH, hidden_values(), frequencies, seconds, camera, seed, threads=2)]
+    made = SyntheticCamera(**camera)
+    return [t.track for t in synthetic_reference(FISH, hidden_values(), frequencies, seconds, made, seed, threads=2)]
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_the_same_seed_films_the_same_trials_and_another_one_others(plain):
 
 
 def test_trials_are_named_after_their_frequency_and_time_stamped_by_the_camera():
-    trials = synthetic_reference(FISH, hidden_values(), (1.25, 2.0), 1.0, Camera(fps=30.0), 3, threads=2)
+    trials = synthetic_reference(FISH, hidden_values(), (1.25, 2.0), 1.0, SyntheticCamera(fps=30.0), 3, threads=2)
     assert trials.names == ("f1_25", "f2_00")
     assert trials.marker_names == FISH.marker_names
     for trial, frequency in zip(trials, (1.25, 2.0), strict=True):

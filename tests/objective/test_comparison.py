@@ -6,7 +6,7 @@ import pytest
 
 from pools import hidden_values
 from swim2real.calibration import Problem
-from swim2real.demo import Camera, synthetic_reference
+from swim2real.demo import SyntheticCamera, synthetic_reference
 from swim2real.errors import TrialError
 from swim2real.objective import FAILED_LOSS, Comparison, compare_steady, evidence, steady_target
 from swim2real.robots.fish import FISH
@@ -242,7 +242,8 @@ def test_the_whole_motion_sees_what_the_body_frame_hides(whole_motion, pool):
 
 def test_a_swim_like_itself_has_no_motion_error(pool):
     values = hidden_values()
-    perfect = Problem(FISH, synthetic_reference(FISH, values, (1.2,), 4.0, Camera(), 3), "motion").evaluate(values)
+    reference = synthetic_reference(FISH, values, (1.2,), 4.0, SyntheticCamera(), 3)
+    perfect = Problem(FISH, reference, "motion").evaluate(values)
     (trial,) = perfect.trials
     assert trial.motion_error < 2e-3
     assert abs(trial.head.simulated.yaw_beat.amplitude - trial.head.real.yaw_beat.amplitude) < 2e-3

@@ -7,20 +7,23 @@ import pytest
 from views import arm, found, like, swim
 
 from swim2real.errors import ArgumentError
-from swim2real.rendering.album import LEAST_TILE, ROW_HEAD, TEXT, Scene, moments_sheet, trials_sheet
+from swim2real.rendering.album import LEAST_TILE, ROW_HEAD, TEXT, TrialPictures, trials_sheet
 from swim2real.rendering.drawing import INK, PAGE
-from swim2real.rendering.panel import COLORS, SIDES, Panel
-from swim2real.rendering.trial_frame import plane_panel
-from swim2real.rendering.trial_view import common_limits, grid_step
+from swim2real.rendering.trial_frame import COLORS, SIDES, Panel, plane_panel
+from swim2real.rendering.trial_view import TrialView, common_limits
 
 STAMP = 24  # px at the top of a picture, where its time stands
+
+
+def pictures(view: TrialView, of: TrialView | None = None) -> TrialPictures:
+    return TrialPictures(view, 0.01, common_limits([of or view]))
 
 
 @pytest.mark.parametrize("view", [arm(), arm(travels=True), swim()], ids=["arm", "travels", "swim"])
 def test_a_sheet_shows_a_beat_or_the_trial_from_start_to_end(view) -> None:
     limits = common_limits([view])
-    sheet = moments_sheet(view, 4, 2, 200, limits)
-    panel = Panel(limits.plane, 200, grid_step(limits.plane))
+    sheet = pictures(view).sheet(4, 2, 200)
+    panel = Panel(limits.plane, 200)
     samples = view.nearest(view.moments(4)[0]).tolist()
     places = [found(sheet, np.asarray(plane_panel(view, k, panel, TEXT))) for k in samples]
     assert all(len(place) == 1 for place in places)
@@ -39,7 +42,7 @@ def test_all_trials_are_rows_of_one_sheet(made) -> None:
     views = [made(name, lost=(k,)) for k, name in enumerate(names)]  # so that no two pictures are alike
     limits = common_limits(views)
     sheet = trials_sheet(views, 3, LEAST_TILE)
-    panel = Panel(limits.plane, LEAST_TILE, grid_step(limits.plane))
+    panel = Panel(limits.plane, LEAST_TILE)
     corners = np.zeros((3, 3, 2), int)
     for row, view in enumerate(views):
         for column, sample in enumerate(view.nearest(view.moments(3)[0]).tolist()):
@@ -65,10 +68,9 @@ def test_columns_of_beats_are_the_same_part_of_the_beat(view) -> None:
 
 
 def test_a_sheet_with_a_diverged_trial_says_so() -> None:
-    limits = common_limits([swim()])
     for sheets in (
-        [moments_sheet(view, 2, 2, 240, limits) for view in (swim(), swim(diverged=True))],
-        [trials_sheet([view], 2, 240, limits) for view in (swim(), swim(diverged=True))],
+        [pictures(view, swim()).sheet(2, 2, 240) for view in (swim(), swim(diverged=True))],
+        [trials_sheet([view], 2, 240) for view in (swim(), swim(diverged=True))],
     ):
         blue = [np.abs(sheet.astype(int) - COLORS["simulated"]).max(axis=-1) < 60 for sheet in sheets]
         rows = [int((part.sum(axis=1) > 150).sum()) for part in blue]
@@ -76,18 +78,16 @@ def test_a_sheet_with_a_diverged_trial_says_so() -> None:
         assert rows[1] > 10  # plates with white text
 
 
-def test_a_scene_says_what_is_where(tmp_path) -> None:
-    fast, slow = (Scene(view, 0.01, common_limits([view])) for view in (swim(), arm(travels=True)))
+def test_a_trial_says_what_is_where(tmp_path) -> None:
+    fast, slow = pictures(swim()), pictures(arm(travels=True))
     assert (fast.title, fast.pace, fast.start, fast.film_note) == ("f2_00, 2.00 Hz", 2.0, 0.0, "moments of one beat")
     assert (slow.title, slow.start, slow.film_note) == ("a", 2.0, "the same moments")
     assert "both from the same start" in slow.clip_note
-    assert "both" not in Scene(arm(), 0.01, common_limits([arm()])).clip_note
+    assert "both" not in pictures(arm()).clip_note
     assert fast.sheet_note(4).startswith("4 moments of one beat")
     assert slow.sheet_note(4).startswith("4 moments from start to end")
     np.testing.assert_allclose(fast.film_times(4), 0.75 + np.arange(4) / 8)
     np.testing.assert_allclose(slow.film_times(4), [2, 3, 4, 5])
-    np.testing.assert_array_equal(fast.sheet(2, 2, 200), moments_sheet(swim(), 2, 2, 200))
-    assert slow.frame(0, 320).shape[1] == 320
     slow.write_clip(tmp_path / "clip.mp4", 1.0, 320)
     assert (tmp_path / "clip.mp4").is_file()
 
@@ -95,9 +95,9 @@ def test_a_scene_says_what_is_where(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: moments_sheet(swim(), 0, 2, 240), "count is 0"),
-        (lambda: moments_sheet(swim(), 4, 0, 240), "0 columns of 240 px"),
-        (lambda: moments_sheet(arm(), 4, 2, 159), "width is 159 px"),
+        (lambda: pictures(swim()).sheet(0, 2, 240), "count is 0"),
+        (lambda: pictures(swim()).sheet(4, 0, 240), "0 columns of 240 px"),
+        (lambda: pictures(arm()).sheet(4, 2, 159), "width is 159 px"),
         (lambda: trials_sheet([swim()], 4, 100), "width is 100 px"),
         (lambda: trials_sheet([], 4, 160), "views is empty"),
     ],

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from swim2real.errors import ArgumentError, VideoError
-from swim2real.rendering.overlay import ALERT, STOPS, TRAIL_TIME, TrackOverlay, marker_colors
-from swim2real.rendering.overlay_inset import Inset, label_places
+from swim2real.rendering.overlay import ALERT, STOPS, TRAIL_TIME, Inset, TrackOverlay, label_places, marker_colors
 from swim2real.video import VideoReader
 
 WIDTH, HEIGHT = 960, 540

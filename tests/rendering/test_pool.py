@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swim2real.errors import ArgumentError
-from swim2real.rendering.pool import Glare, Occluder, PoolCamera, film, frames, scene
+from swim2real.rendering.pool import Glare, Occluder, PoolCamera, film, scene
 from swim2real.trials import MarkerTrack
 from swim2real.video import VideoReader
 
@@ -161,7 +161,7 @@ def test_a_swim_that_does_not_fit_says_which_view_it_needs():
 def test_a_seed_is_a_film():
     camera = replace(CAMERA, width=320, height=180, noise=2.0, caustics=0.5, glints=5.0, jitter=0.2, dropped=0.2)
     track = swim(seconds=0.3)
-    first, other = list(frames(track, HEIGHTS, camera, 0)), next(frames(track, HEIGHTS, camera, 1))
+    first, other = list(scene(track, HEIGHTS, camera, 0)), next(iter(scene(track, HEIGHTS, camera, 1)))
     again = scene(track, HEIGHTS, camera, 0)
     assert [time for time, _ in first] == again.filmed.truth.times.tolist()
     for index in (5, 0, 2):  # in any order
@@ -281,8 +281,8 @@ def test_links_are_bars_between_their_markers():
 @pytest.mark.parametrize(("rotation", "dropped"), [pytest.param(0, 0.0, marks=pytest.mark.slow), (90, 0.3)])
 def test_a_film_is_read_back_as_it_was_filmed(tmp_path, rotation, dropped):
     camera = replace(CAMERA, dropped=dropped, noise=1.0)
-    filmed = film(swim(seconds=0.3), HEIGHTS, camera, tmp_path / "swim.mp4", 0, rotation=rotation)
     shown = scene(swim(seconds=0.3), HEIGHTS, camera, 0)
+    filmed = film(shown, tmp_path / "swim.mp4", rotation=rotation)
     assert (filmed.truth.frame_count < 10) == (dropped > 0)
     with VideoReader(tmp_path / "swim.mp4") as video:
         assert (video.info.width, video.info.height, video.info.rotation) == (640, 360, rotation)

@@ -9,16 +9,22 @@ from views import arm, like, near, pixels, swim
 
 from swim2real.errors import ArgumentError, VideoError
 from swim2real.rendering.drawing import INK, text_size
-from swim2real.rendering.panel import COLORS, DIVERGED, GROUND, SIDES, Box, Panel, shortened
-from swim2real.rendering.trial_frame import ErrorChart, TrialFrames, path_panel, plane_panel
-from swim2real.rendering.trial_view import TrialView, common_limits, grid_step, rounded_up
+from swim2real.rendering.trial_frame import (
+    COLORS,
+    DIVERGED,
+    GROUND,
+    SIDES,
+    ErrorChart,
+    Panel,
+    TrialFrames,
+    path_panel,
+    plane_panel,
+    shortened,
+)  # fmt: skip
+from swim2real.rendering.trial_view import Box, TrialView, common_limits, rounded_up
 from swim2real.video import VideoReader
 
 INDEX = 45
-
-
-def panel_of(box: Box, width: int = 624) -> Panel:
-    return Panel(box, width, grid_step(box))
 
 
 def frames_of(view: TrialView, width: int = 480) -> TrialFrames:
@@ -27,7 +33,7 @@ def frames_of(view: TrialView, width: int = 480) -> TrialFrames:
 
 def test_dots_rings_and_lines_are_where_they_should_be() -> None:
     view = arm()
-    panel = panel_of(common_limits([view]).plane)
+    panel = Panel(common_limits([view]).plane, 624)
     image = pixels(plane_panel(view, INDEX, panel))
     assert image.shape == (panel.height, 624, 3)
     real, simulated = panel.places(view.real[INDEX]), panel.places(view.simulated[INDEX])
@@ -44,7 +50,7 @@ def test_dots_rings_and_lines_are_where_they_should_be() -> None:
 
 
 def test_both_axes_have_the_same_scale_and_y_is_up() -> None:
-    panel = Panel(Box(-0.1, -0.2, 0.7, 0.2), 800, 0.1)
+    panel = Panel(Box(-0.1, -0.2, 0.7, 0.2), 800)
     assert panel.height == 400
     np.testing.assert_allclose(panel.places(np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]])), [
         [99.5, 199.5], [199.5, 199.5], [99.5, 99.5],
@@ -54,7 +60,7 @@ def test_both_axes_have_the_same_scale_and_y_is_up() -> None:
 @pytest.mark.parametrize(("made", "marker", "index"), [(arm, 2, INDEX), (swim, 3, 30)])
 def test_lost_markers_and_lines_to_them_are_not_drawn(made, marker, index) -> None:
     whole, view = made(), made(lost=(marker,))
-    panel = panel_of(common_limits([whole]).plane)
+    panel = Panel(common_limits([whole]).plane, 624)
     with_it, without = (pixels(plane_panel(v, index, panel)) for v in (whole, view))
     places = panel.places(whole.real[index])
     between = (places[marker - 1] + places[marker]) / 2
@@ -65,20 +71,20 @@ def test_lost_markers_and_lines_to_them_are_not_drawn(made, marker, index) -> No
 
 
 def test_the_frame_says_which_markers_are_lost() -> None:
-    panel = panel_of(common_limits([swim()]).plane)
+    panel = Panel(common_limits([swim()]).plane, 624)
     images = [pixels(plane_panel(swim(lost=lost), 30, panel, 18)) for lost in ((), (3,), (1, 2, 3), tuple(range(5)))]
     written = [like(image, "real", 60)[-36:, 312:] for image in images]
     assert not written[0].any()
     starts = [int(np.flatnonzero(text.any(axis=0))[0]) for text in written[1:]]
     assert starts[1] < starts[0] - 20  # three names take more room than one
-    image = pixels(plane_panel(swim(lost=(0, 1, 2, 3)), 30, panel_of(panel.box, 180), 13))
+    image = pixels(plane_panel(swim(lost=(0, 1, 2, 3)), 30, Panel(panel.box, 180), 13))
     assert np.flatnonzero(like(image, "real", 60)[-22:].any(axis=0))[0] > 36  # a number in place of names
 
 
 @pytest.mark.parametrize(("made", "indices", "behind"), [(arm, (53, 60), (56, 2)), (swim, (1, 61), (51, 4))])
 def test_a_marker_has_its_path_behind_it(made, indices, behind) -> None:
     view = made()
-    panel = panel_of(common_limits([view]).plane)
+    panel = Panel(common_limits([view]).plane, 624)
     x, y = np.round(panel.places(view.simulated[behind])).astype(int)
     parts = [pixels(plane_panel(view, k, panel))[y - 2 : y + 3, x - 2 : x + 3] for k in indices]
     early, late = ((part[..., 2] - part[..., 0]).max() for part in parts)
@@ -88,7 +94,7 @@ def test_a_marker_has_its_path_behind_it(made, indices, behind) -> None:
 @pytest.mark.parametrize("made", [lambda: arm(travels=True), swim])
 def test_both_paths_begin_at_the_same_start(made) -> None:
     view = made()
-    panel = panel_of(common_limits([view]).path)
+    panel = Panel(common_limits([view]).path, 624)
     image = pixels(path_panel(view, INDEX, panel))
     for side, path in (("real", view.path_real), ("simulated", view.path_simulated)):
         assert near(image, panel.places(path)[INDEX, 2], side, 9) > 0.1
@@ -103,7 +109,7 @@ def test_both_paths_begin_at_the_same_start(made) -> None:
 def test_a_diverged_simulation_is_named_and_the_real_trial_is_there(made) -> None:
     view, good = made(diverged=True), made()
     assert (view.diverged, good.diverged) == (True, False)
-    panel = panel_of(common_limits([good]).plane)
+    panel = Panel(common_limits([good]).plane, 624)
     image = pixels(plane_panel(view, INDEX, panel, 16))
     assert near(image, panel.places(view.real[INDEX, 2]), "real", 9) > 0.2
     if made is swim:

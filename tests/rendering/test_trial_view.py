@@ -12,9 +12,8 @@ from views import ARM_RATE, BEAT, arm, swim
 from recorded import FLOATER, PENDULUM
 from swim2real.errors import ArgumentError
 from swim2real.objective import ComparedBeat, ComparedProgress, ComparedTrial
-from swim2real.rendering.panel import COLORS, Box
-from swim2real.rendering.swing_chart import Swing, swing_chart
-from swim2real.rendering.trial_view import common_limits, grid_step, length_text, rounded_up, view_of
+from swim2real.rendering.trial_frame import COLORS, swing_chart
+from swim2real.rendering.trial_view import Box, Swing, common_limits, grid_step, length_text, rounded_up, view_of
 from swim2real.robots.fish import FISH
 
 TIMES = np.arange(11) / 10

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swim2real.rendering.panel import COLORS
+from swim2real.rendering.trial_frame import COLORS
 from swim2real.rendering.trial_view import TrialView
 
 ARM_LINES = ((0, 1, 2), (0, 3))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swim2real.calibration import Problem
-from swim2real.demo.synthetic import Camera, synthetic_reference
+from swim2real.demo.synthetic import SyntheticCamera, synthetic_reference
 from swim2real.errors import ParameterError
 from swim2real.parameters import read_parameters
 from swim2real.pipeline import calibrate
@@ -84,7 +84,7 @@ FREQUENCIES, HIDDEN = (0.6, 1.0, 1.4), {"hull_added_mass": 1.0, "surface_damping
 @pytest.fixture(scope="module")
 def damped_swims():
     """Swims of the published fish with water to accelerate and damping at the surface, seen without noise."""
-    return synthetic_reference(FISH_EXTENDED, {**PUBLISHED, **HIDDEN}, FREQUENCIES, 3.0, Camera(), seed=0)
+    return synthetic_reference(FISH_EXTENDED, {**PUBLISHED, **HIDDEN}, FREQUENCIES, 3.0, SyntheticCamera(), seed=0)
 
 
 @pytest.mark.slow

@@ -10,15 +10,14 @@ from swim2real.demo.example import (
     fit,
     hidden_values,
 )
-from swim2real.demo.films import film_swims
-from swim2real.demo.synthetic import Camera, synthetic_reference
+from swim2real.demo.synthetic import SyntheticCamera, film_swims, synthetic_reference
 
 __all__ = [
     "DEMO_FREQUENCIES",
     "FULL_FREQUENCIES",
     "HELD_OUT",
-    "Camera",
     "DemoCallbacks",
+    "SyntheticCamera",
     "demo_settings",
     "film_and_track",
     "film_swims",

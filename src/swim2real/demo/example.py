@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from swim2real.calibration import Outcome, Progress
-from swim2real.demo.films import film_swims, points_file
+from swim2real.demo.synthetic import film_swims, points_file
 from swim2real.errors import RunError, Swim2RealError
 from swim2real.pipeline import FrameProgress, TrackedVideo, calibrate, track_videos
 from swim2real.rendering.pool import Glare, PoolCamera

@@ -20,7 +20,7 @@ from swim2real.parameters import Values
 from swim2real.pipeline.tracking import TRACKS
 from swim2real.rendering.album import Album
 from swim2real.rendering.drawing import to_png
-from swim2real.rendering.film_overlay import FilmOverlay
+from swim2real.rendering.overlay import FilmOverlay
 from swim2real.robots.robot import Robot
 from swim2real.tracking.camera import fixed_camera
 from swim2real.tracking.camera_file import CameraFile
@@ -65,7 +65,7 @@ def write_overlays(
 
     try:
         out.mkdir(parents=True, exist_ok=True)
-        for scene in album.scenes:
+        for scene in album.trials:
             film, sheet = out / f"{scene.name}.mp4", out / f"{scene.name}.png"
             scene.write_clip(film, fps, width)
             done(film)

@@ -1,4 +1,4 @@
-"""The track overlay: the film with its track drawn on it, for a person to judge."""
+"""Overlays for a person to judge: a film with its track drawn on it, or with simulated markers beside real ones."""
 
 from __future__ import annotations
 
@@ -9,33 +9,54 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL.Image import Image
+from PIL.Image import Image, Resampling
+from scipy.optimize import isotonic_regression
 
 from swim2real.errors import ArgumentError
 from swim2real.rendering.drawing import DARK, Bytes, Canvas, Color, Place, plain, text_size, to_pillow
-from swim2real.rendering.overlay_inset import Inset, label_places
 from swim2real.video import VideoWriter
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 States = NDArray[np.int64]
 
-SEEN, FILLED, LOST = 0, 1, 2
+_SEEN, _FILLED, _LOST = 0, 1, 2
 # from head to tail hue and lightness change together, so the order shows with any color blindness, and in gray
 STOPS: tuple[Color, ...] = (
     (134, 106, 255), (200, 90, 224), (246, 102, 144), (255, 146, 88), (255, 198, 74), (250, 246, 124),
 )  # fmt: skip
-TEXT: Color = (231, 235, 240)
-MUTED: Color = (163, 174, 187)
+_TEXT: Color = (231, 235, 240)
+_MUTED: Color = (163, 174, 187)
 ALERT: Color = (198, 40, 40)
-TAIL = 2  # of the last markers have trails
+_TAIL = 2  # of the last markers have trails
 TRAIL_TIME = 0.5  # s
-EDGE = 0.8  # px
+_EDGE = 0.8  # px
 _EARLY = 0.1  # of the time between two drawn frames, by which the next one may come early
-RATE = 30.0  # frames a second that are drawn at most while all markers are seen
+_RATE = 30.0  # frames a second that are drawn at most while all markers are seen
+_FOLLOW_TIME = 0.15  # s in which it follows the fish: it must not shake with every beat
+_MOST_ZOOM, _LEAST_ZOOM = 3.0, 1.3  # with less it would show nothing new
+_SHARE = (0.56, 0.45)  # of the picture's width and height, which it takes at most
+_ROOM, _BREADTH = 0.3, 0.5  # of the fish's length: more than the fish takes now, and in any direction: it beats
+_GAP = 14  # px to the edges of the picture
+_NEAR = 24  # px from a marker to what hides the track
+_REAL: Color = (255, 82, 82)
+_SIMULATED: Color = (64, 156, 255)
 
 
-class TrackOverlay:
+class _Overlay:
+    """A film that is written. A context manager."""
+
+    _writer: VideoWriter
+
+    def __enter__(self) -> Self:
+        self._writer.__enter__()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        self._writer.__exit__(kind, *error)
+
+
+class TrackOverlay(_Overlay):
     """Writes a video of a film with its track. A context manager.
 
     A marker that is seen has a ring in its color; one that was filled in (a position with confidence 0) a dotted ring;
@@ -86,18 +107,11 @@ class TrackOverlay:
         self._count = 0
         self._due = -np.inf  # when the next frame is drawn [s]
 
-    def __enter__(self) -> Self:
-        self._writer.__enter__()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        self._writer.__exit__(kind, *error)
-
     def wants(self, time: float, confidence: Array) -> bool:
         """Whether the next frame is drawn; one that isn't is counted and needn't be added."""
         drawn = time >= self._due or not np.all(confidence > 0)
         if drawn:
-            self._due = time + (1 - _EARLY) / RATE
+            self._due = time + (1 - _EARLY) / _RATE
         else:
             self._count += 1
         return drawn
@@ -124,12 +138,12 @@ class TrackOverlay:
         """
         self._check(image, scale, positions, confidence, refused)
         known = np.isfinite(positions).all(axis=1)
-        states = np.where(known, np.where(confidence > 0, SEEN, FILLED), LOST)
+        states = np.where(known, np.where(confidence > 0, _SEEN, _FILLED), _LOST)
         if refused is not None:
-            states[refused & (states == SEEN)] = LOST
+            states[refused & (states == _SEEN)] = _LOST
         to_overlay = np.array([self.width, self.height]) / self._film
         self._last = np.where(known.reshape(-1, 1), (positions + 0.5) * to_overlay - 0.5, self._last)
-        self._trail.append((time, np.where((states == LOST)[:, None], np.nan, self._last)[-TAIL:]))
+        self._trail.append((time, np.where((states == _LOST)[:, None], np.nan, self._last)[-_TAIL:]))
         while self._trail[0][0] < time - TRAIL_TIME:
             self._trail.popleft()
         film = to_pillow(image)
@@ -145,7 +159,7 @@ class TrackOverlay:
 
     def _draw(self, canvas: Canvas, detail: Bytes, time: float, states: States) -> None:
         """The track, and the enlarged view with the track."""
-        present = self._last[states != LOST]
+        present = self._last[states != _LOST]
         if self._inset is None and 2 * len(present) > len(states):
             self._inset = Inset(present, (self.width, self.height))
             gaps = np.hypot(*np.diff(present, axis=0).T)
@@ -163,18 +177,18 @@ class TrackOverlay:
         self._track(close, places, states, self._inset.places(trails), radius)
         self._labels(close, places, states, radius, np.full(2, 10.0), np.array(self._inset.size) - 11.0)
         (left, top), (width, height) = self._inset.corner, self._inset.size
-        canvas.fill((left - 2, top - 2, left + width + 2, top + height + 2), TEXT)
+        canvas.fill((left - 2, top - 2, left + width + 2, top + height + 2), _TEXT)
         canvas.paste(picture, (left, top))
 
     def _track(self, canvas: Canvas, places: Array, states: States, trails: Array, radius: float) -> None:
         for m in range(trails.shape[1]):
             canvas.polyline(_points(trails[:, m]), self._colors[m - trails.shape[1]], 2.4, opacity=0.9, fade=True)
         for m in range(len(places) - 1):
-            if states[m] != LOST and states[m + 1] != LOST:
-                canvas.polyline(_between(places[m], places[m + 1], radius, radius), TEXT, 1.4, EDGE, 0.8)
+            if states[m] != _LOST and states[m + 1] != _LOST:
+                canvas.polyline(_between(places[m], places[m + 1], radius, radius), _TEXT, 1.4, _EDGE, 0.8)
         for m in np.argsort(-states, kind="stable").tolist():  # lost ones below the others
             if np.isfinite(places[m]).all():
-                draw_marker(canvas, _points(places[m : m + 1])[0], radius, self._colors[m], int(states[m]))
+                _draw_marker(canvas, _points(places[m : m + 1])[0], radius, self._colors[m], int(states[m]))
 
     def _labels(self, canvas: Canvas, places: Array, states: States, radius: float, low: Array, high: Array) -> None:
         """Labels at the sides of a box, each with a line to its marker."""
@@ -185,7 +199,7 @@ class TrackOverlay:
         for m in drawn:
             canvas.polyline(_between(places[m], at[m], radius + 2, 0.0), self._colors[m], 1.4, opacity=0.9)
         for m in drawn:
-            text, plate = (TEXT, ALERT) if states[m] == LOST else (self._colors[m], DARK)
+            text, plate = (_TEXT, ALERT) if states[m] == _LOST else (self._colors[m], DARK)
             canvas.text(_points(at[m : m + 1])[0], self._names[m], text, size, (0.5, 0.5), plate)
 
     def _around(self, present: Array) -> tuple[Array, Array]:
@@ -223,15 +237,15 @@ def marker_colors(count: int) -> list[Color]:
     return [(round(r), round(g), round(b)) for r, g, b in zip(*channels, strict=True)]
 
 
-def draw_marker(canvas: Canvas, place: Place, radius: float, color: Color, state: int) -> None:
+def _draw_marker(canvas: Canvas, place: Place, radius: float, color: Color, state: int) -> None:
     """A ring if the marker is seen, a dotted one if it was filled in, a broken one with a cross if it is lost."""
-    if state == SEEN:
-        canvas.ring(place, radius, color, 2.0, EDGE)
-    elif state == FILLED:
-        canvas.ring(place, radius, color, 2.0, EDGE, min(max(round(1.2 * radius), 6), 12), 0.4)
+    if state == _SEEN:
+        canvas.ring(place, radius, color, 2.0, _EDGE)
+    elif state == _FILLED:
+        canvas.ring(place, radius, color, 2.0, _EDGE, min(max(round(1.2 * radius), 6), 12), 0.4)
     else:
-        canvas.ring(place, 1.35 * radius, color, 1.6, EDGE, 6, 0.55)
-        canvas.cross(place, 0.7 * radius, TEXT, 2.0, EDGE)
+        canvas.ring(place, 1.35 * radius, color, 1.6, _EDGE, 6, 0.55)
+        canvas.cross(place, 0.7 * radius, _TEXT, 2.0, _EDGE)
 
 
 def _points(places: Array) -> list[Place]:
@@ -274,22 +288,201 @@ class _Strip:
             self._ground = self._markers()
         image = self._ground.copy()
         canvas = Canvas(image)
-        canvas.text(self._places[0], f"frame {frame}", TEXT, self._size, (0, 0.5))
-        canvas.text(self._places[1], f"{time:.3f} s", TEXT, self._size, (0, 0.5))
+        canvas.text(self._places[0], f"frame {frame}", _TEXT, self._size, (0, 0.5))
+        canvas.text(self._places[1], f"{time:.3f} s", _TEXT, self._size, (0, 0.5))
         return image
 
     def _markers(self) -> Image:
-        image, size, lost = plain(self._width, self.height, DARK), self._size, self._states.count(LOST)
+        image, size, lost = plain(self._width, self.height, DARK), self._size, self._states.count(_LOST)
         canvas, count = Canvas(image), f"{lost} of {len(self._states)} lost"
-        canvas.text(self._places[2], count, TEXT if lost else MUTED, size, (0, 0.5), ALERT if lost else None)
+        canvas.text(self._places[2], count, _TEXT if lost else _MUTED, size, (0, 0.5), ALERT if lost else None)
         for (x, y), name, color, state in zip(self._places[3:], self._names, self._colors, self._states, strict=True):
             place, radius = (x + 0.4 * size, y), 0.36 * size
-            if state == SEEN:
+            if state == _SEEN:
                 canvas.dot(place, radius, color)
-            elif state == FILLED:
-                draw_marker(canvas, place, radius, color, state)
+            elif state == _FILLED:
+                _draw_marker(canvas, place, radius, color, state)
             else:
                 canvas.cross(place, 1.2 * radius, color, 2.4)
-            plate = ALERT if state == LOST else None
-            canvas.text((x + 1.3 * size, y), name, MUTED if state == FILLED else TEXT, size, (0, 0.5), plate)
+            plate = ALERT if state == _LOST else None
+            canvas.text((x + 1.3 * size, y), name, _MUTED if state == _FILLED else _TEXT, size, (0, 0.5), plate)
         return image
+
+
+class Inset:
+    """An enlarged view that follows the fish, from a corner where it hides none of it.
+
+    All places are in pixels of the picture that it stands in.
+
+    Attributes:
+        zoom: Pixels to a pixel of the picture around it.
+        size: Width and height [px].
+        corner: Where its top left pixel is [px]; None while every corner would hide some of the fish, or where the fish
+            is so large that nothing can be enlarged.
+    """
+
+    def __init__(self, points: Array, picture: tuple[int, int]) -> None:
+        """Fits a view around the fish as it is now; size and zoom stay.
+
+        Args:
+            points: Markers that are seen [px]. Shape (N, 2).
+            picture: Width and height of the picture [px].
+        """
+        self._picture = np.array(picture, dtype=float)
+        extent = np.ptp(points, axis=0)
+        length = float(np.hypot(*extent))
+        extent = np.maximum(extent + _ROOM * length, max(_BREADTH * length, 16.0))
+        self.zoom = float(min(_MOST_ZOOM, *(_SHARE * self._picture / extent)))
+        width, height = (2 * round(side * self.zoom / 2) for side in extent.tolist())
+        self.size = (width, height)
+        right, bottom = picture[0] - width - _GAP, picture[1] - height - _GAP
+        self._corners = [(right, bottom), (_GAP, bottom), (right, _GAP), (_GAP, _GAP)]
+        self._low, self._high = points.min(axis=0), points.max(axis=0)
+        self._middle, self._time = (self._low + self._high) / 2, 0.0
+        self.corner: tuple[int, int] | None = None
+
+    def follow(self, points: Array, time: float) -> None:
+        """Moves along with the markers that are seen. Shape (N, 2)."""
+        if len(points):
+            self._low, self._high = points.min(axis=0), points.max(axis=0)
+            share = 1 - np.exp(-max(time - self._time, 0.0) / _FOLLOW_TIME)
+            self._middle = self._middle + share * ((self._low + self._high) / 2 - self._middle)
+        self._time = time
+        self.corner = self._best()
+
+    def places(self, points: Array) -> Array:
+        """Where places of the picture are in the view [px]. Shape (..., 2)."""
+        return (points + 0.5 - self._start()) * self.zoom - 0.5
+
+    def cut(self, image: Bytes) -> Image:
+        """The view, out of the picture in any resolution."""
+        factor = np.array(image.shape[1::-1]) / self._picture
+        low = self._start() * factor
+        high = low + np.array(self.size) / self.zoom * factor
+        first = np.maximum(np.floor(low).astype(int) - 4, 0)
+        last = np.ceil(high).astype(int) + 4
+        part = to_pillow(image[first[1] : last[1], first[0] : last[0]])
+        left, top, right, bottom = *(low - first), *np.minimum(high - first, part.size)
+        box = (float(left), float(top), float(right), float(bottom))
+        return part.resize(self.size, Resampling.BILINEAR, box)
+
+    def _start(self) -> Array:
+        """The corner of what is shown, measured from the corner of the picture."""
+        part = np.array(self.size) / self.zoom
+        return np.clip(self._middle + 0.5 - part / 2, 0, self._picture - part)
+
+    def _best(self) -> tuple[int, int] | None:
+        """A corner where it hides nothing of the fish: the one it is in, or else the one farthest from the fish."""
+        if self.zoom < _LEAST_ZOOM:
+            return None
+        corners, size = np.array(self._corners), np.array(self.size)
+        low, high = self._low - _NEAR, self._high + _NEAR
+        free = ((corners >= high) | (corners + size <= low)).any(axis=1)
+        if not free.any():
+            return None
+        if self.corner is not None and free[self._corners.index(self.corner)]:
+            return self.corner
+        away = np.hypot(*(corners + size / 2 - (low + high) / 2).T)
+        return self._corners[int(np.argmax(np.where(free, away, -1.0)))]
+
+
+def label_places(places: Array, sizes: Sequence[tuple[int, int]], low: Array, high: Array) -> Array:
+    """Where labels stand: in rows at the long sides of a box, by turns, each as close to its marker as there is room.
+
+    Args:
+        places: Places of the markers, NaN where unknown [px]. Shape (M, 2).
+        sizes: Sizes of the labels: width and height [px].
+        low: Top left corner of the box [px]. Shape (2,).
+        high: Bottom right corner of the box [px]. Shape (2,).
+
+    Returns:
+        The middles of the labels [px]; NaN for markers that aren't in the box, and for rows that are too long for it.
+        Shape (M, 2).
+    """
+    axis = 0 if high[0] - low[0] >= high[1] - low[1] else 1  # along the long sides
+    halves = np.array(sizes, dtype=float) / 2
+    known = np.flatnonzero((places >= low).all(axis=1) & (places <= high).all(axis=1))
+    out = np.full(places.shape, np.nan)
+    for side in (0, 1):
+        row = known[known % 2 == side]
+        row = row[np.argsort(places[row, axis], kind="stable")]
+        if len(row) == 0:
+            continue
+        steps = np.concatenate([[0.0], np.cumsum(halves[row[1:], axis] + halves[row[:-1], axis])])
+        at = isotonic_regression(places[row, axis] - steps).x + steps  # labels that touch move as one
+        first, last = low[axis] + halves[row[0], axis], high[axis] - halves[row[-1], axis] - steps[-1]
+        if first > last:
+            continue
+        out[row, axis] = np.clip(at, first + steps, last + steps)
+        depth = halves[row, 1 - axis]
+        out[row, 1 - axis] = low[1 - axis] + depth if side == 0 else high[1 - axis] - depth
+    return out
+
+
+class FilmOverlay(_Overlay):
+    """Writes a film with real markers as red rings and simulated ones as blue dots with lines. A context manager.
+
+    Attributes:
+        width: Width of the pictures [px]: `Frame.scaled(overlay.width)` fits.
+        height: Their height [px].
+    """
+
+    def __init__(
+        self, path: str | Path, size: tuple[int, int], fps: float, lines: Sequence[Sequence[int]],
+        longest_side: int = 1280,
+    ) -> None:  # fmt: skip
+        """Opens the file.
+
+        Args:
+            path: Path of the film to write, such as `.mp4`.
+            size: Width and height of the upright film [px].
+            fps: Frames a second.
+            lines: Indices of the markers that each line goes through.
+            longest_side: To which the film is scaled down [px]. A smaller film keeps its size.
+
+        Raises:
+            VideoError: The file can't be written.
+        """
+        share = min(1.0, longest_side / max(size))
+        self.width = max(2, 2 * round(share * size[0] / 2))
+        self.height = max(2, 2 * round(self.width * size[1] / size[0] / 2))  # as `Frame.scaled` has it
+        self._share = np.array([self.width, self.height]) / size
+        self._lines = lines
+        self._radius = max(3.0, self.width / 260)
+        self._writer = VideoWriter(path, self.width, self.height, fps)
+        self._begin: float | None = None
+
+    def add(self, image: Bytes, time: float, real: Array, simulated: Array) -> None:
+        """Adds a frame.
+
+        Args:
+            image: The upright film, RGB, in the overlay's size. Shape (height, width, 3).
+            time: Time of the frame; the film that is written begins at the first one [s].
+            real: Real markers in the film, NaN where unknown [px]. Shape (M, 2).
+            simulated: Simulated markers in the film [px]. Shape (M, 2).
+
+        Raises:
+            VideoError: The time doesn't follow the last one, or the file can't be written.
+        """
+        canvas = Canvas(to_pillow(image))
+        for place in self._places(real):
+            if self._within(place):
+                canvas.ring(place, 1.9 * self._radius, _REAL, 2.0, 1.0)
+        places = self._places(simulated)
+        for line in self._lines:
+            canvas.polyline([places[m] for m in line], _SIMULATED, 2.2, 1.0, 0.9)
+        for place in places:
+            if self._within(place):
+                canvas.dot(place, self._radius, _SIMULATED, 1.0)
+        size = 15.0 if self.width >= 640 else 11.0
+        canvas.text((0.8 * size, 0.8 * size), "simulated", _SIMULATED, size, plate=DARK)
+        canvas.text((7.5 * size, 0.8 * size), "tracked", _REAL, size, plate=DARK)
+        self._begin = time if self._begin is None else self._begin
+        self._writer.write(canvas.pixels(), time - self._begin)
+
+    def _places(self, positions: Array) -> list[Place]:
+        scaled = (positions + 0.5) * self._share - 0.5
+        return [(float(x), float(y)) for x, y in scaled]
+
+    def _within(self, place: Place) -> bool:
+        return -50 < place[0] < self.width + 50 and -50 < place[1] < self.height + 50

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,6 @@ from numpy.typing import NDArray
 from swim2real.errors import ArgumentError
 from swim2real.objective import ComparedTrial
 from swim2real.objective.motion import finite_mean
-from swim2real.rendering.panel import Box
-from swim2real.rendering.swing_chart import Swing
 from swim2real.robots.robot import Robot
 from swim2real.trials import frames
 
@@ -21,18 +20,55 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-FOLLOWED = 0.5  # share of frames in which a marker is seen, for its static offset to be believed
-TRAIL = 0.08  # share of a trial without a beat: the path of each marker that is drawn behind it
-MOVES = 0.02  # of the size of all places: a coordinate that varies less is still
-MOST_OF_IT = 0.95  # of the power of the motion, when its pace is measured
-BEYOND = 0.5  # of the real trial's size, by which a simulated one may widen a box on each side
-MARGIN = 0.12  # of the size of what is drawn: names stand there
-LEAST_SHARE, MOST_SHARE = 0.3, 0.9  # a box's height, as a share of its width
-NOTHING = Box(-0.5, -0.3, 0.5, 0.3)  # where no position is known
-ENLARGED = (1, 2, 5, 10)  # by which differences may be enlarged
-CLEARLY_OFF = 0.1  # of the width of what is shown: differences that are enlarged stay below it
-GRID_LINES = 6  # to a box's width, about
+_FOLLOWED = 0.5  # share of frames in which a marker is seen, for its static offset to be believed
+_TRAIL = 0.08  # share of a trial without a beat: the path of each marker that is drawn behind it
+_MOVES = 0.02  # of the size of all places: a coordinate that varies less is still
+_MOST_OF_IT = 0.95  # of the power of the motion, when its pace is measured
+_BEYOND = 0.5  # of the real trial's size, by which a simulated one may widen a box on each side
+_MARGIN = 0.12  # of the size of what is drawn: names stand there
+_LEAST_SHARE, _MOST_SHARE = 0.3, 0.9  # a box's height, as a share of its width
+_ENLARGED = (1, 2, 5, 10)  # by which differences may be enlarged
+_CLEARLY_OFF = 0.1  # of the width of what is shown: differences that are enlarged stay below it
+_GRID_LINES = 6  # to a box's width, about
 _AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Box:
+    """A part of the plane [m]."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+    def __post_init__(self) -> None:
+        if not (self.left < self.right and self.bottom < self.top):
+            raise ArgumentError(
+                f"a box from ({self.left:g}, {self.bottom:g}) to ({self.right:g}, {self.top:g}) m holds nothing; left "
+                "must be below right and bottom below top"
+            )
+
+
+class Swing(NamedTuple):
+    """One way in which the head swings.
+
+    Attributes:
+        name: What swings.
+        unit: Unit of the values.
+        real: Real values, NaN where unknown. Shape (T,).
+        simulated: Simulated values. Shape (T,).
+    """
+
+    name: str
+    unit: str
+    real: Array
+    simulated: Array
+
+    @property
+    def size(self) -> float:
+        """The largest known value, to either side; 0 where nothing is known."""
+        return float(np.nanmax(np.abs([self.real, self.simulated]), initial=0.0))
 
 
 @dataclass(frozen=True)
@@ -116,11 +152,11 @@ class TrialView:
         size = float((np.nanmax(self.real, axis=(0, 1)) - np.nanmin(self.real, axis=(0, 1))).max())
         even = np.stack([np.interp(times, self.times[seen := np.isfinite(one)], one[seen]) for one in known])
         moved = even - even.mean(axis=1, keepdims=True)
-        power = (np.abs(np.fft.rfft(moved[moved.std(axis=1) > MOVES * size])) ** 2).sum(axis=0)
+        power = (np.abs(np.fft.rfft(moved[moved.std(axis=1) > _MOVES * size])) ** 2).sum(axis=0)
         if not power.any():
             return 0.0
         reached = np.cumsum(power) / power.sum()
-        return float(np.searchsorted(reached, MOST_OF_IT) / self.duration)
+        return float(np.searchsorted(reached, _MOST_OF_IT) / self.duration)
 
     def nearest(self, times: Array) -> Indices:
         """Index of the sample that is nearest to each time [s]. Shape (N,) to (N,)."""
@@ -139,7 +175,7 @@ class TrialView:
         gaps = np.linalg.norm(self.simulated - self.real, axis=2)
         known = gaps[np.isfinite(gaps)]
         typical = float(np.percentile(known, 90)) if known.size else math.inf
-        factor = max(factor for factor in ENLARGED if factor == 1 or factor * typical <= CLEARLY_OFF * width)
+        factor = max(factor for factor in _ENLARGED if factor == 1 or factor * typical <= _CLEARLY_OFF * width)
         return factor, replace(self, simulated=self.real + factor * (self.simulated - self.real))
 
     def spacing(self) -> float:
@@ -172,7 +208,7 @@ class TrialView:
         With a beat it is the last marker's during the last beat, else every marker's during a share of the trial.
         """
         beat = self.frequency is not None
-        length = 1 / self.frequency if self.frequency is not None else TRAIL * self.duration
+        length = 1 / self.frequency if self.frequency is not None else _TRAIL * self.duration
         first = int(np.searchsorted(self.times, self.times[index] - length))
         last = len(self.marker_names) - 1
         return slice(first, index + 1), (last,) if beat else tuple(range(last + 1))
@@ -282,7 +318,7 @@ def common_limits(views: Sequence[TrialView]) -> Limits:
 
 def grid_step(box: Box) -> float:
     """1, 2 or 5 times a power of ten, such that some lines of a grid lie in a box [m]."""
-    return rounded_up((box.right - box.left) / (2 * GRID_LINES))
+    return rounded_up((box.right - box.left) / (2 * _GRID_LINES))
 
 
 def rounded_up(length: float) -> float:
@@ -305,7 +341,7 @@ def millimeters(distance: float) -> str:
 
 def _offsets(trial: ComparedTrial, seen: Mask) -> Array:
     """The registration; that of a marker that was mostly lost says little, its neighbors' says more. Shape (M, 2)."""
-    followed, index = seen.mean(axis=0) > FOLLOWED, np.arange(seen.shape[1])
+    followed, index = seen.mean(axis=0) > _FOLLOWED, np.arange(seen.shape[1])
     if not followed.any():
         return trial.registration
     known = index[followed]
@@ -375,15 +411,15 @@ def _box(real: Sequence[Array], simulated: Sequence[Array]) -> Box:
     true, made = true[np.isfinite(true).all(axis=1)], made[np.isfinite(made).all(axis=1)]
     if len(true) and len(made):
         low, high = true.min(axis=0), true.max(axis=0)
-        reach = BEYOND * float((high - low).max())
+        reach = _BEYOND * float((high - low).max())
         made = np.clip(made, low - reach, high + reach)
     points = np.concatenate([true, made])
     if not len(points):
-        return NOTHING
-    margin = MARGIN * max(float(np.ptp(points, axis=0).max()), 1e-6)
+        return Box(-0.5, -0.3, 0.5, 0.3)
+    margin = _MARGIN * max(float(np.ptp(points, axis=0).max()), 1e-6)
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     middle, size = (low + high) / 2, high - low
-    size[1] = max(size[1], LEAST_SHARE * size[0])
-    size[0] = max(size[0], size[1] / MOST_SHARE)
+    size[1] = max(size[1], _LEAST_SHARE * size[0])
+    size[0] = max(size[0], size[1] / _MOST_SHARE)
     left, bottom, right, top = *(middle - size / 2).tolist(), *(middle + size / 2).tolist()
     return Box(left, bottom, right, top)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from swim2real.advisor.vlm.exchange import Media
 from swim2real.errors import ArgumentError, VideoError
-from swim2real.rendering.album import Scene
+from swim2real.rendering.album import TrialPictures
 from swim2real.rendering.drawing import Bytes, to_png
 from swim2real.rendering.film import clip_times, film_clip, film_sheet
 from swim2real.settings import DetailName
@@ -75,8 +75,8 @@ class Shown:
 
 
 def gather_media(
-    scenes: Sequence[Scene], detail: Detail, takes_video: bool, videos: Mapping[str, Path],
-    rejected: tuple[str, Scene] | None = None,
+    scenes: Sequence[TrialPictures], detail: Detail, takes_video: bool, videos: Mapping[str, Path],
+    rejected: tuple[str, TrialPictures] | None = None,
 ) -> tuple[tuple[Media, ...], tuple[str, ...]]:  # fmt: skip
     """Pictures or films of the incumbent's trials, within the budget of a detail, and remarks on what is missing.
 
@@ -117,7 +117,7 @@ def gather_media(
     return (*media, *(shown.media for shown in last)), tuple(remarks)
 
 
-def _overlay(scene: Scene, detail: Detail, takes_video: bool, fps: float, what: str = "Trial") -> Shown:
+def _overlay(scene: TrialPictures, detail: Detail, takes_video: bool, fps: float, what: str = "Trial") -> Shown:
     about = f"{what} {scene.title}: simulated (blue) over real (red)"
     if not takes_video:
         each = round(_TILE * detail.width)
@@ -130,7 +130,9 @@ def _overlay(scene: Scene, detail: Detail, takes_video: bool, fps: float, what: 
     return Shown(Media(label, "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(scene.duration, fps)))
 
 
-def _real(scene: Scene, detail: Detail, takes_video: bool, fps: float, videos: Mapping[str, Path]) -> Shown | None:
+def _real(
+    scene: TrialPictures, detail: Detail, takes_video: bool, fps: float, videos: Mapping[str, Path]
+) -> Shown | None:
     """The real film of a trial, None where there is none."""
     video = videos.get(scene.name)
     if video is None:

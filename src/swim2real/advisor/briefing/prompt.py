@@ -18,7 +18,7 @@ from swim2real.escaping import plain_markdown
 from swim2real.objective import Comparison
 from swim2real.optimizers import Evaluation, Situation, Step
 from swim2real.parameters import ParameterSpace, Values
-from swim2real.rendering.album import Album, Scene
+from swim2real.rendering.album import Album, TrialPictures
 from swim2real.robots.robot import Robot
 from swim2real.settings import BriefingSettings
 
@@ -106,11 +106,11 @@ class TrialPromptBuilder:
         intro = " ".join((f"## The {kind}\n\nSimulated is blue, real is red.", *remarks))
         return Request(instructions, (text, intro, *media), self._schema, self._reply_tokens)
 
-    def _scenes(self, evaluation: Evaluation) -> list[Scene]:
+    def _scenes(self, evaluation: Evaluation) -> list[TrialPictures]:
         """The trials of an evaluation, simulated once more."""
-        return Album(self._simulate(self._space.to_values(evaluation.candidate.point)), self._robot).scenes
+        return Album(self._simulate(self._space.to_values(evaluation.candidate.point)), self._robot).trials
 
-    def _rejected(self, situation: Situation, here: Sequence[Scene]) -> tuple[str, Scene] | None:
+    def _rejected(self, situation: Situation, here: Sequence[TrialPictures]) -> tuple[str, TrialPictures] | None:
         """The best rejected step since the incumbent was found, where it came close, and the trial it changes most."""
         found = close_miss(situation)
         if found is None:
