@@ -33,6 +33,7 @@ SOURCES = {
     "examples/arm.md": "examples/arm/README.md",
 }
 COMMANDS = "reference/commands.md"  # what it has by hand comes first, then a section for each command
+ROOMS = "reference/rooms.md"  # likewise, then the public names of each room that exports any
 FIGURES = "<!-- figures -->"  # stands where the table of figures goes
 LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
 
@@ -86,7 +87,16 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
     if FIGURES in markdown:
         markdown = markdown.replace(FIGURES, _output(TABLE))
-    return LINK.sub(rewritten, markdown) + (_commands() if place == COMMANDS else "")
+    generated = {COMMANDS: _commands, ROOMS: _rooms}.get(place, str)
+    return LINK.sub(rewritten, markdown) + generated()
+
+
+def _rooms() -> str:
+    """A reference for each package that exports names."""
+    exporting = [
+        path for path in (ROOT / "src/swim2real").glob("*/__init__.py") if "__all__" in path.read_text("utf-8")
+    ]
+    return "".join(f"\n\n::: swim2real.{path.parent.name}" for path in sorted(exporting))
 
 
 def _output(script: str) -> str:
