@@ -78,7 +78,7 @@ def shown_of(folder: Path, robot: Robot) -> dict:
 def test_a_run_with_a_sensor_shows_all_that_there_is_and_no_word_of_what_it_hasnt(pendulum: Path) -> None:
     shown = page_of(pendulum, PENDULUM)
     outcome = RunFolder(pendulum).outcome()
-    error, out_error = (f"{one.sensor_errors['gyro[1]']:.4g} rad/s" for one in (outcome.fit, outcome.held_out))
+    error, out_error = (f"{one.sensor_errors['gyro[1]']:.3g} rad/s" for one in (outcome.fit, outcome.held_out))
     words = (
         f"Playback error {1e3 * outcome.fit.loss:.1f} mm first evaluation", f"held-out trials {out_error}",
         f"Sensor gyro[1] {error} first evaluation", "An error of 1 rad/s counts as 1 mm.", "sensor_errors.gyro[1]",
@@ -97,9 +97,9 @@ def test_a_run_with_a_sensor_shows_all_that_there_is_and_no_word_of_what_it_hasn
 def test_a_robot_that_travels_shows_speed_heading_and_shape(floater: Path) -> None:
     shown = page_of(floater, FLOATER)
     words = (
-        "in the frame of nose and neck, with the difference in how far they have come", "Speed velocity_error",
-        "Heading heading_error", "Shape shape_error", "mm/s", "°", "Real speed (mm/s)", "Set frequency (Hz)", "1.60",
-        "Progress: how far it has come along its line of travel",
+        "in the frame of nose and neck, with the difference in how far they have come", "Velocity error velocity_error",
+        "Heading error heading_error", "Shape error shape_error", "mm/s", "°", "Real speed (mm/s)", "1.60",
+        "Set frequency (Hz)", "Progress: how far it has come along its line of travel",
     )  # fmt: skip
     assert missing(words, shown) == []
     assert "Playback error" not in shown  # without sensors it is the marker error
@@ -108,11 +108,12 @@ def test_a_robot_that_travels_shows_speed_heading_and_shape(floater: Path) -> No
 
 def test_trials_and_errors_are_in_the_units_of_their_headings(pendulum: Path, floater: Path) -> None:
     trials = shown_of(pendulum, PENDULUM)["trials"]
-    assert trials.columns == ("Length (s)", "Playback error (mm)", "Marker error (mm)", "gyro[1] (rad/s)", "Left out")
+    named = ("Length (s)", "Playback error (mm)", "Marker error (mm)", "Left out (%)", "gyro[1] (rad/s)")
+    assert trials.columns == named
     figures = RunFolder(pendulum).outcome().fit.trials["a"]
     assert trials.rows[0].cells == (
         "2.50", f"{1e3 * figures.loss:.1f}", f"{1e3 * figures.aligned_marker_error:.1f}",
-        f"{figures.sensor_errors['gyro[1]']:.4g}", "1.8 %",
+        "1.8", f"{figures.sensor_errors['gyro[1]']:.3g}",
     )  # fmt: skip
     error, shape, offset, amplitude = shown_of(floater, FLOATER)["errors"]
     assert [one.key for one in (error, shape)] == ["aligned", "shape"]

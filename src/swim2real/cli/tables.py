@@ -115,11 +115,11 @@ def figures(content: FitFigures, title: str, sensors: Sequence[Sensor]) -> None:
         rows.insert(0, (f"Playback error ({of})", f"{millimeters(content.loss)} mm"))
     table(title, ("figure", "value"), rows)
     trials = {name: figure_values(trial) for name, trial in content.trials.items()}
-    shown = [name for name in next(iter(trials.values())) if name not in ("static_offset", "velocity_error")]
-    for heading, parts in (("Per trial", ("fit", "tracks")), ("Motion of the head", ("head",))):
-        columns = {name: f for name, f in (known | compared).items() if name in shown and f.of in parts}
+    shown = next(iter(trials.values()))
+    for heading, parts in (("Per trial [mm, mm/s]", ("fit", "tracks")), ("Motion of the head [mm]", ("head",))):
+        columns = {name: f for name, f in (known | compared).items() if name in shown and f.of in parts and f.per_trial}
         if columns:
-            headings = ("trial", *(f.column for f in columns.values()))
+            headings = ("trial", *(f.short if f.unit in ("mm", "mm/s") else f.column for f in columns.values()))
             table(
                 heading, headings, [(name, *(f.text(t[c]) for c, f in columns.items())) for name, t in trials.items()]
             )

@@ -36,6 +36,7 @@ class Figure:
         short: Heading of a column.
         of: What it describes: the `fit`, the motion of the `head`, or the `tracks` of the real markers.
         digits: Digits after the point; None for three significant ones.
+        per_trial: Whether tables with a row per trial have a column for it.
     """
 
     label: str
@@ -44,6 +45,7 @@ class Figure:
     short: str
     of: Literal["fit", "head", "tracks"] = "fit"
     digits: int | None = 1
+    per_trial: bool = True
 
     @property
     def factor(self) -> float:
@@ -94,10 +96,11 @@ class Figures(_Part):
         ),
     ] = None  # fmt: skip
     yaw_error: Annotated[
-        Fact, Figure("Yaw error", "°", "Difference in the amplitude of the head's yaw.", "yaw", "head")
+        Fact, Figure("Yaw error", "°", "Difference in the amplitude of the head's yaw.", "yaw", "head", per_trial=False)
     ] = None
     sway_error: Annotated[
-        Fact, Figure("Sway error", "mm", "Difference in the amplitude of the head's sway.", "sway", "head")
+        Fact,
+        Figure("Sway error", "mm", "Difference in the amplitude of the head's sway.", "sway", "head", per_trial=False),
     ] = None
     marker_error: Annotated[
         Fact,
@@ -123,8 +126,7 @@ class Figures(_Part):
         Fact,
         Figure(
             "Progress error", "mm",
-            "How far it has come along its line of travel, which thrust and drag explain: mean difference over the "
-            "compared time.", "progress",
+            "Mean difference in how far it has come along its line of travel, over the compared time.", "progress",
         ),
     ] = None  # fmt: skip
     static_offset: Annotated[
@@ -132,7 +134,7 @@ class Figures(_Part):
         Figure(
             "Static offset", "mm",
             "Markers are placed by hand: mean constant shift of a marker against its place in the simulation. "
-            "Reported, not counted in the loss.", "offset",
+            "Reported, not counted in the loss.", "offset", per_trial=False,
         ),
     ] = None  # fmt: skip
     heading_error: Annotated[
@@ -143,7 +145,8 @@ class Figures(_Part):
         ),
     ] = None  # fmt: skip
     velocity_error: Annotated[
-        Fact, Figure("Velocity error", "mm/s", "Difference in speed along the line of travel.", "speed")
+        Fact,
+        Figure("Velocity error", "mm/s", "Difference in speed along the line of travel.", "speed", per_trial=False),
     ] = None
     sensor_errors: Annotated[
         dict[str, Fact], Figure("Sensor errors", "", "Mean difference of the readings, each in its own unit.", "")
@@ -152,7 +155,7 @@ class Figures(_Part):
         Fact,
         Figure(
             "Left out", "%", "Share of marker positions that don't count because tracking lost the marker.",
-            "left out", "tracks",
+            "lost", "tracks",
         ),
     ] = None  # fmt: skip
     unweighted_error: Annotated[
@@ -160,7 +163,7 @@ class Figures(_Part):
         Figure(
             "Error with lost markers", "mm",
             "What the aligned error would be if frames in which tracking lost a marker counted too.", "with lost",
-            "tracks",
+            "tracks", per_trial=False,
         ),
     ] = None  # fmt: skip
     loss: Fact = None
@@ -213,7 +216,7 @@ class TrialFigures(Figures):
         Fact, Figure("Real turn", "°/s", "Slow turn of the real course, which isn't compared.", "turn real", "head")
     ] = None
     turn_rate_simulated: Annotated[
-        Fact, Figure("Simulated turn", "°/s", "Slow turn of the simulated course.", "turn sim", "head")
+        Fact, Figure("Simulated turn", "°/s", "Slow turn of the simulated course.", "turn sim", "head", per_trial=False)
     ] = None
     yaw_real_std: Fact = None
     yaw_simulated_std: Fact = None
@@ -261,6 +264,8 @@ FIGURES: dict[str, Figure] = {
 """Every figure that is shown, by its name; those of a trial alone first."""
 AVERAGED = tuple(name for name in FIGURES if name in Figures.model_fields)
 """Names of the figures that have a mean over trials."""
+UNSIMULATED = ("frequency", "velocity_real", "yaw_real", "sway_real", "turn_rate_real", "left_out_share")
+"""Names of the figures that are known of a trial whose simulation diverged, too."""
 
 
 def figures_for(registered: bool) -> dict[str, Figure]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, cast
 
+from swim2real.objective.figures import FIGURES, SENSORS, UNSIMULATED, Figure, figures_for, sensor_figure
 from swim2real.report.run import Json, ReportedRun, ReportedTrial
-from swim2real.report.units import NOTHING, degrees, mm, percent, significant, spread, text
+from swim2real.report.units import NOTHING, degrees, mm, significant, spread, text
+from swim2real.robots.robot import Sensor
 from swim2real.settings import asks_a_vlm
 
 ON_BOUND = 0.01  # of the unit cube
@@ -151,11 +152,13 @@ def trial_table(run: ReportedRun) -> TrialTable:
 
 
 def _columns(run: ReportedRun) -> dict[str, Callable[[ReportedTrial], str]]:
-    def simulated(name: str) -> Callable[[ReportedTrial], str]:
-        return lambda trial: NOTHING if trial.diverged else mm(trial.figures.get(name))
+    def of(name: str, figure: Figure) -> Callable[[ReportedTrial], str]:
+        unknown = name not in UNSIMULATED
+        return lambda trial: NOTHING if trial.diverged and unknown else figure.text(trial.figures.get(name))
 
-    def reading(name: str) -> Callable[[ReportedTrial], str]:
-        return lambda trial: significant((trial.figures.get("sensor_errors") or {}).get(name))
+    def reading(sensor: Sensor) -> Callable[[ReportedTrial], str]:
+        figure = sensor_figure(sensor.name, sensor.unit)
+        return lambda trial: figure.text((trial.figures.get(SENSORS) or {}).get(sensor.name))
 
     columns: dict[str, Callable[[ReportedTrial], str]] = {}
     if any(trial.quality.get("duration") for trial in run.trials):
@@ -167,20 +170,12 @@ def _columns(run: ReportedRun) -> dict[str, Callable[[ReportedTrial], str]]:
         columns["Motor angle at the first frame (°)"] = (
             lambda trial: NOTHING if trial.diverged else degrees(trial.figures.get("phase"))
         )  # fmt: skip
-    if run.has_progress:
-        columns["Real speed (mm/s)"] = lambda trial: mm(trial.figures.get("velocity_real"))
-        columns["Simulated speed (mm/s)"] = simulated("velocity_simulated")
     if run.robot.trials.sensors:
-        columns["Playback error (mm)"] = simulated("loss")
-    columns[f"{'Aligned' if run.registered else 'Marker'} error (mm)"] = simulated("aligned_marker_error")
-    if run.has_progress:
-        columns["Shape (mm)"] = simulated("shape_error")
-    if run.has("marker_error"):
-        columns["Eq. 1 (mm)"] = simulated("marker_error")
-    columns |= {f"{sensor.name} ({sensor.unit})": reading(sensor.name) for sensor in run.robot.trials.sensors}
-    if run.has("heading_error"):
-        columns["Heading (°)"] = lambda trial: text(trial.figures.get("heading_error"), 1, 180 / math.pi)
-    columns["Left out"] = lambda trial: percent(trial.figures.get("left_out_share"))
+        columns["Playback error (mm)"] = of("loss", FIGURES["aligned_marker_error"])
+    for name, figure in figures_for(run.registered).items():
+        if name not in ("frequency", SENSORS) and figure.of != "head" and figure.per_trial and run.has(name):
+            columns[figure.heading] = of(name, figure)
+    columns |= {f"{sensor.name} ({sensor.unit})": reading(sensor) for sensor in run.robot.trials.sensors}
     return columns
 
 

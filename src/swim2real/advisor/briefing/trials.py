@@ -18,6 +18,7 @@ from swim2real.advisor.briefing.formatting import (
     span,
     table,
 )
+from swim2real.objective.figures import FIGURES
 
 _CLOSE = 0.02  # relative difference that isn't worth a word
 _SAME_POWER = 0.1  # the same, of the exponent of frequency
@@ -25,6 +26,8 @@ _SAME_ANGLE = 5.0  # deg, the same
 _CHANGED = 1.5  # between the halves of a trial: from here on it grows
 _MOST_OF = 0.5  # of an error: from here on its constant part is named
 _TINY = 1e-4  # m: below it nothing is off
+_PARTS = ("progress_error", "shape_error", "recoil_error", "heading_error")  # figures with a column of their own
+_LOST = "left_out_share"
 
 Facts = Mapping[str, Any]
 Column = tuple[str, Callable[[Facts, Facts], str]]
@@ -265,12 +268,11 @@ def _trial_columns(facts: Facts) -> list[Column]:
     for i, sensor in enumerate(overall["sensors"]):
         name = f"{sensor['name']} {sensor['unit']}"
         columns.append((name, lambda trial, row, i=i: reading(trial["sensors"][i]["error"])))
-    parts = (("progress_error", "progress mm"), ("shape_error", "shape mm"), ("recoil_error", "recoil mm"))
-    for name, heading in parts:
-        if name in has:
-            columns.append((heading, lambda trial, row, name=name: mm(trial["figures"].get(name), 1)))
-    if "heading_error" in has:
-        columns.append(("heading deg", lambda trial, row: degrees(trial["figures"].get("heading_error"))))
+    columns += [
+        (_column(name), lambda trial, row, name=name: _shown(name, trial["figures"].get(name)))
+        for name in _PARTS
+        if name in has
+    ]
     if any(trial["velocity"]["real"] is not None for trial in trials):
         columns += [
             ("real mm/s", lambda trial, row: mm(trial["velocity"]["real"], 1)),
@@ -288,7 +290,16 @@ def _trial_columns(facts: Facts) -> list[Column]:
     columns.append(("worst marker", lambda trial, row: row["worst_marker"] or UNKNOWN))
     if windows:
         columns.append(("most off at s", lambda trial, row: span(row["worst_time"])))
-    return [*columns, ("lost %", lambda trial, row: number(trial["figures"].get("left_out_share"), 0, 100))]
+    return [*columns, (_column(_LOST), lambda trial, row: _shown(_LOST, trial["figures"].get(_LOST)))]
+
+
+def _column(name: str) -> str:
+    """Heading of a figure's column, in plain letters."""
+    return FIGURES[name].column.replace("°", "deg")
+
+
+def _shown(name: str, figure: float | None) -> str:
+    return number(figure, FIGURES[name].digits or 0, FIGURES[name].factor)
 
 
 def _trial_columns_explained(facts: Facts, names: Sequence[str]) -> str:
@@ -297,17 +308,13 @@ def _trial_columns_explained(facts: Facts, names: Sequence[str]) -> str:
         "s": "`s`: how long it is.",
         "error mm": "`error`: the trial's part of the loss.",
         "markers mm": "`markers`: what the markers have of it; then the mean error of each sensor.",
-        "progress mm": "`progress`: how far the simulated robot is ahead or behind on average.",
-        "shape mm": "`shape`: what differs in the frame of the head, without the way that it has come.",
-        "recoil mm": "`recoil`: what the yaw and the sway of the head add.",
-        "heading deg": "`heading`: how far it turns away.",
+        **{_column(name): f"`{FIGURES[name].short}`: {FIGURES[name].meaning}" for name in (*_PARTS, _LOST)},
         "real mm/s": "Speeds are forward, negative is backward.",
         "speed ratio": "Ratios are simulated / real: a speed ratio of 0.80 means 20 % too slow.",
         f"{last} ratio": f"`{last} ratio`: amplitude of the last marker; 1.20 means that it beats 20 % wider.",
         "amplitude ratio": "`amplitude ratio`: the median over the markers that move; 1.20 means 20 % too wide.",
         "sim deg": "`lag`: by how much of a beat (360 deg) the last marker is behind; 0 is a stiff swing.",
         "most off at s": "`most off at`: when the markers' mean places are farthest off.",
-        "lost %": "`lost`: share of the real marker positions that couldn't be used; distrust rows with much of it.",
     }
     return " ".join(["A row a trial.", *(text for name, text in parts.items() if name in names)])
 
