@@ -120,8 +120,13 @@ def test_json(program, table, motors):
         ([0.0], ["--dry-run", "--port", "x"], 2, "give either --port"),
         ([0.0], ["--dry-run", "--repeat", "0"], 2, "--repeat is 0; it must be 1 or above"),
         ([0.0], ["--dry-run", "--baud", "1200"], 2, "1200 baud can't be used"),
-        ([0.0, 8.0], ["--dry-run"], 2, "the command at 0.02 s is 8 rad/s; the limit is 7.29 rad/s"),
-        ([3.0, 2.0], ["--dry-run", "--max-speed", "2.5"], 2, "the command at 0.00 s is 3 rad/s; the limit is 2.5"),
+        ([0.0, 8.0], ["--dry-run"], 2, "the command at 0.02 s is 8 rad/s; the limits are -7.29 to 7.29 rad/s"),
+        (
+            [3.0, 2.0],
+            ["--dry-run", "--max-speed", "2.5"],
+            2,
+            "the command at 0.00 s is 3 rad/s; the limits are -2.5 to 2.5 rad/s",
+        ),
         ([0.0], ["--port", "/dev/none"], 1, "serial port /dev/none can't be opened (No such file or directory)"),
         ([0.0], ["--dry-run", "--log", "/none/log.csv"], 2, "log '/none/log.csv' can't be written: No such file"),
     ],
@@ -148,7 +153,7 @@ def test_refusals_with_a_motors_file(program, motors, columns, words, sentence):
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGINT of several"])
 def test_signals_stop_the_motors(program, table, motors, name):
     name, _, several = name.partition(" ")
-    head = EmulatedMotor(2, control_table.model_named("XL430-W250"), angle=3.0)
+    head = EmulatedMotor(2, control_table.MODELS["XL430-W250"], angle=3.0)
     with Emulator(*([head, EmulatedMotor(3)] if several else [])) as emulator:
 
         def send_signal():

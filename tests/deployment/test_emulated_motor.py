@@ -73,7 +73,7 @@ def bench():
     return Bench()
 
 
-@pytest.mark.parametrize("model", ct.MODELS)
+@pytest.mark.parametrize("model", ct.MODELS.values())
 def test_each_model_is_as_it_is_sold(model):
     motor = EmulatedMotor(9, model)
     sold = (model.number, 9, model.velocity_limit, model.temperature_limit, 3, 52)

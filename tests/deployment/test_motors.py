@@ -21,7 +21,7 @@ from swim2real.deployment.sending import check_time, log_header, send
 from swim2real.errors import ArgumentError, MissingExtraError
 
 TABLE = CommandTable.of({FISH: [0.0, 2.0, 4.0]})
-XL430 = ct.model_named("XL430-W250")
+XL430 = ct.MODELS["XL430-W250"]
 LIMITS = Limits(4.0, 100.0, -1.0, 1.0)
 THREE = (
     MotorSettings("head_rad", 2, LIMITS, XL430, zero=math.pi),

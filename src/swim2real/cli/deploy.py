@@ -152,7 +152,7 @@ def _prepare(
     """The table as it will be sent, and notes on what was changed in it."""
     notes: list[str] = []
     limits = {motor.column: motor.limits for motor in motors}
-    table = table.repeated(options.repeat)
+    table = CommandTable(table.columns, table.rows * options.repeat)
     if options.clip:
         clipped = table.clipped(limits)
         changed = sum(before != after for before, after in zip(table.rows, clipped.rows, strict=True))

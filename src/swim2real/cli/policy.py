@@ -276,7 +276,7 @@ def export_commands(
         goal: Goal of a task with goals [m]: x (ahead is negative) and y; by default 1 m straight ahead.
         json: Print what was written as JSON.
     """
-    from swim2real.deployment.commands import FISH, CommandTable, write_table
+    from swim2real.deployment.commands import FISH, RATE, CommandTable, write_table
     from swim2real.rl.assessment import policy_commands
     from swim2real.rl.training_run import TrainingRun
     from swim2real.store import write_arrays
@@ -295,8 +295,8 @@ def export_commands(
     if out.suffix == ".csv":
         write_table(out, table)
     else:
-        write_arrays(out, {"times": table.times, "commands": commands, "names": actuators.names,
-                           "units": actuators.units})  # fmt: skip
+        times = [k / RATE for k in range(len(commands))]
+        write_arrays(out, {"times": times, "commands": commands, "names": actuators.names, "units": actuators.units})
     about = {"commands": len(table.rows), "seconds": table.duration, "columns": list(columns), "out": str(out)}
     if json:
         say_json(about)

@@ -9,7 +9,6 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Mapping
-from types import TracebackType
 from typing import Any, TypeVar
 
 from swim2real.deployment import control_table as ct
@@ -22,10 +21,17 @@ try:
 except ModuleNotFoundError as error:
     raise MissingExtraError("the motor needs dynamixel-sdk; install it with: pip install dynamixel-sdk") from error
 
+try:
+    import termios
+
+    _PORT_ERRORS: tuple[type[BaseException], ...] = (OSError, termios.error)  # pyserial's errors are OSErrors
+except ModuleNotFoundError:  # Windows
+    _PORT_ERRORS = (OSError,)
+
 Answer = TypeVar("Answer")
 
-USABLE_BAUDS = tuple(rate for rate in ct.BAUD_RATES.values() if 57_600 <= rate <= 4_000_000)
-WRITE_TIMEOUT = 0.1  # s
+_USABLE_BAUDS = (57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
+_WRITE_TIMEOUT = 0.1  # s
 _PING_ATTEMPTS = 30  # about a second
 _ATTEMPTS = 10  # at exchanges that aren't bound to a time; a busy computer misses some answers
 _READ_TIMEOUT = 0.001  # s that one look for bytes waits
@@ -63,8 +69,8 @@ class Bus:
             ArgumentError: The baud rate can't be used.
             MotorError: The port can't be opened.
         """
-        if baud not in USABLE_BAUDS:
-            usable = ", ".join(map(str, USABLE_BAUDS))
+        if baud not in _USABLE_BAUDS:
+            usable = ", ".join(map(str, _USABLE_BAUDS))
             raise ArgumentError(f"{baud} baud can't be used for 50 commands a second; one of {usable} can")
         self.name, self.baud = port, baud
         self._packets: Any = dynamixel_sdk.PacketHandler(2.0)
@@ -81,9 +87,7 @@ class Bus:
     def __enter__(self) -> Bus:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -169,7 +173,9 @@ class Bus:
         packet = self._packets.syncWriteTxOnly
         result = self._call(None, what, packet, register.address, register.size, cells, len(cells))
         if result != dynamixel_sdk.COMM_SUCCESS:
-            raise NoAnswerError(f"{what} on {self.name} failed: the port didn't take the packet in {WRITE_TIMEOUT:g} s")
+            raise NoAnswerError(
+                f"{what} on {self.name} failed: the port didn't take the packet in {_WRITE_TIMEOUT:g} s"
+            )
 
     def _motor(self, device: int | None) -> str:
         return f"the motors on {self.name}" if device is None else f"motor {device} on {self.name}"
@@ -238,7 +244,7 @@ class _Port(dynamixel_sdk.PortHandler):  # pyright: ignore[reportUntypedBaseClas
         line: Any = self.ser
         line.exclusive = True
         line.timeout = _READ_TIMEOUT
-        line.write_timeout = WRITE_TIMEOUT
+        line.write_timeout = _WRITE_TIMEOUT
         with contextlib.suppress(ValueError, NotImplementedError, OSError):  # a pseudo-terminal has no such mode
             line.set_low_latency_mode(True)
             self._latency = _LOW_LATENCY
@@ -281,18 +287,6 @@ class _Port(dynamixel_sdk.PortHandler):  # pyright: ignore[reportUntypedBaseClas
 def _cells(register: Register, value: int) -> list[int]:
     """The bytes of a value."""
     return list(value.to_bytes(register.size, "little", signed=register.signed))
-
-
-def _port_errors() -> tuple[type[BaseException], ...]:
-    """What is raised when a port goes away: pyserial's errors are OSErrors, termios has its own."""
-    try:
-        import termios
-    except ModuleNotFoundError:  # Windows
-        return (OSError,)
-    return (OSError, termios.error)
-
-
-_PORT_ERRORS = _port_errors()
 
 
 def _repeat(exchange: Callable[[], Answer], attempts: int) -> Answer:

@@ -77,10 +77,8 @@ class CommandTable:
         if not self.rows:
             raise ArgumentError("a table of commands has no rows; it needs at least one")
         for k, row in enumerate(self.rows):
-            if len(row) != len(self.columns):
-                raise ArgumentError(f"command {k} has {len(row)} values; it needs one for each of {self.columns}")
-            if problem := _row_problem(self.columns, row):
-                raise ArgumentError(f"command {k}, column {problem[0]}: {problem[1]}")
+            if len(row) != len(self.columns) or not all(map(math.isfinite, row)):
+                raise ArgumentError(f"command {k} is {row}; it needs a finite number for each of {self.columns}")
 
     @staticmethod
     def of(columns: Mapping[str, Iterable[float]]) -> CommandTable:
@@ -89,16 +87,11 @@ class CommandTable:
         Raises:
             ArgumentError: A name isn't allowed, a value isn't finite, or the columns differ in length.
         """
-        values = [tuple(float(v) for v in column) for column in columns.values()]
-        if len({len(column) for column in values}) > 1:
-            lengths = ", ".join(f"{name} {len(column)}" for name, column in zip(columns, values, strict=True))
+        values = {name: tuple(map(float, column)) for name, column in columns.items()}
+        lengths = {name: len(column) for name, column in values.items()}
+        if len(set(lengths.values())) > 1:
             raise ArgumentError(f"the columns of a table differ in length ({lengths}); they must have the same")
-        return CommandTable(tuple(columns), tuple(zip(*values, strict=True)))
-
-    @property
-    def times(self) -> tuple[float, ...]:
-        """Times k/50 from 0 on [s]."""
-        return tuple(k / RATE for k in range(len(self.rows)))
+        return CommandTable(tuple(values), tuple(zip(*values.values(), strict=True)))
 
     @property
     def duration(self) -> float:
@@ -151,9 +144,17 @@ class CommandTable:
         """
         if not (math.isfinite(acceleration) and acceleration > 0):
             raise ArgumentError(f"the ramps' acceleration is {acceleration:g}; it must be finite and above 0")
-        start = self._ramp(self.rows[0], acceleration)
-        end = self._ramp(self.rows[-1], acceleration)[::-1]
-        return CommandTable(self.columns, (*start, *self.rows, *end))
+
+        def ramp(row: tuple[float, ...]) -> list[tuple[float, ...]]:
+            """Rows from rest up to, but without, a row: equal steps, none steeper than the acceleration."""
+            fastest = max((abs(v) for name, v in zip(self.columns, row, strict=True) if is_speed(name)), default=0.0)
+            steps = math.ceil(fastest * RATE / acceleration - _ROUNDING)
+            return [
+                tuple(v * k / steps if is_speed(name) else v for name, v in zip(self.columns, row, strict=True))
+                for k in range(steps)
+            ]
+
+        return CommandTable(self.columns, (*ramp(self.rows[0]), *self.rows, *ramp(self.rows[-1])[::-1]))
 
     def approached(self, angles: Mapping[str, float], speed: float) -> CommandTable:
         """The same commands after a way from these angles to the first row, which adds rows; speeds are 0 meanwhile.
@@ -176,25 +177,10 @@ class CommandTable:
 
         return CommandTable(self.columns, (*(row(1 - k / steps) for k in range(steps)), *self.rows))
 
-    def repeated(self, times: int) -> CommandTable:
-        """The commands several times, one after the other."""
-        if times < 1:
-            raise ArgumentError(f"a table can't be repeated {times} times; it must be 1 or more")
-        return CommandTable(self.columns, self.rows * times)
-
     def _place(self, name: str) -> int:
         if name not in self.columns:
             raise ArgumentError(f"there is no column {name} in the table; it has {', '.join(self.columns)}")
         return self.columns.index(name)
-
-    def _ramp(self, row: tuple[float, ...], acceleration: float) -> tuple[tuple[float, ...], ...]:
-        """Rows from rest up to, but without, a row: equal steps, none steeper than the acceleration."""
-        fastest = max((abs(v) for name, v in zip(self.columns, row, strict=True) if is_speed(name)), default=0.0)
-        steps = math.ceil(fastest * RATE / acceleration - _ROUNDING)
-        return tuple(
-            tuple(v * k / steps if is_speed(name) else v for name, v in zip(self.columns, row, strict=True))
-            for k in range(steps)
-        )
 
 
 def is_speed(column: str) -> bool:
@@ -245,8 +231,6 @@ def read_table(path: str | Path) -> CommandTable:
                 f"{where}, column {TIME}: the time is {time:g} s; it must be {k / RATE:g}, "
                 f"since rows are 0.02 s apart from 0 on"
             )
-        if problem := _row_problem(header[1:], row):
-            raise ArgumentError(f"{where}, column {problem[0]}: {problem[1]}")
         rows.append(tuple(row))
     return CommandTable(header[1:], tuple(rows))
 
@@ -265,38 +249,37 @@ def write_table(path: str | Path, table: CommandTable) -> None:
         raise ArgumentError(f"command table '{path}' can't be written: {error.strerror or error}") from error
 
 
+def _bounds(name: str, limits: Limits) -> tuple[float, float, float]:
+    """The lowest and the highest value of a column, and its greatest change a second."""
+    if is_speed(name):
+        return -limits.speed, limits.speed, limits.acceleration
+    return limits.lowest, limits.highest, limits.speed
+
+
 def _check(name: str, values: Sequence[float], limits: Limits) -> None:
     """Raises what the first value beyond the limits asks for."""
-    unit = split_column(name)[1].replace("_", "/")
-    rate, rate_unit = (limits.acceleration, f"{unit}²") if is_speed(name) else (limits.speed, f"{unit}/s")
-    before = values[0]
+    unit, (low, high, rate) = split_column(name)[1].replace("_", "/"), _bounds(name, limits)
+    rate_unit, before = f"{unit}²" if is_speed(name) else f"{unit}/s", values[0]
     for k, value in enumerate(values):
-        command = f"{name}: the command at {k / RATE:.2f} s"
-        if is_speed(name) and abs(value) > limits.speed + _ROUNDING:
+        command, cut = f"{name}: the command at {k / RATE:.2f} s", "or cut it off at the limits with --clip"
+        if not low - _ROUNDING <= value <= high + _ROUNDING:
             raise ArgumentError(
-                f"{command} is {value:g} {unit}; the limit is {limits.speed:.4g} {unit} either way: "
-                f"make the table slower, or cut it off at the limits with --clip"
-            )
-        if not is_speed(name) and not limits.lowest - _ROUNDING <= value <= limits.highest + _ROUNDING:
-            raise ArgumentError(
-                f"{command} is {value:g} {unit}; the limits are {limits.lowest:g} to {limits.highest:g} {unit}: "
-                f"change the table, or cut it off at the limits with --clip"
+                f"{command} is {value:g} {unit}; the limits are {low:.4g} to {high:.4g} {unit}: change the table, {cut}"
             )
         if abs(value - before) > rate / RATE + _ROUNDING:
             raise ArgumentError(
                 f"{command} goes from {before:g} to {value:g} {unit}, {abs(value - before) * RATE:.4g} {rate_unit}; "
-                f"the limit is {rate:.4g} {rate_unit}: make the table smoother, or cut it off at the "
-                f"limits with --clip"
+                f"the limit is {rate:.4g} {rate_unit}: make the table smoother, {cut}"
             )
         before = value
 
 
 def _clip(name: str, values: Sequence[float], limits: Limits) -> list[float]:
-    low, high = (-limits.speed, limits.speed) if is_speed(name) else (limits.lowest, limits.highest)
-    step = (limits.acceleration if is_speed(name) else limits.speed) / RATE
+    low, high, rate = _bounds(name, limits)
     clipped: list[float] = []
     for value in values:
         wanted = min(max(value, low), high)
+        step = rate / RATE
         clipped.append(min(max(wanted, clipped[-1] - step), clipped[-1] + step) if clipped else wanted)
     return clipped
 
@@ -319,17 +302,11 @@ def _header_problem(header: Sequence[str]) -> str:
     return ""
 
 
-def _row_problem(columns: Sequence[str], row: Sequence[float]) -> tuple[str, str] | None:
-    """The column of a row that is wrong, and what is wrong in it; None where nothing is."""
-    for column, value in zip(columns, row, strict=True):
-        if not math.isfinite(value):
-            unit = split_column(column)[1].replace("_", "/")
-            return column, f"the value is {value:g}; it must be finite, in {unit}"
-    return None
-
-
 def _number(cell: str, where: str) -> float:
     try:
-        return float(cell)
+        value = float(cell)
     except ValueError:
-        raise ArgumentError(f"{where}: '{cell}' is not a number") from None
+        value = math.nan
+    if not math.isfinite(value):
+        raise ArgumentError(f"{where}: '{cell}' is not a finite number")
+    return value

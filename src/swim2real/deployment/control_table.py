@@ -38,8 +38,6 @@ HARDWARE_ERRORS = {
 }
 OVERHEATING = 0x04
 
-BAUD_RATES = {0: 9600, 1: 57_600, 2: 115_200, 3: 1_000_000, 4: 2_000_000, 5: 3_000_000, 6: 4_000_000, 7: 4_500_000}
-
 
 @dataclass(frozen=True)
 class Model:
@@ -69,7 +67,7 @@ class Model:
 
 # e-Manual, docs/en/dxl/x/{xw540-t140, xl430-w250, xm430-w210, xm430-w350, xm540-w150, xm540-w270}: "Control Table of
 # EEPROM Area" and "Specifications"
-MODELS = (
+_MODELS = (
     Model("XW540-T140-R", 1180, 304, 80, (95, 160), 72),
     Model("XL430-W250", 1060, 265, 72, (60, 140), 61),
     Model("XM430-W210", 1030, 330, 80, (95, 160), 77),
@@ -77,12 +75,8 @@ MODELS = (
     Model("XM540-W150", 1130, 230, 80, (95, 160), 53),
     Model("XM540-W270", 1120, 128, 80, (95, 160), 30),
 )
-XW540 = MODELS[0]
-
-
-def model_named(name: str) -> Model | None:
-    """The model of this name; None where it isn't known."""
-    return next((model for model in MODELS if model.name == name), None)
+MODELS = {model.name: model for model in _MODELS}
+XW540 = _MODELS[0]
 
 
 class MotorError(Swim2RealError):
@@ -159,17 +153,10 @@ PROFILE_VELOCITY = Register("Profile Velocity", 112, 4, 0, 32_767)
 GOAL_POSITION = Register("Goal Position", 116, 4, *_ANY)
 PRESENT_VELOCITY = Register("Present Velocity", 128, 4, *_ANY, writable=False)
 PRESENT_POSITION = Register("Present Position", 132, 4, *_ANY, writable=False)
-VELOCITY_TRAJECTORY = Register("Velocity Trajectory", 136, 4, *_ANY, writable=False)
-POSITION_TRAJECTORY = Register("Position Trajectory", 140, 4, *_ANY, writable=False)
 PRESENT_VOLTAGE = Register("Present Input Voltage", 144, 2, writable=False, default=120)
 PRESENT_TEMPERATURE = Register("Present Temperature", 146, 1, writable=False, default=30)
 
-REGISTERS = (
-    MODEL_REGISTER, FIRMWARE, ID, BAUD_RATE, RETURN_DELAY, DRIVE_MODE, OPERATING_MODE, HOMING_OFFSET, TEMPERATURE_LIMIT,
-    MAX_VOLTAGE, MIN_VOLTAGE, VELOCITY_LIMIT, MAX_POSITION, MIN_POSITION, SHUTDOWN, TORQUE_ENABLE, STATUS_RETURN_LEVEL,
-    HARDWARE_ERROR, BUS_WATCHDOG, GOAL_VELOCITY, PROFILE_ACCELERATION, PROFILE_VELOCITY, GOAL_POSITION,
-    PRESENT_VELOCITY, PRESENT_POSITION, VELOCITY_TRAJECTORY, POSITION_TRAJECTORY, PRESENT_VOLTAGE, PRESENT_TEMPERATURE,
-)  # fmt: skip
+REGISTERS = tuple(entry for entry in list(globals().values()) if isinstance(entry, Register))
 
 
 def hardware_errors(status: int) -> str:

@@ -429,9 +429,9 @@ def main() -> None:
     motors: list[EmulatedMotor] = []
     for word in sys.argv[2:] or ("1",):
         device, _, name = word.partition(":")
-        model = ct.model_named(name or ct.XW540.name)
+        model = ct.MODELS.get(name or ct.XW540.name)
         if model is None:
-            sys.exit(f"the model '{name}' isn't known; known are {', '.join(m.name for m in ct.MODELS)}")
+            sys.exit(f"the model '{name}' isn't known; known are {', '.join(ct.MODELS)}")
         motors.append(EmulatedMotor(int(device), model, angle=math.pi))  # in the middle of its turn
     # a real motor doesn't wait for a busy machine
     with real_time_priority(), Emulator(*motors, baud=baud) as emulator:

@@ -114,7 +114,7 @@ class Motor:
         with self._named_alerts():
             number = bus.ping(self._id)
             if number != model.number:
-                found = next((f" ({m.name})" for m in ct.MODELS if m.number == number), "")
+                found = next((f" ({m.name})" for m in ct.MODELS.values() if m.number == number), "")
                 raise MotorError(
                     f"{self.settings} on {bus.name} has model number {number}{found}, not {model.number} "
                     f"({model.name}); its limits are others: nothing was sent to it"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from swim2real.deployment.commands import ACCELERATION, FISH, XW540_T140, Limits, is_speed, split_column
-from swim2real.deployment.control_table import MODELS, POSITION_UNIT, XW540, Model, model_named
+from swim2real.deployment.control_table import MODELS, POSITION_UNIT, XW540, Model
 from swim2real.errors import ArgumentError
 from swim2real.store import MOST_TEXT, from_toml, read_bytes
 
@@ -149,10 +149,9 @@ def _motor(file: str, name: str, column: str, entry: object) -> MotorSettings:
     for key in ("id", "direction"):
         if type(values.get(key, 1)) is not int:
             raise ArgumentError(f"{where}: {key} is {values[key]!r}; it must be a whole number")
-    model = model_named(str(values.get("model", XW540.name)))
+    model = MODELS.get(str(values.get("model", XW540.name)))
     if model is None:
-        known = ", ".join(m.name for m in MODELS)
-        raise ArgumentError(f"{where}: model is {values['model']!r}; it must be one of {known}")
+        raise ArgumentError(f"{where}: model is {values['model']!r}; it must be one of {', '.join(MODELS)}")
 
     def number(key: str, default: float) -> float:
         value = values.get(key)

@@ -17,6 +17,7 @@ from swim2real.deployment.commands import RATE
 
 ON_TIME = 0.002  # s
 _SPIN = 0.0005  # s before a deadline from which on the clock is watched; a sleep may end this late
+_HALF = 0.5 / RATE  # s
 _PRIORITY = 10  # of 99 for real-time tasks
 
 
@@ -49,14 +50,8 @@ class Punctuality:
         def quantile(share: float) -> float:
             return ordered[max(0, math.ceil(share * len(ordered)) - 1)] if ordered else 0.0
 
-        return Punctuality(
-            sent=len(ordered),
-            skipped=skipped,
-            on_time_share=sum(late <= ON_TIME for late in ordered) / due if due else 0.0,
-            median=quantile(0.5),
-            percentile_99=quantile(0.99),
-            worst=ordered[-1] if ordered else 0.0,
-        )
+        on_time_share = sum(late <= ON_TIME for late in ordered) / due if due else 0.0
+        return Punctuality(len(ordered), skipped, on_time_share, quantile(0.5), quantile(0.99), quantile(1.0))
 
 
 class Schedule:
@@ -71,22 +66,16 @@ class Schedule:
     """
 
     def __init__(
-        self,
-        rate: float = RATE,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
+        self, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
     ) -> None:
-        self._half = 0.5 / rate
-        self._rate = rate
-        self._clock = clock
-        self._sleep = sleep
+        self._clock, self._sleep = clock, sleep
         self._last = -math.inf
         self.start = clock()
         self.skipped = 0
 
     def due(self, k: int) -> float:
         """When command k is due [s of the clock]."""
-        return self.start + k / self._rate
+        return self.start + k / RATE
 
     def left(self, k: int) -> float:
         """Seconds until command k is due; below 0 when it is late."""
@@ -101,10 +90,10 @@ class Schedule:
         """Yields the number of each command when it is due, until `count` are reached or `stop` returns true."""
         k = 0
         while k < count:
-            while k + 1 < count and self.left(k) < -self._half:  # the last one is sent, however late
+            while k + 1 < count and self.left(k) < -_HALF:  # the last one is sent, however late
                 k += 1
                 self.skipped += 1
-            self.wait_until(max(self.due(k), self._last + self._half))
+            self.wait_until(max(self.due(k), self._last + _HALF))
             if stop():
                 return
             yield k

@@ -66,42 +66,36 @@ def send(
     Raises:
         MotorError: A motor refused, failed, or didn't answer several exchanges in a row.
     """
-    bus = motors.bus
+    bus, several = motors.bus, len(motors.each) > 1
     lateness: list[float] = []
     unanswered = in_a_row = 0
     readings = _Readings(motors)
-    settings = [motor.settings for motor in motors.each]
-    leaving = _command_bytes(settings) if len(settings) > 1 else 0  # one motor has answered its command by then
+    # one motor has answered its command before it is read
+    leaving = _command_bytes([motor.settings for motor in motors.each]) if several else 0
     reading_takes = (leaving + _READING_BYTES) * 10 / bus.baud + _READING_EXTRA
     last = asked_at = -1
     schedule = Schedule()
     for k in schedule.ticks(len(table.rows), stop):
-        last = k
-        wanted = table.rows[k]
-        answered = True
-        before = bus.written_at
+        last, wanted, before = k, table.rows[k], bus.written_at
         try:
-            wanted = motors.command(wanted)
-            in_a_row = 0
+            wanted, answered, in_a_row = motors.command(wanted), True, 0
         except NoAnswerError as error:
-            answered = False
-            unanswered += 1
-            in_a_row += 1
+            answered, unanswered, in_a_row = False, unanswered + 1, in_a_row + 1
             if in_a_row == _MOST_UNANSWERED:
                 raise MotorError(f"{in_a_row} commands in a row without an answer: {error}") from error
         lateness.append(schedule.sent(k, bus.written_at))
         sent_at = bus.written_at - schedule.start
         if bus.written_at - before > motors.watchdog:
             readings.doubt_all()
-        overdue = len(settings) > 1 and k - asked_at >= _LONGEST_UNREAD
         turn = None
-        if overdue or schedule.left(k + 1) > reading_takes:
+        if (several and k - asked_at >= _LONGEST_UNREAD) or schedule.left(k + 1) > reading_takes:
             asked_at, turn = k, readings.next()
         if log:
-            asked = (turn.motor, str(int(turn.answered))) if turn else ("", "")
-            said = (str(int(answered)),) if len(settings) == 1 else asked
-            reading = turn.reading if turn else None
-            log.write(_log_line(k, sent_at, wanted, said, bus.written_at - schedule.start, reading))
+            asked = [turn.motor, str(int(turn.answered))] if turn else ["", ""]
+            cells = [f"{k / RATE:.2f}", f"{sent_at:.6f}", *(f"{command:.6f}" for command in wanted)]
+            cells += asked if several else [str(int(answered))]
+            cells += _reading_cells(turn.reading if turn else None, bus.written_at - schedule.start)
+            log.write(",".join(cells) + "\n")
     complete = last == len(table.rows) - 1
     if complete:
         schedule.wait_until(schedule.due(last + 1))  # the last command holds as long as the others
@@ -158,13 +152,14 @@ class _Readings:
         """
         k = self._asked % len(self._motors)
         self._asked += 1
-        motor = self._motors[k]
+        motor, reading = self._motors[k], None
         try:
             if self._doubted[k]:
                 motor.check_watchdog()
-                self._missing[k], self._doubted[k] = 0, False
-                return _Turn(motor.settings.name, True)
-            reading = motor.read(whole=self._answered[k] % _WHOLE_EVERY == 0)
+                self._doubted[k] = False
+            else:
+                reading = motor.read(whole=self._answered[k] % _WHOLE_EVERY == 0)
+                self._answered[k] += 1
         except NoAnswerError as error:
             self.unread += 1
             self._missing[k] += 1
@@ -174,9 +169,8 @@ class _Readings:
                     f"{motor.settings}: {self._most} readings in a row without an answer: {error}"
                 ) from error
             return _Turn(motor.settings.name, False)
-        self._answered[k] += 1
         self._missing[k] = 0
-        if reading.temperature is not None and reading.voltage is not None:
+        if reading and reading.temperature is not None and reading.voltage is not None:
             self.temperatures.append(reading.temperature)
             self.voltages.append(reading.voltage)
         return _Turn(motor.settings.name, True, reading)
@@ -206,7 +200,7 @@ def log_header(motors: Sequence[MotorSettings]) -> tuple[str, ...]:
 
 
 @contextmanager
-def log_file(path: Path | None, header: Sequence[str] = LOG_HEADER) -> Generator[TextIO | None]:
+def log_file(path: Path | None, header: Sequence[str]) -> Generator[TextIO | None]:
     """Opens a log that is written line by line, so that it is complete whatever happens; yields None without a path."""
     if path is None:
         yield None
@@ -228,16 +222,9 @@ def _command_bytes(motors: Sequence[MotorSettings]) -> int:
     return packets * _TOGETHER_BYTES + 5 * len(motors)
 
 
-def _log_line(
-    k: int, sent_at: float, commands: Sequence[float], said: Sequence[str], read_at: float, reading: Reading | None
-) -> str:
-    cells = [f"{k / RATE:.2f}", f"{sent_at:.6f}", *(f"{command:.6f}" for command in commands), *said]
+def _reading_cells(reading: Reading | None, read_at: float) -> list[str]:
     if reading is None:
-        cells += [""] * len(_READ)
-    else:
-        cells += [f"{read_at:.6f}", f"{reading.velocity:.6f}", f"{reading.position:.6f}"]
-        cells += [
-            "" if reading.voltage is None else f"{reading.voltage:.1f}",
-            "" if reading.temperature is None else f"{reading.temperature}",
-        ]
-    return ",".join(cells) + "\n"
+        return [""] * len(_READ)
+    voltage = "" if reading.voltage is None else f"{reading.voltage:.1f}"
+    temperature = "" if reading.temperature is None else str(reading.temperature)
+    return [f"{read_at:.6f}", f"{reading.velocity:.6f}", f"{reading.position:.6f}", voltage, temperature]
