@@ -178,80 +178,83 @@ class BodyTracker:
         self, image: Image, spots: Spots, labeling: Labeling, expected: list[Expected], time: float
     ) -> tuple[Array, Array]:
         """Positions and confidence; each body takes in how it moved and how certain that is."""
-        count = len(self._numbers)
-        positions, off, blur = np.full((count, 2), np.nan), np.zeros(count), np.zeros((count, 2))
-        share, fill, own_lead = np.zeros(count), np.zeros(count), np.full(count, np.inf)
-        looks, like = self._likeness(spots), np.zeros(count)
-        chosen = np.full(count, -1)
+        found = _Found(len(self._numbers), self._likeness(spots))
         for body, labels, lead, own, one in zip(
             self._bodies, labeling.spots, labeling.leads, labeling.own_leads, expected, strict=True
         ):
-            seen = labels >= 0
-            own_lead[body.markers] = own
-            radius = self._radius(body)
-            places = np.full((len(labels), 2), np.nan)
-            places[seen] = spots.centers[labels[seen]]
-            last, frames, guess = body.history[-1][1], body.unseen + 1, body.predicted(time)
-            away = distance(rigid_fit(guess, places), guess) if seen.any() else 0.0
-            far = not body.fixed and away > FAR * body.spread(radius)
-            if far and len(seen) < 3 and self._looks.by_picture(spots, labels[seen]).any():
-                seen[:] = False  # a picture alone isn't enough to find it elsewhere
-            few = body.doubt > 0 and seen.sum() < min(len(seen), max(2, FEW * len(seen)))
-            if not seen.any() or few or (far and lead < LEAD):
-                body.lose(max(1.5 * self._fastest, 2 * radius))
-                continue
-            markers, spot = body.markers[seen], labels[seen]
-            chosen[markers], positions[markers], like[markers] = spot, places[seen], looks[markers, spot]
-            spread = self._looks.spread(spots, markers, spot)
-            blur[markers] = streaks(spread)
-            share[markers], fill[markers] = self._looks.share(spots, markers, spot), spots.fills[spot]
-            whole = (share[markers] > WHOLE[0]) & (share[markers] < WHOLE[1])
-            poor = len(seen) < 3 and not (like[markers] > LEAST_LIKE).any()
-            if poor:  # better where it was expected than there
-                body.doubt = body.doubt or body.spread(radius)
-                body.lose(0.5 * (radius + body.step))
-                continue
-            if far:
-                body.begin(places, time, self._fastest if len(seen) < 3 else 0.0)
-            else:
-                body.follow(places, time)
-            off[markers] = np.linalg.norm(rigid_fit(body.shape, places) - places, axis=1)[seen]
-            streak = _common_streak(spread[whole])
-            moved = away if far else body.step
-            # it moved farther than these labels say
-            blurred = streak > 1.5 * moved + BLURRED * radius and not (
-                len(seen) < 3 and self._looks.unchanged(image, markers, places[seen])
-            )
-            if lead < LEAD or blurred:
-                body.doubt = body.doubt or 0.5 * one.reach
-                if len(seen) < 3 and lead > LIKELIER and self._looks.unchanged(image, markers, places[seen]):
-                    body.doubt *= FORGET
-            elif body.followed >= (SOON_FRAMES if lead > CLEAR and seen.all() and len(seen) >= MANY else AGAIN_FRAMES):
-                body.doubt = body.swing = 0.0
-            if body.doubt == 0.0 and not body.fixed:
-                self._fastest = max(self._fastest, distance(body.history[-1][1], last) / frames)
-        for body in self._twice(positions):
+            found.leads[body.markers] = own
+            self._take(body, image, spots, labels, lead, one, found, time)
+        for body in self._twice(found.positions):
             body.lose(2 * self._radius(body))
             body.doubt = body.doubt or body.spread(self._radius(body))
-            chosen[body.markers], positions[body.markers] = -1, np.nan
-        confidence = self._confidence(share, fill, off, blur)
-        sure = np.zeros(count, dtype=bool)
+            found.spots[body.markers], found.positions[body.markers] = -1, np.nan
+        seen, sure = found.spots >= 0, np.zeros(len(self._numbers), dtype=bool)
         for body in self._bodies:
             sure[body.markers] = body.doubt == 0.0
-        sure &= (own_lead >= LEAD) & (like > LEAST_LIKE) & ~self._cut(np.linalg.norm(blur, axis=1), chosen >= 0)
-        confidence = np.where(chosen >= 0, np.where(sure, confidence, np.minimum(confidence, DOUBT)), 0.0)
-        known = np.where((confidence > DOUBT)[:, None], positions, np.nan)
-        failed = confidence <= DOUBT
-        for reason, why in zip(REASONS, (chosen < 0, ~sure & (chosen >= 0), sure), strict=True):
-            self.reasons[reason] += failed & why
-        colored = np.where(self._looks.by_picture(spots, chosen)[:, None], np.nan, known) if len(spots) else known
+        sure &= (
+            (found.leads >= LEAD) & (found.likes > LEAST_LIKE) & ~self._cut(np.linalg.norm(found.blur, axis=1), seen)
+        )
+        confidence = self._confidence(found)
+        confidence = np.where(seen, np.where(sure, confidence, np.minimum(confidence, DOUBT)), 0.0)
+        for reason, why in zip(REASONS, (~seen, ~sure & seen, sure), strict=True):
+            self.reasons[reason] += (confidence <= DOUBT) & why
+        certain = np.flatnonzero(confidence > DOUBT)
+        colored = certain[~self._looks.by_picture(spots, found.spots[certain])]
+        known = np.full_like(found.positions, np.nan)
+        known[colored] = found.positions[colored]
         for body in self._bodies:
             if body.doubt == 0.0 and not body.fixed:
                 rate = min(1.0, (time - self._time) / ADAPT_TIME + body.step / ADAPT_WAY)
-                body.adapt(colored[body.markers], rate, FIRM * self._radius(body) + 0.3)
-        certain = np.flatnonzero(confidence > DOUBT)
-        self._looks.learn(image, spots, certain, chosen[certain], blur[certain])
-        return positions, confidence
+                body.adapt(known[body.markers], rate, FIRM * self._radius(body) + 0.3)
+        self._looks.learn(image, spots, certain, found.spots[certain], found.blur[certain])
+        return found.positions, confidence
+
+    def _take(
+        self, body: Body, image: Image, spots: Spots, labels: NDArray[np.int64], lead: float, one: Expected,
+        found: _Found, time: float,
+    ) -> None:  # fmt: skip
+        """Takes in what one body's labels are: where it is, or that it is lost, and whether that is certain."""
+        seen, radius = labels >= 0, self._radius(body)
+        places = np.full((len(labels), 2), np.nan)
+        places[seen] = spots.centers[labels[seen]]
+        last, frames, guess = body.history[-1][1], body.unseen + 1, body.predicted(time)
+        away = distance(rigid_fit(guess, places), guess) if seen.any() else 0.0
+        far, few = not body.fixed and away > FAR * body.spread(radius), len(seen) < 3
+        if far and few and self._looks.by_picture(spots, labels[seen]).any():
+            seen[:] = False  # a picture alone isn't enough to find it elsewhere
+        less = body.doubt > 0 and seen.sum() < min(len(seen), max(2, FEW * len(seen)))
+        if not seen.any() or less or (far and lead < LEAD):
+            body.lose(max(1.5 * self._fastest, 2 * radius))
+            return
+        markers, chosen = body.markers[seen], labels[seen]
+        spread, share = self._looks.spread(spots, markers, chosen), self._looks.share(spots, markers, chosen)
+        found.spots[markers], found.positions[markers] = chosen, places[seen]
+        found.likes[markers], found.fills[markers] = found.looks[markers, chosen], spots.fills[chosen]
+        found.blur[markers], found.shares[markers] = streaks(spread), share
+        if few and not (found.likes[markers] > LEAST_LIKE).any():  # better where it was expected than there
+            body.doubt = body.doubt or body.spread(radius)
+            body.lose(0.5 * (radius + body.step))
+            return
+        if far:
+            body.begin(places, time, self._fastest if few else 0.0)
+        else:
+            body.follow(places, time)
+        found.off[markers] = np.linalg.norm(rigid_fit(body.shape, places) - places, axis=1)[seen]
+
+        def same() -> bool:  # a picture that is looked for is turned meanwhile
+            return few and self._looks.unchanged(image, markers, places[seen])
+
+        streak = _common_streak(spread[(share > WHOLE[0]) & (share < WHOLE[1])])
+        # it moved farther than these labels say
+        blurred = streak > 1.5 * (away if far else body.step) + BLURRED * radius and not same()
+        if lead < LEAD or blurred:
+            body.doubt = body.doubt or 0.5 * one.reach
+            if lead > LIKELIER and same():
+                body.doubt *= FORGET
+        elif body.followed >= (SOON_FRAMES if lead > CLEAR and seen.all() and len(seen) >= MANY else AGAIN_FRAMES):
+            body.doubt = body.swing = 0.0
+        if body.doubt == 0.0 and not body.fixed:
+            self._fastest = max(self._fastest, distance(body.history[-1][1], last) / frames)
 
     def _twice(self, positions: Array) -> list[Body]:
         """Bodies of which a marker is where that of another body is, which is the more certain of the two (M, 2)."""
@@ -274,14 +277,36 @@ class BodyTracker:
         shutter = np.median(streaks[fast] / steps[fast])
         return fast & (np.abs(streaks - shutter * steps) > np.maximum(6.0, 0.6 * radii))
 
-    def _confidence(self, share: Array, fill: Array, off: Array, blur: Array) -> Array:
+    def _confidence(self, found: _Found) -> Array:
         """How much spots look like their marker at its place, from 0 to 1. Shape (M,)."""
         radii = self._looks.radii
         allowed = 0.3 * radii + 1.0
-        confidence = (0.5 + 0.5 * np.minimum(fill, 1.0)) * (1 - 0.3 * np.minimum(off / allowed, 1.0) ** 2)
-        sure = (share > WHOLE[0]) & (share < WHOLE[1]) & (off < allowed)
-        sure &= np.linalg.norm(blur, axis=1) < FAINT * radii
+        confidence = (0.5 + 0.5 * np.minimum(found.fills, 1.0)) * (1 - 0.3 * np.minimum(found.off / allowed, 1.0) ** 2)
+        sure = (found.shares > WHOLE[0]) & (found.shares < WHOLE[1]) & (found.off < allowed)
+        sure &= np.linalg.norm(found.blur, axis=1) < FAINT * radii
         return np.where(sure, confidence, np.minimum(confidence, DOUBT))
+
+
+class _Found:
+    """What was found of each marker in a frame.
+
+    Attributes:
+        looks: How much each spot looks like each marker. Shape (M, P).
+        spots: Spot of each, -1 for none. Shape (M,).
+        positions: Its place [px]. Shape (M, 2).
+        off: How far that is from its place on the body [px]. Shape (M,).
+        blur: How far it moved during the exposure [px]. Shape (M, 2).
+        likes: How much its spot looks like it. Shape (M,).
+        shares: Area of its spot, as a share of what is usual. Shape (M,).
+        fills: How evenly its spot is covered. Shape (M,).
+        leads: By how much its label is better than any other. Shape (M,).
+    """
+
+    def __init__(self, count: int, looks: Array) -> None:
+        self.looks, self.spots = looks, np.full(count, -1)
+        self.positions, self.blur = np.full((count, 2), np.nan), np.zeros((count, 2))
+        self.off, self.likes, self.shares, self.fills = np.zeros((4, count))
+        self.leads = np.full(count, np.inf)
 
 
 def _common_streak(spread: Array) -> float:
