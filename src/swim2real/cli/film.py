@@ -18,6 +18,7 @@ from swim2real.settings import TrackingSettings
 
 if TYPE_CHECKING:
     from swim2real.calibration import Problem
+    from swim2real.pipeline import TrackingReport
     from swim2real.robots.robot import Robot
     from swim2real.tracking.camera import Camera
     from swim2real.tracking.camera_file import CameraFile
@@ -147,11 +148,11 @@ def track(
     except KeyboardInterrupt:
         tell("interrupted; the same command goes on with the videos that aren't done")
         return 1
-    tracked = [result for result in results if isinstance(result, TrackedVideo)]
+    reports = {result.name: result.report for result in results if isinstance(result, TrackedVideo)}
     if json:
-        say_json({result.name: result.report.model_dump() for result in tracked})
-    elif not quiet and tracked:
-        _print_tracked({result.name: result.report.model_dump() for result in tracked}, body)
+        say_json({name: report.model_dump() for name, report in reports.items()})
+    elif not quiet and reports:
+        _print_tracked(reports, body)
         run = f"swim2real calibrate {word(to)} --out RUN{for_robot(robot)}"
         say(f"Reference: {to}   Overlays: {to / TRACKS}   Next: {run}")
     failed = [(video, error) for video, error in zip(videos, results, strict=True) if isinstance(error, Swim2RealError)]
@@ -366,22 +367,22 @@ def _examined(reference: TrialSet, robot: Robot) -> tuple[Findings, dict[str, st
     return findings, refusals
 
 
-def _print_tracked(reports: Findings, robot: Robot) -> None:
+def _print_tracked(reports: Mapping[str, TrackingReport], robot: Robot) -> None:
     from swim2real.cli import tables
 
-    rows = [
-        (
-            (name, str(report["frames"]), f"{1e3 * report['meters_per_pixel']:.4f}"), report["lost_share"],
-            ("yes" if report["usable"] else "no",),
-        )
-        for name, report in reports.items()
-    ]  # fmt: skip
     if robot.marker_names:
+        rows = [
+            (
+                (name, str(report.frames), f"{1e3 * report.meters_per_pixel:.4f}"), report.lost_share,
+                ("yes" if report.usable else "no",),
+            )
+            for name, report in reports.items()
+        ]  # fmt: skip
         tables.by_marker(
-        LOST, robot.marker_names, ("trial", "frames", "mm/px"), ("usable as it is",), rows,
-        lambda share: f"{100 * share:.1f}" if share else "–",
-    )  # fmt: skip
-    findings = [(name, line) for name, report in reports.items() for line in report["findings"]]
+            LOST, robot.marker_names, ("trial", "frames", "mm/px"), ("usable as it is",), rows,
+            lambda share: f"{100 * share:.1f}" if share else "–",
+        )  # fmt: skip
+    findings = [(name, line) for name, report in reports.items() for line in report.findings]
     if findings:
         tables.table("What to know", ("trial", "finding"), findings)
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import queue
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import wait
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from swim2real.trials.span import WHOLE, Span
 
 _POLL_INTERVAL = 0.2  # s between two looks at what the processes report
 _progress: Any = None  # a process's end of the queue
+Result = TrackedVideo | Swim2RealError
 
 
 def track_videos(
@@ -28,8 +31,8 @@ def track_videos(
     frequencies: Sequence[float | None] | None = None, controls: Sequence[Path | None] | None = None,
     sensors: Sequence[Path | None] | None = None, spans: Sequence[Span] | None = None, workers: int | None = None,
     on_progress: Callable[[FrameProgress], None] = lambda progress: None,
-    on_done: Callable[[str, TrackedVideo | Swim2RealError], None] = lambda name, result: None,
-) -> list[TrackedVideo | Swim2RealError]:  # fmt: skip
+    on_done: Callable[[str, Result], None] = lambda name, result: None,
+) -> list[Result]:  # fmt: skip
     """Tracks videos into one reference folder. One that fails leaves the others alone.
 
     Args:
@@ -56,61 +59,58 @@ def track_videos(
     count = len(videos)
     names = [composed(Path(video).stem) for video in videos]
     keys = [file_key(name) for name in names]
-    double = next((name for name, key in zip(names, keys, strict=True) if keys.count(key) > 1), None)
     if not videos:
         raise ArgumentError("no video was given")
-    if double is not None:
+    if len(set(keys)) < count:
+        double = next(name for name, key in zip(names, keys, strict=True) if keys.count(key) > 1)
         raise ArgumentError(f"two videos would make trial '{double}'; rename one")
     if workers is not None and workers < 1:
         raise ArgumentError(f"workers is {workers}; it must be at least 1")
-    known: dict[str, Sequence[Any]] = {
-        "points": points, "corrections": corrections or [None] * count, "frequency": frequencies or [None] * count,
-        "controls": controls or [None] * count, "sensors": sensors or [None] * count, "span": spans or [WHOLE] * count,
+    none: list[None] = [None] * count
+    of_each = {
+        "points": points, "corrections": corrections or none, "frequency": frequencies or none,
+        "controls": controls or none, "sensors": sensors or none, "span": spans or [WHOLE] * count,
     }  # fmt: skip
-    for key, values in known.items():
+    for what, values in of_each.items():
         if len(values) != count:
-            raise ArgumentError(f"{len(values)} {key} for {count} videos; give as many as videos")
-    jobs: list[dict[str, Any]] = [
-        {"video": video, "robot": robot, "settings": settings, "folder": folder,
-         **{key: values[i] for key, values in known.items()}}
-        for i, video in enumerate(videos)
-    ]  # fmt: skip
+            raise ArgumentError(f"{len(values)} {what} for {count} videos; give as many as videos")
+    keywords = [dict(zip(of_each, values, strict=True)) for values in zip(*of_each.values(), strict=True)]
+    jobs = {
+        name: partial(track_video, video, robot=robot, settings=settings, folder=folder, **one)
+        for name, video, one in zip(names, videos, keywords, strict=True)
+    }
     processes = min(count, workers or os.cpu_count() or 1)
-    if processes == 1:
-        results: list[TrackedVideo | Swim2RealError] = []
-        for name, job in zip(names, jobs, strict=True):
-            try:
-                result: TrackedVideo | Swim2RealError = track_video(**job, on_progress=on_progress)
-            except Swim2RealError as error:
-                result = error
-            on_done(name, result)
-            results.append(result)
-        return results
-    return _in_processes(names, jobs, processes, on_progress, on_done)
+    if processes > 1:
+        return _in_processes(jobs, processes, on_progress, on_done)
+    results: list[Result] = []
+    for name, job in jobs.items():
+        results.append(_result(partial(job, on_progress=on_progress)))
+        on_done(name, results[-1])
+    return results
 
 
 def _in_processes(
-    names: Sequence[str], jobs: Sequence[dict[str, Any]], processes: int,
-    on_progress: Callable[[FrameProgress], None], on_done: Callable[[str, TrackedVideo | Swim2RealError], None],
-) -> list[TrackedVideo | Swim2RealError]:  # fmt: skip
+    jobs: Mapping[str, Callable[..., TrackedVideo]], processes: int, on_progress: Callable[[FrameProgress], None],
+    on_done: Callable[[str, Result], None],
+) -> list[Result]:  # fmt: skip
     progress: Any = multiprocessing.get_context("spawn").Queue()
-    results: dict[str, TrackedVideo | Swim2RealError] = {}
+    results: dict[str, Result] = {}
     try:
         with ProcessPool(processes, tries=1, initializer=_connect, initargs=(progress,)) as pool:
-            futures: dict[Future[TrackedVideo], str] = {
-                pool.submit(_job, job): name for name, job in zip(names, jobs, strict=True)
-            }
+            futures = {pool.submit(_tracked, job): name for name, job in jobs.items()}
             left = set(futures)
             while left:
                 done, left = wait(left, timeout=_POLL_INTERVAL)
-                _report(progress, on_progress)
+                with contextlib.suppress(queue.Empty):  # what the processes have reported so far
+                    while True:
+                        on_progress(progress.get_nowait())
                 for future in done:
                     name = futures[future]
-                    results[name] = _result(future)
+                    results[name] = _result(future.result)
                     on_done(name, results[name])
     finally:
         progress.close()
-    return [results[name] for name in names]
+    return [results[name] for name in jobs]
 
 
 def _connect(progress: Any) -> None:
@@ -119,22 +119,13 @@ def _connect(progress: Any) -> None:
     progress.cancel_join_thread()  # a process that ends doesn't wait until its last reports are read
 
 
-def _job(job: dict[str, Any]) -> TrackedVideo:
-    return track_video(**job, threads=1, on_progress=_progress.put)
+def _tracked(job: Callable[..., TrackedVideo]) -> TrackedVideo:
+    return job(threads=1, on_progress=_progress.put)
 
 
-def _report(progress: Any, on_progress: Callable[[FrameProgress], None]) -> None:
-    """Passes on what the processes have reported so far."""
+def _result(track: Callable[[], TrackedVideo]) -> Result:
     try:
-        while True:
-            on_progress(progress.get_nowait())
-    except queue.Empty:
-        return
-
-
-def _result(future: Future[TrackedVideo]) -> TrackedVideo | Swim2RealError:
-    try:
-        return future.result()
+        return track()
     except ProcessDiedError as error:
         return TrackingError(str(error))
     except Swim2RealError as error:

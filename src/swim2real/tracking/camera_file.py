@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
@@ -147,7 +147,7 @@ def write_camera(path: str | Path, camera: CameraFile) -> None:
     Raises:
         TrackingError: The file can't be written.
     """
-    content: dict[str, Any] = {"format": FORMAT}
+    content: dict[str, object] = {"format": FORMAT}
     if camera.camera_height is not None:
         content["camera_height"] = camera.camera_height
     if camera.principal_point is not None:
