@@ -79,7 +79,7 @@ def write_overlays(
 
 
 @dataclass(frozen=True)
-class DrawnFilm:
+class _DrawnFilm:
     """A film with simulated markers on it.
 
     Attributes:
@@ -108,7 +108,7 @@ def chosen_trials(videos: tuple[Path, ...], reference: TrialSet) -> TrialSet:
 
 def draw_on_film(
     video: Path, problem: Problem, values: Values, known: CameraFile | None, span: Span, reference: Path, out: Path,
-) -> DrawnFilm:  # fmt: skip
+) -> _DrawnFilm:  # fmt: skip
     """Draws the simulated trial on its film: the markers and links in blue, the tracked markers as red rings.
 
     A swim is laid over the real one as the loss sees it: in phase, registered, along the real path.
@@ -156,7 +156,7 @@ def draw_on_film(
                     f"'{video}' has no frame of trial '{trial.name}', which begins at {span.begin:g} s and is "
                     f"{times[-1]:g} s long; give its begin in the film with --from"
                 )
-    return DrawnFilm(target, done, _doubts(trial, tracked, reference))
+    return _DrawnFilm(target, done, _doubts(trial, tracked, reference))
 
 
 def in_world(compared: ComparedTrial, real: Array) -> Array:

@@ -128,7 +128,7 @@ def spacing(places: Array) -> float:
 
 
 @dataclass
-class Gap:
+class _Gap:
     """A stretch of a track in which one marker is followed anew.
 
     Attributes:
@@ -216,7 +216,7 @@ class Gap:
 
 def gaps_to_correct(
     track: MarkerTrack, anchors: Sequence[Anchor], bodies: Sequence[int]
-) -> tuple[MarkerTrack, list[Gap]]:
+) -> tuple[MarkerTrack, list[_Gap]]:
     """The track without what corrections contradict, and the stretches in which markers are followed anew.
 
     A click on a place that was doubted confirms it, and with it all markers of the rigid body, in this frame and in
@@ -258,7 +258,7 @@ def gaps_to_correct(
     cleaned = MarkerTrack(track.times, positions, confidence)
     expected = expected_places(cleaned)
     room = int(np.clip(np.nan_to_num(spacing(expected), nan=ROOM[1]), *ROOM))
-    gaps: list[Gap] = []
+    gaps: list[_Gap] = []
     for m, places in clicks.items():
         certain = sure[:, m].copy()
         certain[list(places)] = False
@@ -266,11 +266,11 @@ def gaps_to_correct(
             known = {frame: place for frame, place in places.items() if first <= frame <= last}
             known |= {frame: positions[frame, m] for frame in (first - 1, last + 1) if 0 <= frame < len(sure)}
             inside = frozenset(frame for frame in hidden.get(m, ()) if first <= frame <= last)
-            gaps.append(Gap(m, first, last, known, inside, expected[:, m], room))
+            gaps.append(_Gap(m, first, last, known, inside, expected[:, m], room))
     return cleaned, gaps
 
 
-def corrected(track: MarkerTrack, gaps: Sequence[Gap]) -> MarkerTrack:
+def corrected(track: MarkerTrack, gaps: Sequence[_Gap]) -> MarkerTrack:
     """The track with the markers as they were followed in gaps that have seen all of their pictures."""
     positions, confidence = track.positions.copy(), track.confidence.copy()
     for gap in gaps:

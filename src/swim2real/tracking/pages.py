@@ -40,7 +40,7 @@ _PICK_QUALITY, _REVIEW_QUALITY = 95, 85  # of JPEG; the first keeps a 4K frame a
 _HERE = Path(__file__).parent
 
 
-class Mark(NamedTuple):
+class _Mark(NamedTuple):
     """A marker in a cut: its index, its place in the film [px], and what is known (`EXPECTED`, `DOUBTED`, `SURE`)."""
 
     marker: int
@@ -63,7 +63,7 @@ class Cut:
 
     frame: int
     box: tuple[int, ...]
-    marks: tuple[Mark, ...]
+    marks: tuple[_Mark, ...]
     picture: str = field(default="", repr=False)
     time: float = 0.0
 
@@ -79,14 +79,14 @@ class Cut:
 
 
 @dataclass(frozen=True)
-class Strip:
+class _Strip:
     """What is shown of a stretch, frame by frame."""
 
     stretch: Stretch
     cuts: tuple[Cut, ...]
 
 
-def make_strips(track: MarkerTrack, stretches: Sequence[Stretch], width: int, height: int) -> list[Strip]:
+def make_strips(track: MarkerTrack, stretches: Sequence[Stretch], width: int, height: int) -> list[_Strip]:
     """Chooses what is shown of each stretch: frames, and a part of them in which its markers are, or should be.
 
     Args:
@@ -99,7 +99,7 @@ def make_strips(track: MarkerTrack, stretches: Sequence[Stretch], width: int, he
     positions = np.where(track.confidence[:, :, None] > 0, track.positions, np.nan)
     sure = track.confidence >= DOUBTFUL
     margin = max(LEAST_MARGIN, MARGIN * np.nan_to_num(spacing(expected)))
-    strips: list[Strip] = []
+    strips: list[_Strip] = []
     for stretch in stretches:
         markers, within = list(stretch.markers), np.linspace(stretch.first, stretch.last, MOST_WITHIN).round()
         before, after = max(stretch.first - 1, 0), min(stretch.last + 1, track.frame_count - 1)
@@ -120,24 +120,24 @@ def make_strips(track: MarkerTrack, stretches: Sequence[Stretch], width: int, he
                 _marks(positions[frame], expected[frame], sure[frame], markers, corner, shape))
             for frame, corner in zip(frames.tolist(), corners, strict=True)
         ]  # fmt: skip
-        strips.append(Strip(stretch, tuple(cuts)))
+        strips.append(_Strip(stretch, tuple(cuts)))
     return strips
 
 
 def _marks(
     positions: Array, expected: Array, sure: Mask, markers: Sequence[int], corner: Array, shape: Array
-) -> tuple[Mark, ...]:
+) -> tuple[_Mark, ...]:
     """The markers within a cut: those that are seen, and of the others those that it is about."""
     seen = np.isfinite(positions[:, 0])
     places = np.where(seen[:, None], positions, expected)
     inside = ((places >= corner - 0.5) & (places <= corner + shape - 0.5)).all(axis=1)
     states = np.where(seen, np.where(sure, SURE, DOUBTED), EXPECTED).tolist()
     chosen = [m for m in np.flatnonzero(inside).tolist() if seen[m] or m in markers]
-    return tuple(Mark(m, round(float(places[m, 0]), 2), round(float(places[m, 1]), 2), states[m]) for m in chosen)
+    return tuple(_Mark(m, round(float(places[m, 0]), 2), round(float(places[m, 1]), 2), states[m]) for m in chosen)
 
 
 def write_review_page(
-    path: str | Path, video_name: str, names: Sequence[str], width: int, height: int, strips: Sequence[Strip], *,
+    path: str | Path, video_name: str, names: Sequence[str], width: int, height: int, strips: Sequence[_Strip], *,
     first_frame: int = 0, command: str = "", more: int = 0, anchors: Sequence[Anchor] = (),
 ) -> Path:  # fmt: skip
     """Writes the page of doubtful stretches.

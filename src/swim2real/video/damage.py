@@ -32,7 +32,7 @@ NEAR = 4  # pictures on each side that damage stands out of; those right beside 
 Gray = NDArray[np.uint8]
 
 
-class Score(NamedTuple):
+class _Score(NamedTuple):
     """By how many gray levels the blocks differ that differ most: in the mean, and the one of them that does least."""
 
     mean: float
@@ -45,7 +45,7 @@ def marked(pictures: Generator[Picture]) -> Generator[Picture]:
     grays: deque[Gray] = deque(maxlen=3)
     stamps: deque[int | None] = deque(maxlen=2 * NEAR + 1)
     # around the picture that is judged next; None where there is none
-    scores: deque[Score | None] = deque([None] * NEAR, maxlen=2 * NEAR + 1)
+    scores: deque[_Score | None] = deque([None] * NEAR, maxlen=2 * NEAR + 1)
     for picture in pictures:
         waiting.append(picture)
         grays.append(_gray(picture.stored))
@@ -60,7 +60,7 @@ def marked(pictures: Generator[Picture]) -> Generator[Picture]:
             yield _judged(waiting.popleft(), scores)
 
 
-def _judged(picture: Picture, scores: Sequence[Score | None]) -> Picture:
+def _judged(picture: Picture, scores: Sequence[_Score | None]) -> Picture:
     """A picture with the scores around it, its own in the middle."""
     own = scores[NEAR]
     apart = [score.mean for i, score in enumerate(scores) if abs(i - NEAR) > 1 and score is not None]
@@ -77,13 +77,13 @@ def _gap(stamps: Sequence[int | None]) -> bool:
     return len(known) == len(stamps) and max(steps[-2:]) > LONG * min(steps)
 
 
-def _score(before: Gray, now: Gray, after: Gray) -> Score | None:
+def _score(before: Gray, now: Gray, after: Gray) -> _Score | None:
     """By how much a picture differs from both its neighbors, beyond what these do; None where it can't be told."""
     if not before.shape == now.shape == after.shape or min(now.shape) < BLOCKS * BLOCK:
         return None
     blocks = _differences(before, now, after) / (BLOCK * BLOCK / 2)
     most = np.partition(blocks, -BLOCKS, axis=None)[-BLOCKS:]
-    return Score(float(most.mean()), float(most.min()))
+    return _Score(float(most.mean()), float(most.min()))
 
 
 @njit(cache=True, nogil=True)
