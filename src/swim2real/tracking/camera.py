@@ -238,8 +238,7 @@ def camera_for(
     lengths = [
         (length.name, ratio * length.meters / _distance(camera, plane, length.pixels)) for length in camera.lengths
     ]
-    markers = _marker_estimates(points, ratio, rest_markers, heights, names, rigid)
-    scale = _make_scale(lengths, markers, unit, rest_markers)
+    scale = _scale(unit, lengths, points, rest_markers, heights, names, rigid)
 
     notes: list[str] = []
     if residual is not None and residual > LOOSEST_FIT:
@@ -378,57 +377,42 @@ def _height_note(
     return f"{which} stand up to {nearer} and seem to lie {where}; {advice}"
 
 
-def _make_scale(
-    lengths: Sequence[tuple[str, float]], markers: Sequence[tuple[str, float, bool]], plane: float | None,
-    rest_markers: Array,
+def _scale(
+    plane: float | None, lengths: Sequence[tuple[str, float]], points: Array, rest_markers: Array, heights: Array,
+    names: Sequence[str], rigid: Sequence[int],
 ) -> Scale:  # fmt: skip
     """The scale of a video.
 
     Args:
-        lengths: Name of each length in the pool, and its meters per pixel [m].
-        markers: Name of each distance between markers, its meters per pixel [m], and whether both stand level.
         plane: Meters per pixel of the camera file's plane, which then is used [m].
+        lengths: Name of each length in the pool, and its meters per pixel [m].
+        points: In pixels, or with a plane in meters; NaN where not seen. Shape (T, M, 2).
         rest_markers: Marker positions of the straight robot [m]. Shape (M, 2).
+        heights: Heights of the markers [m]. Shape (M,).
+        names: Names of the M markers.
+        rigid: Indices of markers that keep their distances.
 
     Raises:
         TrackingError: There is nothing to use.
     """
-    estimates = [*lengths, *((name, value) for name, value, _ in markers)]
-    if plane is not None:
-        estimates.insert(0, ("camera file's plane", plane))
-        used = plane
-    else:
-        trusted = [value for _, value in lengths] or [value for _, value, level in markers if level]
-        if not trusted:
-            raise TrackingError(
-                "there is no scale: of the markers that keep their distances no two are seen together; "
-                "add a known length to the camera file"
-            )
-        used = float(np.median(trusted))
-    values = [value for _, value in estimates]
-    body_length = float(np.linalg.norm(rest_markers[-1] - rest_markers[0]))
-    return Scale(used, (max(values) - min(values)) / used, tuple(estimates), body_length)
-
-
-def _marker_estimates(
-    points: Array, unit: float, rest_markers: Array, heights: Array, names: Sequence[str], rigid: Sequence[int]
-) -> list[tuple[str, float, bool]]:
-    """What the distances of the rigid markers say: name, meters per pixel [m], and whether both stand level.
-
-    Args:
-        points: NaN where not seen. Shape (T, M, 2).
-        unit: Meters per pixel where the points are in meters already, 1 where they are in pixels.
-        rest_markers: Shape (M, 2).
-        heights: Heights of the markers [m]. Shape (M,).
-        names: Names of the M markers.
-        rigid: Indices of markers that keep their distances.
-    """
-    estimates: list[tuple[str, float, bool]] = []
+    between: list[tuple[str, float]] = []  # markers
+    level: list[float] = []
     for a, b in combinations(rigid, 2):
         apart = np.linalg.norm(points[:, a] - points[:, b], axis=1)
         seen = apart[np.isfinite(apart)]
         if seen.size and np.median(seen) > 0:
             rest = float(np.linalg.norm(rest_markers[a] - rest_markers[b]))
-            level = bool(abs(heights[a] - heights[b]) <= LEVEL)
-            estimates.append((f"{names[a]}–{names[b]}", unit * rest / float(np.median(seen)), level))
-    return estimates
+            between.append((f"{names[a]}–{names[b]}", (plane or 1.0) * rest / float(np.median(seen))))
+            if abs(heights[a] - heights[b]) <= LEVEL:
+                level.append(between[-1][1])
+    given = [] if plane is None else [("camera file's plane", plane)]
+    trusted = [value for _, value in given or lengths] or level
+    if not trusted:
+        raise TrackingError(
+            "there is no scale: of the markers that keep their distances no two are seen together; "
+            "add a known length to the camera file"
+        )
+    used, estimates = float(np.median(trusted)), (*given, *lengths, *between)
+    values = [value for _, value in estimates]
+    body_length = float(np.linalg.norm(rest_markers[-1] - rest_markers[0]))
+    return Scale(used, (max(values) - min(values)) / used, estimates, body_length)

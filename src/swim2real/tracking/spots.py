@@ -147,39 +147,22 @@ def _kinds(ways: Array, radii: Array, glossy: Mask) -> NDArray[np.int64]:
     return kinds
 
 
-@njit(cache=True, nogil=True)
 def _first_colors(image: Image, points: Array, radii: Array) -> tuple[Array, Array]:
     """Median color inside of each marker, a hub or highlight left out, and of the ring around it without others."""
-    height, width = image.shape[0], image.shape[1]
-    markers, around = np.zeros((len(points), 3)), np.zeros((len(points), 3))
+    markers, around = np.zeros((2, len(points), 3))
     reach = int(1.9 * radii.max() + 3)
-    inside, ring = np.empty(((2 * reach + 1) ** 2, 3)), np.empty(((2 * reach + 1) ** 2, 3))
-    for m in range(len(points)):
-        x, y = points[m]
-        radius = radii[m]
-        number = count = 0
-        for i in range(max(int(y) - reach, 0), min(int(y) + reach + 1, height)):
-            for j in range(max(int(x) - reach, 0), min(int(x) + reach + 1, width)):
-                away = np.sqrt((j - x) ** 2 + (i - y) ** 2)
-                if away <= max(0.7 * radius, 0.8):
-                    for k in range(3):
-                        inside[number, k] = LIGHT[image[i, j, k]]
-                    number += 1
-                elif 1.3 * radius + 1 <= away <= 1.9 * radius + 2:
-                    free = True
-                    for other in range(len(points)):
-                        gap = (j - points[other, 0]) ** 2 + (i - points[other, 1]) ** 2
-                        if gap < (1.3 * radii[other] + 1) ** 2:
-                            free = False
-                    if free:
-                        for k in range(3):
-                            ring[count, k] = LIGHT[image[i, j, k]]
-                        count += 1
-        for k in range(3):
-            if number:
-                markers[m, k] = np.median(inside[:number, k])
-            if count:
-                around[m, k] = np.median(ring[:count, k])
+    for m, ((x, y), radius) in enumerate(zip(points.tolist(), radii.tolist(), strict=True)):
+        top, left = max(int(y) - reach, 0), max(int(x) - reach, 0)
+        part = LIGHT[image[top : max(int(y) + reach + 1, 0), left : max(int(x) + reach + 1, 0)]]
+        rows, columns = np.ogrid[top : top + part.shape[0], left : left + part.shape[1]]
+        away = np.sqrt((columns - x) ** 2 + (rows - y) ** 2)
+        inside = away <= max(0.7 * radius, 0.8)
+        ring = ~inside & (away >= 1.3 * radius + 1) & (away <= 1.9 * radius + 2)
+        for (ox, oy), other in zip(points, radii, strict=True):
+            ring &= (columns - ox) ** 2 + (rows - oy) ** 2 >= (1.3 * other + 1) ** 2
+        for colors, where in ((markers, inside), (around, ring)):
+            if where.any():
+                colors[m] = np.median(part[where], axis=0)
     return markers, around
 
 
