@@ -4,8 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swim2real.errors import ArgumentError
-from swim2real.robots.fish import FISH
-from swim2real.tracking import check_track, identify_beat
+from swim2real.tracking import check_track
 from swim2real.tracking.cleaning import beat_gain, beat_window, fill_gaps, smooth
 from swim2real.trials import MarkerTrack
 from swimmers import REST, Swimmer
@@ -131,12 +130,6 @@ def test_gaps_stay_gaps_and_what_lies_beyond_doesnt_matter():
     np.testing.assert_array_equal(np.delete(one.positions, 4, axis=1), np.delete(smooth(noisy).positions, 4, axis=1))
 
 
-def test_a_stretch_shorter_than_the_window_stays_as_it_is():
-    noisy = swim(noise=1e-3)
-    holes = hidden(noisy, (4, slice(0, 100)), (4, slice(106, None)))
-    np.testing.assert_array_equal(smooth(holes, 7).positions[100:106, 4], noisy.positions[100:106, 4])
-
-
 @pytest.mark.parametrize(
     ("call", "says"),
     [
@@ -151,14 +144,3 @@ def test_a_stretch_shorter_than_the_window_stays_as_it_is():
 def test_what_is_no_window_rate_or_time_is_refused(call, says):
     with pytest.raises(ArgumentError, match=says):
         call()
-
-
-@pytest.mark.slow
-def test_published_beats_survive_smoothing(tracks):
-    for trial in tracks:
-        quality = check_track(trial.track, REST)
-        before, after = (
-            identify_beat(track, FISH.swims.tail_markers, quality) for track in (trial.track, smooth(trial.track))
-        )
-        assert after.amplitude == pytest.approx(before.amplitude, rel=3e-3), trial.name
-        assert after.frequency == pytest.approx(before.frequency, abs=1e-3), trial.name

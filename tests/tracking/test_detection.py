@@ -102,23 +102,6 @@ def test_hidden_markers_are_lost_and_found_again_at_their_places(glared):
 
 
 @pytest.mark.slow
-def test_dark_patches_hide_markers_too(film):
-    positions, _ = painted(film, GLARE, (0, 7, 8), color=(20, 20, 20)).tracked()
-    assert np.isnan(positions[GLARE, (0, 7, 8), 0]).all()
-    assert np.isfinite(positions[GLARE.stop + 3 :]).all()
-    assert np.nanmax(errors(film, positions)) < 1
-
-
-@pytest.mark.slow
-def test_a_faded_marker_is_less_sure_than_the_others(film):
-    faded = painted(film.only(slice(9)), slice(6, 9), (1,), color=CAMERA.body_color, reach=1.3, strength=0.3)
-    _, confidence = faded.tracked()
-    before, after = confidence[:6].mean(axis=0), confidence[6:].mean(axis=0)
-    assert after[1] < before[1] - 0.1
-    assert after[0] > before[0] - 0.1
-
-
-@pytest.mark.slow
 def test_a_fish_that_was_hidden_as_a_whole_is_found_again(film):
     pictures = film.pictures.copy()
     pictures[5:17] = pictures[0, 0, 0]  # nothing but water for 0.2 s

@@ -109,12 +109,6 @@ def test_a_jump_too_small_to_look_misplaced_is_noticed():
     assert quality.left_out_share < 0.002
 
 
-def test_a_fish_that_rests_is_not_frozen():
-    times = np.arange(120) / 60
-    quality = check(MarkerTrack(times, np.repeat(REST[None], 120, axis=0)))
-    assert quality.left_out_share == 0
-
-
 def with_confidence(track, value, frames, marker):
     confidence = np.ones((track.frame_count, 9))
     confidence[frames, marker] = value
@@ -146,18 +140,14 @@ def test_markers_lost_for_more_than_is_allowed_are_told(healthy):
     positions = healthy.positions.copy()
     positions[:30, 4] = np.nan  # of 301 frames
     positions[:60, 7] = np.nan
+    positions[[150, 154], 3] = np.nan  # 4 frames apart, within 0.1 s
+    positions[[250, 290], 3] = np.nan
     quality = check(healthy, positions)
+    assert np.flatnonzero(quality.lost[:, 3]).tolist() == [150, 151, 152, 153, 154, 250, 290]
     assert quality.lost_markers() == (4, 7)
     assert quality.lost_markers(0.1) == (7,)
     assert quality.lost_markers(0.2) == ()
     assert quality.lost_markers(60 / 301) == ()
-
-
-def test_short_gaps_between_losses_are_lost_too(healthy):
-    positions = healthy.positions.copy()
-    positions[[50, 54], 3] = np.nan  # 4 frames apart, within 0.1 s
-    positions[[150, 190], 3] = np.nan
-    assert np.flatnonzero(check(healthy, positions).lost[:, 3]).tolist() == [50, 51, 52, 53, 54, 150, 190]
 
 
 def test_a_track_of_nothing_is_lost_throughout(healthy):
