@@ -147,7 +147,7 @@ class _Gap:
     hidden: frozenset[int]
     expected: Array
     room: int
-    _windows: dict[int, tuple[Image, Array]] = field(default_factory=dict[int, tuple[Image, Array]], repr=False)
+    _windows: dict[int, tuple[Image, Array]] = field(default_factory=dict[int, tuple[Image, Array]], init=False)
 
     def needs(self, frame: int) -> bool:
         """Whether a frame lies in the stretch or beside it."""
