@@ -38,7 +38,7 @@ class PlainForward(gymnasium.Env):
     """What one would write first, without wasting anything on purpose."""
 
     def __init__(self) -> None:
-        self.model = FISH.build(FISH.space.published).compile()
+        self.model = FISH.model
         self.data = mujoco.MjData(self.model)
         self.sites = [self.model.site(name).id for name in SITES]
         self.anchor = self.model.jnt_pos[0][:2].copy()

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrackingError
 from swim2real.robots import load_robot
-from swim2real.robots.compiled import marker_bodies
 from swim2real.tracking.markers import MarkerTracker
 from swim2real.tracking.opencv import CsrtTracker
 from swim2real.tracking.points import load_points
@@ -64,7 +63,7 @@ def judged(folder: Path, name: str) -> str:
     order = [[str(one) for one in truth["names"]].index(one) for one in robot.marker_names]
     radius, known = float(truth["radius"]), truth["p"][:, order]
     trackers: dict[str, Tracker] = {
-        "ours": MarkerTracker(marker_bodies(robot), fixed=0),
+        "ours": MarkerTracker(robot.marker_bodies, fixed=0),
         "csrt": CsrtTracker(box=max(8, round(BOXES * radius))),
         "lk": LucasKanade(radius),
     }

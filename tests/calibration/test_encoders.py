@@ -16,6 +16,8 @@ from recorded import (
     with_markers,
 )
 from swim2real.calibration import Problem
+from swim2real.checks.probing import probe
+from swim2real.checks.reference import misfits, misplaced, starts
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.identifiability import identify
@@ -25,9 +27,7 @@ from swim2real.report import write_report
 from swim2real.robots.robot import Recordings, Sensor
 from swim2real.settings import CalibrationSettings, IdentifiabilitySettings
 from swim2real.simulation import PlaybackSimulator
-from swim2real.simulation.fitted_start import Reading, Stretch, sensed_start
-from swim2real.simulation.misfits import misfits, misplaced, starts
-from swim2real.simulation.probing import probe
+from swim2real.simulation.start import Reading, Stretch, sensed_start
 from swim2real.trials import MarkerTrack, TrialSet
 
 XML = PENDULUM_XML.replace("</sensor>", '<jointpos name="bend" joint="elbow"/></sensor>')

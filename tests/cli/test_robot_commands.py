@@ -8,9 +8,9 @@ import pytest
 
 from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, parameter
 from small_models import PENDULUM
+from swim2real.checks.probing import excitation
 from swim2real.robots import load_robot
 from swim2real.simulation.playback import PlaybackSimulator
-from swim2real.simulation.probing import excitation
 from swim2real.trials import MarkerTrack, TrialSet, save_reference
 
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -12,7 +12,7 @@ from swim2real.calibration import Problem
 from swim2real.errors import RobotError
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots import load_robot
-from swim2real.robots.delays import Delay, Delays
+from swim2real.robots.targets import Delay, Delays
 from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import Signals
 

@@ -23,14 +23,13 @@ from recorded import (
 )
 from refused import refusal, says
 from swim2real.calibration import Problem
+from swim2real.checks.reference import fastest_frequency, long_swings, starts, warn_fast_starts
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Recordings
 from swim2real.settings import EvaluationSettings
 from swim2real.simulation import PlaybackSimulator
-from swim2real.simulation.misfits import hasty, long_swings, starts
 from swim2real.simulation.playback import cut
-from swim2real.simulation.start import fastest_frequency
 from swim2real.trials import MarkerTrack, Signals, TrialSet
 
 NOISE = 3e-4
@@ -171,13 +170,13 @@ def test_sensors_and_controls_go_on_over_the_pieces():
 
 def test_a_motion_too_fast_for_its_frames_is_reported(ringing):
     lines = telling(RINGING, start="markers")
-    sentences = hasty(lines, ringing)
+    sentences = warn_fast_starts(lines, ringing)
     assert len(sentences) == len(ringing)
     assert says(sentences[0], "trial 'pulled'", "a quarter of the period", "(6", 'start = "fitted"')
     assert sentences[0].removeprefix("trial 'pulled': ") in Problem(lines, ringing).examinations()["pulled"]["findings"]
-    assert hasty(RINGING, ringing) == []
-    assert hasty(lines, ringing_reference(200.0, NOISE)) != []  # 0.1 s are more than half a period, too
-    assert hasty(telling(FLOATER, start="markers"), floater_reference(NOISE)) == []
+    assert warn_fast_starts(RINGING, ringing) == []
+    assert warn_fast_starts(lines, ringing_reference(200.0, NOISE)) != []  # 0.1 s are more than half a period, too
+    assert warn_fast_starts(telling(FLOATER, start="markers"), floater_reference(NOISE)) == []
 
 
 def test_a_long_ring_down_is_to_be_cut(ringing):

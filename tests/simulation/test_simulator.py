@@ -40,17 +40,12 @@ def test_threads_and_batches_change_nothing():
     single, double = Simulator(FISH, threads=1), Simulator(FISH, threads=2)
     candidates = (PUBLISHED, STIFF)
     alone = [[single.simulate(values, [swim]).trials[0] for swim in SWIMS] for values in candidates]
-    for values, one, many in zip(candidates, alone, double.simulate_many(candidates, SWIMS), strict=True):
-        for a, b, c in zip(one, many, double.simulate_each(values, SWIMS), strict=True):
-            for other in (b, c):
-                assert (a.name, a.provenance) == (other.name, other.provenance)
-                np.testing.assert_array_equal(a.track.times, other.track.times)
-                np.testing.assert_array_equal(a.track.positions, other.track.positions)
+    for one, many in zip(alone, double.simulate_many(candidates, SWIMS), strict=True):
+        for a, b in zip(one, many, strict=True):
+            assert (a.name, a.provenance) == (b.name, b.provenance)
+            np.testing.assert_array_equal(a.track.times, b.track.times)
+            np.testing.assert_array_equal(a.track.positions, b.track.positions)
     assert np.abs(alone[0][1].track.positions - alone[1][1].track.positions).max() > 1e-3
-    each = double.simulate_each(PUBLISHED, SWIMS)
-    next(each)
-    each.close()  # gives up the rest
-    assert list(each) == []
 
 
 def test_trials_say_what_was_asked_and_how_they_were_made():

@@ -3,7 +3,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from swim2real.robots.fish import FISH
-from swim2real.simulation.steady import Cycle, steady_cycle
+from swim2real.simulation.simulator import Cycle, steady_cycle
 from swim2real.simulation.stepper import Stepper
 from swim2real.trials import frames
 

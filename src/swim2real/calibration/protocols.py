@@ -15,15 +15,14 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from swim2real.calibration.from_rest import from_rest
+from swim2real.checks.reference import too_fast
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.objective import ComparedTrial, Target, compare_playback, compare_steady, playback_target, steady_target
 from swim2real.objective.comparison import rounded
 from swim2real.parameters import Values
-from swim2real.robots.compiled import marker_bodies
 from swim2real.robots.robot import Robot
 from swim2real.settings import ProtocolName, Start, chooses_start, start_of
 from swim2real.simulation import ForwardModel, PlaybackSimulator, Simulator
-from swim2real.simulation.start import too_fast
 from swim2real.tracking import (
     Beat,
     LostMarkers,
@@ -276,7 +275,7 @@ class Playback(Protocol[PlaybackSimulator]):
         self, trial: Trial, robot: Robot, simulator: PlaybackSimulator, horizon: float | None
     ) -> PreparedTrial:
         check_plausible(trial, robot.rest_markers, robot.marker_names)
-        trials, lost, cut = robot.trials, check_bodies(trial.track, marker_bodies(robot)), trial.cut(horizon)
+        trials, lost, cut = robot.trials, check_bodies(trial.track, robot.marker_bodies), trial.cut(horizon)
         weights = lost.weights[: cut.track.frame_count]
         scales = {sensor.name: sensor.meters_per_unit for sensor in trials.sensors}
         target = playback_target(cut, weights, trials.frame, trials.score_progress, scales)

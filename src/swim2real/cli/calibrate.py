@@ -54,32 +54,27 @@ def calibrate(
         raise ArgumentError(f"seeds is {seeds}; it must be at least 1")
     from swim2real import pipeline
     from swim2real.robots import load_robot
-    from swim2real.simulation.misfits import hasty, long_swings, misplaced, other_units
-    from swim2real.simulation.resting import in_motion
     from swim2real.trials import load_reference
 
     settings = pipeline.as_replayed(settings)
     body, trials = load_robot(robot), load_reference(reference)
-    far = misplaced(body, trials)
-    if far is not None:
-        tell(f"warning: {far}")
-    for line in (*in_motion(body, trials), *other_units(body, trials)):
-        tell(f"warning: {line}")
-    if settings.pieces is None:
-        for line in (*hasty(body, trials), *long_swings(body, trials, settings.horizon)):
-            tell(f"warning: {line}")
 
     def run(chosen: CalibrationSettings, folder: Path, resume: bool) -> Outcome | None:
         def work(callbacks: RunCallbacks) -> Outcome:
             return pipeline.calibrate(
                 trials, body, chosen, folder, source=str(reference), resume=resume,
                 sensitivity=sensitivity, access=access, on_progress=callbacks.progress, on_advisor=callbacks.advisor,
+                on_warning=_warn if chosen.seed == settings.seed else None,
             )  # fmt: skip
 
         return _watched(work, chosen.budget, folder, quiet)
 
     outcome = run(settings, out, resume) if seeds == 1 else _best_of(seeds, settings, out, resume, run)
     return 1 if outcome is None else _told(outcome, out, quiet, json)
+
+
+def _warn(line: str) -> None:
+    tell(f"warning: {line}")
 
 
 def _best_of(

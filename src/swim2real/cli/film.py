@@ -319,7 +319,6 @@ def _read_track(
     path: Path, fps: float, known: CameraFile | None, robot: Robot, span: Span
 ) -> tuple[MarkerTrack, Camera, list[str]]:
     """A stretch of a track in pixels with the robot's markers in order, its camera, and what to tell of it."""
-    from swim2real.robots.compiled import rigid_markers
     from swim2real.tracking.camera import camera_for
     from swim2real.trials import MarkerTrack
     from swim2real.trials.pose_tables import read_dlc
@@ -338,7 +337,7 @@ def _read_track(
             f"{path}: {len(names)} markers ({', '.join(names)}); robot '{robot.name}' has {len(robot.marker_names)} "
             f"({', '.join(robot.marker_names)})"
         )
-    rigid = rigid_markers(robot)
+    rigid = robot.rigid_markers
     camera = camera_for(track, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid, known)
     return track, camera, notes
 

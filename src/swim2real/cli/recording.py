@@ -53,10 +53,10 @@ def import_recording(
     for option, values in (("control-tables", control_tables), ("frequency", frequency)):
         one_each(option, values, len(tables), "tables")
     finite_above_0("frequency", *frequency, unit=" Hz")
+    from swim2real.checks.reference import other_units
     from swim2real.names import composed
     from swim2real.pipeline.recording import Recorded, Wanted, recorded
     from swim2real.robots import load_robot
-    from swim2real.simulation.misfits import other_units
     from swim2real.trials import TrialSet, load_reference
     from swim2real.trials.log_table import gaps, read_log
     from swim2real.trials.reference import INDEX, add_trial, check_folder

@@ -7,21 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
+from swim2real.checks.effects import why_no_effect
+from swim2real.checks.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
+from swim2real.checks.reference import misfits, reference_warnings, starts
+from swim2real.checks.resting import at_rest
 from swim2real.cli.tables import millimeters, table
 from swim2real.cli.terminal import say
 from swim2real.errors import ArgumentError
 from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
 from swim2real.robots import ROBOTS, load_robot, robot_file
-from swim2real.robots.effects import why_no_effect
 from swim2real.robots.file import PLANES, RobotFile, open_robot_file
 from swim2real.robots.robot import Control, Robot, Sine
-from swim2real.settings import HORIZON
-from swim2real.simulation.fitted_start import STRETCH
-from swim2real.simulation.misfits import hasty, long_swings, misfits, misplaced, other_units, starts
+from swim2real.settings import EvaluationSettings
 from swim2real.simulation.pose import MarkerView
-from swim2real.simulation.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
-from swim2real.simulation.resting import at_rest, in_motion
+from swim2real.simulation.start import STRETCH
 from swim2real.trials import TrialSet, load_reference
 
 
@@ -54,9 +54,6 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
         say(sentence)
     if reference is not None and not wrong:
         _starts(robot, reference)
-        far = misplaced(robot, reference)
-        if far is not None:
-            say(f"Warning: {far}.")
         say(f"All trials of '{reference_folder}' fit: {', '.join(reference.names)}.")
     if robot.marker_names:
         _draw(robot, out or _beside(name))
@@ -90,7 +87,7 @@ def _markers(robot: Robot) -> None:
     right, up = ("xyz"[axis] for axis in robot.plane)
     places, origin = robot.rest_markers, f"marker {robot.marker_names[0]}"
     if robot.trials.frame is None:
-        model = robot.build(robot.space.published).compile()
+        model = robot.model
         places = MarkerView(model, len(robot.marker_names), robot.plane).at(model.qpos0).markers
         origin = "the model's origin, which must be the camera file's"
     rows = [
@@ -120,9 +117,7 @@ def _starts(robot: Robot, reference: TrialSet) -> None:
     if rows:
         columns = ("trial", "mean", "largest", "of marker", f"mean of the first {STRETCH:g} s")
         table("Simulated markers, values of the file, from the real ones of the first frame [mm]", columns, rows)
-    for line in (*hasty(robot, reference), *long_swings(robot, reference, HORIZON), *other_units(robot, reference)):
-        say(f"Warning: {line}.")
-    for line in in_motion(robot, reference):
+    for line in reference_warnings(robot, reference, EvaluationSettings()):
         say(f"Warning: {line}.")
     proposal = at_rest(robot, reference)
     if proposal is not None:
@@ -136,7 +131,7 @@ def _side(robot: Robot) -> str:
 
 def _trials(robot: Robot) -> None:
     trials = robot.trials
-    model = robot.build(robot.space.published).compile()
+    model = robot.model
     actuators = [model.actuator(i).name for i in range(model.nu)]
     if actuators:
         rows = [(name or "(no name)", _control(trials.control_of(name))) for name in actuators]

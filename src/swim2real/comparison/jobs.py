@@ -173,7 +173,7 @@ def _continue(job: Job, work: Work) -> None:
 
     calibrate(
         work.reference, work.robot, job.settings, job.folder, source=work.source,
-        resume=RunFolder(job.folder).exists, access=work.access, on_progress=check,
+        resume=RunFolder(job.folder).exists, access=work.access, on_progress=check, on_warning=None,
     )  # fmt: skip
 
 

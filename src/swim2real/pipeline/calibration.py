@@ -22,6 +22,7 @@ from swim2real.calibration import (
     sensitivities,
     versions,
 )
+from swim2real.checks.reference import reference_warnings
 from swim2real.errors import ArgumentError, RunError
 from swim2real.optimizers import Advice, ScriptedAdvisor, recorded_advice
 from swim2real.pipeline.methods import METHODS, default_starts, make_optimizer
@@ -39,6 +40,7 @@ def calibrate(
     resume: bool = False, sensitivity: bool = False, access: VlmAccess | None = None,
     on_progress: Callable[[Progress], None] = lambda progress: None,
     on_advisor: Callable[[AdvisorEvent], None] = lambda event: None,
+    on_warning: Callable[[str], None] | None = _log.warning,
 ) -> Outcome:  # fmt: skip
     """Calibrates a robot's simulator against a reference, into a run folder.
 
@@ -53,6 +55,7 @@ def calibrate(
         access: How a VLM is reached and what it may take.
         on_progress: Called after every evaluation.
         on_advisor: Called as a VLM is asked and answers.
+        on_warning: Called with a sentence for all that is probably wrong with the trials; None doesn't look.
 
     Returns:
         The outcome, as `conclude` describes it. On KeyboardInterrupt the folder holds a usable, resumable run.
@@ -62,6 +65,9 @@ def calibrate(
     """
     folder = RunFolder(out)
     begun = folder.settings() if resume else None
+    if on_warning is not None:
+        for line in reference_warnings(robot, reference, settings):
+            on_warning(line)
     fitted, unseen = reference.split(settings.hold_out)
     problem = Problem.with_settings(robot, fitted, settings)
     held_out = None if unseen is None else problem.of(unseen)

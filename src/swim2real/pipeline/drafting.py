@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from swim2real.checks.probing import FAINT, Probe, moved, probe
 from swim2real.errors import RobotError
 from swim2real.names import label_fault, quoted
 from swim2real.robots import ROBOTS
@@ -20,7 +21,6 @@ from swim2real.robots.file import PLANES, read_mjcf, robot_from_file
 from swim2real.robots.mjcf_files import root_tag
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import class_name
-from swim2real.simulation.probing import FAINT, Probe, moved, probe
 
 _REST_SHARE = 0.1  # by which the place of markers counts for the camera, beside their motion
 

@@ -24,7 +24,6 @@ from swim2real.errors import ArgumentError, TrackingError, TrialError
 from swim2real.names import composed
 from swim2real.objective.comparison import rounded
 from swim2real.pipeline.following import Film, FrameProgress, follow, within, write_review
-from swim2real.robots.compiled import marker_bodies, rigid_markers
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
 from swim2real.store import read_json, reason, write_json
@@ -174,7 +173,7 @@ def track_video(
         began = time.monotonic()
         overlay = report_path.with_suffix(".mp4") if settings.overlay else None
         names = robot.marker_names
-        bodies = tuple(range(len(names))) if robot.trials.nearly_straight else marker_bodies(robot)
+        bodies = tuple(range(len(names))) if robot.trials.nearly_straight else robot.marker_bodies
         film = Film(name, source, span, names, bodies, threads, overlay)
         seen = follow(film, reader, first, frames, start, anchors, lambda: _tracker(settings, robot), on_progress)
         notes = list(reader.notes)
@@ -226,7 +225,7 @@ def check_lost(track: MarkerTrack, robot: Robot) -> LostMarkers:
     """Finds the lost markers of a real track: of a swimmer by its spacing, of other robots by their rigid bodies."""
     if robot.trials.nearly_straight:
         return check_track(track, robot.rest_markers)
-    return check_bodies(track, marker_bodies(robot))
+    return check_bodies(track, robot.marker_bodies)
 
 
 def _tracker(settings: TrackingSettings, robot: Robot) -> Tracker:
@@ -235,11 +234,11 @@ def _tracker(settings: TrackingSettings, robot: Robot) -> Tracker:
         return TagTracker(settings.tags)
     if settings.tracker == "csrt":
         return CsrtTracker()
-    return DetectionTracker() if robot.trials.nearly_straight else MarkerTracker(marker_bodies(robot), fixed=0)
+    return DetectionTracker() if robot.trials.nearly_straight else MarkerTracker(robot.marker_bodies, fixed=0)
 
 
 def _camera(pixels: MarkerTrack, robot: Robot, file: CameraFile | None, size: tuple[int, int]) -> Camera:
-    rigid = rigid_markers(robot)
+    rigid = robot.rigid_markers
     return camera_for(pixels, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid, file, size)
 
 

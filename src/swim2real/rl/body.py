@@ -35,7 +35,7 @@ def policy_setup(robot: Robot) -> PolicySetup:
     """
     if robot.policy is not None:
         return robot.policy
-    model = robot.build(robot.space.published).compile()
+    model = robot.model
     names = ", ".join(model.actuator(i).name for i in range(model.nu))
     raise ArgumentError(
         f"robot '{robot.name}' has no [policy] in its robot file; policies need [policy.actuators] with the limits of "

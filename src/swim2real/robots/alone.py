@@ -1,11 +1,16 @@
-"""A model is compiled alone, in a process with limits, before this process trusts itself to compile it."""
+"""A model is compiled alone, in a process with limits, before this process trusts itself to compile it.
+
+That process runs this module; its last line is what MuJoCo said, as JSON: an error, or an empty text.
+"""
 
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +18,7 @@ from swim2real.errors import RobotError
 
 SECONDS = 60  # that a model may take
 MEMORY = 4 << 30  # bytes of address space, on Linux
-_PROGRAM = Path(__file__).with_name("compile_process.py")
+_PROGRAM = "swim2real.robots.alone"
 _OF_MEMORY = ("allocate", "unknown exception", "bad_alloc", "MemoryError")  # in what is said when there is none
 _OF_TIME = ("SIGXCPU", "SIGKILL")
 
@@ -30,9 +35,12 @@ def compile_alone(path: Path, where: str = "") -> None:
     Raises:
         RobotError: The model crashes MuJoCo, or takes too long or too much memory.
     """
-    words = [sys.executable, "-P", str(_PROGRAM), str(path.resolve()), str(SECONDS), str(MEMORY)]
+    words = [sys.executable, "-P", "-m", _PROGRAM, str(path.resolve()), str(SECONDS), str(MEMORY)]
+    modules = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}  # this one, wherever it is
     try:
-        ended = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, timeout=SECONDS, check=False)
+        ended = subprocess.run(
+            words, stdin=subprocess.DEVNULL, capture_output=True, timeout=SECONDS, check=False, env=modules
+        )
     except subprocess.TimeoutExpired:
         raise RobotError(_sentence(path, where, f"takes MuJoCo more than {SECONDS} s")) from None
     answer = _answer(ended.stdout)
@@ -65,3 +73,34 @@ def _signal(code: int) -> str:
 
 def _sentence(path: Path, where: str, what: str) -> str:
     return f"{where}model '{path}' {what}; make it smaller, or look for what is wrong in it"
+
+
+def _limit(seconds: int, size: int) -> None:
+    """Limits this process's time [s] and memory [bytes], where the system can; it leaves no memory image behind."""
+    try:
+        import resource
+    except ImportError:  # Windows; the parent's clock is left
+        return
+    for kind, soft, hard in (
+        (resource.RLIMIT_CPU, seconds, seconds + 1), (resource.RLIMIT_AS, size, size), (resource.RLIMIT_CORE, 0, 0),
+    ):  # fmt: skip
+        with suppress(ValueError, OSError):
+            resource.setrlimit(kind, (soft, hard))
+
+
+def _main(path: str, seconds: str, size: str) -> None:
+    """Compiles a model and computes its first state; imports MuJoCo alone, so that it is quick to start."""
+    import mujoco
+
+    _limit(int(seconds), int(size))
+    said = ""
+    try:
+        model = mujoco.MjSpec.from_file(path).compile()
+        mujoco.mj_forward(model, mujoco.MjData(model))
+    except Exception as caught:
+        said = f"{type(caught).__name__}: {caught}"
+    sys.stdout.write("\n" + json.dumps(said))
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])

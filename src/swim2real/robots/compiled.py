@@ -1,4 +1,4 @@
-"""Compiled models: their numbers, in what two of them differ, and which of their markers are rigidly connected."""
+"""Compiled models: their numbers, and in what two of them differ."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 
 from swim2real.errors import RobotError
-from swim2real.robots.robot import Robot
 
 SHORTEST_STEP = 1e-6  # s
 REFUSALS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
@@ -72,19 +71,3 @@ def largest_difference(first: mujoco.MjModel, second: mujoco.MjModel) -> tuple[s
         if gap > largest[1]:
             largest = (name, gap)
     return largest
-
-
-def marker_bodies(robot: Robot) -> tuple[int, ...]:
-    """Number of the rigid body that carries each marker, 0 for the world: bodies that are welded together are one.
-
-    Markers of one body keep their distances as the robot moves, and those of the world don't move.
-    """
-    model = robot.build(robot.space.published).compile()
-    sensors = [model.sensor(i) for i in range(model.nsensor - len(robot.marker_names), model.nsensor)]
-    return tuple(int(model.body_weldid[model.site_bodyid[int(sensor.objid[0])]]) for sensor in sensors)
-
-
-def rigid_markers(robot: Robot) -> tuple[int, ...]:
-    """Indices of the first marker and of those on its body: the scale of a video can be told from their distances."""
-    bodies = marker_bodies(robot)
-    return tuple(m for m, body in enumerate(bodies) if body == bodies[0])

@@ -21,7 +21,6 @@ from swim2real.errors import ParameterError, RobotError
 from swim2real.parameters import Parameter, ParameterSpace, Values
 from swim2real.robots.alone import compile_alone
 from swim2real.robots.compiled import REFUSALS, compiled, one_line
-from swim2real.robots.delays import Delay
 from swim2real.robots.mjcf_files import outside
 from swim2real.robots.named_code import FORMS, PREFIX, NamedCode, request
 from swim2real.robots.robot import (
@@ -43,7 +42,7 @@ from swim2real.robots.schema import (
     SwimsTable,
     read_content,
 )
-from swim2real.robots.targets import Target
+from swim2real.robots.targets import Delay, Target
 
 PLANES = {"above": (0, 1), "side": (0, 2), "front": (1, 2)}
 MARKER = "marker:"  # before the name of a marker's sensor, where the model may have others

@@ -14,7 +14,7 @@ import numpy as np
 from swim2real.robots.compiled import numbers
 from swim2real.robots.file import open_robot_file
 from swim2real.robots.mjcf_files import first_found, model_files
-from swim2real.robots.schema import hook_file, read_content, with_first_names
+from swim2real.robots.schema import hook_file, read_content
 
 
 def fingerprint(path: str | Path) -> str:
@@ -28,7 +28,7 @@ def fingerprint(path: str | Path) -> str:
         RobotError: One can't be read.
     """
     place = Path(path)
-    content = with_first_names(read_content(place))
+    content = read_content(place)
     content.pop("policy", None)
     mark = hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode())
     for name, data in _parts(place, content):

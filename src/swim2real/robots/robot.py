@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Protocol
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
 from swim2real.parameters import ParameterSpace, Values
-from swim2real.robots.delays import Delay, Delays
+from swim2real.robots.targets import Delay, Delays
 from swim2real.settings import ProtocolName
 
 
@@ -286,6 +287,30 @@ class Robot:
     policy: PolicySetup | None = None
     delays: Mapping[str, tuple[Delay, ...]] = field(default_factory=dict[str, tuple[Delay, ...]])
     source: Path | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without what is compiled, which another process compiles when it needs it."""
+        return {name: value for name, value in vars(self).items() if name not in ("model", "marker_bodies")}
+
+    @cached_property
+    def model(self) -> mujoco.MjModel:
+        """The compiled robot with its published values; whoever changes it takes a copy."""
+        return self.build(self.space.published).compile()
+
+    @cached_property
+    def marker_bodies(self) -> tuple[int, ...]:
+        """Number of the rigid body that carries each marker, 0 for the world: bodies that are welded together are one.
+
+        Markers of one body keep their distances as the robot moves, and those of the world don't move.
+        """
+        model = self.model
+        sensors = [model.sensor(i) for i in range(model.nsensor - len(self.marker_names), model.nsensor)]
+        return tuple(int(model.body_weldid[model.site_bodyid[int(sensor.objid[0])]]) for sensor in sensors)
+
+    @property
+    def rigid_markers(self) -> tuple[int, ...]:
+        """Indices of the first marker and of those on its body, whose distances tell the scale of a video."""
+        return tuple(m for m, body in enumerate(self.marker_bodies) if body == self.marker_bodies[0])
 
     def check_markers(self, what: str) -> None:
         """Refuses a robot that is recorded without a camera.

@@ -54,8 +54,6 @@ from swim2real.robots.named_code import FORMS, PREFIX, NamedCode
 from swim2real.store import MOST_TEXT, from_toml, read_bytes
 
 FORMAT = 1
-_NEW_NAMES = {"travels": "score_progress", "worth": "meters_per_unit", "writes": "targets"}
-"""What version 0.1 called some keys."""
 
 
 def _not_blank(text: str) -> str:
@@ -257,7 +255,7 @@ def read_content(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, An
         RobotError: It or one of them can't be read, they go round in circles, or the format is another version's.
     """
     where = f"robot file '{path}'"
-    content = _with_new_names(_read_toml(path), where)
+    content = _read_toml(path)
     extended = content.pop("extends", None)
     if extended is not None:
         other = path.parent / str(extended)
@@ -283,16 +281,6 @@ def hook_file(text: object) -> str | None:
     return None if code is None else code.file
 
 
-def with_first_names(content: Mapping[str, Any]) -> dict[str, Any]:
-    """What a file says, with the names that keys had in version 0.1, so that its fingerprint stays what it was."""
-    old_names = {new: old for old, new in _NEW_NAMES.items()}
-
-    def renamed(table: Any) -> Any:
-        return {old_names.get(key, key): value for key, value in table.items()} if isinstance(table, Mapping) else table
-
-    return _in_tables(content, renamed)
-
-
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
         return from_toml(read_bytes(path, MOST_TEXT))
@@ -316,34 +304,3 @@ def _moved(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     if isinstance(there.get("swims"), dict):
         there["swims"] = {key: moved(value) for key, value in there["swims"].items()}
     return there
-
-
-def _with_new_names(content: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """What a file says, with the keys of version 0.1 under their names of today.
-
-    Raises:
-        RobotError: A table has a key under both names.
-    """
-
-    def renamed(table: Any) -> Any:
-        if not isinstance(table, Mapping):
-            return table
-        for old, new in _NEW_NAMES.items():
-            if old in table and new in table:
-                raise RobotError(f"{where}: there are '{old}' and '{new}', which mean the same; keep '{new}'")
-        return {_NEW_NAMES.get(key, key): value for key, value in table.items()}
-
-    return _in_tables(content, renamed)
-
-
-def _in_tables(content: Mapping[str, Any], renamed: Any) -> dict[str, Any]:
-    """A file's content with a function applied to each table whose keys have changed their names."""
-    changed = dict(content)
-    recordings = renamed(content.get("recordings"))
-    if isinstance(recordings, dict):
-        if isinstance(recordings.get("sensors"), dict):
-            recordings["sensors"] = {name: renamed(sensor) for name, sensor in recordings["sensors"].items()}
-        changed["recordings"] = recordings
-    if isinstance(content.get("parameters"), list):
-        changed["parameters"] = [renamed(parameter) for parameter in content["parameters"]]
-    return changed

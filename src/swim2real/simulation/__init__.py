@@ -1,7 +1,6 @@
 """Simulation: from parameter values and swims, or recordings, to simulated trials, with MuJoCo."""
 
-from swim2real.simulation.engine import Engine
-from swim2real.simulation.forward_model import ForwardModel
+from swim2real.simulation.forward_model import Engine, ForwardModel
 from swim2real.simulation.playback import PlaybackSimulator, Rollout
 from swim2real.simulation.simulator import Simulator, Swim
 

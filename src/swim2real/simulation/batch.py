@@ -24,6 +24,7 @@ from swim2real.simulation.fast_plan import (
     Array,
     Plan,
     UnsupportedModelError,
+    Water,
     addresses,
     engine_plan,
     find_calls,
@@ -31,7 +32,17 @@ from swim2real.simulation.fast_plan import (
     sizes,
     without_fluid,
 )
-from swim2real.simulation.fast_step import NOTHING_KEPT, READ, Members, compiled_loop, scratch_of
+from swim2real.simulation.fast_step import (
+    NOTHING_KEPT,
+    READ,
+    Fleet,
+    Members,
+    Program,
+    Workplace,
+    compiled_loop,
+    scratch_of,
+)
+from swim2real.simulation.forward_model import log_warnings
 
 _SHARE = 5  # simulations that a thread takes at a time
 _log = logging.getLogger(__name__)
@@ -63,12 +74,13 @@ class Batch:
         Raises:
             EngineError: The engine can't be called directly, or the sets differ in more than numbers.
         """
+        log_warnings()
         self._models, self._readers = [copy.copy(model) for model in models], list(readers)
         first = self._models[0]
-        self._calls = find_calls()
-        self._dry, self._plan, self._members = self._plan_steps()
+        self._dry, plan, members = self._plan_steps()
         nothing_more = [int(mujoco.mjtStage.mjSTAGE_POS), int(mujoco.mjtStage.mjSTAGE_VEL)]
-        self._forces = not np.isin(readers[0].sensor_needstage, nothing_more).all()  # among the sensors
+        forces = not np.isin(readers[0].sensor_needstage, nothing_more).all()  # among the sensors
+        self._program = Program(find_calls(), plan, members, sizes(first), self.fast, bool(forces))
         self.qpos, self.qvel = np.zeros((count, first.nq)), np.zeros((count, first.nv))
         self.sensors, self.failed = np.zeros((count, readers[0].nsensordata)), np.zeros(count, np.bool_)
         self._member = np.zeros(count, np.int64)
@@ -78,11 +90,10 @@ class Batch:
         self._spare: list[list[mujoco.MjData]] = [[] for _ in models]
         self.pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
         self._threads = threads
-        self._free: list[_Workplace] = [_Workplace(first, self._readers) for _ in range(threads)]
-        self._sizes = sizes(first)
+        self._free: list[_Place] = [_Place(first, self._readers) for _ in range(threads)]
 
     def _plan_steps(self) -> tuple[list[mujoco.MjModel], Plan, Members]:
-        self.fast, dry, plans = True, [without_fluid(model) for model in self._models], list[Plan]()
+        self.fast, dry, plans = True, [without_fluid(model) for model in self._models], list[tuple[Plan, Water]]()
         try:
             plans = [make_plan(model, twin) for model, twin in zip(self._models, dry, strict=True)]
         except UnsupportedModelError as error:
@@ -93,13 +104,10 @@ class Batch:
                 model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
             dry = self._models
             plans = [engine_plan(model) for model in self._models]
-        same = Plan._fields[Plan._fields.index("body_first") :]
-        for plan in plans[1:]:
-            if plan.geoms.shape != plans[0].geoms.shape or any(
-                not np.array_equal(getattr(plan, name), getattr(plans[0], name)) for name in same
-            ):
-                raise EngineError("parameter sets differ in the structure of the model; give one set at a time")
-        return dry, plans[0], Members.of(plans, self._readers)
+        (plan, first), waters = plans[0], [water for _, water in plans]
+        if not all(plan.same(other) and first.geoms.shape == water.geoms.shape for other, water in plans):
+            raise EngineError("parameter sets differ in the structure of the model; give one set at a time")
+        return dry, plan, Members.of(waters, self._readers)
 
     def data(self, index: int) -> mujoco.MjData:
         """State of one simulation that was started; to be changed only between two calls.
@@ -148,15 +156,12 @@ class Batch:
             itertools.count(),
             compiled_loop(),
         )
+        fleet = Fleet(self._rows, self._member, self._made, self.qpos, self.qvel, self.sensors)
 
         def work() -> None:
             place = self._free.pop()
             while (share := next(taken)) < len(shares):
-                loop(
-                    self._calls, self._plan, self._members, self._rows, self._member, shares[share], self._sizes, rows,
-                    steps, self.fast, self._forces, place.rows, place.scratch, self._made, self.qpos, self.qvel,
-                    self.sensors, NOTHING_KEPT,
-                )  # fmt: skip
+                loop(self._program, fleet, shares[share], rows, steps, place.own, NOTHING_KEPT)
             self._free.append(place)
 
         helping = [] if self.pool is None else [self.pool.submit(work) for _ in range(self._threads - 1)]
@@ -172,10 +177,9 @@ class Batch:
             self.pool.shutdown()
 
 
-class _Workplace:
+class _Place:
     """What a thread needs beside the simulations: memory for a step, and data to compute sensors with."""
 
     def __init__(self, model: mujoco.MjModel, readers: Sequence[mujoco.MjModel]) -> None:
-        self.scratch = scratch_of(model)
         self._data = [mujoco.MjData(reader) for reader in readers]
-        self.rows = np.array([addresses(data, READ) for data in self._data])
+        self.own = Workplace(np.array([addresses(data, READ) for data in self._data]), scratch_of(model))

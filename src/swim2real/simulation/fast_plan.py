@@ -47,18 +47,31 @@ class UnsupportedModelError(EngineError):
     """The fast step doesn't apply to a model; the message says why."""
 
 
-class Plan(NamedTuple):
-    """A model, as the compiled functions see it.
+class Water(NamedTuple):
+    """What a parameter set has of its own.
 
     Attributes:
         wet: Address of the model.
-        dry: Address of its twin without water.
-        timestep: [s].
+        dry: Address of its twin without water; the model's own where the engine steps.
         density: Density of the water [kg/m³].
-        symmetric: Whether the integrator is `implicitfast`, which drops the antisymmetric part of the derivative.
-        floor: Smallest denominator of the fluid's formulas.
         wind: Velocity of the water [m/s]. Shape (3,).
         geoms: Constants of the geoms in the water, sorted by body. Shape (G, COLUMNS).
+    """
+
+    wet: int
+    dry: int
+    density: float
+    wind: Array
+    geoms: Array
+
+
+class Plan(NamedTuple):
+    """The structure of a model, which all its parameter sets have.
+
+    Attributes:
+        timestep: [s].
+        symmetric: Whether the integrator is `implicitfast`, which drops the antisymmetric part of the derivative.
+        floor: Smallest denominator of the fluid's formulas.
         body_first: First geom of each body. Shape (bodies,).
         body_last: The one after its last. Shape (bodies,).
         body_root: Root of the tree that a body is in. Shape (bodies,).
@@ -75,14 +88,9 @@ class Plan(NamedTuple):
         m_colind: Their columns.
     """
 
-    wet: int
-    dry: int
     timestep: float
-    density: float
     symmetric: bool
     floor: float
-    wind: Array
-    geoms: Array
     body_first: Indices
     body_last: Indices
     body_root: Indices
@@ -98,8 +106,12 @@ class Plan(NamedTuple):
     m_rownnz: Indices
     m_colind: Indices
 
+    def same(self, other: Plan) -> bool:
+        """Whether another model has the same structure; its timestep may be another."""
+        return all(np.array_equal(a, b) for a, b in zip(self[3:], other[3:], strict=True))
 
-class State(NamedTuple):
+
+class EngineState(NamedTuple):
     """The arrays of an `MjData`, named as there, and its address; only inside compiled functions."""
 
     data: int
@@ -125,7 +137,7 @@ class State(NamedTuple):
 
 
 Addresses = NDArray[np.int64]
-STEPPED = ("act", *State._fields[1:])  # arrays of a state whose addresses are in its row, behind its own
+STEPPED = ("act", *EngineState._fields[1:])  # arrays of a state whose addresses are in its row, behind its own
 
 
 def addresses(data: mujoco.MjData, names: Sequence[str] = STEPPED) -> list[int]:
@@ -148,7 +160,7 @@ def without_fluid(model: mujoco.MjModel) -> mujoco.MjModel:
     return dry
 
 
-def make_plan(model: mujoco.MjModel, dry: mujoco.MjModel) -> Plan:
+def make_plan(model: mujoco.MjModel, dry: mujoco.MjModel) -> tuple[Plan, Water]:
     """Plans the fast step of a model. The models must live as long as the plan.
 
     Args:
@@ -177,26 +189,24 @@ def make_plan(model: mujoco.MjModel, dry: mujoco.MjModel) -> Plan:
                 )
             rows += [_geom_constants(model, geom, normalized) for geom in wet]
         last.append(len(rows))
-    return Plan(
-        wet=model._address, dry=dry._address, timestep=float(model.opt.timestep), density=float(model.opt.density),
-        symmetric=bool(model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
-        floor=1e-300 if normalized else MIN, wind=np.array(model.opt.wind, dtype=np.float64),
-        geoms=np.array(rows, dtype=np.float64).reshape(-1, COLUMNS),
-        body_first=_indices(first), body_last=_indices(last), body_root=_indices(model.body_rootid),
-        body_parent=_indices(model.body_parentid), body_dof=_indices(model.body_dofadr),
-        dof_body=_indices(model.dof_bodyid), dof_parent=_indices(model.dof_parentid), dof_last=_last_of_joint(model),
-        d_rowadr=_indices(model.D_rowadr), d_rownnz=_indices(model.D_rownnz), d_colind=_indices(model.D_colind),
-        m_rowadr=_indices(model.M_rowadr), m_rownnz=_indices(model.M_rownnz), m_colind=_indices(model.M_colind),
+    water = Water(
+        model._address, dry._address, float(model.opt.density), np.array(model.opt.wind, dtype=np.float64),
+        np.array(rows, dtype=np.float64).reshape(-1, COLUMNS),
     )  # fmt: skip
+    return Plan(
+        float(model.opt.timestep), bool(model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+        1e-300 if normalized else MIN, _indices(first), _indices(last), _indices(model.body_rootid),
+        _indices(model.body_parentid), _indices(model.body_dofadr), _indices(model.dof_bodyid),
+        _indices(model.dof_parentid), _last_of_joint(model), _indices(model.D_rowadr), _indices(model.D_rownnz),
+        _indices(model.D_colind), _indices(model.M_rowadr), _indices(model.M_rownnz), _indices(model.M_colind),
+    ), water  # fmt: skip
 
 
-def engine_plan(model: mujoco.MjModel) -> Plan:
-    """A plan that holds the model's address only, for loops that make the engine's own steps."""
-    none = _indices([])
-    return Plan(
-        model._address, model._address, float(model.opt.timestep), 0.0, False, MIN, np.zeros(3), np.zeros((0, COLUMNS)),
-        *(none for _ in Plan._fields[Plan._fields.index("body_first") :]),
-    )  # fmt: skip
+def engine_plan(model: mujoco.MjModel) -> tuple[Plan, Water]:
+    """A plan without a structure, for loops that make the engine's own steps."""
+    none = [_indices([])] * (len(Plan._fields) - 3)
+    water = Water(model._address, model._address, 0.0, np.zeros(3), np.zeros((0, COLUMNS)))
+    return Plan(float(model.opt.timestep), False, MIN, *none), water
 
 
 def _check(model: mujoco.MjModel) -> None:
@@ -378,10 +388,10 @@ def array_at(address: int, shape: Any) -> Array:
 
 
 @compiled
-def state_at(row: Addresses, sizes: Addresses) -> State:
+def state_at(row: Addresses, sizes: Addresses) -> EngineState:
     """The arrays of a state, from its row of addresses."""
     nq, nv, nu, nbody, n_mass, n_derivative = sizes[0], sizes[1], sizes[2], sizes[4], sizes[5], sizes[6]
-    return State(
+    return EngineState(
         row[0], array_at(row[2], (nq,)), array_at(row[3], (nv,)), array_at(row[4], (nv,)), array_at(row[5], (nv,)),
         array_at(row[6], (nu,)), array_at(row[7], (nv, 6)), array_at(row[8], (nv, 6)), array_at(row[9], (nbody, 6)),
         array_at(row[10], (nbody, 10)), array_at(row[11], (nbody, 3)), array_at(row[12], (nbody, 9)),

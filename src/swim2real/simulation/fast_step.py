@@ -26,10 +26,11 @@ from swim2real.simulation.fast_plan import (
     Addresses,
     Array,
     Calls,
+    EngineState,
     Indices,
     Plan,
-    State,
     UnsupportedModelError,
+    Water,
     addresses,
     array_at,
     call,
@@ -41,11 +42,12 @@ from swim2real.simulation.fast_plan import (
     state_at,
     without_fluid,
 )
-from swim2real.simulation.velocity_derivative import Scratch, add_fluid
+from swim2real.simulation.fluid import Scratch, add_fluid
+from swim2real.simulation.forward_model import log_warnings
 
 _MAX = 1e10  # the engine's mjMAXVAL: beyond it a state counts as diverged
 READ = ("qpos", "qvel", "ctrl", "act", "qacc_warmstart", "sensordata")  # of a state that sensors are computed with
-_SOURCES = ("fast_plan", "fast_step", "geom_fluid", "velocity_derivative")
+_SOURCES = ("fast_plan", "fast_step", "fluid")
 _log = logging.getLogger(__name__)
 
 
@@ -66,32 +68,76 @@ class Steps(NamedTuple):
 
 
 class Members(NamedTuple):
-    """What differs between the parameter sets, one row each.
+    """What differs between the parameter sets, one row each: the fields of `Water`, and `read`.
 
     Attributes:
-        wet: Addresses of the models.
-        dry: Addresses of their twins without water; the models themselves where the engine steps.
         read: Addresses of the models that sensors are computed with.
-        density: Density of the water [kg/m³].
-        wind: Velocity of the water [m/s]. Shape (B, 3).
-        geoms: Constants of the geoms in the water. Shape (B, G, COLUMNS).
     """
 
     wet: Addresses
     dry: Addresses
-    read: Addresses
     density: Array
     wind: Array
     geoms: Array
+    read: Addresses
 
     @classmethod
-    def of(cls, plans: Sequence[Plan], readers: Sequence[mujoco.MjModel]) -> Members:
-        """The rows of these plans, and of the models that sensors are computed with."""
-        return cls(
-            np.array([plan.wet for plan in plans]), np.array([plan.dry for plan in plans]),
-            np.array([reader._address for reader in readers]), np.array([plan.density for plan in plans]),
-            np.array([plan.wind for plan in plans]), np.array([plan.geoms for plan in plans]),
-        )  # fmt: skip
+    def of(cls, waters: Sequence[Water], readers: Sequence[mujoco.MjModel]) -> Members:
+        """The rows of these sets, and of the models that sensors are computed with."""
+        wet, dry, density, wind, geoms = map(np.array, zip(*waters, strict=True))
+        return cls(wet, dry, density, wind, geoms, np.array([reader._address for reader in readers]))
+
+
+class Program(NamedTuple):
+    """How steps are made.
+
+    Attributes:
+        calls: The engine's functions.
+        plan: Structure of the models.
+        members: What differs between the parameter sets.
+        sizes: Sizes of a state's arrays.
+        fast: Whether steps are fast ones; else the engine's.
+        forces: Whether sensors measure forces or accelerations.
+    """
+
+    calls: Calls
+    plan: Plan
+    members: Members
+    sizes: Addresses
+    fast: bool
+    forces: bool
+
+
+class Fleet(NamedTuple):
+    """Simulations that are stepped, N of them.
+
+    Attributes:
+        rows: Addresses of each simulation's state.
+        member: Parameter set of each.
+        made: Steps that were made, written; -1 where a simulation has diverged at its end. Shape (N,).
+        qpos: Positions at the end, written where it hasn't. Shape (N, nq), or (N, 0) to leave them.
+        qvel: Velocities. Shape (N, nv) or (N, 0).
+        sensors: Readings. Shape (N, nsensordata of the readers) or (N, 0).
+    """
+
+    rows: Addresses
+    member: Addresses
+    made: Addresses
+    qpos: Array
+    qvel: Array
+    sensors: Array
+
+
+class Workplace(NamedTuple):
+    """What a thread needs beside the simulations.
+
+    Attributes:
+        readers: Addresses of the state that sensors are computed with, of each set. Shape (B, ·).
+        scratch: Memory for a step.
+    """
+
+    readers: Addresses
+    scratch: Scratch
 
 
 class Kept(NamedTuple):
@@ -123,17 +169,18 @@ class FastStep:
         Raises:
             UnsupportedModelError: The fast step doesn't apply; the message has the reason.
         """
+        log_warnings()
         self.model = model
         self._dry = without_fluid(model)
         self._calls = find_calls()
-        self.plan = make_plan(model, self._dry)
-        self._members, self._sizes = Members.of([self.plan], [model]), sizes(model)
+        self.plan, water = make_plan(model, self._dry)
+        self._members, self._sizes = Members.of([water], [model]), sizes(model)
 
     def run(self, data: mujoco.MjData, control: Array, steps: int) -> Steps:
         """Makes steps with the data, in place.
 
         Args:
-            data: State at the start; it is the state at the end afterward.
+            data: EngineState at the start; it is the state at the end afterward.
             control: Control of each step, or the same for all. Shape (steps, nu) or (nu,).
             steps: Number of steps.
 
@@ -144,13 +191,11 @@ class FastStep:
         rows = np.empty((1, steps, model.nu))
         rows[:] = control
         kept = Kept(np.empty((steps, model.nsensordata)), np.empty((steps, model.nq)), np.empty((steps, model.nv)))
-        made, one = np.zeros(1, np.int64), np.zeros(1, np.int64)
-        nothing = np.empty((1, 0))
-        compiled_loop()(
-            self._calls, self.plan, self._members, np.array([addresses(data)]), one, one, self._sizes, rows, steps,
-            True, False, one[None], scratch_of(model), made, nothing, nothing, nothing, kept,
-        )  # fmt: skip
-        n = int(made[0])
+        one, nothing = np.zeros(1, np.int64), np.empty((1, 0))
+        fleet = Fleet(np.array([addresses(data)]), one, np.zeros(1, np.int64), nothing, nothing, nothing)
+        program = Program(self._calls, self.plan, self._members, self._sizes, True, False)
+        compiled_loop()(program, fleet, one, rows, steps, Workplace(one[None], scratch_of(model)), kept)
+        n = int(fleet.made[0])
         return Steps(kept.sensors[:n], kept.qpos[:n], kept.qvel[:n], n < steps)
 
 
@@ -204,13 +249,10 @@ def compiled_loop() -> _Loop:
         stamp = zlib.crc32(b"".join((folder / f"{name}.py").read_bytes() for name in _SOURCES))
 
         def loop(
-            calls: Calls, plan: Plan, members: Members, rows: Addresses, member: Addresses, which: Addresses,
-            sizes: Addresses, controls: Array, steps: int, fast: bool, forces: bool, readers: Addresses,
-            scratch: Scratch, made: Addresses, qpos: Array, qvel: Array, sensors: Array, kept: Kept,
-        ) -> None:  # fmt: skip
+            program: Program, fleet: Fleet, which: Addresses, controls: Array, steps: int, place: Workplace, kept: Kept
+        ) -> None:
             if stamp >= 0:
-                _run(calls, plan, members, rows, member, which, sizes, controls, steps, fast, forces, readers, scratch,
-                     made, qpos, qvel, sensors, kept)  # fmt: skip
+                _run(program, fleet, which, controls, steps, place, kept)
 
         try:
             kept_loop = numba.njit(nogil=True, cache=True)(loop)
@@ -232,73 +274,59 @@ def compiled_loop() -> _Loop:
 
 @compiled
 def _run(
-    calls: Calls, plan: Plan, members: Members, rows: Addresses, member: Addresses, which: Addresses,
-    sizes: Addresses, controls: Array, steps: int, fast: bool, forces: bool, readers: Addresses,
-    scratch: Scratch, made: Addresses, qpos: Array, qvel: Array, sensors: Array, kept: Kept,
-) -> None:  # fmt: skip
+    program: Program, fleet: Fleet, which: Addresses, controls: Array, steps: int, place: Workplace, kept: Kept
+) -> None:
     """Steps simulations on, one after the other, and reads each at its end.
 
     Args:
-        calls: The engine's functions.
-        plan: Plan of the first parameter set.
-        members: What differs between the sets.
-        rows: Addresses of each simulation's state.
-        member: Parameter set of each.
-        which: Simulations that are stepped.
-        sizes: Sizes of a state's arrays.
+        program: How steps are made.
+        fleet: The simulations.
+        which: Those that are stepped.
         controls: Controls of each simulation, one for all its steps or one a step. Shape (N, 1 or steps, nu).
         steps: Number of steps.
-        fast: Whether steps are fast ones; else the engine's.
-        forces: Whether sensors measure forces or accelerations.
-        readers: Addresses of the state that sensors are computed with, of each set. Shape (B, ·).
-        scratch: Memory for a step.
-        made: Steps that were made, written; -1 where a simulation has diverged at its end. Shape (N,).
-        qpos: Positions at the end, written where it hasn't. Shape (N, nq), or (N, 0) to leave them.
-        qvel: Velocities. Shape (N, nv) or (N, 0).
-        sensors: Readings. Shape (N, nsensordata of the readers) or (N, 0).
+        place: Room to work in.
         kept: What was before each step, written; for one simulation only.
     """
+    calls, members, sizes, made = program.calls, program.members, program.sizes, fleet.made
     x, spare = np.empty(sizes[1]), np.empty(sizes[1])
     keeps = len(kept.qpos) > 0
     for index in which:
-        of = member[index]
-        state = state_at(rows[index], sizes)
-        own = Plan(
-            int(members.wet[of]), int(members.dry[of]), plan.timestep, float(members.density[of]), plan.symmetric,
-            plan.floor, members.wind[of], members.geoms[of], plan.body_first, plan.body_last, plan.body_root,
-            plan.body_parent, plan.body_dof, plan.dof_body, plan.dof_parent, plan.dof_last, plan.d_rowadr,
-            plan.d_rownnz, plan.d_colind, plan.m_rowadr, plan.m_rownnz, plan.m_colind,
-        )  # fmt: skip
+        of = fleet.member[index]
+        state = state_at(fleet.rows[index], sizes)
+        water = Water(
+            int(members.wet[of]), int(members.dry[of]), float(members.density[of]), members.wind[of], members.geoms[of]
+        )
         made[index] = steps
         for step in range(steps):
-            if bad(state.qpos) or bad(state.qvel):
+            if _bad(state.qpos) or _bad(state.qvel):
                 made[index] = step
                 break
             state.ctrl[:] = controls[index, min(step, controls.shape[1] - 1)]
             if keeps:
                 kept.qpos[step] = state.qpos
                 kept.qvel[step] = state.qvel
-            if not fast:
-                call(calls.step, own.wet, state.data)
-            elif not _step(calls, own, state, scratch, x, spare):
+            if not program.fast:
+                call(calls.step, water.wet, state.data)
+            elif not _step(calls, program.plan, water, state, place.scratch, x, spare):
                 made[index] = step
                 break
             if keeps:
                 kept.sensors[step] = state.sensordata
-        if qpos.shape[1] == 0:
+        if fleet.qpos.shape[1] == 0:
             continue
-        if made[index] < steps or bad(state.qpos) or bad(state.qvel):
+        if made[index] < steps or _bad(state.qpos) or _bad(state.qvel):
             made[index] = -1
             continue
-        qpos[index] = state.qpos
-        qvel[index] = state.qvel
-        if sensors.shape[1] > 0:
-            _read(calls, int(members.read[of]), readers[of], forces, state, array_at(rows[index, 1], (sizes[3],)))
-            sensors[index] = array_at(int(readers[of, 6]), (sensors.shape[1],))
+        fleet.qpos[index] = state.qpos
+        fleet.qvel[index] = state.qvel
+        if fleet.sensors.shape[1] > 0:
+            act = array_at(fleet.rows[index, 1], (sizes[3],))
+            _read(calls, int(members.read[of]), place.readers[of], program.forces, state, act)
+            fleet.sensors[index] = array_at(int(place.readers[of, 6]), (fleet.sensors.shape[1],))
 
 
 @compiled
-def _read(calls: Calls, model: int, row: Addresses, forces: bool, state: State, act: Array) -> None:
+def _read(calls: Calls, model: int, row: Addresses, forces: bool, state: EngineState, act: Array) -> None:
     """Computes sensors in a state of their own."""
     data = row[0]
     array_at(row[1], (len(state.qpos),))[:] = state.qpos
@@ -317,30 +345,30 @@ def _read(calls: Calls, model: int, row: Addresses, forces: bool, state: State, 
 
 
 @compiled
-def _step(calls: Calls, plan: Plan, state: State, scratch: Scratch, x: Array, kept: Array) -> bool:
+def _step(calls: Calls, plan: Plan, water: Water, state: EngineState, scratch: Scratch, x: Array, kept: Array) -> bool:
     """One step, with x and kept for its own use; False where it can't be made."""
     A = scratch.A
-    call(calls.step1, plan.dry, state.data)
-    add_fluid(plan, state, scratch)
-    call(calls.actuation, plan.dry, state.data)
-    call(calls.acceleration, plan.dry, state.data)
-    call(calls.constraint, plan.dry, state.data)
-    if bad(state.qacc):
+    call(calls.step1, water.dry, state.data)
+    add_fluid(plan, water, state, scratch)
+    call(calls.actuation, water.dry, state.data)
+    call(calls.acceleration, water.dry, state.data)
+    call(calls.constraint, water.dry, state.data)
+    if _bad(state.qacc):
         return False
-    call_flag(calls.derivative, plan.dry, state.data, 0)
+    call_flag(calls.derivative, water.dry, state.data, 0)
     _assemble(plan, state, A)
     for i in range(len(x)):
         x[i] = state.qfrc_smooth[i] + state.qfrc_constraint[i]
     if not _solve(plan.dof_parent, plan.symmetric, A, x):
         if not plan.symmetric:
             return False
-        call(calls.implicit, plan.wet, state.data)  # the engine has its own way with an indefinite matrix
+        call(calls.implicit, water.wet, state.data)  # the engine has its own way with an indefinite matrix
         return True
     # the engine advances with the acceleration it finds; what it remembers is the one before
     for i in range(len(x)):
         kept[i] = state.qacc[i]
         state.qacc[i] = x[i]
-    call_flag(calls.advance, plan.dry, state.data, 0)
+    call_flag(calls.advance, water.dry, state.data, 0)
     for i in range(len(x)):
         state.qacc[i] = kept[i]
         state.qacc_warmstart[i] = kept[i]
@@ -348,7 +376,7 @@ def _step(calls: Calls, plan: Plan, state: State, scratch: Scratch, x: Array, ke
 
 
 @compiled
-def _assemble(plan: Plan, state: State, A: Array) -> None:
+def _assemble(plan: Plan, state: EngineState, A: Array) -> None:
     """A += M - h D with the engine's derivative, which has no fluid in it."""
     h = plan.timestep
     for i in range(len(plan.d_rowadr)):
@@ -400,7 +428,7 @@ def _solve(parent: Indices, symmetric: bool, A: Array, b: Array) -> bool:
 
 
 @compiled
-def bad(values: Array) -> bool:
+def _bad(values: Array) -> bool:
     """Whether a number counts as diverged."""
     for value in values:
         if not (value > -_MAX and value < _MAX):  # NaN too

@@ -13,17 +13,21 @@ from numpy.typing import NDArray
 
 from swim2real.errors import EngineError, TrialError
 from swim2real.parameters import Values
-from swim2real.robots.delays import Delays
 from swim2real.robots.robot import Control, Robot, Sine
-from swim2real.simulation.engine import Engine
-from swim2real.simulation.fitted_start import UNIT_TIME, Attempt, State, Stretch, fitted_start, sensed_start
-from swim2real.simulation.forward_model import all_of, thread_count
+from swim2real.robots.targets import Delays
+from swim2real.simulation.forward_model import Engine, all_of, thread_count
 from swim2real.simulation.pose import PoseFit
 from swim2real.simulation.start import (
     FITTED,
     MARKERS,
     STARTS,
+    UNIT_TIME,
+    Attempt,
     FirstFrames,
+    JointState,
+    Stretch,
+    fitted_start,
+    sensed_start,
     start_at_joints,
     start_at_keyframe,
     start_at_markers,
@@ -84,7 +88,7 @@ class PlaybackSimulator:
         self._threads = thread_count(threads)
         self.robot, self._about = robot, robot.recordings
         self.engine = Engine.of(robot)
-        self._published = robot.build(robot.space.published).compile()
+        self._published = robot.model
         self._markers = len(robot.marker_names)
         self._sensors = {sensor.name: sensor_address(self._published, sensor.name) for sensor in self._about.sensors}
         if self._about.start not in STARTS:
@@ -249,24 +253,26 @@ class PlaybackSimulator:
 
     def _guess(
         self, fit: PoseFit, model: mujoco.MjModel, data: mujoco.MjData, rollout: Rollout, stretch: Stretch
-    ) -> State:
+    ) -> JointState:
         """Where a fit of the start begins: where the markers are; without any, where joint sensors say."""
         if rollout.first is None or rollout.guess is None:
             return sensed_start(model, (data.qpos.copy(), data.qvel.copy()), stretch)
         qpos = fit.pose(rollout.first.places, rollout.first.known, rollout.guess).qpos
         return qpos, fit.velocities(qpos, rollout.first.velocities, rollout.first.known)
 
-    def _fitted(self, model: mujoco.MjModel, fit: PoseFit, guess: State, controls: Array, stretch: Stretch) -> State:
+    def _fitted(
+        self, model: mujoco.MjModel, fit: PoseFit, guess: JointState, controls: Array, stretch: Stretch
+    ) -> JointState:
         """The start that fits the first stretch best."""
         step, free, data = float(model.opt.timestep), fit.free(guess[0]), mujoco.MjData(model)
         unknowns = free.shape[1]
         driving = controls[: int(np.ceil(stretch.seconds / step - 1e-9)) + 1]
 
-        def move(start: State, change: Array) -> State:
+        def move(start: JointState, change: Array) -> JointState:
             turned, faster = free @ change[:unknowns], free @ change[unknowns:]
             return fit.moved(start[0], turned), start[1] + faster / UNIT_TIME
 
-        def simulate(starts: Sequence[State]) -> list[Attempt]:
+        def simulate(starts: Sequence[JointState]) -> list[Attempt]:
             states: list[Array] = []
             for data.qpos[:], data.qvel[:] in starts:
                 states.append(physics_state(model, data))
@@ -275,7 +281,7 @@ class PlaybackSimulator:
 
         return fitted_start(guess, stretch.room, move, 2 * unknowns, simulate)
 
-    def _attempt(self, start: State, sensors: Array | None, step: float, stretch: Stretch) -> Attempt:
+    def _attempt(self, start: JointState, sensors: Array | None, step: float, stretch: Stretch) -> Attempt:
         if sensors is None:
             return Attempt(start, None, np.inf)
         markers = self._in_plane(sampled(sensors[:, sensors.shape[1] - 3 * self._markers :], step, stretch.times))

@@ -1,13 +1,19 @@
-"""How a recording starts: at rest, in a keyframe, as its trial says, or as its first frames show."""
+"""How a recording starts: at rest, in a keyframe, as its trial says, as its first frames show, or as a fit finds.
+
+A fit finds the state whose simulation meets the first stretch best. Pose and velocities are then unknowns of the
+playback, found anew for each candidate by a few Levenberg-Marquardt steps. They begin where the first frames, or joint
+sensors, say, and may not leave the range that these allow.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import detrend
 
 from swim2real.errors import EngineError, TrialError
 from swim2real.simulation.pose import SCALAR, PoseFit
@@ -19,8 +25,6 @@ Mask = NDArray[np.bool_]
 WINDOW = 0.1  # s of first frames that show how a recording starts
 _FRAMES = 5  # at least
 _TRIES = 6
-_WINDOWS = 10  # of first frames that show how fast a recording moves
-_MOTION = 0.9  # of the motion's power, above noise
 _STILL = 1e-6  # m: a correction that is none
 REST, MARKERS, FITTED = "rest", "markers", "fitted"
 STARTS = (REST, MARKERS, FITTED)
@@ -167,47 +171,201 @@ def _scalar(model: mujoco.MjModel, trial: Trial, given: Mapping[str, float]) -> 
     return given
 
 
-def too_fast(trial: Trial, weights: Array) -> list[str]:
-    """A warning where first frames take longer than a quarter of the period of the fastest motion; else nothing.
+JointState = tuple[Array, Array]
+"""Positions and velocities of the joints. Shapes (nq,) and (nv,)."""
+
+STRETCH = 0.25  # s of a recording that its start is fitted to
+_STRETCH_FRAMES = 8  # at least
+_STEPS = 8  # of Levenberg and Marquardt, those included that gain nothing
+_CONVERGED = 1e-3  # promised relative gain below which the fit ends
+_DIFFERENCE = 1e-4  # rad or m of a joint, or so much within the time below
+UNIT_TIME = 0.05  # s, that makes ways of velocities
+_PULL = 1e-6  # toward the first guess, relative to what is seen: for joints that nothing shows
+_ROUNDING = 1e-9  # s
+_OF_JOINTS = (int(mujoco.mjtSensor.mjSENS_JOINTPOS), int(mujoco.mjtSensor.mjSENS_JOINTVEL))
+_ROOM = 2.0  # of the largest way between two frames, by which a start may be off its first two frames
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A sensor of the first stretch.
+
+    Attributes:
+        name: Name of the sensor.
+        times: Times since the start [s]. Shape (R,).
+        readings: Readings, NaN where nothing was read [unit]. Shape (R,).
+        meters_per_unit: Marker error that an error of one unit counts as [m/unit].
+    """
+
+    name: str
+    times: Array
+    readings: Array
+    meters_per_unit: float
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """What a start is fitted to.
+
+    Attributes:
+        times: Times of the frames since the first one [s]. Shape (K,).
+        positions: Positions of the markers [m]. Shape (K, M, 2).
+        weights: Weights, 0 where a marker doesn't count. Shape (K, M).
+        sensors: Sensors that are compared.
+    """
+
+    times: Array
+    positions: Array
+    weights: Array
+    sensors: tuple[Reading, ...]
+
+    @classmethod
+    def of(cls, trial: Trial, weights: Array, meters_per_unit: Mapping[str, float]) -> Stretch:
+        """The first stretch of a recording.
+
+        Args:
+            trial: The recording.
+            weights: Weights of its markers, 0 where one isn't believed. Shape (T, M).
+            meters_per_unit: Sensors that are compared, by name: marker error that an error of one unit counts as.
+        """
+        track = trial.track
+        since = track.times - track.times[0]
+        count = max(int(np.searchsorted(since, STRETCH, side="right")), min(_STRETCH_FRAMES, len(since)))
+        positions = track.positions[:count]
+        seen = np.isfinite(positions).all(axis=2)
+        sensors: list[Reading] = []
+        if trial.sensors is not None:
+            rows = trial.sensors.times - track.times[0]
+            within = (rows >= -_ROUNDING) & (rows <= since[count - 1] + _ROUNDING)
+            sensors = [
+                Reading(name, rows[within], trial.sensors.column(name)[within], scale)
+                for name, scale in meters_per_unit.items() if name in trial.sensors.names
+            ]  # fmt: skip
+        return cls(since[:count], np.nan_to_num(positions), np.where(seen, weights[:count], 0.0), tuple(sensors))
+
+    def read_late(self, delays: Mapping[str, float]) -> Stretch:
+        """The same with readings dated earlier, by the delays of sensors [s]."""
+        if not any(delays.values()):
+            return self
+        sensors = tuple(replace(one, times=one.times - delays.get(one.name, 0.0)) for one in self.sensors)
+        return replace(self, sensors=sensors)
+
+    @property
+    def seconds(self) -> float:
+        """How long it is [s]."""
+        return float(self.times[-1])
+
+    @cached_property
+    def room(self) -> float:
+        """By how much a start may be off the first two frames [m]: twice the largest way between two frames."""
+        both = np.minimum(self.weights[1:], self.weights[:-1]) > 0
+        ways = np.linalg.norm(np.diff(self.positions, axis=0), axis=2)
+        return _ROOM * float(np.where(both, ways, 0.0).max(initial=0.0))
+
+    def off(self, positions: Array) -> float:
+        """Largest distance of a simulated marker from the first two frames [m]. Shape (K, M, 2)."""
+        ways = np.linalg.norm((positions - self.positions)[:2], axis=2)
+        return float(np.where(self.weights[:2] > 0, ways, 0.0).max(initial=0.0))
+
+    def residual(self, positions: Array, readings: Sequence[Array]) -> Array:
+        """What a start is to make small, such that the squares add up to mean squares [m].
+
+        Args:
+            positions: Simulated markers. Shape (K, M, 2).
+            readings: Simulated readings of each sensor [unit].
+        """
+        share = self.weights / max(float(self.weights.sum()), 1e-12)
+        parts = [(np.sqrt(share)[:, :, None] * (positions - self.positions)).ravel()]
+        for sensor, simulated in zip(self.sensors, readings, strict=True):
+            known = np.isfinite(sensor.readings)
+            missed = np.where(known, simulated - np.nan_to_num(sensor.readings), 0.0)
+            parts.append(sensor.meters_per_unit * missed / np.sqrt(max(int(known.sum()), 1)))
+        return np.concatenate(parts)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A start and its simulation.
+
+    Attributes:
+        start: Where it begins.
+        residual: What it is to make small [m]; None when the simulation diverged. Shape (n,).
+        off: How far it is from the first two frames [m].
+    """
+
+    start: JointState
+    residual: Array | None
+    off: float
+
+
+def fitted_start(
+    guess: JointState, room: float, move: Callable[[JointState, Array], JointState], unknowns: int,
+    simulate: Callable[[Sequence[JointState]], list[Attempt]],
+) -> JointState:  # fmt: skip
+    """The start whose residual is least, near a guess.
 
     Args:
-        trial: Recording whose start is shown by its markers.
-        weights: Weights, 0 where a marker isn't believed. Shape (T, M).
+        guess: Where to begin.
+        room: By how much it may be off the first two frames [m]; more where the guess is.
+        move: A start that is a step farther: of the pose, and of the velocities times 50 ms. Shape (unknowns,).
+        unknowns: How many there are.
+        simulate: Simulates the first stretch from several starts.
     """
-    window = float(FirstFrames(trial, weights).times[-1])
-    fastest = fastest_frequency(trial, weights, _WINDOWS * window)
-    if fastest is None or window <= 1 / (4 * fastest):
-        return []
-    return [
-        f"its start is a straight line through its first {window:.2g} s, more than a quarter of the period of its "
-        f'motion ({fastest:.2g} Hz), so it may be wrong; say start = "fitted" in the robot file'
-    ]
+    (best,) = simulate([guess])
+    limit, gone, damping, slopes = max(room, best.off), np.zeros(unknowns), 1e-3, np.zeros(0)
+    for _ in range(_STEPS):
+        if best.residual is None:
+            break
+        if not slopes.size:
+            slopes = _slopes(best, best.residual, move, unknowns, simulate)
+        squares = float(best.residual @ best.residual)
+        pull = _PULL * max(float(np.square(slopes).sum()) / unknowns, 1e-12)
+        normal = slopes @ slopes.T + pull * np.eye(unknowns)
+        gradient = slopes @ best.residual + pull * gone
+        step: Array = np.asarray(-np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient), dtype=float)
+        if -float(2 * gradient @ step + step @ normal @ step) <= _CONVERGED * squares:
+            break
+        (moved,) = simulate([move(best.start, step)])
+        if moved.residual is not None and moved.residual @ moved.residual < squares and moved.off <= limit:
+            best, gone, damping, slopes = moved, gone + step, damping / 10, np.zeros(0)
+        else:
+            damping *= 10
+    return best.start
 
 
-def fastest_frequency(trial: Trial, weights: Array, seconds: float) -> float | None:
-    """Frequency below which nine tenths of the markers' motion are [Hz]; None where it is too short or mostly noise.
+def _slopes(
+    base: Attempt, residual: Array, move: Callable[[JointState, Array], JointState], unknowns: int,
+    simulate: Callable[[Sequence[JointState]], list[Attempt]],
+) -> Array:  # fmt: skip
+    """Derivatives of the residual, 0 where they aren't known. Shape (unknowns, n)."""
+    made = simulate([move(base.start, step) for step in _DIFFERENCE * np.eye(unknowns)])
+    none = np.zeros_like(residual)
+    return np.array([none if one.residual is None else (one.residual - residual) / _DIFFERENCE for one in made])
+
+
+def sensed_start(model: mujoco.MjModel, start: JointState, stretch: Stretch) -> JointState:
+    """A start whose joints are where their sensors say, by straight lines through the first readings.
+
+    Joints without a sensor of their own stay as they are.
 
     Args:
-        trial: A recording.
-        weights: Weights, 0 where a marker isn't believed. Shape (T, M).
-        seconds: How much of it is looked at, from its first frame on [s].
+        model: Compiled.
+        start: What is known of the others.
+        stretch: First stretch of a recording.
     """
-    track = trial.track
-    count = int(np.searchsorted(track.times - track.times[0], seconds, side="right"))
-    if count < 2 * _FRAMES:
-        return None
-    times = track.times[:count]
-    even = np.linspace(times[0], times[-1], count)
-    power = np.zeros(count // 2 + 1)
-    for marker in range(track.marker_count):
-        counted = weights[:count, marker] > 0
-        for axis in range(2):
-            known = counted & np.isfinite(track.positions[:count, marker, axis])
-            if 2 * known.sum() > count:
-                way = np.interp(even, times[known], track.positions[:count, marker, axis][known])
-                power += np.square(np.abs(np.fft.rfft(detrend(way) * np.hanning(count))))
-    above = np.maximum(power - 2 * np.median(power), 0.0)
-    if not above.sum() > power.sum() / 2:
-        return None
-    frequencies = np.fft.rfftfreq(count, float(even[1] - even[0]))
-    return float(frequencies[np.searchsorted(np.cumsum(above), _MOTION * above.sum())])
+    qpos, qvel = start[0].copy(), start[1].copy()
+    for one in stretch.sensors:
+        first = np.isfinite(one.readings) & (one.times <= max(WINDOW, float(one.times[min(1, len(one.times) - 1)])))
+        sensor = model.sensor(one.name.partition("[")[0])
+        joint, kind = int(sensor.objid[0]), int(sensor.type[0])
+        if not first.any() or kind not in _OF_JOINTS:
+            continue
+        times, readings = one.times[first] - one.times[0], one.readings[first]
+        if kind == _OF_JOINTS[1]:
+            qvel[model.jnt_dofadr[joint]] = readings[0]
+            continue
+        qpos[model.jnt_qposadr[joint]] = readings[0]
+        if len(times) > 1:
+            slope, place = np.polyfit(times, readings, 1)
+            qpos[model.jnt_qposadr[joint]], qvel[model.jnt_dofadr[joint]] = place, slope
+    return qpos, qvel

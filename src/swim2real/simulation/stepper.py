@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 
 import mujoco
@@ -12,14 +11,11 @@ from numpy.typing import NDArray
 
 from swim2real.robots.robot import Robot
 from swim2real.simulation.fast_step import FastStep
+from swim2real.simulation.forward_model import log_warnings
 
 Array = NDArray[np.float64]
 
 _PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
-
-# a simulation that diverges is told by whoever steps it; the engine would write MUJOCO_LOG.TXT into the working folder
-if mujoco.get_mju_user_warning() is None:
-    mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
 
 
 @dataclass(frozen=True)
@@ -54,6 +50,7 @@ def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array) -> Rolled:
         data: Where to begin.
         controls: Controls of every step. Shape (N, nu).
     """
+    log_warnings()
     state = physics_state(model, data)
     states, sensors = rollout.rollout(model, data, state[None], controls[None], nstep=len(controls))
     states, sensors = states[0], sensors[0]
@@ -78,6 +75,7 @@ def roll_each(model: mujoco.MjModel, starts: Array, controls: Array) -> list[Arr
     Returns:
         K arrays of shape (N, nsensordata).
     """
+    log_warnings()
     data = mujoco.MjData(model)
     states, sensors = rollout.rollout(model, data, starts, controls[None], nstep=len(controls))
     before = np.concatenate([starts[:, :1], states[:, :-1, 0]], axis=1)

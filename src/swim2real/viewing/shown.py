@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.checks.probing import excitation, swing
 from swim2real.errors import EngineError
 from swim2real.objective import ComparedTrial
 from swim2real.parameters import Values
@@ -18,7 +19,6 @@ from swim2real.robots.robot import Robot
 from swim2real.robots.scenery import ABOVE, SIDE, furnish
 from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.playback import Rollout
-from swim2real.simulation.probing import excitation, swing
 from swim2real.simulation.simulator import SETTLING
 from swim2real.simulation.stepper import Rolled, Stepper, roll
 

@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.checks.effects import ModelEffect, model_effects
 from swim2real.errors import EngineError
 from swim2real.parameters import Parameter, Values
-from swim2real.robots.effects import ModelEffect, model_effects
 from swim2real.robots.robot import Recordings, Robot
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.simulator import Simulator, Swim
@@ -175,7 +175,7 @@ def _swims(reference: TrialSet | None) -> list[Swim]:
 
 def _size(robot: Robot) -> float:
     """Length of the robot, or of its markers where those are farther apart [m]."""
-    model = robot.build(robot.space.published).compile()
+    model = robot.model
     apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2)
     return float(max(model.stat.extent, apart.max(initial=0.0)))
 
@@ -213,7 +213,7 @@ def excitation(robot: Robot, strength: float) -> Trial:
         robot: Whose trials are recordings.
         strength: 1, or less for a robot that diverges.
     """
-    model = robot.build(robot.space.published).compile()
+    model = robot.model
     times = np.arange(round(SECONDS * _RATE) + 1) / _RATE
     names = [name for name, control in robot.recordings.controls.items() if control == "table"]
     columns = [swing(model.actuator(name), times, i, strength, FREQUENCY) for i, name in enumerate(names)]

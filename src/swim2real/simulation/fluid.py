@@ -1,22 +1,47 @@
-"""What the velocities do to the forces, as the matrix that the engine's implicit integrators need.
+"""The fluid's forces, and what the velocities do to them, as the matrix that the engine's implicit integrators need.
 
 In those integrators almost all time goes into the velocity derivative of the fluid forces: the engine forms a product
 over all degrees of freedom for every geom. Here the 6x6 derivatives of the geoms are summed per body, then from the
 leaves of the kinematic tree to its root, all about the tree's center of mass, where the engine's spatial velocities
 and motion axes are given, too. Each pair of degrees of freedom, one above the other in the tree, then needs one
 product. Integrator `implicit` also has the derivative of the bias forces, which goes the same way.
+
+The formulas are those of the engine's ellipsoid fluid model (MuJoCo documentation, "Ellipsoid-based fluid model"), in
+closed form: drag of blunt and slender bodies, Kutta and Magnus lift, added mass, and drag against turning.
+
+A derivative B is kept as 36 numbers, four blocks of 3x3 one after another: torque by angular velocity (TT), torque by
+linear velocity (TL), force by angular velocity (LT) and force by linear velocity (LL).
 """
 
 # ruff: noqa: N803, N806 (matrices are capitals)
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from swim2real.simulation.fast_plan import POS, ROT, TURNED, Array, Plan, State, compiled
-from swim2real.simulation.geom_fluid import geom_fluid, shift, turn
+from swim2real.simulation.fast_plan import (
+    ABC,
+    DRAG_BLUNT,
+    DRAG_LIN,
+    DRAG_SLENDER,
+    INERTIA,
+    LIFT,
+    MAGNUS,
+    MASS,
+    POS,
+    ROT,
+    SPIN,
+    SPIN_LIN,
+    TURNED,
+    Array,
+    EngineState,
+    Plan,
+    Water,
+    compiled,
+)
 
 
 class Scratch(NamedTuple):
@@ -38,16 +63,16 @@ class Scratch(NamedTuple):
 
 
 @compiled
-def add_fluid(plan: Plan, state: State, scratch: Scratch) -> None:
+def add_fluid(plan: Plan, water: Water, state: EngineState, scratch: Scratch) -> None:
     """Adds the fluid's forces to the passive ones, and writes -timestep times its derivative to A, and the bias's."""
     scratch.A[:] = 0.0
-    _sum_bodies(plan, state, scratch.B, scratch.W)
+    _sum_bodies(plan, water, state, scratch.B, scratch.W)
     _sum_subtrees(plan, state, scratch)
     _project(plan, state, scratch)
 
 
 @compiled
-def _sum_bodies(plan: Plan, state: State, B: Array, W: Array) -> None:
+def _sum_bodies(plan: Plan, water: Water, state: EngineState, B: Array, W: Array) -> None:
     """Derivative and force of each body's geoms, about the center of mass of its tree."""
     local, F = np.empty(36), np.empty(6)
     sum_B, sum_W, turned = np.empty(36), np.empty(6), np.empty(36)
@@ -62,9 +87,9 @@ def _sum_bodies(plan: Plan, state: State, B: Array, W: Array) -> None:
         rx, ry, rz = state.xpos[body, 0] - com[0], state.xpos[body, 1] - com[1], state.xpos[body, 2] - com[2]
         cvel = state.cvel[body]
         w0, w1, w2 = cvel[0], cvel[1], cvel[2]
-        v0 = cvel[3] + w1 * rz - w2 * ry - plan.wind[0]
-        v1 = cvel[4] + w2 * rx - w0 * rz - plan.wind[1]
-        v2 = cvel[5] + w0 * ry - w1 * rx - plan.wind[2]
+        v0 = cvel[3] + w1 * rz - w2 * ry - water.wind[0]
+        v1 = cvel[4] + w2 * rx - w0 * rz - water.wind[1]
+        v2 = cvel[5] + w0 * ry - w1 * rx - water.wind[2]
         bw0 = R[0] * w0 + R[3] * w1 + R[6] * w2
         bw1 = R[1] * w0 + R[4] * w1 + R[7] * w2
         bw2 = R[2] * w0 + R[5] * w1 + R[8] * w2
@@ -74,17 +99,17 @@ def _sum_bodies(plan: Plan, state: State, B: Array, W: Array) -> None:
         sum_B[:] = 0.0
         sum_W[:] = 0.0
         for geom in range(first, last):
-            g = plan.geoms[geom]
+            g = water.geoms[geom]
             x, y, z = g[POS], g[POS + 1], g[POS + 2]
             u0 = bv0 + bw1 * z - bw2 * y
             u1 = bv1 + bw2 * x - bw0 * z
             u2 = bv2 + bw0 * y - bw1 * x
             if g[TURNED] == 0.0:
-                geom_fluid(g, plan.density, plan.floor, bw0, bw1, bw2, u0, u1, u2, local, F)
+                _geom_fluid(g, water.density, plan.floor, bw0, bw1, bw2, u0, u1, u2, local, F)
             else:
                 Q = g[ROT : ROT + 9]
-                geom_fluid(
-                    g, plan.density, plan.floor,
+                _geom_fluid(
+                    g, water.density, plan.floor,
                     Q[0] * bw0 + Q[3] * bw1 + Q[6] * bw2,
                     Q[1] * bw0 + Q[4] * bw1 + Q[7] * bw2,
                     Q[2] * bw0 + Q[5] * bw1 + Q[8] * bw2,
@@ -95,13 +120,13 @@ def _sum_bodies(plan: Plan, state: State, B: Array, W: Array) -> None:
                 )  # fmt: skip
                 turned[:] = 0.0
                 for k in range(4):
-                    turn(Q, local[9 * k : 9 * k + 9], turned[9 * k : 9 * k + 9])
+                    _turn(Q, local[9 * k : 9 * k + 9], turned[9 * k : 9 * k + 9])
                 local[:] = turned
                 t0, t1, t2, f0, f1, f2 = F[0], F[1], F[2], F[3], F[4], F[5]
                 for k in range(3):
                     F[k] = Q[3 * k] * t0 + Q[3 * k + 1] * t1 + Q[3 * k + 2] * t2
                     F[3 + k] = Q[3 * k] * f0 + Q[3 * k + 1] * f1 + Q[3 * k + 2] * f2
-            shift(local, x, y, z)
+            _shift(local, x, y, z)
             for k in range(36):
                 sum_B[k] += local[k]
             sum_W[0] += F[0] + y * F[5] - z * F[4]
@@ -112,8 +137,8 @@ def _sum_bodies(plan: Plan, state: State, B: Array, W: Array) -> None:
             sum_W[5] += F[5]
         out = B[body]
         for k in range(4):
-            turn(R, sum_B[9 * k : 9 * k + 9], out[9 * k : 9 * k + 9])
-        shift(out, rx, ry, rz)
+            _turn(R, sum_B[9 * k : 9 * k + 9], out[9 * k : 9 * k + 9])
+        _shift(out, rx, ry, rz)
         wrench = W[body]
         for k in range(3):
             wrench[k] = R[3 * k] * sum_W[0] + R[3 * k + 1] * sum_W[1] + R[3 * k + 2] * sum_W[2]
@@ -124,7 +149,7 @@ def _sum_bodies(plan: Plan, state: State, B: Array, W: Array) -> None:
 
 
 @compiled
-def _sum_subtrees(plan: Plan, state: State, scratch: Scratch) -> None:
+def _sum_subtrees(plan: Plan, state: EngineState, scratch: Scratch) -> None:
     """Adds the bodies' bias, sums from the leaves to the root, and takes the symmetric part where that is asked."""
     B, W, inertia = scratch.B, scratch.W, scratch.inertia
     bodies = len(plan.body_first)
@@ -161,7 +186,7 @@ def _sum_subtrees(plan: Plan, state: State, scratch: Scratch) -> None:
 
 
 @compiled
-def _project(plan: Plan, state: State, scratch: Scratch) -> None:
+def _project(plan: Plan, state: EngineState, scratch: Scratch) -> None:
     """Onto the degrees of freedom: forces, and A between each and those above it in the tree."""
     B, W, inertia, change, A = scratch.B, scratch.W, scratch.inertia, scratch.change, scratch.A
     h = plan.timestep
@@ -264,7 +289,7 @@ def _momentum(i: Array, v: Array, out: Array) -> None:
 
 
 @compiled
-def _change(plan: Plan, state: State, dof: int, out: Array) -> None:
+def _change(plan: Plan, state: EngineState, dof: int, out: Array) -> None:
     """What a velocity adds to the accelerations beyond it, but for the part that grows with their velocity."""
     dot = state.cdof_dot[dof]
     if plan.dof_last[dof] < 0:  # hinges and slides
@@ -289,3 +314,146 @@ def _change(plan: Plan, state: State, dof: int, out: Array) -> None:
     out[3] = dot[3] + w1 * c[5] - w2 * c[4] + v1 * c[2] - v2 * c[1]
     out[4] = dot[4] + w2 * c[3] - w0 * c[5] + v2 * c[0] - v0 * c[2]
     out[5] = dot[5] + w0 * c[4] - w1 * c[3] + v0 * c[1] - v1 * c[0]
+
+
+@compiled
+def _geom_fluid(
+    g: Array, density: float, floor: float,
+    wx: float, wy: float, wz: float, x: float, y: float, z: float, B: Array, F: Array,
+) -> None:  # fmt: skip
+    """Fluid force of one geom and its derivative by velocity, in the geom's frame.
+
+    Args:
+        g: Constants of the geom. Shape (COLUMNS,).
+        density: Density of the fluid [kg/m³].
+        floor: Smallest denominator.
+        wx: Angular velocity about x [rad/s].
+        wy: Angular velocity about y [rad/s].
+        wz: Angular velocity about z [rad/s].
+        x: Velocity relative to the fluid along x [m/s].
+        y: Velocity relative to the fluid along y [m/s].
+        z: Velocity relative to the fluid along z [m/s].
+        B: Derivative, written. Shape (36,).
+        F: Torque [N·m] and force [N], written. Shape (6,).
+    """
+    a, b, c = g[ABC], g[ABC + 1], g[ABC + 2]
+    xx, yy, zz = x * x, y * y, z * z
+    S = xx + yy + zz
+    speed = math.sqrt(S)
+    N = a * xx + b * yy + c * zz
+    Q = a * a * xx + b * b * yy + c * c * zz
+    inv_speed = 1.0 / max(floor, speed)
+
+    # drag: -v (linear + density |v| (slender area + (blunt - slender) projected area))
+    root = math.sqrt(Q * N)
+    per_n = 1.0 / N
+    area = math.pi * (root * per_n if floor < N else math.sqrt(Q / floor))
+    d_area = math.pi / max(floor, N * root)
+    cd = g[DRAG_BLUNT]
+    quad = density * (g[DRAG_SLENDER] + cd * area)
+    slope = density * speed * cd * d_area
+    gx = slope * a * x * (b * yy * (a - b) + c * zz * (a - c))
+    gy = slope * b * y * (a * xx * (b - a) + c * zz * (b - c))
+    gz = slope * c * z * (a * xx * (c - a) + b * yy * (c - b))
+    k = quad * inv_speed
+    diagonal = -k * S - g[DRAG_LIN]
+
+    # lift: -coefficient sqrt(N / (Q S)) (x fx, y fy, z fz)
+    fx = yy * (a - b) + zz * (a - c)
+    fy = xx * (b - a) + zz * (b - c)
+    fz = xx * (c - a) + yy * (c - b)
+    lift = g[LIFT] * density / max(floor, root * speed)
+    n_q, n_s = N / max(floor, Q), N / max(floor, S)
+    ix = lift * (a * a * n_q - a + n_s)
+    iy = lift * (b * b * n_q - b + n_s)
+    iz = lift * (c * c * n_q - c + n_s)
+    two = 2.0 * lift * N
+
+    # added mass and magnus lift: (m v) x w + mu w x v
+    m0, m1, m2 = g[MASS], g[MASS + 1], g[MASS + 2]
+    mu = g[MAGNUS]
+    B[27] = diagonal + x * (-k * x - gx + fx * ix * x) - lift * fx * N
+    B[28] = x * (-k * y - gy + (two * (b - a) + fx * iy) * y) - wz * (mu - m1)
+    B[29] = x * (-k * z - gz + (two * (c - a) + fx * iz) * z) + wy * (mu - m2)
+    B[30] = y * (-k * x - gx + (two * (a - b) + fy * ix) * x) + wz * (mu - m0)
+    B[31] = diagonal + y * (-k * y - gy + fy * iy * y) - lift * fy * N
+    B[32] = y * (-k * z - gz + (two * (c - b) + fy * iz) * z) - wx * (mu - m2)
+    B[33] = z * (-k * x - gx + (two * (a - c) + fz * ix) * x) - wy * (mu - m0)
+    B[34] = z * (-k * y - gy + (two * (b - c) + fz * iy) * y) + wx * (mu - m1)
+    B[35] = diagonal + z * (-k * z - gz + fz * iz * z) - lift * fz * N
+    q0, q1, q2 = (m0 - mu) * x, (m1 - mu) * y, (m2 - mu) * z
+    B[18], B[19], B[20] = 0.0, -q2, q1
+    B[21], B[22], B[23] = q2, 0.0, -q0
+    B[24], B[25], B[26] = -q1, q0, 0.0
+    # torque of added mass: (m v) x v + (i w) x w
+    B[9], B[10], B[11] = 0.0, z * (m1 - m2), y * (m1 - m2)
+    B[12], B[13], B[14] = z * (m2 - m0), 0.0, x * (m2 - m0)
+    B[15], B[16], B[17] = y * (m0 - m1), x * (m0 - m1), 0.0
+    # torque of drag: -w (linear + density |s w|)
+    i0, i1, i2 = g[INERTIA], g[INERTIA + 1], g[INERTIA + 2]
+    s0, s1, s2 = g[SPIN], g[SPIN + 1], g[SPIN + 2]
+    px, py, pz = wx * s0, wy * s1, wz * s2
+    P = px * px + py * py + pz * pz
+    spin = math.sqrt(P)
+    r = density / max(floor, spin)
+    ax, ay, az = r * px * s0, r * py * s1, r * pz * s2
+    turning = -r * P - g[SPIN_LIN]
+    B[0] = turning - wx * ax
+    B[1] = -wx * ay + wz * (i1 - i2)
+    B[2] = -wx * az + wy * (i1 - i2)
+    B[3] = -wy * ax + wz * (i2 - i0)
+    B[4] = turning - wy * ay
+    B[5] = -wy * az + wx * (i2 - i0)
+    B[6] = -wz * ax + wy * (i0 - i1)
+    B[7] = -wz * ay + wx * (i0 - i1)
+    B[8] = turning - wz * az
+
+    up = g[LIFT] / math.pi * density * N / max(floor, speed * Q) * area
+    drag = g[DRAG_LIN] + speed * quad
+    torque = g[SPIN_LIN] + density * spin
+    F[0] = -wx * torque + (i1 - i2) * wy * wz + (m1 - m2) * y * z
+    F[1] = -wy * torque + (i2 - i0) * wz * wx + (m2 - m0) * z * x
+    F[2] = -wz * torque + (i0 - i1) * wx * wy + (m0 - m1) * x * y
+    F[3] = -x * (drag + up * fx) + q1 * wz - q2 * wy
+    F[4] = -y * (drag + up * fy) + q2 * wx - q0 * wz
+    F[5] = -z * (drag + up * fz) + q0 * wy - q1 * wx
+
+
+@compiled
+def _turn(R: Array, A: Array, out: Array) -> None:
+    """Adds R A R^T to out, for the 3x3 A given as 9 numbers."""
+    for j in range(3):
+        t0 = R[0] * A[j] + R[1] * A[3 + j] + R[2] * A[6 + j]
+        t1 = R[3] * A[j] + R[4] * A[3 + j] + R[5] * A[6 + j]
+        t2 = R[6] * A[j] + R[7] * A[3 + j] + R[8] * A[6 + j]
+        for k in range(3):
+            r = R[3 * k + j]
+            out[k] += t0 * r
+            out[3 + k] += t1 * r
+            out[6 + k] += t2 * r
+
+
+@compiled
+def _shift(B: Array, x: float, y: float, z: float) -> None:
+    """Moves a derivative to the origin, from a point at (x, y, z)."""
+    TT, TL, LT, LL = B[0:9], B[9:18], B[18:27], B[27:36]
+    for i in range(3):  # LT -= LL P, with P the cross product matrix of the point
+        l0, l1, l2 = LL[3 * i], LL[3 * i + 1], LL[3 * i + 2]
+        LT[3 * i] -= l1 * z - l2 * y
+        LT[3 * i + 1] -= l2 * x - l0 * z
+        LT[3 * i + 2] -= l0 * y - l1 * x
+    for j in range(3):  # TT += P LT
+        l0, l1, l2 = LT[j], LT[3 + j], LT[6 + j]
+        TT[j] += y * l2 - z * l1
+        TT[3 + j] += z * l0 - x * l2
+        TT[6 + j] += x * l1 - y * l0
+    for i in range(3):  # TT -= TL P
+        l0, l1, l2 = TL[3 * i], TL[3 * i + 1], TL[3 * i + 2]
+        TT[3 * i] -= l1 * z - l2 * y
+        TT[3 * i + 1] -= l2 * x - l0 * z
+        TT[3 * i + 2] -= l0 * y - l1 * x
+    for j in range(3):  # TL += P LL
+        l0, l1, l2 = LL[j], LL[3 + j], LL[6 + j]
+        TL[j] += y * l2 - z * l1
+        TL[3 + j] += z * l0 - x * l2
+        TL[6 + j] += x * l1 - y * l0

@@ -8,12 +8,12 @@ from recorded import PENDULUM as RECORDED
 from recorded import pendulum_reference
 from refused import refusal, says
 from small_models import PENDULUM
+from swim2real.checks.probing import NOISE, SECONDS, excitation, moved, probe
+from swim2real.checks.reference import misfits, misplaced, other_units
 from swim2real.errors import EngineError
 from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
-from swim2real.simulation.misfits import misfits, misplaced, other_units
 from swim2real.simulation.playback import PlaybackSimulator
-from swim2real.simulation.probing import NOISE, SECONDS, excitation, moved, probe
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 
 DRIVEN = """
@@ -23,7 +23,7 @@ start = "START"
 servo = "table"
 torque = "table"
 [recordings.sensors]
-angle = {unit = "rad", worth = 0.1}
+angle = {unit = "rad", meters_per_unit = 0.1}
 """
 SWINGING = ROBOT.replace('["base", "elbow", "tip"]', '["pivot", "elbow", "tip"]')
 
@@ -88,7 +88,8 @@ def test_a_robot_that_diverges_by_itself_is_refused_and_one_that_would_be_thrown
 
 def test_sensors_count_by_their_worth(robot_of):
     stiff = parameter("'joint \"link1\" stiffness'", 0.5, 8.0)
-    plain, worth = robot_of(stiff), robot_of(stiff, trials=DRIVEN.replace("worth = 0.1", "worth = 1.1"))
+    more_worth = DRIVEN.replace("meters_per_unit = 0.1", "meters_per_unit = 1.1")
+    plain, worth = robot_of(stiff), robot_of(stiff, trials=more_worth)
     sensors = replace(plain, trials=replace(plain.recordings, sensors=()))
     none, some, more = (probe(one, threads=1)[0].upper.distance for one in (sensors, plain, worth))
     assert more - none == pytest.approx(11 * (some - none), rel=1e-6)

@@ -7,15 +7,20 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import detrend
 
+from swim2real.checks.resting import in_motion
 from swim2real.errors import Swim2RealError, TrialError
 from swim2real.robots.robot import Recordings, Robot
-from swim2real.simulation.fitted_start import STRETCH
+from swim2real.settings import EvaluationSettings
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.pose import MarkerView
-from swim2real.simulation.start import FITTED, MARKERS, fastest_frequency, too_fast
+from swim2real.simulation.start import FITTED, MARKERS, STRETCH, FirstFrames
 from swim2real.trials import Trial, TrialSet
 
+_WINDOWS = 10  # of first frames that show how fast a recording moves
+_MOTION = 0.9  # of the motion's power, above noise
+_LEAST = 10  # frames that tell a frequency
 _SWINGS = 5.0  # in which a parameter that is off by a tenth puts a swing out of phase
 _PIECE = 3.0  # swings of a piece
 _SHORTEST = 0.3  # s, of a piece
@@ -25,6 +30,20 @@ _FAR_BEYOND = 3.0  # times an actuator's range
 _NEAR_UNIT = 2.5  # times, within which a factor is taken for a unit's
 _UNITS = {"degrees in place of radians": 180 / np.pi, "radians in place of degrees": np.pi / 180,
           "thousandths (mm, mN, mA)": 1e3, "thousands": 1e-3}  # fmt: skip
+
+
+def reference_warnings(robot: Robot, reference: TrialSet, settings: EvaluationSettings) -> list[str]:
+    """What is probably wrong with trials, a sentence each: their place, starts, units and lengths.
+
+    Raises:
+        TrialError: A trial can't be played back.
+        EngineError: The robot itself can't be simulated.
+    """
+    far = misplaced(robot, reference)
+    lines = [*([] if far is None else [far]), *in_motion(robot, reference), *other_units(robot, reference)]
+    if settings.pieces is None:
+        lines += [*warn_fast_starts(robot, reference), *long_swings(robot, reference, settings.horizon)]
+    return lines
 
 
 def misfits(robot: Robot, reference: TrialSet) -> list[str]:
@@ -82,7 +101,7 @@ def starts(robot: Robot, reference: TrialSet) -> list[StartOff]:
     return made
 
 
-def hasty(robot: Robot, reference: TrialSet) -> list[str]:
+def warn_fast_starts(robot: Robot, reference: TrialSet) -> list[str]:
     """A warning for each recording that moves too fast for a start by straight lines through its first frames."""
     if not isinstance(robot.trials, Recordings) or robot.trials.start != MARKERS:
         return []
@@ -151,7 +170,7 @@ def other_units(robot: Robot, reference: TrialSet) -> list[str]:
 
 def _beyond(robot: Robot, about: Recordings, reference: TrialSet) -> list[str]:
     """A warning for each actuator whose commands are far beyond what it takes."""
-    model = robot.build(robot.space.published).compile()
+    model = robot.model
     lines: list[str] = []
     for name in (name for name, by in about.controls.items() if by == "table"):
         allowed = _command_range(model, int(model.actuator(name).id))
@@ -208,7 +227,7 @@ def misplaced(robot: Robot, reference: TrialSet) -> str | None:
         return None
     if reference.marker_names != robot.marker_names or not robot.marker_names:
         return None
-    simulator, model = PlaybackSimulator(robot), robot.build(robot.space.published).compile()
+    simulator, model = PlaybackSimulator(robot), robot.model
     view = MarkerView(model, len(robot.marker_names), robot.plane)
     apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2).max()
     limit = _FAR * float(apart or model.stat.extent)
@@ -254,3 +273,49 @@ def _of(simulator: PlaybackSimulator, about: Recordings, trial: Trial) -> list[s
         except TrialError as error:
             sentences.append(f"trial '{trial.name}': its sensors can't be compared: {error}")
     return sentences
+
+
+def too_fast(trial: Trial, weights: NDArray[np.float64]) -> list[str]:
+    """A warning where first frames take longer than a quarter of the period of the fastest motion; else nothing.
+
+    Args:
+        trial: Recording whose start is shown by its markers.
+        weights: Weights, 0 where a marker isn't believed. Shape (T, M).
+    """
+    window = float(FirstFrames(trial, weights).times[-1])
+    fastest = fastest_frequency(trial, weights, _WINDOWS * window)
+    if fastest is None or window <= 1 / (4 * fastest):
+        return []
+    return [
+        f"its start is a straight line through its first {window:.2g} s, more than a quarter of the period of its "
+        f'motion ({fastest:.2g} Hz), so it may be wrong; say start = "fitted" in the robot file'
+    ]
+
+
+def fastest_frequency(trial: Trial, weights: NDArray[np.float64], seconds: float) -> float | None:
+    """Frequency below which nine tenths of the markers' motion are [Hz]; None where it is too short or mostly noise.
+
+    Args:
+        trial: A recording.
+        weights: Weights, 0 where a marker isn't believed. Shape (T, M).
+        seconds: How much of it is looked at, from its first frame on [s].
+    """
+    track = trial.track
+    count = int(np.searchsorted(track.times - track.times[0], seconds, side="right"))
+    if count < _LEAST:
+        return None
+    times = track.times[:count]
+    even = np.linspace(times[0], times[-1], count)
+    power = np.zeros(count // 2 + 1)
+    for marker in range(track.marker_count):
+        counted = weights[:count, marker] > 0
+        for axis in range(2):
+            known = counted & np.isfinite(track.positions[:count, marker, axis])
+            if 2 * known.sum() > count:
+                way = np.interp(even, times[known], track.positions[:count, marker, axis][known])
+                power += np.square(np.abs(np.fft.rfft(detrend(way) * np.hanning(count))))
+    above = np.maximum(power - 2 * np.median(power), 0.0)
+    if not above.sum() > power.sum() / 2:
+        return None
+    frequencies = np.fft.rfftfreq(count, float(even[1] - even[0]))
+    return float(frequencies[np.searchsorted(np.cumsum(above), _MOTION * above.sum())])

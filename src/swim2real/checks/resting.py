@@ -63,7 +63,7 @@ def poses_of_rest(robot: Robot, reference: TrialSet) -> dict[str, dict[str, Begi
     if not isinstance(about, Recordings) or reference.marker_names != robot.marker_names:
         return {}
     trials = [trial for trial in reference if not trial.start and not trial.start_velocities]
-    model = robot.build(robot.space.published).compile()
+    model = robot.model
     names = [model.key(k).name for k in range(min(model.nkey, _MOST_KEYS))]
     found: dict[str, dict[str, Beginning]] = {}
     for pose in dict.fromkeys((REST, *filter(None, names))):

@@ -17,8 +17,8 @@ from recorded import (
     torque_table,
 )
 from refused import says
+from swim2real.checks.resting import at_rest, in_motion
 from swim2real.robots.robot import Sine
-from swim2real.simulation.resting import at_rest, in_motion
 from swim2real.trials import MarkerTrack, TrialSet
 
 RESTING, RAISED = telling(PENDULUM, start="rest"), telling(PENDULUM, start="raised")
