@@ -8,6 +8,7 @@ text by a rule of thumb, of a picture its pixels over 750.
 
 import argparse
 import io
+import re
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,6 @@ from pathlib import Path
 from PIL import Image
 
 from swim2real import pipeline
-from swim2real.advisor.briefing.formatting import estimate_tokens
 from swim2real.advisor.briefing.media import DETAILS, PIXELS_A_TOKEN
 from swim2real.advisor.briefing.prompt import TrialPromptBuilder
 from swim2real.calibration import Problem, RunFolder
@@ -23,6 +23,17 @@ from swim2real.optimizers import BacktrackingLineSearch, Evaluation, ScriptedAdv
 from swim2real.robots import load_robot
 from swim2real.settings import BriefingSettings, CalibrationSettings
 from swim2real.trials import load_reference
+
+_PIECE = re.compile(r"[A-Za-z]+|[^\s]|\n")
+_LETTERS = 6  # of a word that a token holds, on average
+
+
+def estimate_tokens(text):
+    """About how many tokens a text takes: one for up to six letters of a word, one for every digit, sign, line break.
+
+    Four characters per token, the usual rule, is for prose; several tokenizers split numbers into digits.
+    """
+    return sum(-(-len(piece) // _LETTERS) for piece in _PIECE.findall(text))
 
 
 class Situations:

@@ -72,7 +72,7 @@ class World:
                 frequency, FASTER * real_speeds[i], 0.0 if diverged else speeds[i], real_beats[i], beats[i], known
             )
         loss = float(np.mean([one["aligned_marker_error"] for one in trials.values()]))
-        return {"loss": 1.0 if diverged else loss, "horizon": HORIZON, "trials": trials}
+        return {"loss": 1.0 if diverged else loss, "protocol": "aligned", "horizon": HORIZON, "trials": trials}
 
 
 def swim(values: np.ndarray, frequencies: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
@@ -86,12 +86,14 @@ def swim(values: np.ndarray, frequencies: Sequence[float]) -> tuple[np.ndarray, 
 def trial(frequency, real_speed, speed, real_beat, beat, known) -> dict[str, Any]:
     squared = np.abs(beat - real_beat)[known] ** 2 / 2
     shape = float(np.hypot(np.sqrt(squared.mean()) if known.any() else 0.0, FLOOR))
+    error = float(np.hypot(shape, abs(speed - real_speed) * HORIZON / 2))
     return {
+        "loss": error,
         "frequency": frequency,
         "velocity_real": float(real_speed),
         "velocity_simulated": float(speed),
         "shape_error": shape,
-        "aligned_marker_error": float(np.hypot(shape, abs(speed - real_speed) * HORIZON / 2)),
+        "aligned_marker_error": error,
         "beat_real": written(real_beat, known),
         "beat_simulated": written(beat, known),
     }

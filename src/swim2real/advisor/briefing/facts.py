@@ -1,206 +1,362 @@
-"""All that a VLM can be told at a round, as plain data: a pure function of the situation.
+"""What is known of an evaluation's trials, real and simulated, and what differs, as a person would ask.
 
-What a trial hasn't is None or empty: a beat with its frequency and phases, a way that it has come, windows of time,
-sensors. There are no kinds of trials here.
+What a trial doesn't have is None or empty: a beat with its frequency and phases, a way that it has come, windows of
+time, sensors. There are no kinds of trials here. None stands for what isn't known as well: a marker that was lost, a
+simulation that diverged, a ratio to something that hardly moves.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Literal, TypeVar
 
-from swim2real.advisor.briefing.compared import how_compared
-from swim2real.advisor.briefing.differences import differences
-from swim2real.advisor.briefing.history import history
-from swim2real.objective import rounded
-from swim2real.optimizers import Situation
+import numpy as np
+
+from swim2real.objective.figures import Figures, FitFigures, TrialFigures
+from swim2real.optimizers import Evaluation, Situation
 from swim2real.parameters import ParameterSpace
-from swim2real.robots.robot import Robot
+from swim2real.robots.robot import Robot, Sensor
 
 MOVING = 0.05  # of the widest real amplitude of a trial: below it a marker's amplitude is noise and has no ratio
 STILL = 1e-3  # m, below which a beat's amplitude is noise and has neither ratio nor phase
 LEAST_SEEN = 0.3  # of the frames: a marker that is seen in fewer of them says nothing
-_ABOUT = ("trials", "protocol", "horizon", "loss", "sensor_errors")
-_NEED_NO_SIMULATION = ("frequency", "left_out_share")
-_ELSEWHERE = ("loss", "frequency", "phase", "velocity_real", "velocity_simulated", "divergence")
-_DEGREES = 180 / math.pi
+CLEAR = 0.2  # of the widest beat of a trial: above it a marker's phase isn't ruled by noise
+_LEAST_YAW, _LEAST_SWAY = 0.01, 1e-3  # rad and m, below which a swing of the head has no ratio
+_SLOW = 1e-3  # m/s, below which a speed has no ratio
+_LEAST_SPAN = 0.05  # of the logarithm of frequency, for an exponent
+_NEED_NO_SIMULATION = ("frequency", "left_out_share", "protocol", "horizon")
+_ERRORS = {"paper": "marker_errors", "motion": "motion_marker_errors"}  # of markers, by protocol
 
-Facts = Mapping[str, Any]
+Side = Literal["real", "simulated"]
+Known = float | None
+Ratio = Literal["speed_ratio", "amplitude_ratio", "yaw_ratio", "sway_ratio"]
+T = TypeVar("T")
+F = TypeVar("F", bound=Figures)
 
 
-def facts(
-    situation: Situation, robot: Robot, space: ParameterSpace, from_rest: Mapping[str, float | None] | None = None
-) -> dict[str, Any]:
-    """What is known at a round, ready for JSON.
+@dataclass(frozen=True)
+class MarkerFacts:
+    """A marker in one trial, or over all of them.
 
-    Lengths are in m, speeds in m/s, phases in degrees, parameters in their units. None stands for what isn't known: a
-    marker that was lost, a simulation that diverged, a ratio to something that hardly moves.
+    Attributes:
+        name: Name of the marker.
+        error: Mean part of the loss [m].
+        real: Real amplitude [m].
+        simulated: Simulated amplitude [m].
+        ratio: Of the amplitudes, simulated to real.
+        ahead: Phase of the simulated beat less that of the real one, where they are compared [deg].
+        offset: Mean difference of places, simulated minus real, along both axes [m].
+        shape_error: Mean error in shape alone [m].
+        phases: Phases of the real and the simulated beat [deg].
+        windows: Mean differences of places in windows of time, as `offset`.
+    """
 
-    Args:
+    name: str
+    error: Known
+    real: Known
+    simulated: Known
+    ratio: Known
+    ahead: Known
+    offset: Sequence[float] | None
+    shape_error: Known = None
+    phases: tuple[Known, Known] = (None, None)
+    windows: Sequence[Sequence[float] | None] = ()
+
+
+@dataclass(frozen=True)
+class SensorFacts:
+    """A sensor in one trial, or over all of them: its mean error, and its mean differences in windows of time."""
+
+    sensor: Sensor
+    error: Known
+    windows: Sequence[Known] = ()
+
+
+@dataclass(frozen=True)
+class TrialFacts:
+    """One trial, and what differs in it.
+
+    Attributes:
+        name: Name of the trial.
+        figures: Its figures; of a simulation that diverged only what needs none.
+        divergence: Why the simulation failed, or None.
+        velocity_real: Real forward speed [m/s].
+        markers: All markers, in the robot's order.
+        sensors: All sensors.
+        edges: Edges of the windows of time [s]; empty without windows.
+    """
+
+    name: str
+    figures: TrialFigures
+    divergence: str | None
+    velocity_real: Known
+    markers: tuple[MarkerFacts, ...]
+    sensors: tuple[SensorFacts, ...]
+    edges: Sequence[float]
+
+    @property
+    def error(self) -> Known:
+        """The trial's part of the loss [m]."""
+        return self.figures.loss
+
+    @property
+    def frequency(self) -> Known:
+        """Frequency of the beat [Hz]; None without one."""
+        return self.figures.frequency
+
+    @property
+    def speed_ratio(self) -> Known:
+        """Simulated to real, negative where they go different ways."""
+        real, simulated = self.velocity_real, self.figures.velocity_simulated
+        return None if real is None or simulated is None or abs(real) < _SLOW else simulated / real
+
+    @property
+    def amplitude_ratio(self) -> Known:
+        """The last marker's in a trial with a beat, the median over the markers in another one."""
+        ratios = [marker.ratio for marker in self.markers]
+        return median(ratios) if self.frequency is None else ratios[-1] if ratios else None
+
+    @property
+    def yaw_ratio(self) -> Known:
+        return _ratio(self.figures.yaw_real, self.figures.yaw_simulated, _LEAST_YAW)
+
+    @property
+    def sway_ratio(self) -> Known:
+        return _ratio(self.figures.sway_real, self.figures.sway_simulated, _LEAST_SWAY)
+
+    @cached_property
+    def off(self) -> list[Known]:
+        """How far the markers are off in each window of time, on average over them [m]."""
+        places = [[marker.windows[w] for marker in self.markers] for w in range(len(self.edges) - 1)]
+        return [mean(None if place is None else math.hypot(*place) for place in window) for window in places]
+
+    @property
+    def worst_window(self) -> tuple[float, float] | None:
+        """When the markers are farthest off [s]."""
+        return highest(pairwise(self.edges), self.off)
+
+    @property
+    def halves(self) -> tuple[Known, Known]:
+        """How far the markers are off in the first and in the second half, on average [m]."""
+        half = len(self.off) // 2
+        return mean(self.off[:half]), mean(self.off[half:])
+
+    def beats_clearly(self, i: int) -> bool:
+        """Whether a marker beats clearly on both sides."""
+        marker = self.markers[i]
+        if marker.ratio is None or None in marker.phases:
+            return False
+        sides = [[(one.real or 0.0, one.simulated or 0.0)[k] for one in self.markers] for k in (0, 1)]
+        return all(sizes[i] >= CLEAR * max(sizes) for sizes in sides)
+
+    def lag(self, side: Side, front: int | None) -> Known:
+        """By how much the last marker is behind the one at `front`, summed from marker to marker [deg]."""
+        on_the_way = [i for i in range(front, len(self.markers)) if self.beats_clearly(i)] if front is not None else []
+        if on_the_way[:1] != [front] or on_the_way[-1] != len(self.markers) - 1:
+            return None
+        phases = [self.markers[i].phases[side == "simulated"] or 0.0 for i in on_the_way]
+        return sum(_wrapped(before - after) for before, after in pairwise(phases))
+
+
+@dataclass(frozen=True)
+class EvaluationFacts:
+    """All trials of an evaluation, and what differs over them. Medians and means are over trials.
+
+    Attributes:
+        figures: Figures over all trials; of a simulation that diverged only what needs none.
+        trials: Trials, by rising frequency, or in the order of the reference where they have none.
+    """
+
+    figures: FitFigures
+    trials: tuple[TrialFacts, ...]
+
+    @classmethod
+    def of(cls, evaluation: Evaluation, robot: Robot) -> EvaluationFacts:
+        """What is known of an evaluation of a robot's simulator."""
+        figures = FitFigures.model_validate(evaluation.detail or {})
+        trials = [_trial(name, found, figures.protocol, robot) for name, found in figures.trials.items()]
+        known = _without_simulation(figures) if evaluation.failed else figures
+        return cls(known, tuple(sorted(trials, key=lambda trial: trial.frequency or 0.0)))
+
+    @cached_property
+    def front(self) -> int | None:
+        """The first marker, before the last, that beats clearly on both sides in half of the trials."""
+        markers = range(len(self.trials[0].markers) - 1) if self.trials else ()
+        clear = (i for i in markers if 2 * sum(trial.beats_clearly(i) for trial in self.trials) >= len(self.trials))
+        return next(clear, None)
+
+    def lag(self, side: Side) -> Known:
+        return median(trial.lag(side, self.front) for trial in self.trials)
+
+    def ratio(self, name: Ratio) -> Known:
+        """The median of a ratio."""
+        return median(getattr(trial, name) for trial in self.trials)
+
+    def exponent(self, side: Side) -> Known:
+        """Exponent of frequency with which speed grows, over the trials where both robots go forward."""
+        speeds = [(trial.frequency, trial.velocity_real, trial.figures.velocity_simulated) for trial in self.trials]
+        forward = [(f, v, u) for f, v, u in speeds if f is not None and (v or 0.0) >= _SLOW and (u or 0.0) >= _SLOW]
+        logs = np.log(np.array(forward, dtype=float).reshape(-1, 3))
+        if len(logs) < 2 or np.ptp(logs[:, 0]) < _LEAST_SPAN:
+            return None
+        return float(np.polyfit(logs[:, 0], logs[:, 2 if side == "simulated" else 1], 1)[0])
+
+    @cached_property
+    def markers(self) -> list[MarkerFacts]:
+        """Each marker over all trials: medians, since it may be hardly seen in one of them."""
+        return [_over_trials(markers) for markers in zip(*(trial.markers for trial in self.trials), strict=True)]
+
+    @property
+    def sensors(self) -> list[SensorFacts]:
+        """Each sensor over all trials."""
+        readings = zip(*(trial.sensors for trial in self.trials), strict=True)
+        return [SensorFacts(one[0].sensor, mean(reading.error for reading in one)) for one in readings]
+
+    def mean_of(self, figure: str) -> Known:
+        """Mean of a figure over trials."""
+        return mean(getattr(trial.figures, figure) for trial in self.trials)
+
+
+@dataclass(frozen=True)
+class RoundFacts:
+    """All that a VLM can be told at a round.
+
+    Attributes:
         situation: Situation as an advisor gets it.
         robot: The robot whose simulator is calibrated.
         space: Its parameters, as the optimizer uses them.
         from_rest: Forward speed of the incumbent once it has settled from rest, by trial [m/s], where that is known.
     """
-    detail: Facts = situation.incumbent.detail or {}
-    trials = trial_facts(detail, robot)
-    protocol = detail.get("protocol") or robot.trials.protocols[0]
-    return rounded(
-        {
-            "round": len(situation.rounds) + 1,
-            "robot": {
-                "name": robot.name, "description": robot.description, "markers": list(robot.marker_names),
-                "beats": robot.trials.motor_joint is not None,
-            },
-            "compared": how_compared(robot, protocol, detail.get("horizon")),
-            "scale": space.scale,
-            "parameters": _parameters(situation, space),
-            "incumbent": _incumbent(situation, detail, trials, from_rest or {}),
-            "differences": differences(trials),
-            "history": history(situation, space, lambda evaluation: trial_facts(evaluation.detail or {}, robot)),
-        }
+
+    situation: Situation
+    robot: Robot
+    space: ParameterSpace
+    from_rest: Mapping[str, Known]
+
+    @cached_property
+    def here(self) -> EvaluationFacts:
+        """The best evaluation so far."""
+        return EvaluationFacts.of(self.situation.incumbent, self.robot)
+
+    @property
+    def beats(self) -> bool:
+        """Whether the robot's trials have a steady beat."""
+        return self.robot.trials.motor_joint is not None
+
+
+def mean(values: Iterable[Known]) -> Known:
+    """Mean of those that are known; None where none is."""
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known else None
+
+
+def median(values: Iterable[Known]) -> Known:
+    """Median of those that are known; None where none is."""
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None
+
+
+def highest(things: Iterable[T], values: Iterable[Known]) -> T | None:
+    """The first of the things whose value is highest; None where none is known."""
+    known = [(thing, value) for thing, value in zip(things, values, strict=True) if value is not None]
+    return max(known, key=lambda pair: pair[1])[0] if known else None
+
+
+def _trial(name: str, found: TrialFigures, protocol: str, robot: Robot) -> TrialFacts:
+    """One trial. Of a simulation that diverged nothing is known."""
+    diverged, windows = found.divergence is not None, found.windows
+    return TrialFacts(
+        name=name,
+        figures=_without_simulation(found) if diverged else found,
+        divergence=found.divergence,
+        velocity_real=found.velocity_real,
+        markers=_markers(found, protocol, robot.marker_names),
+        sensors=tuple(
+            SensorFacts(
+                sensor, None if diverged else found.sensor_errors.get(sensor.name),
+                windows.sensors.get(sensor.name, ()) if windows else (),
+            )
+            for sensor in robot.trials.sensors
+        ),
+        edges=windows.edges if windows else (),
     )  # fmt: skip
 
 
-def trial_facts(detail: Facts, robot: Robot) -> list[dict[str, Any]]:
-    """Every trial that was simulated, by rising frequency, or in the order of the reference where they have none.
-
-    Args:
-        detail: Evidence of an evaluation.
-        robot: The robot whose trials they are.
-    """
-    protocol = detail.get("protocol") or "aligned"
-    trials = [_trial(name, content, protocol, robot) for name, content in detail.get("trials", {}).items()]
-    return sorted(trials, key=lambda trial: trial["frequency"] or 0.0)
-
-
-def wrapped(degrees: float) -> float:
-    """An angle from -180 to 180 [deg]."""
-    return (degrees + 180) % 360 - 180
-
-
-def _trial(name: str, content: Facts, protocol: str, robot: Robot) -> dict[str, Any]:
-    """One trial. A diverged simulation has no figures."""
-    diverged = content.get("divergence")
-    figures = {key: value for key, value in content.items() if not isinstance(value, Mapping | list)}
-    known = _without_errors(figures) if diverged else figures
-    windows, errors = content.get("windows"), content.get("sensor_errors") or {}
-    # evidence of swims had no loss by trial in version 0.1
-    loss = "marker_error" if protocol == "paper" else "aligned_marker_error"
-    return {
-        "name": name,
-        "frequency": content.get("frequency"),
-        "diverged": diverged,
-        "error": known.get("loss", known.get(loss)),
-        "figures": {key: value for key, value in known.items() if key not in _ELSEWHERE},
-        "velocity": {"real": content.get("velocity_real"), "simulated": known.get("velocity_simulated")},
-        "edges": windows["edges"] if windows else None,
-        "markers": _markers(content, protocol, robot.marker_names),
-        "sensors": [
-            {
-                "name": sensor.name, "unit": sensor.unit, "meters_per_unit": sensor.meters_per_unit,
-                "error": None if diverged else errors.get(sensor.name),
-                "windows": windows["sensors"].get(sensor.name) if windows else None,
-            }
-            for sensor in robot.trials.sensors
-        ],
-    }  # fmt: skip
-
-
-def _markers(content: Facts, protocol: str, names: Sequence[str]) -> list[dict[str, Any]]:
+def _markers(found: TrialFigures, protocol: str, names: Sequence[str]) -> tuple[MarkerFacts, ...]:
     """Each marker in one trial: its errors, how far it moves, and its phase or by how much it is off over time.
 
     Under the paper's protocol the simulation starts at motor angle 0, wherever the real motor stood, so that a
     difference of phases says nothing.
     """
-    diverged, unknown = bool(content.get("divergence")), [None] * len(names)
-    # evidence of recordings had the aligned errors by the name of the paper's in version 0.1
-    kind = {"paper": "marker_errors", "motion": "motion_marker_errors"}.get(protocol, "aligned_marker_errors")
-    errors = content.get(kind) or content.get("marker_errors") or unknown
-    seen = [share >= LEAST_SEEN for share in content.get("seen_shares") or [1.0] * len(names)]  # new in 0.2
-    real, simulated = (_motion(content, side, seen) for side in ("real", "simulated"))
-    if diverged:
-        simulated = _motion({}, "simulated", seen)
-    beats, windows, offsets = "beat_real" in content, content.get("windows"), content.get("offset")
-    widest = max((size for size in real["amplitude"] if size is not None), default=0.0)
-    markers: list[dict[str, Any]] = []
+    diverged, unknown = found.divergence is not None, [None] * len(names)
+    seen = [(share or 0.0) >= LEAST_SEEN for share in found.seen_shares] or [True] * len(names)
+    beats = found.beat_real, None if diverged else found.beat_simulated
+    sizes = found.amplitude_real, [] if diverged else found.amplitude_simulated
+
+    def of_seen(values: Sequence[T | None]) -> list[T | None]:
+        return [value if there else None for value, there in zip(values or unknown, seen, strict=True)]
+
+    real, simulated = (of_seen(beat.amplitude if beat else size) for beat, size in zip(beats, sizes, strict=True))
+    phases = [of_seen([_degrees(phase) for phase in beat.phase] if beat else []) for beat in beats]
+    said = [there and not diverged for there in seen]
+    errors: Sequence[Known] = getattr(found, _ERRORS.get(protocol, "aligned_marker_errors")) or unknown
+    windows = found.windows.markers if found.windows else []
+    widest = max((size for size in real if size is not None), default=0.0)
+    markers: list[MarkerFacts] = []
     for i, name in enumerate(names):
-        silent = diverged or not seen[i]
-        amplitude = {"real": real["amplitude"][i], "simulated": simulated["amplitude"][i]}
-        phase = {"real": real["phase"][i], "simulated": simulated["phase"][i]}
-        ratio = _ratio(amplitude["real"], amplitude["simulated"], beats, widest)
-        in_step = ratio is not None and protocol in ("motion", "aligned") and None not in phase.values()
+        least = STILL if found.beat_real else MOVING * widest
+        ratio = _ratio(real[i], simulated[i], least, both=found.beat_real is not None)
+        before, after = phases[0][i], phases[1][i]
+        in_step = ratio is not None and protocol in ("motion", "aligned")
         markers.append(
-            {
-                "name": name,
-                "error": None if silent else errors[i],
-                "shape_error": None if silent else (content.get("shape_marker_errors") or unknown)[i],
-                "amplitude": {**amplitude, "ratio": ratio},
-                "phase_deg": phase,
-                "phase_difference_deg": wrapped(phase["simulated"] - phase["real"]) if in_step else None,
-                "mean": {"real": real["mean"][i], "simulated": simulated["mean"][i]},
-                "offset": _complete(offsets[i]) if offsets and not silent else None,
-                "windows": [_complete(window[i]) for window in windows["markers"]] if windows else None,
-            }
-        )
-    return markers
+            MarkerFacts(
+                name, errors[i] if said[i] else None, real[i], simulated[i], ratio,
+                _wrapped(after - before) if in_step and before is not None and after is not None else None,
+                _complete(found.offset[i]) if found.offset and said[i] else None,
+                (found.shape_marker_errors or unknown)[i] if said[i] else None, (before, after),
+                [_complete(places[i]) for places in windows],
+            )
+        )  # fmt: skip
+    return tuple(markers)
 
 
-def _motion(content: Facts, side: str, seen: Sequence[bool]) -> dict[str, list[Any]]:
-    """Amplitude [m], phase [deg] and mean [m] of each marker that is seen on one side, None where nothing is known."""
-    unknown: list[Any] = [None] * len(seen)
-    beat = content.get(f"beat_{side}") or {"amplitude": content.get(f"amplitude_{side}") or unknown}
-    phases = [None if phase is None else _DEGREES * phase for phase in beat.get("phase", unknown)]
-    motion = {"amplitude": beat["amplitude"], "phase": phases, "mean": beat.get("mean", unknown)}
-    return {
-        name: [known if there else None for known, there in zip(values, seen, strict=True)]
-        for name, values in motion.items()
-    }
+def _over_trials(markers: Sequence[MarkerFacts]) -> MarkerFacts:
+    both = [marker for marker in markers if None not in (marker.real, marker.simulated)] or markers
+    offsets = [marker.offset for marker in markers if marker.offset is not None]
+    return MarkerFacts(
+        markers[0].name, mean(marker.error for marker in markers), median(marker.real for marker in both),
+        median(marker.simulated for marker in both), median(marker.ratio for marker in markers),
+        median(marker.ahead for marker in markers),
+        [sum(parts) / len(offsets) for parts in zip(*offsets, strict=True)] if offsets else None,
+    )  # fmt: skip
 
 
-def _ratio(real: float | None, simulated: float | None, beats: bool, widest: float) -> float | None:
-    """Of amplitudes, simulated to real; None for a marker that hardly moves."""
-    if real is None or simulated is None:
-        return None
-    moves = min(real, simulated) >= STILL if beats else 0 < real >= MOVING * widest
-    return simulated / real if moves else None
-
-
-def _parameters(situation: Situation, space: ParameterSpace) -> list[dict[str, Any]]:
-    here = situation.incumbent.candidate.point
-    current, first = space.to_values(here), space.to_values(situation.first.candidate.point)
-    return [
-        {
-            "name": parameter.name, "unit": parameter.unit, "lower": parameter.lower, "upper": parameter.upper,
-            "meaning": parameter.meaning, "current": current[parameter.name], "first": first[parameter.name],
-            "place": float(here[i]),
-        }
-        for i, parameter in enumerate(space)
-    ]  # fmt: skip
-
-
-def _incumbent(
-    situation: Situation, detail: Facts, trials: Sequence[Facts], from_rest: Mapping[str, float | None]
-) -> dict[str, Any]:
-    evaluation = situation.incumbent
-    accepted = [number for number, finished in enumerate(situation.rounds, start=1) if finished.accepted]
-    figures = {name: value for name, value in detail.items() if name not in _ABOUT}
-    return {
-        "found_in_round": accepted[-1] if accepted else 0,
-        "failed": evaluation.failed,
-        "loss": None if evaluation.failed else evaluation.loss,
-        "figures": _without_errors(figures) if evaluation.failed else figures,
-        "trials": list(trials),
-        "from_rest": dict(from_rest),
-    }
-
-
-def _without_errors(figures: Facts) -> dict[str, Any]:
+def _without_simulation(figures: F) -> F:
     """Figures of a simulation that diverged: only those that need no simulation are known."""
-    return {name: value if name in _NEED_NO_SIMULATION else None for name, value in figures.items()}
+    names = [name for name in figures.model_fields_set if isinstance(getattr(figures, name), int | float | str)]
+    return figures.model_copy(update=dict.fromkeys(name for name in names if name not in _NEED_NO_SIMULATION))
 
 
-def _complete(vector: Sequence[float | None]) -> list[float] | None:
-    known = [part for part in vector if part is not None]
-    return known if len(known) == len(vector) else None
+def _ratio(real: Known, simulated: Known, least: float, both: bool = False) -> Known:
+    """Simulated to real; None where one isn't known, or where the real one, or either of both, is below the least."""
+    if real is None or simulated is None or real <= 0 or (min(real, simulated) if both else real) < least:
+        return None
+    return simulated / real
+
+
+def _degrees(angle: Known) -> Known:
+    return None if angle is None else 180 / math.pi * angle
+
+
+def _wrapped(degrees: float) -> float:
+    """An angle from -180 to 180 [deg]."""
+    return (degrees + 180) % 360 - 180
+
+
+def _complete(place: Sequence[Known]) -> Sequence[float] | None:
+    known = [part for part in place if part is not None]
+    return known if len(known) == len(place) else None

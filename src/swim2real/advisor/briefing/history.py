@@ -1,15 +1,18 @@
-"""What was proposed in earlier rounds and what came of it, as plain data and in words."""
+"""What was proposed in earlier rounds, what was measured, and what came of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
-from swim2real.advisor.briefing.differences import differences, mean
-from swim2real.advisor.briefing.formatting import UNKNOWN, mm, number, reading, shortened, value
-from swim2real.advisor.briefing.measured import TrialsOf, measured
+from numpy.typing import ArrayLike
+
+from swim2real.advisor.briefing.facts import EvaluationFacts, Known, RoundFacts
+from swim2real.advisor.briefing.texts import mm, number, reading, significant, table
 from swim2real.errors import ArgumentError
-from swim2real.optimizers import Evaluation, Round, Situation
+from swim2real.objective.figures import FitFigures
+from swim2real.optimizers import Evaluation, Proposal, Round, Step
 from swim2real.parameters import ParameterSpace
 
 LONGEST = 280  # characters of a diagnosis
@@ -20,32 +23,16 @@ _LONGEST_LIST = 300  # characters of a list of names
 _CORRECTED = {
     "clipped": "out of bounds, so moved to the bound",
     "ignored": "no parameters of this simulator, so ignored",
-    "kept": "left as they were",
 }
-
-Facts = Mapping[str, Any]
-
-
-def history(situation: Situation, space: ParameterSpace, trials_of: TrialsOf) -> dict[str, Any]:
-    """The first evaluation, every round in order, and how long ago one was accepted.
-
-    Args:
-        situation: Situation as an advisor gets it.
-        space: Parameters, as the optimizer uses them.
-        trials_of: Facts of the trials of an evaluation.
-    """
-    rounds = [_round(number, finished, space, trials_of) for number, finished in enumerate(situation.rounds, start=1)]
-    accepted = [finished["round"] for finished in rounds if finished["accepted"]]
-    return {
-        "evaluations": len(situation.evaluations),
-        "first": _outcome(situation.first, trials_of),
-        "measured": measured(situation, space, trials_of),
-        "rounds": rounds,
-        "rounds_since_accepted": len(rounds) - (accepted[-1] if accepted else 0),
-    }
+_PARTS = ("shape", "recoil")
+_MEASURED = (
+    "A row a measurement: what was changed from the best point of its time, all else the same, and by how much other "
+    "figures then differed from that point's. Such a change costs an evaluation and says more than a guess; effects of "
+    "small changes add up, those of large ones don't."
+)
 
 
-def describe_history(facts: Facts, numbers: bool = True, rounds: int | None = None) -> str:
+def describe_history(facts: RoundFacts, numbers: bool = True, rounds: int | None = None) -> str:
     """The section on earlier rounds.
 
     Args:
@@ -58,17 +45,17 @@ def describe_history(facts: Facts, numbers: bool = True, rounds: int | None = No
     """
     if rounds is not None and rounds < 0:
         raise ArgumentError(f"rounds is {rounds}; it must be at least 0, or None for all")
-    past = facts["history"]
-    every = past["rounds"]
+    every, begun = list(enumerate(facts.situation.rounds, start=1)), facts.situation.first
     older = 0 if rounds is None else max(len(every) - rounds, 0)
-    first = f" The first point of the run: {_loss(past['first'])}{_effects(past['first'])}." if numbers else ""
+    first = f" The first point of the run: {_loss(begun)}{_effects(begun, facts)}." if numbers else ""
     lines = ["## What was tried"]
     if not every:
         return "\n\n".join([*lines, f"Nothing yet: this is the first round.{first}"])
     lines.append(_how_told(facts, numbers) + first)
-    lines.extend(_in_one_line(finished, numbers) for finished in every[:older])
-    lines.extend(_in_full(finished, numbers) for finished in every[older:])
-    since = past["rounds_since_accepted"]
+    for nth, finished in every[:older]:
+        lines.append(f"{_verdict(nth, finished, numbers)}. {_changes(finished, facts.space, _NAMED)}")
+    lines.extend(_in_full(nth, finished, facts, numbers) for nth, finished in every[older:])
+    since = len(every) - max((nth for nth, finished in every if finished.accepted), default=0)
     if since:
         many = "round was" if since == 1 else f"{since} rounds were"
         lines.append(
@@ -78,59 +65,7 @@ def describe_history(facts: Facts, numbers: bool = True, rounds: int | None = No
     return "\n\n".join(lines)
 
 
-def _round(number: int, finished: Round, space: ParameterSpace, trials_of: TrialsOf) -> dict[str, Any]:
-    before, last = finished.incumbent, finished.steps[-1].evaluation if finished.steps else None
-    known = last is not None and not (last.failed or before.failed)
-    notes = finished.proposal.notes
-    return {
-        "round": number,
-        "accepted": finished.accepted,
-        "diagnosis": shortened(finished.proposal.diagnosis, LONGEST),
-        "changes": _changes(finished, space),
-        "steps": [{"step_size": step.step_size, **_outcome(step.evaluation, trials_of)} for step in finished.steps],
-        "start_loss": None if before.failed else before.loss,
-        "loss_change": last.loss - before.loss if last is not None and known else None,
-        "notes": {name: notes[name] for name in _CORRECTED if notes.get(name)},
-    }
-
-
-def _changes(finished: Round, space: ParameterSpace) -> list[dict[str, Any]]:
-    """What the proposal changed, the largest change first; `kept` is the value that was accepted."""
-    start, end = finished.incumbent.candidate.point, finished.proposal.point
-    before, after = space.to_values(start), space.to_values(end)
-    kept = space.to_values(finished.steps[-1].evaluation.candidate.point) if finished.accepted else {}
-    order = [space.names[i] for i in sorted(range(len(space)), key=lambda i: -abs(end[i] - start[i]))]
-    moved = [name for name in order if value(before[name], _DIGITS) != value(after[name], _DIGITS)]
-    return [{"name": n, "from": before[n], "to": after[n], "kept": kept.get(n)} for n in moved]
-
-
-def _outcome(evaluation: Evaluation, trials_of: TrialsOf) -> dict[str, Any]:
-    """The loss of an evaluation and, where all trials were simulated, what else it did."""
-    failed, detail = evaluation.failed, evaluation.detail or {}
-    trials = [] if failed else trials_of(evaluation)
-    whole = differences(trials)
-    sensors = whole["sensors"]
-    speeds = [row["speed_ratio"] for row in whole["by_trial"]] if any(t["frequency"] for t in trials) else []
-    return {
-        "loss": None if failed else evaluation.loss,
-        "failed": failed,
-        "why": _first_divergence(detail) if failed else None,
-        "marker_error": mean(trial["figures"].get("aligned_marker_error") for trial in trials) if sensors else None,
-        "sensors": sensors,
-        "speed_ratios": speeds if any(ratio is not None for ratio in speeds) else None,
-        "speed_ratio": whole["median"]["speed_ratio"],
-        "amplitude_ratio": whole["median"]["amplitude_ratio"],
-        **{part: mean(trial["figures"].get(f"{part}_error") for trial in trials) for part in ("shape", "recoil")},
-    }
-
-
-def _first_divergence(detail: Facts) -> str | None:
-    """What diverged first, in a sentence."""
-    reasons = ((name, trial.get("divergence")) for name, trial in detail.get("trials", {}).items())
-    return next((f"trial '{name}': {reason}" for name, reason in reasons if reason), None)
-
-
-def _how_told(facts: Facts, numbers: bool) -> str:
+def _how_told(facts: RoundFacts, numbers: bool) -> str:
     steps = (
         "A step of 1 tries the proposal itself, a step of 0.5 a point halfway to it, and so on; the first step that "
         "improves on the best point so far is kept, the others are rejected. Changes are listed as value before → "
@@ -140,105 +75,211 @@ def _how_told(facts: Facts, numbers: bool) -> str:
     if not numbers:
         return steps
     parts = ["its loss, the change from the loss before the round"]
-    if facts["differences"]["sensors"]:
+    if facts.here.sensors:
         parts.append("what the markers have of it, the mean error of each sensor")
-    if facts["compared"]["score_progress"]:
-        each = " of each trial, by rising frequency" if facts["robot"]["beats"] else ""
+    if facts.robot.trials.score_progress:
+        each = " of each trial, by rising frequency" if facts.beats else ""
         parts.append(f"the ratio of speeds (simulated / real){each}")
-    figures = facts["incumbent"]["figures"]
-    parts += [f"the error in {part}, in mm" for part in ("shape", "recoil") if f"{part}_error" in figures]
-    last = f" of {facts['robot']['markers'][-1]}" if facts["robot"]["beats"] else ""
+    known = facts.here.figures.model_fields_set
+    parts += [f"the error in {part}, in mm" for part in _PARTS if f"{part}_error" in known]
+    last = f" of {facts.robot.marker_names[-1]}" if facts.beats else ""
     parts.append(f"the ratio of amplitudes{last} (simulated / real)")
     return f"{steps} A step tells {', '.join(parts[:-1])} and {parts[-1]}: learn from it what a change does."
 
 
-def _in_full(finished: Facts, numbers: bool) -> str:
-    parts = [f"**{_verdict(finished, numbers)}**"]
-    if numbers and finished["diagnosis"]:
-        parts.append(f"- Diagnosis: {finished['diagnosis']}")
-    parts.append(f"- Proposed: {_changes_text(finished, _LISTED)}")
-    parts.append(f"- Steps: {'; '.join(_step(step, finished, numbers) for step in finished['steps'])}")
-    parts.extend(f"- {_note(name, content)}" for name, content in finished["notes"].items())
-    return "\n".join(parts)
+def _in_full(nth: int, finished: Round, facts: RoundFacts, numbers: bool) -> str:
+    proposal = finished.proposal
+    parts = [f"**{_verdict(nth, finished, numbers)}**"]
+    if numbers and proposal.diagnosis.split():
+        parts.append(f"- Diagnosis: {shortened(proposal.diagnosis, LONGEST)}")
+    parts.append(f"- Proposed: {_changes(finished, facts.space, _LISTED)}")
+    parts.append(f"- Steps: {'; '.join(_step(step, finished, facts, numbers) for step in finished.steps)}")
+    return "\n".join([*parts, *_corrections(proposal)])
 
 
-def _in_one_line(finished: Facts, numbers: bool) -> str:
-    return f"{_verdict(finished, numbers)}. {_changes_text(finished, _NAMED)}"
+def _verdict(nth: int, finished: Round, numbers: bool) -> str:
+    if not finished.accepted:
+        return f"Round {nth}: rejected"
+    before, last = finished.incumbent, finished.steps[-1]
+    began = "failed" if before.failed else mm(before.loss)
+    loss = f", loss {began} → {mm(last.evaluation.loss)} mm" if numbers else ""
+    return f"Round {nth}: accepted at step {last.step_size:.3g}{loss}"
 
 
-def _verdict(finished: Facts, numbers: bool) -> str:
-    if not finished["accepted"]:
-        return f"Round {finished['round']}: rejected"
-    last = finished["steps"][-1]
-    loss = ""
-    if numbers:
-        before = "failed" if finished["start_loss"] is None else mm(finished["start_loss"], 1)
-        loss = f", loss {before} → {mm(last['loss'], 1)} mm"
-    return f"Round {finished['round']}: accepted at step {last['step_size']:.3g}{loss}"
-
-
-def _changes_text(finished: Facts, most: int) -> str:
-    if not finished["changes"]:
+def _changes(finished: Round, space: ParameterSpace, most: int) -> str:
+    """What the proposal changed, the largest change first, and the value that was kept where it is another one."""
+    start, end = finished.incumbent.candidate.point, finished.proposal.point
+    before, after = (_short_values(space, point) for point in (start, end))
+    kept = _short_values(space, finished.steps[-1].evaluation.candidate.point) if finished.accepted else after
+    order = [space.names[i] for i in sorted(range(len(space)), key=lambda i: -abs(end[i] - start[i]))]
+    moved = [name for name in order if before[name] != after[name]]
+    if not moved:
         return "hardly any change."
-    shown = [
-        f"{change['name']} {value(change['from'], _DIGITS)} → {value(change['to'], _DIGITS)}" + _kept(change)
-        for change in finished["changes"][:most]
-    ]
-    rest = len(finished["changes"]) - len(shown)
-    return ", ".join(shown) + (f", and {rest} smaller change{'s' if rest > 1 else ''}" if rest else "") + "."
+    rest = len(moved) - most
+    more = f", and {rest} smaller change{'s' if rest > 1 else ''}" if rest > 0 else ""
+    shown = (
+        f"{name} {before[name]} → {after[name]}" + (f" (kept {kept[name]})" if kept[name] != after[name] else "")
+        for name in moved[:most]
+    )
+    return f"{', '.join(shown)}{more}."
 
 
-def _kept(change: Facts) -> str:
-    kept = change["kept"]
-    if kept is None or value(kept, _DIGITS) == value(change["to"], _DIGITS):
-        return ""
-    return f" (kept {value(kept, _DIGITS)})"
+def _short_values(space: ParameterSpace, point: ArrayLike) -> dict[str, str]:
+    return {name: significant(value, _DIGITS) for name, value in space.to_values(point).items()}
 
 
-def _step(step: Facts, finished: Facts, numbers: bool) -> str:
-    size = f"{step['step_size']:.3g}"
+def _step(step: Step, finished: Round, facts: RoundFacts, numbers: bool) -> str:
+    size, evaluation, before = f"{step.step_size:.3g}", step.evaluation, finished.incumbent
     if not numbers:
-        accepted = finished["accepted"] and step is finished["steps"][-1]
-        return f"{size} {'failed' if step['failed'] else 'accepted' if accepted else 'rejected'}"
-    change = ""
-    if not (step["failed"] or finished["start_loss"] is None):
-        change = f" ({mm(step['loss'] - finished['start_loss'], 1, signed=True)})"
-    return f"{size}: {_loss(step)}{change}{_effects(step)}"
+        accepted = finished.accepted and step is finished.steps[-1]
+        return f"{size} {'failed' if evaluation.failed else 'accepted' if accepted else 'rejected'}"
+    known = not (evaluation.failed or before.failed)
+    change = f" ({mm(evaluation.loss - before.loss, signed=True)})" if known else ""
+    return f"{size}: {_loss(evaluation)}{change}{_effects(evaluation, facts)}"
 
 
-def _effects(outcome: Facts) -> str:
-    """What else a step did, in few words after its loss; empty where nothing is known."""
-    parts = [f"markers {mm(outcome['marker_error'], 1)} mm"] if outcome["marker_error"] is not None else []
+def _effects(evaluation: Evaluation, facts: RoundFacts) -> str:
+    """What else an evaluation did, in few words after its loss; empty where nothing is known."""
+    if evaluation.failed:
+        return ""
+    known = EvaluationFacts.of(evaluation, facts.robot)
+    markers = known.mean_of("aligned_marker_error") if known.sensors else None
+    parts = [] if markers is None else [f"markers {mm(markers)} mm"]
     parts += [
-        f"{sensor['name']} {reading(sensor['error'])} {sensor['unit']}"
-        for sensor in outcome["sensors"]
-        if sensor["error"] is not None
+        f"{one.sensor.name} {reading(one.error)} {one.sensor.unit}" for one in known.sensors if one.error is not None
     ]
-    if outcome["speed_ratios"]:
-        parts.append("speed " + " ".join(number(ratio, 2) for ratio in outcome["speed_ratios"]))
-    elif outcome["speed_ratio"] is not None:
-        parts.append(f"speed {number(outcome['speed_ratio'], 2)}")
-    parts += [f"{part} {mm(outcome[part], 1)}" for part in ("shape", "recoil") if outcome[part] is not None]
-    if outcome["amplitude_ratio"] is not None:
-        parts.append(f"amplitude {number(outcome['amplitude_ratio'], 2)}")
+    speed, amplitude = known.ratio("speed_ratio"), known.ratio("amplitude_ratio")
+    if speed is not None:
+        each = [trial.speed_ratio for trial in known.trials] if any(t.frequency for t in known.trials) else [speed]
+        parts.append("speed " + " ".join(number(ratio, 2) for ratio in each))
+    errors = ((part, known.mean_of(f"{part}_error")) for part in _PARTS)
+    parts += [f"{part} {mm(error)}" for part, error in errors if error is not None]
+    if amplitude is not None:
+        parts.append(f"amplitude {number(amplitude, 2)}")
     return "".join(f", {part}" for part in parts)
 
 
-def _loss(outcome: Facts) -> str:
-    if outcome["failed"]:
-        return f"the simulation diverged ({outcome['why'] or 'no reason on record'})"
-    return f"{mm(outcome['loss'], 1)} mm"
+def _loss(evaluation: Evaluation) -> str:
+    if not evaluation.failed:
+        return f"{mm(evaluation.loss)} mm"
+    trials = FitFigures.model_validate(evaluation.detail or {}).trials.items()
+    reasons = (f"trial '{name}': {trial.divergence}" for name, trial in trials if trial.divergence)
+    return f"the simulation diverged ({next(reasons, 'no reason on record')})"
 
 
-def _note(name: str, content: Any) -> str:
-    if isinstance(content, Mapping):
-        listed = ", ".join(f"{key} ({_given(given)} was given)" for key, given in content.items())
-    else:
-        listed = ", ".join(map(str, content)) if isinstance(content, list) else str(content)
-    return f"{shortened(listed, _LONGEST_LIST)}: {_CORRECTED[name]}."
+def _corrections(proposal: Proposal) -> list[str]:
+    """What its author should hear of."""
+    lines: list[str] = []
+    for name, said in _CORRECTED.items():
+        found: Mapping[str, float] | Sequence[str] | None = proposal.notes.get(name)
+        if isinstance(found, Mapping):
+            found = [f"{key} ({significant(given)} was given)" for key, given in found.items()]
+        if found:
+            lines.append(f"- {shortened(', '.join(found), _LONGEST_LIST)}: {said}.")
+    return lines
 
 
-def _given(given: Any) -> str:
-    if given is None:
-        return UNKNOWN
-    return value(given) if isinstance(given, int | float) else str(given)
+@dataclass(frozen=True)
+class _Measurement:
+    """A measurement against the best point of its time.
+
+    Attributes:
+        before: The best evaluation of its time.
+        after: The measurement.
+        facts: What is known of both.
+    """
+
+    before: Evaluation
+    after: Evaluation
+    facts: tuple[EvaluationFacts, EvaluationFacts]
+
+    @property
+    def failed(self) -> bool:
+        return self.before.failed or self.after.failed
+
+    def changes(self, space: ParameterSpace) -> str:
+        """What was changed."""
+        points = self.before.candidate.point, self.after.candidate.point
+        old, new = (_short_values(space, point) for point in points)
+        moved = (name for name, there in zip(space.names, points[0] != points[1], strict=True) if there)
+        return ", ".join(f"{name} {old[name]} → {new[name]}" for name in moved)
+
+    @cached_property
+    def by_trial(self) -> list[Known]:
+        """By how much each trial's ratio of speeds differs, or its error [m] where none has one; empty if unknown."""
+        trials = [known.trials for known in self.facts]
+        if self.failed or len(trials[0]) != len(trials[1]):
+            return []
+        told = [[trial.speed_ratio for trial in side] for side in trials]
+        if not any(ratio is not None for side in told for ratio in side):
+            told = [[trial.error for trial in side] for side in trials]
+        return [_less(new, old) for old, new in zip(*told, strict=True)]
+
+    def difference(self, figure: str) -> Known:
+        """By how much a mean figure differs."""
+        return _less(*(known.mean_of(figure) for known in reversed(self.facts)))
+
+
+def describe_measured(facts: RoundFacts) -> str | None:
+    """The section on measurements, None without any."""
+    rows = _measurements(facts)
+    if not rows:
+        return None
+    beats, speeds = facts.beats, facts.robot.trials.score_progress
+    named = max(len(row.by_trial) for row in rows)
+    names = [f"{t.frequency:.2f} Hz" if beats else t.name for t in facts.here.trials][:named]
+    parts = [part for part in _PARTS if any(row.difference(f"{part}_error") is not None for row in rows)]
+    yaws = [_less(*(known.ratio("yaw_ratio") for known in reversed(row.facts))) for row in rows]
+    columns = [
+        "change", "loss mm", *(f"{name} {'% speed' if speeds else 'mm'}" for name in names),
+        *(f"{part} mm" for part in parts), f"{facts.robot.marker_names[-1]} % wider" if beats else "% wider",
+        *(["yaw % wider"] if any(yaw is not None for yaw in yaws) else []),
+    ]  # fmt: skip
+    cells = [
+        [
+            row.changes(facts.space),
+            "diverged" if row.failed else mm(row.after.loss - row.before.loss, signed=True),
+            *(number(change, 1, 100 if speeds else 1e3, signed=True) for change in row.by_trial or [None] * named),
+            *(mm(row.difference(f"{part}_error"), signed=True) for part in parts),
+            _wider(_less(*(known.ratio("amplitude_ratio") for known in reversed(row.facts)))),
+            _wider(yaw),
+        ][: len(columns)]
+        for row, yaw in zip(rows, yaws, strict=True)
+    ]
+    return f"## What was measured\n\n{_MEASURED}\n\n{table(columns, cells)}"
+
+
+def _measurements(facts: RoundFacts) -> list[_Measurement]:
+    """Every measurement of the run, in order."""
+    situation, rows = facts.situation, list[_Measurement]()
+    best = situation.first
+    for measurements, steps in (
+        *((finished.measurements, finished.steps) for finished in situation.rounds), (situation.measurements, ())
+    ):  # fmt: skip
+        for one in measurements:
+            known = EvaluationFacts.of(best, facts.robot), EvaluationFacts.of(one, facts.robot)
+            rows.append(_Measurement(best, one, known))
+            best = min(best, one, key=_rank)
+        best = min((best, *(step.evaluation for step in steps)), key=_rank)
+    return rows
+
+
+def _rank(evaluation: Evaluation) -> float:
+    return float("inf") if evaluation.failed else evaluation.loss
+
+
+def _wider(change: Known) -> str:
+    return number(change, 1, 100, signed=True)
+
+
+def _less(new: Known, old: Known) -> Known:
+    return None if new is None or old is None else new - old
+
+
+def shortened(text: str, longest: int) -> str:
+    """A text on one line, cut at a word."""
+    line = " ".join(text.split())
+    if len(line) <= longest:
+        return line
+    cut = line[: longest - 1]
+    return cut[: cut.rfind(" ")].rstrip(" ,;:") + "…" if " " in cut else cut + "…"

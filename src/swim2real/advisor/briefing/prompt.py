@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from swim2real.advisor.briefing.facts import Facts, facts
-from swim2real.advisor.briefing.formatting import mm, number, table, value
-from swim2real.advisor.briefing.history import describe_history
-from swim2real.advisor.briefing.markers import describe_markers
-from swim2real.advisor.briefing.measured import describe_measured
+from swim2real.advisor.briefing.facts import RoundFacts
+from swim2real.advisor.briefing.history import describe_history, describe_measured
 from swim2real.advisor.briefing.media import DETAILS, gather_media, shorter
-from swim2real.advisor.briefing.trials import describe_trials, trial_label
+from swim2real.advisor.briefing.texts import mm, number, significant, table
+from swim2real.advisor.briefing.trials import Axes, describe_trials, trial_label
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.escaping import plain_markdown
-from swim2real.objective import Comparison
+from swim2real.objective import TAIL_FIRST_LOSS, Comparison
 from swim2real.optimizers import Evaluation, Situation, Step
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.rendering.album import Album, TrialPictures
-from swim2real.robots.robot import Robot
+from swim2real.robots.robot import Control, Robot, Sine
 from swim2real.settings import BriefingSettings
 
 _INSTRUCTIONS = """\
@@ -57,6 +55,16 @@ _NO_BEAT = (
     "too much mass or too much damping. Use where, when and in which trials they differ",
 )
 CLOSE = 1.15  # times the incumbent's loss: a rejected step that is no worse is shown
+_PAPER = (
+    "The mean distance between the simulated and the real markers over time, markers and trials, in a frame that turns "
+    "with the head and advances with it. The simulated robot starts from rest at motor angle 0 and nothing is fitted: "
+    "an unknown motor angle at the start and static offsets of the markers count as well."
+)
+_STARTS = {
+    "rest": "at rest in the model's own pose",
+    "markers": "in the pose and at the speed that its first frames show",
+    "fitted": "in the pose and at the speed with which it meets the first quarter of a second best",
+}
 _SCALE = {"log": "the logarithmic scale", "linear": "the linear scale"}
 
 
@@ -95,7 +103,7 @@ class TrialPromptBuilder:
         detail = shorter(detail) if level else detail
         instructions = instructions_for(self._robot)
         values = self._space.to_values(situation.incumbent.candidate.point)
-        known = facts(situation, self._robot, self._space, self._from_rest(values))
+        known = RoundFacts(situation, self._robot, self._space, self._from_rest(values))
         text = describe(known, numbers=self._settings.show != "pictures", rounds=detail.rounds)
         if self._settings.show == "numbers":
             return Request(instructions, (text,), self._schema, self._reply_tokens)
@@ -115,12 +123,12 @@ class TrialPromptBuilder:
         found = close_miss(situation)
         if found is None:
             return None
-        number, step = found
+        nth, step = found
         there = self._scenes(step.evaluation)
         changed = max(range(len(there)), key=lambda i: abs(there[i].loss - here[i].loss))
-        what = f"Not the current point but the rejected step {step.step_size:.3g} of round {number}"
+        what = f"Not the current point but the rejected step {step.step_size:.3g} of round {nth}"
         if self._settings.show == "both":
-            what += f" ({mm(step.evaluation.loss, 1)} mm, the current point has {mm(situation.incumbent.loss, 1)})"
+            what += f" ({mm(step.evaluation.loss)} mm, the current point has {mm(situation.incumbent.loss)})"
         return what, there[changed]
 
 
@@ -140,73 +148,144 @@ def instructions_for(robot: Robot) -> str:
     return _INSTRUCTIONS.format(look_for=look_for, alike=alike)
 
 
-def describe(facts: Facts, *, numbers: bool = True, rounds: int | None = None) -> str:
+def describe(facts: RoundFacts, *, numbers: bool = True, rounds: int | None = None) -> str:
     """All facts of a round as Markdown in plain English, for a VLM or a person.
 
     It knows no robot: what is special about one is in its description and in its parameters' meanings.
 
     Args:
-        facts: Facts, as `facts.facts` gives them.
+        facts: Facts of the round.
         numbers: Whether anything is told that was measured or compared. Without, what stays is the robot, its
             parameters, and which proposals were accepted.
         rounds: How many of the last rounds are told in full; older ones get a line. None for all.
     """
-    sections = [f"# Round {facts['round']}", _robot(facts), _parameters(facts)]
+    sections = [f"# Round {len(facts.situation.rounds) + 1}", _robot(facts), _parameters(facts)]
     if numbers:
         sections += [_differences(facts), *filter(None, [describe_measured(facts)])]
     sections.append(describe_history(facts, numbers, rounds))
     return plain_markdown("\n\n".join(sections)) + "\n"
 
 
-def _robot(facts: Facts) -> str:
-    robot, compared = facts["robot"], facts["compared"]
-    markers = f"Markers{', head first' if robot['beats'] else ''}: {', '.join(robot['markers'])}."
-    links = ", ".join(f"{a} to {b}" for a, b in compared["links"])
-    joined = f" Lines in the pictures join {links}." if links and not robot["beats"] else ""
-    picture = "" if robot["beats"] else f" The pictures have {compared['picture']}."
-    return f"## The robot\n\nName: {robot['name']}. {robot['description']}\n\n{markers}{joined}{picture}"
+def _robot(facts: RoundFacts) -> str:
+    robot, names = facts.robot, facts.robot.marker_names
+    markers = f"Markers{', head first' if facts.beats else ''}: {', '.join(names)}."
+    links = ", ".join(f"{names[a]} to {names[b]}" for a, b in robot.links)
+    if not facts.beats:
+        markers += f" Lines in the pictures join {links}." if links else ""
+        markers += f" The pictures have {Axes.of(robot).picture}."
+    return f"## The robot\n\nName: {robot.name}. {robot.description}\n\n{markers}"
 
 
-def _parameters(facts: Facts) -> str:
+def _parameters(facts: RoundFacts) -> str:
+    here, begun = facts.situation.incumbent.candidate.point, facts.situation.first.candidate.point
     rows = [
         [
-            known["name"], known["unit"], value(known["lower"]), value(known["upper"]), value(known["first"]),
-            value(known["current"]), number(known["place"], 2), known["meaning"],
+            one.name, one.unit, *map(significant, (one.lower, one.upper, first, current)), number(place, 2),
+            one.meaning,
         ]
-        for known in facts["parameters"]
+        for one, first, current, place in zip(
+            facts.space, facts.space.to_values(begun).values(), facts.space.to_values(here).values(), here, strict=True
+        )
     ]  # fmt: skip
     how = (
         "Each value is in the unit of its row; answer in the same unit. `current` is the best point so far, from which "
         "you change; `first` is where the run began. `place` says where `current` lies between the bounds, 0 at the "
-        f"lower and 1 at the upper one, on {_SCALE[facts['scale']]} on which steps are taken."
+        f"lower and 1 at the upper one, on {_SCALE[facts.space.scale]} on which steps are taken."
     )
     columns = ("parameter", "unit", "lower", "upper", "first", "current", "place", "meaning")
     return f"## Parameters of the simulator\n\n{how}\n\n{table(columns, rows)}"
 
 
-def _differences(facts: Facts) -> str:
+def _differences(facts: RoundFacts) -> str:
     """How simulated trials differ from the real ones at the best point so far."""
-    incumbent, trials = facts["incumbent"], facts["incumbent"]["trials"]
+    trials = facts.here.trials
     parts = ["## Simulated and real motion at the current point", _compared(facts)]
-    if incumbent["failed"]:
+    if facts.situation.incumbent.failed:
         parts.append("The simulation at the current point failed, so it has no loss. First of all it must run stably.")
-    diverged = [f"- {trial_label(t)}: diverged. {t['diverged']}" for t in trials if t["diverged"]]
+    diverged = [f"- {trial_label(trial)}: diverged. {trial.divergence}" for trial in trials if trial.divergence]
     if diverged:
         parts.append("\n".join(["These trials have no simulated motion:", *diverged]))
     if not trials:
         return "\n\n".join([*parts, "There are no numbers of this point."])
-    return "\n\n".join([*parts, *describe_trials(facts), *describe_markers(facts)])
+    return "\n\n".join([*parts, *describe_trials(facts)])
 
 
-def _compared(facts: Facts) -> str:
-    compared, incumbent = facts["compared"], facts["incumbent"]
-    horizon = compared["horizon"]
-    seconds = f"The first {horizon:g} s of each trial are compared." if horizon else "All of each trial is compared."
-    first = facts["history"]["first"]
+def _compared(facts: RoundFacts) -> str:
+    situation, figures = facts.situation, facts.here.figures
+    seconds = "All of each trial is compared."
+    if figures.horizon:
+        seconds = f"The first {figures.horizon:g} s of each trial are compared."
+    found = max((nth for nth, finished in enumerate(situation.rounds, start=1) if finished.accepted), default=0)
     loss = ""
-    if incumbent["loss"] is not None:
-        began = "" if incumbent["found_in_round"] == 0 or first["failed"] else f" (first {mm(first['loss'], 1)} mm)"
-        origin = f", found in round {incumbent['found_in_round']}" if incumbent["found_in_round"] else ""
-        loss = f"**The loss is {mm(incumbent['loss'], 1)} mm**{began}{origin}; lower is better."
-    names = "Names of trials are only names; see their frequencies." if facts["robot"]["beats"] else ""
-    return " ".join(part for part in (loss, compared["loss"], seconds, names) if part)
+    if not situation.incumbent.failed:
+        began = f" (first {mm(situation.first.loss)} mm)" if found and not situation.first.failed else ""
+        origin = f", found in round {found}" if found else ""
+        loss = f"**The loss is {mm(situation.incumbent.loss)} mm**{began}{origin}; lower is better."
+    names = "Names of trials are only names; see their frequencies." if facts.beats else ""
+    terms = _PAPER if figures.protocol == "paper" else " ".join(_loss_terms(facts.robot, figures.protocol))
+    return " ".join(part for part in (loss, terms, seconds, names) if part)
+
+
+def _loss_terms(robot: Robot, protocol: str) -> list[str]:
+    trials = robot.trials
+    sentences = ["The mean distance between the simulated and the real markers over time, markers and trials"]
+    if trials.frame is None:
+        sentences[0] += ", in the world."
+    elif protocol == "motion":
+        origin, ahead = (robot.marker_names[marker] for marker in trials.frame)
+        sentences[0] += (
+            ". It is taken in the frame of the trial's path, so that the yaw and the sway of the head count: x points "
+            f"along the path, the way that {ahead} lies from {origin}, and the robot goes the other way. A slow turn "
+            "of the course is removed."
+        )
+    else:
+        origin, ahead = (robot.marker_names[marker] for marker in trials.frame)
+        sentences[0] += f". It is taken in a frame that is fixed to {origin}, with its x axis toward {ahead}."
+        if trials.score_progress:
+            sentences.append(
+                "Along that axis the distance by which the simulated robot has come too far or not far enough is "
+                f"added; forward is from {ahead} to {origin}."
+            )
+    if trials.sensors:
+        weights = ", ".join(
+            f"1 {sensor.unit} of {sensor.name} as {1e3 * sensor.meters_per_unit:g} mm" for sensor in trials.sensors
+        )
+        sentences.append(f"The mean error of each sensor is added: {weights}.")
+    sentences.append("Lost tracks don't count.")
+    if protocol in ("motion", "aligned"):
+        sentences.append(
+            "The motor's angle at the start is fitted, and static offsets of the markers don't count. The simulated "
+            "robot is in its steady motion from the start."
+        )
+        if protocol == "motion":
+            sentences.append(
+                f"Where any trial goes backward, last marker first, {1e3 * TAIL_FIRST_LOSS:.0f} mm are added, so that "
+                "it is never better than one in which all go forward."
+            )
+        return sentences
+    return [*sentences, _drive(robot), _start(robot), "Neither time nor place is fitted."]
+
+
+def _drive(robot: Robot) -> str:
+    groups: dict[str, list[str]] = {}
+    for actuator, control in robot.trials.controls.items():
+        groups.setdefault(_command(control), []).append(actuator)
+    drive = "; ".join(f"{' and '.join(actuators)}: {command}" for command, actuators in groups.items())
+    return f"Each trial is played back under its own commands ({drive})." if drive else "Nothing drives a playback."
+
+
+def _start(robot: Robot) -> str:
+    start = robot.recordings.start
+    how = _STARTS.get(start, f"in the model's pose '{start}'")
+    return f"It starts {how}, unless the trial says how it started."
+
+
+def _command(control: Control) -> str:
+    if control == "table":
+        return "as recorded"
+    if control == "frequency":
+        return "a steady speed at the trial's own rate"
+    if isinstance(control, Sine):
+        around = f" around {control.offset:g}" if control.offset else ""
+        return f"a sine of {control.amplitude:g}{around} at the trial's own rate"
+    return f"always {control:g}"
