@@ -195,7 +195,7 @@ def test_a_film_of_tiny_boxes_is_told(tmp_path):
 
 def test_a_disk_that_hangs_is_told(tmp_path, hasty, monkeypatch):
     """The system doesn't come back, as of a network drive that is gone; the thread is left to itself."""
-    monkeypatch.setattr(reader, "open_stream", lambda *arguments: time.sleep(3.0))
+    monkeypatch.setattr(reader, "Decoder", lambda *arguments: time.sleep(3.0))
     _refused(clip(tmp_path / "swim.mp4", 3), "no picture of '.*' came within 0.3 s")
 
 

@@ -13,18 +13,7 @@ from scipy.ndimage import maximum_filter, uniform_filter
 
 from swim2real.errors import TrackingError
 from swim2real.tracking.appearance import Appearance, contrasts, covered, discs
-from swim2real.tracking.matching import (
-    LEAST_PARTS,
-    LEAST_SEEN,
-    filled,
-    fit_body,
-    gaps_of,
-    link_strain,
-    links_of,
-    match,
-    strained,
-    unsupported,
-)
+from swim2real.tracking.matching import LEAST_PARTS, LEAST_SEEN, Chain, filled, gaps_of, match
 from swim2real.tracking.tracker import Array, Image, Mask, check_order, check_points, inside
 
 LEAST_CONFIDENCE, LEAST_AGAIN = 0.4, 0.6  # below it a marker is lost, and isn't found again
@@ -61,8 +50,7 @@ class DetectionTracker:
         positions = self._look.points
         count = len(positions)
         self._usual, self._shares = np.maximum(self._look.contrast, 0.2), self._look.shares.copy()
-        self._links = links_of(count)
-        self._lengths = np.linalg.norm(positions[self._links[:, 0]] - positions[self._links[:, 1]], axis=1)
+        self._chain = Chain(positions)
         self._shapes = np.repeat(positions[None], count, axis=0)  # all markers when each was last seen
         self._times, self._tracks = [], []
         self._lost_since = np.full(count, -np.inf)
@@ -139,16 +127,16 @@ class DetectionTracker:
         positions[confidence < np.where(known, LEAST_CONFIDENCE, LEAST_AGAIN)] = np.nan
         with np.errstate(invalid="ignore"):
             positions[gaps_of(positions) < MERGED * radius] = np.nan
-        positions[strained(positions, self._links, self._lengths, self._slack)] = np.nan
-        strain = link_strain(positions, self._links, self._lengths, self._slack)
+        positions[self._chain.strained(self._chain.strain(positions, self._slack), count)] = np.nan
+        strain = self._chain.strain(positions, self._slack)
         if not whole:
-            positions[unsupported(np.isfinite(positions[:, 0]), known, self._links, strain)] = np.nan
+            positions[self._chain.unsupported(np.isfinite(positions[:, 0]), known, strain)] = np.nan
         elif np.isfinite(positions[:, 0]).sum() < LEAST_PARTS:
             positions[:] = np.nan
         confidence[~np.isfinite(positions[:, 0])] = 0.0
         # a length that is nearly off casts doubt on both ends
         worst = np.zeros(count)
-        np.maximum.at(worst, self._links.ravel(), np.repeat(np.where(strain <= 1, strain, 0.0), 2))
+        np.maximum.at(worst, self._chain.pairs.ravel(), np.repeat(np.where(strain <= 1, strain, 0.0), 2))
         return positions, confidence * (1 - 0.3 * worst**2)
 
     def _blobs(self, image: Image, low: Array, high: Array) -> tuple[Array, Array]:
@@ -177,7 +165,7 @@ class DetectionTracker:
 
     def _whole(self, image: Image, predicted: Array, blobs: Array, quality: Array) -> tuple[Array, Array]:
         """Fits the whole body to the blobs, wherever it was expected."""
-        chosen = fit_body(predicted, self._lengths, blobs, quality, self._slack)
+        chosen = self._chain.fit(predicted, blobs, quality, self._slack)
         if (chosen < 0).all():
             return np.full_like(predicted, np.nan), np.zeros(len(predicted))
         places = filled(np.where(chosen[:, None] >= 0, blobs[chosen], np.nan), self._shapes)
@@ -223,10 +211,7 @@ class DetectionTracker:
 
     def _adapt(self, image: Image, positions: Array, confidence: Array, time: float) -> None:
         sure = confidence > 0.7
-        lengths = np.linalg.norm(positions[self._links[:, 0]] - positions[self._links[:, 1]], axis=1)
-        both = sure[self._links].all(axis=1)
-        rate = min(1.0, self._interval / ADAPT_TIME)
-        self._lengths = np.where(both, self._lengths + rate * (np.nan_to_num(lengths) - self._lengths), self._lengths)
+        self._chain.adapt(positions, sure, min(1.0, self._interval / ADAPT_TIME))
         if time - self._learned >= RELEARN_TIME and sure.sum() > len(sure) // 2:
             self._learned = time
             self._look.learn(image, positions[sure])

@@ -4,7 +4,7 @@ Markers move together, so what a prediction misses is nearly the same for neighb
 vote, then a correction that varies smoothly along the body; only then is each marker given the blob at its place. Blobs
 that would stretch or shrink the body are refused.
 
-When this has lost the thread, the whole body is fitted to the blobs (`fit_body`).
+When this has lost the thread, the whole body is fitted to the blobs (`Chain.fit`).
 """
 
 from __future__ import annotations
@@ -112,71 +112,6 @@ def _assigned(places: Array, gates: Array, blobs: Array, quality: Array) -> NDAr
     return chosen
 
 
-def links_of(count: int) -> NDArray[np.int64]:
-    """Pairs of markers whose distance is watched: neighbors and next neighbors. Shape (L, 2)."""
-    return np.array([(i, j) for i in range(count) for j in (i + 1, i + 2) if j < count], dtype=np.int64).reshape(-1, 2)
-
-
-def strained(points: Array, links: NDArray[np.int64], lengths: Array, slack: float) -> Mask:
-    """Markers that have to go until all lengths along the body are as usual. Shape (M,).
-
-    Args:
-        points: Positions, NaN for markers that aren't seen [px]. Shape (M, 2).
-        links: Pairs of markers. Shape (L, 2).
-        lengths: Usual distance of each pair [px]. Shape (L,).
-        slack: Error of a length that is allowed in any case [px].
-    """
-    out = np.zeros(len(points), dtype=bool)
-    strain = link_strain(points, links, lengths, slack)
-    while True:
-        alive = ~out[links].any(axis=1) & (strain > 1)
-        if not alive.any():
-            return out
-        badness, support = np.zeros(len(points)), np.zeros(len(points))
-        np.add.at(badness, links[alive].ravel(), np.repeat(strain[alive], 2))
-        sound = ~out[links].any(axis=1) & (strain <= 1)
-        np.add.at(support, links[sound].ravel(), 1.0)
-        out[int(np.argmax(np.where(badness > 0, badness / (1 + support), -1.0)))] = True
-
-
-def link_strain(points: Array, links: NDArray[np.int64], lengths: Array, slack: float) -> Array:
-    """How far each length is off, 1 at what is allowed; 0 where one end isn't seen. Shape (L,)."""
-    distances = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
-    shares = np.array(LINK_SHARES)[links[:, 1] - links[:, 0] - 1]
-    return np.nan_to_num(np.abs(distances - lengths) / (shares * lengths + slack))
-
-
-def unsupported(seen: Mask, known: Mask, links: NDArray[np.int64], strain: Array) -> Mask:
-    """Markers that reappeared where nothing vouches for them: a wrong blob may lie there. Shape (M,).
-
-    A marker that was seen a moment ago vouches for one that reappears next to it at the right distance, and so on along
-    the body. Without any, most of the body must reappear at once.
-
-    Args:
-        seen: Whether each marker is seen in this frame. Shape (M,).
-        known: Whether it was seen in the last frame. Shape (M,).
-        links: Pairs of markers. Shape (L, 2).
-        strain: Strain of each pair, see `link_strain`. Shape (L,).
-    """
-    sure = seen & known
-    if not sure.any():
-        sound = seen.copy()
-        a, b = links[strain > SUPPORT].T
-        sound[a] = sound[b] = False
-        return seen & ~(sound if sound.sum() >= max(LEAST_GROUP, len(seen) // 2) else np.zeros_like(seen))
-    while True:
-        a, b = links.T
-        good, bad = strain <= SUPPORT, strain > SUPPORT
-        vouched, refused = np.zeros_like(seen), np.zeros_like(seen)
-        for end, other in ((a, b), (b, a)):
-            vouched[end[good & sure[other] & seen[end]]] = True
-            refused[end[bad & sure[other] & seen[end]]] = True
-        more = vouched & ~refused & ~sure
-        if not more.any():
-            return seen & ~sure
-        sure |= more
-
-
 def filled(points: Array, before: Array) -> Array:
     """The points, unknown ones where a body of the shape `before` has them, carried by the nearest known ones.
 
@@ -189,11 +124,11 @@ def filled(points: Array, before: Array) -> Array:
         shape = before if before.ndim == 2 else before[m]
         away = np.linalg.norm(shape - shape[m], axis=1)
         near = np.median(np.sort(away)[1:3])
-        out[m] = placed(points, shape, 1 / (1 + (away / near) ** 2) ** 2)[m]
+        out[m] = _placed(points, shape, 1 / (1 + (away / near) ** 2) ** 2)[m]
     return out
 
 
-def placed(points: Array, before: Array, weights: Array) -> Array:
+def _placed(points: Array, before: Array, weights: Array) -> Array:
     """Where a body of the shape `before` is now, rigidly, by the markers that are known.
 
     Args:
@@ -218,62 +153,138 @@ def placed(points: Array, before: Array, weights: Array) -> Array:
     return (before - there) @ rotation + here
 
 
-def fit_body(predicted: Array, lengths: Array, blobs: Array, quality: Array, slack: float) -> NDArray[np.int64]:
-    """Gives the markers blobs in the order of the body, wherever they were expected.
+class Chain:
+    """Lengths along the body that are watched: of neighbors and next neighbors, (i, i + 1) and (i, i + 2) in turns.
 
-    The markers keep their order and their distances along the body. Of all ways to give some of them a blob in this
-    order, the one is taken that leaves fewest markers out and strains the distances least; dynamic programming finds
-    it. Where the markers were a moment ago counts for little, so it recovers from a wrong prediction or a long
-    occlusion.
-
-    Args:
-        predicted: Where the markers might be [px]. Shape (M, 2).
-        lengths: Usual distances of neighbors, then of next neighbors, (i, i + 1) and (i, i + 2) in turns as in
-            `links_of` [px]. Shape (2 M - 3,).
-        blobs: Places of the blobs in the frame [px]. Shape (P, 2).
-        quality: Quality of the blobs, from 0 to 1. Shape (P,).
-        slack: Error of a length that is allowed in any case [px].
-
-    Returns:
-        Index of each marker's blob, -1 for none; all -1 when no body is found. Shape (M,).
+    Attributes:
+        pairs: Pairs of markers. Shape (L, 2).
+        lengths: Usual distance of each pair [px]. Shape (L,).
     """
-    count, number = len(predicted), len(blobs)
-    nothing = np.full(count, -1)
-    least = max(LEAST_PARTS, int(np.ceil(0.5 * count)))
-    if count < 3 or number < least:
-        return nothing
-    neighbors = lengths[0::2]  # links_of lists (0, 1), (0, 2), (1, 2), (1, 3), ...
-    body = float(neighbors.sum())
-    away = np.linalg.norm(blobs[:, None] - blobs[None], axis=2)  # (P, P)
-    own = FAR * (np.linalg.norm(predicted[:, None] - blobs[None], axis=2) / body) ** 2 + POOR * (1 - quality)
-    best = own + MISSED * np.arange(count)[:, None]  # cost up to here with all markers before left out
-    came = np.full((count, number, 2), -1)
-    for m in range(1, count):
-        for before in range(m):
-            strain = _chord_strain(before, m, lengths, neighbors, away, slack)
-            step = best[before][:, None] + strain + MISSED * (m - before - 1)
-            np.fill_diagonal(step, np.inf)
-            source = np.argmin(step, axis=0)
-            cost = step[source, np.arange(number)] + own[m]
-            better = cost < best[m]
-            best[m] = np.where(better, cost, best[m])
-            came[m, better] = np.stack([np.full(number, before), source], axis=1)[better]
-    ends = best + MISSED * np.arange(count - 1, -1, -1)[:, None]
-    m, p = (int(i) for i in np.unravel_index(int(np.argmin(ends)), ends.shape))
-    chosen = nothing.copy()
-    while m >= 0:
-        chosen[m] = p
-        m, p = (int(i) for i in came[m, p])
-    taken = chosen[chosen >= 0]
-    return chosen if len(taken) >= least and len(set(taken.tolist())) == len(taken) else nothing
 
+    def __init__(self, points: Array) -> None:
+        """Takes the markers' places in the first frame (M, 2)."""
+        count = len(points)
+        self.pairs = np.array([(i, j) for i in range(count) for j in (i + 1, i + 2) if j < count], dtype=np.int64)
+        self.lengths = self._distances(points)
 
-def _chord_strain(before: int, m: int, lengths: Array, neighbors: Array, away: Array, slack: float) -> Array:
-    """Cost of two markers' blobs, with none for the markers between. Shape (P, P)."""
-    if m - before <= 2:
-        # of marker i: (i, i + 1) at 2 i, (i, i + 2) at 2 i + 1
-        length = lengths[2 * before + (m - before - 1)]
-        return np.minimum(((away - length) / (LINK_SHARES[m - before - 1] * length + slack)) ** 2, 1e3)
-    way = float(neighbors[before:m].sum())
-    off = np.maximum(away - LONGEST_CHORD * way, 0.0) + np.maximum(SHORTEST_CHORD * way - away, 0.0)
-    return np.minimum((off / (LINK_SHARES[1] * way + slack)) ** 2 * 4, 1e3)
+    def adapt(self, points: Array, sure: Mask, rate: float) -> None:
+        """Takes in a share of how lengths have changed between markers that are sure. Shapes (M, 2), (M,)."""
+        change = rate * (np.nan_to_num(self._distances(points)) - self.lengths)
+        self.lengths = np.where(sure[self.pairs].all(axis=1), self.lengths + change, self.lengths)
+
+    def strain(self, points: Array, slack: float) -> Array:
+        """How far each length is off, 1 at what is allowed; 0 where one end isn't seen. Shape (L,).
+
+        Args:
+            points: Positions, NaN for markers that aren't seen [px]. Shape (M, 2).
+            slack: Error of a length that is allowed in any case [px].
+        """
+        shares = np.array(LINK_SHARES)[self.pairs[:, 1] - self.pairs[:, 0] - 1]
+        off = np.abs(self._distances(points) - self.lengths)
+        return np.nan_to_num(off / (shares * self.lengths + slack))
+
+    def strained(self, strain: Array, count: int) -> Mask:
+        """Markers that have to go until all lengths along the body are as usual. Shape (M,).
+
+        Args:
+            strain: Strain of each length. Shape (L,).
+            count: Number of markers.
+        """
+        out, links = np.zeros(count, dtype=bool), self.pairs
+        while True:
+            alive = ~out[links].any(axis=1) & (strain > 1)
+            if not alive.any():
+                return out
+            badness, support = np.zeros((2, count))
+            np.add.at(badness, links[alive].ravel(), np.repeat(strain[alive], 2))
+            sound = ~out[links].any(axis=1) & (strain <= 1)
+            np.add.at(support, links[sound].ravel(), 1.0)
+            out[int(np.argmax(np.where(badness > 0, badness / (1 + support), -1.0)))] = True
+
+    def unsupported(self, seen: Mask, known: Mask, strain: Array) -> Mask:
+        """Markers that reappeared where nothing vouches for them: a wrong blob may lie there. Shape (M,).
+
+        A marker that was seen a moment ago vouches for one that reappears next to it at the right distance, and so on
+        along the body. Without any, most of the body must reappear at once.
+
+        Args:
+            seen: Whether each marker is seen in this frame. Shape (M,).
+            known: Whether it was seen in the last frame. Shape (M,).
+            strain: Strain of each length. Shape (L,).
+        """
+        sure = seen & known
+        if not sure.any():
+            sound = seen.copy()
+            a, b = self.pairs[strain > SUPPORT].T
+            sound[a] = sound[b] = False
+            return seen & ~(sound if sound.sum() >= max(LEAST_GROUP, len(seen) // 2) else np.zeros_like(seen))
+        while True:
+            a, b = self.pairs.T
+            good, bad = strain <= SUPPORT, strain > SUPPORT
+            vouched, refused = np.zeros_like(seen), np.zeros_like(seen)
+            for end, other in ((a, b), (b, a)):
+                vouched[end[good & sure[other] & seen[end]]] = True
+                refused[end[bad & sure[other] & seen[end]]] = True
+            more = vouched & ~refused & ~sure
+            if not more.any():
+                return seen & ~sure
+            sure |= more
+
+    def fit(self, predicted: Array, blobs: Array, quality: Array, slack: float) -> NDArray[np.int64]:
+        """Gives the markers blobs in the order of the body, wherever they were expected.
+
+        The markers keep their order and their distances along the body. Of all ways to give some of them a blob in
+        this order, the one is taken that leaves fewest markers out and strains the distances least; dynamic programming
+        finds it. Where the markers were a moment ago counts for little, so it recovers from a wrong prediction or a
+        long occlusion.
+
+        Args:
+            predicted: Where the markers might be [px]. Shape (M, 2).
+            blobs: Places of the blobs in the frame [px]. Shape (P, 2).
+            quality: Quality of the blobs, from 0 to 1. Shape (P,).
+            slack: Error of a length that is allowed in any case [px].
+
+        Returns:
+            Index of each marker's blob, -1 for none; all -1 when no body is found. Shape (M,).
+        """
+        count, number = len(predicted), len(blobs)
+        nothing = np.full(count, -1)
+        least = max(LEAST_PARTS, int(np.ceil(0.5 * count)))
+        if count < 3 or number < least:
+            return nothing
+        neighbors = self.lengths[0::2]
+        body = float(neighbors.sum())
+        away = np.linalg.norm(blobs[:, None] - blobs[None], axis=2)  # (P, P)
+        own = FAR * (np.linalg.norm(predicted[:, None] - blobs[None], axis=2) / body) ** 2 + POOR * (1 - quality)
+        best = own + MISSED * np.arange(count)[:, None]  # cost up to here with all markers before left out
+        came = np.full((count, number, 2), -1)
+        for m in range(1, count):
+            for before in range(m):
+                strain = self._chord_strain(before, m, away, slack)
+                step = best[before][:, None] + strain + MISSED * (m - before - 1)
+                np.fill_diagonal(step, np.inf)
+                source = np.argmin(step, axis=0)
+                cost = step[source, np.arange(number)] + own[m]
+                better = cost < best[m]
+                best[m] = np.where(better, cost, best[m])
+                came[m, better] = np.stack([np.full(number, before), source], axis=1)[better]
+        ends = best + MISSED * np.arange(count - 1, -1, -1)[:, None]
+        m, p = (int(i) for i in np.unravel_index(int(np.argmin(ends)), ends.shape))
+        chosen = nothing.copy()
+        while m >= 0:
+            chosen[m] = p
+            m, p = (int(i) for i in came[m, p])
+        taken = chosen[chosen >= 0]
+        return chosen if len(taken) >= least and len(set(taken.tolist())) == len(taken) else nothing
+
+    def _chord_strain(self, before: int, m: int, away: Array, slack: float) -> Array:
+        """Cost of two markers' blobs, with none for the markers between. Shape (P, P)."""
+        if m - before <= 2:
+            length = self.lengths[2 * before + (m - before - 1)]
+            return np.minimum(((away - length) / (LINK_SHARES[m - before - 1] * length + slack)) ** 2, 1e3)
+        way = float(self.lengths[0::2][before:m].sum())
+        off = np.maximum(away - LONGEST_CHORD * way, 0.0) + np.maximum(SHORTEST_CHORD * way - away, 0.0)
+        return np.minimum((off / (LINK_SHARES[1] * way + slack)) ** 2 * 4, 1e3)
+
+    def _distances(self, points: Array) -> Array:
+        return np.linalg.norm(points[self.pairs[:, 0]] - points[self.pairs[:, 1]], axis=1)

@@ -45,7 +45,7 @@ _OPTIONS = {
 MOST_HELD = 16  # pictures that may wait for one that is shown later, as many as H.264 and HEVC can refer to
 
 
-def open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]:
+def _open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]:
     """Opens a file and its best video stream, ready to decode.
 
     Args:
@@ -171,17 +171,19 @@ class Decoder:
     picture can lean on one that is stored before it and shown after it; it waits until that one has come.
 
     Attributes:
+        container: The file.
+        stream: Its best video stream.
         left_out: Stamps of the pictures that are left out, as keys.
         unstamped: Number of pictures without a stamp that are left out.
         hidden: Number of packets that the file marks as not to be shown.
         failure: Why reading stopped before the end; empty if it didn't.
     """
 
-    def __init__(self, container: InputContainer, stream: VideoStream) -> None:
-        self._container = container
-        self._stream = stream
+    def __init__(self, path: Path, threads: int) -> None:
+        """Opens a file, as `_open_stream` does."""
+        self.container, self.stream = _open_stream(path, threads)
         # AVI has no time stamps, and what FFmpeg makes up for frames that are stored out of order is wrong
-        self._stamped = not (container.format.name == "avi" and stream.codec_context.has_b_frames)
+        self._stamped = not (self.container.format.name == "avi" and self.stream.codec_context.has_b_frames)
         self._packet = 0  # number of the newest packet, in the order of storage
         self._waiting: dict[int, int] = {}  # stamps of packets that haven't become pictures: numbers
         self._held: deque[tuple[int, VideoFrame, int | None]] = deque()  # pictures in the order of showing
@@ -201,7 +203,7 @@ class Decoder:
         """
         for packet in self._packets():
             if self._until is not None and time.monotonic() > self._until:
-                raise VideoError(no_picture(Path(self._container.name)))
+                raise VideoError(no_picture(Path(self.container.name)))
             for stored in self._decode(packet):
                 self._until = None
                 stamp = stored.pts if self._stamped else None
@@ -219,7 +221,7 @@ class Decoder:
 
     def _packets(self) -> Iterator[Packet[VideoStream]]:
         try:
-            yield from self._container.demux(self._stream)
+            yield from self.container.demux(self.stream)
         except FFmpegError as error:
             self.failure = f"reading stopped before the end ({error.strerror})"
 

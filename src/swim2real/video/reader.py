@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from swim2real.errors import VideoError
 from swim2real.video.clock import Clock, Tally, frames
 from swim2real.video.damage import REPORTED, marked
-from swim2real.video.decoding import FIRST_PICTURE, MOST_PIXELS, Decoder, Picture, no_picture, open_stream
+from swim2real.video.decoding import FIRST_PICTURE, MOST_PIXELS, Decoder, Picture, no_picture
 
 Image = NDArray[np.uint8]
 Result = TypeVar("Result")
@@ -224,10 +224,11 @@ class _Pass:
         """
         # a disk that doesn't answer can't be interrupted, only left alone
         try:
-            begun = _in_time(lambda: _begun(path, threads), FIRST_PICTURE + SLACK)
+            self._decoder, self._pictures, first = _in_time(lambda: _begun(path, threads), FIRST_PICTURE + SLACK)
         except TimeoutError:
             raise VideoError(no_picture(path)) from None
-        self._container, stream, self._decoder, self._pictures, self._first = begun
+        self._first: Picture | None = first
+        stream, container = self._decoder.stream, self._decoder.container
         rate = stream.average_rate or stream.guessed_rate or USUAL_RATE
         self._clock = Clock(1 / rate)
         stored = self._first.stored
@@ -235,8 +236,8 @@ class _Pass:
         self._tilt = -stored.rotation % 360  # clockwise; PyAV's angle isn't
         self._base = stream.time_base or Fraction(1)
         self._pixel_shape = stream.sample_aspect_ratio
-        self._slack = SOUND_SLACK if len(self._container.streams) > 1 else float(2 / rate)
-        self._stated_count = _stated_count(self._container, stream)
+        self._slack = SOUND_SLACK if len(container.streams) > 1 else float(2 / rate)
+        self._stated_count = _stated_count(container, stream)
         self._closed = False
         self._delivered = 0
         self._end: float | None = None  # time of the last frame, once all are through
@@ -247,7 +248,7 @@ class _Pass:
     def close(self) -> None:
         self._closed = True
         self._pictures.close()
-        self._container.close()
+        self._decoder.container.close()
 
     def frames(self) -> Iterator[Frame]:
         """All frames, once."""
@@ -315,8 +316,8 @@ class _Pass:
         duration: float | None = None
         if stream.duration is not None:
             duration = float(stream.duration * self._base)
-        elif self._container.duration is not None:
-            duration = self._container.duration / 1e6  # FFmpeg counts microseconds there
+        elif self._decoder.container.duration is not None:
+            duration = self._decoder.container.duration / 1e6  # FFmpeg counts microseconds there
         rotation = round(self._tilt / 90) * 90 % 360
         width, height = self._size if rotation in (0, 180) else self._size[::-1]
         count = self._stated_count or (None if duration is None else round(duration * rate))
@@ -324,14 +325,13 @@ class _Pass:
         return VideoInfo(path, width, height, float(rate), count, duration, rotation, codec)
 
 
-def _begun(path: Path, threads: int) -> tuple[InputContainer, VideoStream, Decoder, Generator[Picture], Picture]:
+def _begun(path: Path, threads: int) -> tuple[Decoder, Generator[Picture], Picture]:
     """A film whose first picture is there, which comes last."""
-    container, stream = open_stream(path, threads)
+    decoder = Decoder(path, threads)
+    pictures = decoder.pictures()
+    if decoder.stream.codec_context.codec.canonical_name not in REPORTED:
+        pictures = marked(pictures)
     try:
-        decoder = Decoder(container, stream)
-        pictures = decoder.pictures()
-        if stream.codec_context.codec.canonical_name not in REPORTED:
-            pictures = marked(pictures)
         first = next(pictures, None)
         if first is None:
             raise VideoError(
@@ -339,9 +339,9 @@ def _begun(path: Path, threads: int) -> tuple[InputContainer, VideoStream, Decod
                 f"{MOST_PIXELS // 10**6} million pixels"
             )
     except VideoError:
-        container.close()
+        decoder.container.close()
         raise
-    return container, stream, decoder, pictures, first
+    return decoder, pictures, first
 
 
 def _in_time(work: Callable[[], Result], seconds: float) -> Result:
