@@ -57,7 +57,7 @@ def by(source, count, lowest):
 def test_a_search_that_hasnt_beaten_its_own_first_points_is_told_with_what_to_do():
     told = never_beaten(by("start", 12, 2), settings(12))
     assert told.startswith("the search hasn't beaten its own first points: the best of 12 is evaluation 3, which no ")
-    assert "--seeds 3" in told
+    assert "--seeds 0:3" in told
     assert never_beaten(by("line search", 12, 8), settings(12)) is None
     assert never_beaten(by("start", 12, 2), settings(13)) is None  # it goes on
     assert never_beaten(by("start", 9, 2), settings(9)) is None  # too short

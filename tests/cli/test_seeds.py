@@ -15,7 +15,7 @@ def words(folder, out, *more):
 @pytest.mark.slow
 def test_the_best_of_several_seeds_is_copied_and_goes_on(program, pendulum_folder, tmp_path):
     out = tmp_path / "run"
-    program(*words(pendulum_folder, out, "--seed", 3, "--seeds", 2)).done()
+    program(*words(pendulum_folder, out, "--seeds", "3:5")).done()
     runs = [RunFolder(tmp_path / f"run-seed-{seed}") for seed in (3, 4)]
     losses = [min(entry["loss"] for entry in run.record()) for run in runs]
     best = runs[losses.index(min(losses))]
@@ -23,15 +23,14 @@ def test_the_best_of_several_seeds_is_copied_and_goes_on(program, pendulum_folde
     assert f"the best is a copy of '{best.path}'" in program.err
     assert f"seed 3: {1e3 * losses[0]:.2f} mm in '{runs[0].path}'" in program.err
     assert (out / "report.html").is_file()
-    assert program(*words(pendulum_folder, out, "--seeds", 2)).sentence(1).startswith(f"'{out}' holds a run already")
-    program(*words(pendulum_folder, out, "--seed", 3, "--seeds", 3, "--resume", "--quiet")).done()
+    assert (
+        program(*words(pendulum_folder, out, "--seeds", "0:2")).sentence(1).startswith(f"'{out}' holds a run already")
+    )
+    program(*words(pendulum_folder, out, "--seeds", "3:6", "--resume", "--quiet")).done()
     assert RunFolder(tmp_path / "run-seed-5").outcome() is not None
     reference = json.loads((out / "settings.json").read_text())["reference"]
     assert (out / reference / "reference.json").is_file()  # found from where the copy lies
 
 
-def test_seeds_must_be_at_least_one(program, pendulum_folder, tmp_path):
-    assert (
-        program(*words(pendulum_folder, tmp_path / "run", "--seeds", 0)).sentence(2)
-        == "seeds is 0; it must be at least 1"
-    )
+def test_seeds_that_are_none_are_refused(program, pendulum_folder, tmp_path):
+    assert "seeds has '5:5'" in program(*words(pendulum_folder, tmp_path / "run", "--seeds", "5:5")).sentence(2)

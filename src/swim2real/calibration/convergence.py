@@ -64,6 +64,6 @@ def never_beaten(entries: Sequence[Mapping[str, Any]], settings: CalibrationSett
         return None
     return (
         f"the search hasn't beaten its own first points: the best of {len(entries)} is evaluation {best['index'] + 1}, "
-        f"which no search proposed; run several seeds (--seeds 3) or another method (--method bayesopt), and look "
+        f"which no search proposed; run several seeds (--seeds 0:3) or another method (--method bayesopt), and look "
         f"whether the bounds are as wide as they must be"
     )

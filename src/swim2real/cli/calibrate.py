@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from swim2real.cli.options import Positional, RobotOption
 from swim2real.cli.terminal import say, say_json, tell
-from swim2real.errors import ArgumentError, RunError
-from swim2real.settings import CalibrationSettings, VlmAccess
+from swim2real.errors import RunError
+from swim2real.settings import CalibrationSettings, VlmAccess, expand_seeds
 
 if TYPE_CHECKING:
     from swim2real.calibration import Outcome
@@ -26,7 +26,7 @@ MOST_LINES = 10  # on lost tracks, before they are told in a line for each trial
 def calibrate(
     reference: Positional[Path], settings: CalibrationSettings, access: VlmAccess, *, out: Path,
     robot: RobotOption = "fish", sensitivity: bool = False, resume: bool = False,
-    seeds: int = 1, json: bool = False, quiet: bool = False,
+    seeds: tuple[int | str, ...] = (), json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Find simulator parameters that make simulated trials match real ones.
 
@@ -45,13 +45,12 @@ def calibrate(
         sensitivity: Also measure each parameter's effect on the loss at the end: two evaluations a parameter, outside
             the budget.
         resume: Go on with the run in --out.
-        seeds: Make so many runs, with --seed and the numbers after it, in folders beside --out, and copy the best one
+        seeds: Numbers and ranges, as for compare: make a run with each, in folders beside --out, and copy the best one
             to --out.
         json: Print the outcome as JSON.
         quiet: Print no progress.
     """
-    if seeds < 1:
-        raise ArgumentError(f"seeds is {seeds}; it must be at least 1")
+    numbers = expand_seeds(seeds) if seeds else [settings.seed]
     from swim2real import pipeline
     from swim2real.robots import load_robot
     from swim2real.trials import load_reference
@@ -64,12 +63,12 @@ def calibrate(
             return pipeline.calibrate(
                 trials, body, chosen, folder, source=str(reference), resume=resume,
                 sensitivity=sensitivity, access=access, on_progress=callbacks.progress, on_advisor=callbacks.advisor,
-                on_warning=_warn if chosen.seed == settings.seed else None,
+                on_warning=_warn if chosen.seed == numbers[0] else None,
             )  # fmt: skip
 
         return _watched(work, chosen.budget, folder, quiet)
 
-    outcome = run(settings, out, resume) if seeds == 1 else _best_of(seeds, settings, out, resume, run)
+    outcome = _best_of(numbers, settings, out, resume, run) if seeds else run(settings, out, resume)
     return 1 if outcome is None else _told(outcome, out, quiet, json)
 
 
@@ -78,10 +77,10 @@ def _warn(line: str) -> None:
 
 
 def _best_of(
-    count: int, settings: CalibrationSettings, out: Path, resume: bool,
+    seeds: Sequence[int], settings: CalibrationSettings, out: Path, resume: bool,
     run: Callable[[CalibrationSettings, Path, bool], Outcome | None],
 ) -> Outcome | None:  # fmt: skip
-    """Makes a run a seed beside a folder, and puts a copy of the best into it; None when it is interrupted.
+    """Makes a run per seed beside a folder, and puts a copy of the best into it; None when it is interrupted.
 
     The copy lies as deep as the runs, so that paths that are relative to them hold.
     """
@@ -91,7 +90,7 @@ def _best_of(
     if RunFolder(out).exists and not resume:
         raise RunError(f"'{out}' holds a run already; go on with --resume or choose another folder")
     ends: list[tuple[float, Path, Outcome]] = []
-    for seed in range(settings.seed, settings.seed + count):
+    for seed in seeds:
         folder = out.with_name(f"{out.name}-seed-{seed}")
         outcome = run(replace(settings, seed=seed), folder, resume and RunFolder(folder).exists)
         if outcome is None:

@@ -115,7 +115,7 @@ def poor_fit(run: ReportedRun) -> tuple[str, ...]:
     return (
         f"the fit is bad: its error is {mm(error)} mm, and the real markers move by {mm(size)} mm about their mean "
         f"places (root mean square), so it explains little of the motion; look at the film for what is wrong, and try "
-        f"other seeds (--seeds 3) or a larger --budget",
+        f"other seeds (--seeds 0:3) or a larger --budget",
     )
 
 
