@@ -99,7 +99,7 @@ def main():
                 "held out, tracked": swim(held_out, policy, tracked),
             }
             results["policies"].setdefault(name, []).append(
-                {where: EpisodeStatistics.of(episodes).as_dict() for where, episodes in swims.items()}
+                {where: asdict(EpisodeStatistics.of(episodes)) for where, episodes in swims.items()}
             )
             print(f"{name}, seed {seed}: {outcome.seconds.total:.0f} s", flush=True)
             (a.out / f"{a.task}.json").write_text(json.dumps(results, indent=2, default=str))

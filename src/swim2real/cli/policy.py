@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -20,7 +20,7 @@ from swim2real.settings import TrainingSettings, expand_seeds
 
 if TYPE_CHECKING:
     from swim2real.rl.assessment import Assessment
-    from swim2real.rl.training import Progress
+    from swim2real.rl.training import TrainingProgress
     from swim2real.rl.training_run import TrainingOutcome
 
 _stop: Any = None  # in a process that trains one of several seeds: the event that asks for its end
@@ -97,13 +97,13 @@ def train(
 
 def _train_one(
     run: Callable[..., TrainingOutcome], settings: TrainingSettings, out: Path, resume: bool,
-    show: Callable[[Progress], None], stop: Callable[[], bool],
+    show: Callable[[TrainingProgress], None], stop: Callable[[], bool],
 ) -> TrainingOutcome:  # fmt: skip
     """Trains into a folder and writes its page after every evaluation."""
     from swim2real.report.training_page import write_training_page
     from swim2real.rl.training_run import TrainingRun
 
-    def progress(state: Progress) -> None:
+    def progress(state: TrainingProgress) -> None:
         show(state)
         if state.evaluation:
             write_training_page(TrainingRun.open(out), out)
@@ -161,7 +161,7 @@ def _train_seed(
     from swim2real.cli.progress import training_line
     from swim2real.rl.training_run import SETTINGS
 
-    def show(state: Progress) -> None:
+    def show(state: TrainingProgress) -> None:
         if state.evaluation and not quiet:
             tell(f"seed {settings.seed}: {training_line(state)}")
 
@@ -308,7 +308,7 @@ def export_commands(
 
 def _report_outcome(outcome: TrainingOutcome, out: Path, json: bool, quiet: bool) -> None:
     if json:
-        say_json(outcome.as_dict())
+        say_json(asdict(outcome))
     elif not quiet:
         say(_summary(outcome, out))
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from swim2real.calibration import Progress
     from swim2real.comparison import ComparisonProgress, JobReport
     from swim2real.pipeline import FrameProgress, TrackedVideo
-    from swim2real.rl.training import Progress as TrainingProgress
+    from swim2real.rl.training import TrainingProgress
 
 _FILM_LINES = 5.0  # s between plain lines of a video
 _TRAINING_LINES = 10.0  # s between plain lines of a training
@@ -45,7 +45,7 @@ class RunCallbacks:
         advisor: As a VLM is asked and answers.
     """
 
-    progress: Callable[[Progress], None]
+    progress: Callable[[TrainingProgress], None]
     advisor: Callable[[AdvisorEvent], None]
 
 
@@ -58,7 +58,7 @@ def run_shown(budget: int, quiet: bool) -> Generator[RunCallbacks]:
     """
     with _run_lines(budget, quiet) as show, Interruption() as interruption:
 
-        def progress(state: Progress) -> None:
+        def progress(state: TrainingProgress) -> None:
             show.progress(state)
             interruption.check()
 

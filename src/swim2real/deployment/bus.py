@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -21,12 +22,12 @@ try:
 except ModuleNotFoundError as error:
     raise MissingExtraError("the motor needs dynamixel-sdk; install it with: pip install dynamixel-sdk") from error
 
-try:
+if sys.platform == "win32":
+    _PORT_ERRORS = (OSError,)  # pyserial's errors are OSErrors
+else:
     import termios
 
-    _PORT_ERRORS: tuple[type[BaseException], ...] = (OSError, termios.error)  # pyserial's errors are OSErrors
-except ModuleNotFoundError:  # Windows
-    _PORT_ERRORS = (OSError,)
+    _PORT_ERRORS = (OSError, termios.error)
 
 Answer = TypeVar("Answer")
 

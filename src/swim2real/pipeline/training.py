@@ -16,6 +16,7 @@ from swim2real.parameters import Values
 from swim2real.rl import training
 from swim2real.rl.body import policy_setup
 from swim2real.rl.conditions import UNDISTURBED, Disturbances
+from swim2real.rl.training import TrainingProgress
 from swim2real.rl.training_run import TrainingOutcome
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrainingSettings
@@ -29,7 +30,7 @@ _log = logging.getLogger(__name__)
 def train(
     settings: TrainingSettings, parameters: Sequence[Values], robot: Robot, out: str | Path, *, reference: str = "",
     disturbances: Disturbances = UNDISTURBED, anyway: bool = False, threads: int = 1, resume: bool = False,
-    on_progress: Callable[[training.Progress], None] = lambda progress: None, stop: Callable[[], bool] = lambda: False,
+    on_progress: Callable[[TrainingProgress], None] = lambda progress: None, stop: Callable[[], bool] = lambda: False,
 ) -> TrainingOutcome:  # fmt: skip
     """Trains a policy into a folder, as `rl.training.train`, and records versions and where the parameters are from.
 

@@ -124,7 +124,7 @@ class LoopResult:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON, without the episodes."""
-        return {**self.statistics.as_dict(), "drift": self.drift, "sideways": self.sideways}
+        return {**asdict(self.statistics), "drift": self.drift, "sideways": self.sideways}
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class Assessment:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON: `policy`, the scans by their names, and `loops` where they were compared."""
-        content: dict[str, Any] = {"task": self.task, "which": self.which, "policy": self.statistics.as_dict()}
+        content: dict[str, Any] = {"task": self.task, "which": self.which, "policy": asdict(self.statistics)}
         content |= {name: scan.as_dict() for name, scan in self.scans.items()}
         if self.loops:
             content["loops"] = {name: loop.as_dict() for name, loop in self.loops.items()}

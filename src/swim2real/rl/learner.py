@@ -10,7 +10,6 @@ from collections.abc import Generator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -27,7 +26,7 @@ try:
     import torch
     from stable_baselines3 import SAC
     from stable_baselines3.common.buffers import ReplayBuffer
-    from stable_baselines3.common.logger import Logger, configure
+    from stable_baselines3.common.logger import Logger
     from stable_baselines3.common.vec_env import VecEnv
 except ModuleNotFoundError as error:
     raise MissingExtraError(f"training needs {error.name}; install it with: pip install 'swim2real[rl]'") from error
@@ -66,7 +65,6 @@ class Learner:
 
     Attributes:
         updates: Gradient steps that were made.
-        seconds: Time that they took [s].
     """
 
     def __init__(
@@ -91,8 +89,7 @@ class Learner:
         if self._sac.replay_buffer is None:
             raise RunError("Stable-Baselines3 made a learner without a replay buffer, which can't learn")
         self._buffer: ReplayBuffer = self._sac.replay_buffer
-        self._pool, self._learning = pool, list[Future[None] | None]()
-        self.seconds = 0.0
+        self._pool, self._learning = pool, list[Future[float] | None]()
 
     @property
     def updates(self) -> int:
@@ -115,17 +112,17 @@ class Learner:
         """Begins a round of gradient steps, those of 200 transitions."""
         self._learning.append(None if self._pool is None else self._pool.submit(self._learn))
 
-    def wait(self) -> None:
-        """Waits for the round that was begun, if any."""
-        for learning in self._learning:
-            self._learn() if learning is None else learning.result()
+    def wait(self) -> float:
+        """Waits for the round that was begun, if any, and returns the time that it took [s]."""
+        seconds = sum(self._learn() if learning is None else learning.result() for learning in self._learning)
         self._learning.clear()
+        return seconds
 
-    def _learn(self) -> None:
+    def _learn(self) -> float:
         begun = perf_counter()
         torch.set_num_threads(1)  # it holds for the thread that says so; small networks gain little from more
         self._sac.train(self._settings.updates_per_round, self._settings.batch)
-        self.seconds += perf_counter() - begun
+        return perf_counter() - begun
 
     def save(self, folder: Path) -> None:
         """Writes networks, optimizers, replay buffer and random states into a folder, between two rounds."""
@@ -217,11 +214,6 @@ def _flat(content: Mapping[str, Any]) -> dict[str, torch.Tensor]:
     return tensors
 
 
-def make_log(folder: Path) -> Logger:
-    """A log for TensorBoard where it is installed, and of nothing elsewhere."""
-    return configure(str(folder), [] if find_spec("tensorboard") is None else ["tensorboard"])
-
-
 @dataclass(frozen=True)
 class Checkpoint:
     """A checkpoint on the disk: the learner, the episodes that run, and what the run has noted.
@@ -293,13 +285,10 @@ def load_checkpoint(checkpoint: Checkpoint, learner: Learner) -> tuple[dict[str,
         checkpoint: The checkpoint.
         learner: Learner that takes over what it holds.
 
-    Raises:
-        RunError: The checkpoint is damaged, or of other settings.
+    Where it is damaged or of other settings, this raises errors of many types, as `checkpoint_errors` names them.
     """
-    folder = checkpoint.folder
-    with checkpoint_errors(checkpoint):
-        learner.load(folder)
-        state = read_json(folder / _STATE)
-        if state["step"] != checkpoint.step:
-            raise ValueError(f"its {_STATE} is of step {state['step']}")
-        return read_arrays(folder / _EPISODES), state
+    learner.load(checkpoint.folder)
+    state = read_json(checkpoint.folder / _STATE)
+    if state["step"] != checkpoint.step:
+        raise ValueError(f"its {_STATE} is of step {state['step']}")
+    return read_arrays(checkpoint.folder / _EPISODES), state

@@ -112,10 +112,6 @@ class EpisodeStatistics:
             diverged=sum(bool(episode.failure) for episode in episodes),
         )
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
-        return asdict(self)
-
 
 def run_episodes(
     environments: Environments, policy: Policy, seeds: Sequence[int],

@@ -276,13 +276,13 @@ class Curriculum:
     gets there stays in its stage: farther goals would only teach it to stand still.
 
     Attributes:
-        stage: Present stage.
+        stage: Present stage; None where there are no stages.
     """
 
     def __init__(self, stages: Sequence[int]) -> None:
         """Begins with the first of the stages."""
         self._stages = tuple(stages)
-        self.stage = self._stages[0]
+        self.stage = self._stages[0] if stages else None
         self._recent: deque[bool] = deque(maxlen=SUCCESS_WINDOW)
 
     def note(self, success: bool, stage: int) -> None:
@@ -292,19 +292,19 @@ class Curriculum:
 
     def advance(self) -> bool:
         """Goes on to the next stage if this one is learned, and returns whether it did."""
-        index = self._stages.index(self.stage)
         learned = len(self._recent) == SUCCESS_WINDOW and sum(self._recent) >= SUCCESS_SHARE * SUCCESS_WINDOW
-        if not learned or index + 1 == len(self._stages):
+        if not learned or self.stage is None or self.stage == self._stages[-1]:
             return False
-        self.stage = self._stages[index + 1]
+        self.stage = self._stages[self._stages.index(self.stage) + 1]
         self._recent.clear()
         return True
 
-    def state(self) -> tuple[int, list[bool]]:
+    def state(self) -> tuple[int, list[bool]] | None:
         """What a resumed run needs."""
-        return self.stage, list(self._recent)
+        return None if self.stage is None else (self.stage, list(self._recent))
 
-    def restore(self, state: tuple[int, list[bool]]) -> None:
+    def restore(self, state: tuple[int, list[bool]] | None) -> None:
         """Takes over what `state` returned."""
-        self.stage, recent = state
-        self._recent = deque(recent, maxlen=SUCCESS_WINDOW)
+        if state is not None:
+            self.stage, recent = state
+            self._recent = deque(recent, maxlen=SUCCESS_WINDOW)

@@ -11,8 +11,10 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +31,6 @@ from swim2real.rl.learner import (
     checkpoint_errors,
     list_checkpoints,
     load_checkpoint,
-    make_log,
     remove_older_replay_buffers,
     write_checkpoint,
 )
@@ -39,8 +40,9 @@ from swim2real.rl.tasks import Curriculum
 from swim2real.rl.training_run import TrainingOutcome, TrainingSeconds
 from swim2real.rl.vector import RobotVecEnv
 from swim2real.robots.robot import Robot
+from swim2real.robots.schema import hook_file
 from swim2real.settings import TRAIN_FREQ, TrainingSettings
-from swim2real.store import path_from, write_json
+from swim2real.store import append_lines, path_from, write_json
 
 REPORT_EVERY = 2.0  # s, between two reports of progress
 EVALUATION_SEED = 1_000_000  # of the episodes that choose the best policy; an assessment's begin elsewhere
@@ -53,7 +55,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Progress:
+class TrainingProgress:
     """How far a training is.
 
     Attributes:
@@ -86,7 +88,7 @@ class Progress:
 def train(
     settings: TrainingSettings, parameters: Sequence[Values], robot: Robot, out: str | Path, *,
     about: Mapping[str, Any] | None = None, disturbances: Disturbances = UNDISTURBED, threads: int = 1,
-    resume: bool = False, on_progress: Callable[[Progress], None] = lambda progress: None,
+    resume: bool = False, on_progress: Callable[[TrainingProgress], None] = lambda progress: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> TrainingOutcome:  # fmt: skip
     """Trains a policy into a folder.
@@ -111,13 +113,12 @@ def train(
     """
     if resume:
         files.check_there(Path(out))  # before anything is made of it
-    trainer = Trainer(settings, list(parameters), robot, Path(out), disturbances, threads)
-    try:
-        with files.locked_folder(trainer.out):
-            trainer.begin(dict(about or {}), resume)
-            return trainer.run(on_progress, stop)
-    finally:
-        trainer.close()
+    with (
+        closing(Trainer(settings, list(parameters), robot, Path(out), disturbances, threads)) as trainer,
+        files.locked_folder(trainer.out),
+    ):
+        trainer.begin(about or {}, resume)
+        return trainer.run(on_progress, stop)
 
 
 class Trainer:
@@ -133,10 +134,7 @@ class Trainer:
             settings.task, parameters, settings.environments, robot=robot, threads=threads, seed=settings.seed,
             disturbances=disturbances,
         )  # fmt: skip
-        stages = self.environments.task.stages
-        self.curriculum = Curriculum(stages) if stages else None
-        if self.curriculum:
-            self.environments.set_stage(self.curriculum.stage)
+        self.curriculum = Curriculum(self.environments.task.stages)
         task, pool = self.environments.task, self.environments.robots.pool
         self.discount = task.discount if settings.discount is None else settings.discount
         self.learner = Learner(settings, RobotVecEnv(self.environments), self.discount, pool)
@@ -146,29 +144,33 @@ class Trainer:
         self.ended: list[dict[str, Any]] = []
         self.recent: deque[dict[str, Any]] = deque(maxlen=RECENT_EPISODES)
         self.step = self.episodes = 0
-        self.seconds = {"total": 0.0, "learner": 0.0, "simulator": 0.0, "evaluation": 0.0}
+        self.seconds = TrainingSeconds()
         self.best: list[float] | None = None
         self._counted = time.perf_counter()
 
-    def begin(self, about: dict[str, Any], resume: bool) -> None:
-        """Makes the folder and the learner, or reads them."""
+    def begin(self, about: Mapping[str, Any], resume: bool) -> None:
+        """Makes the folder, or goes on with the last checkpoint in it."""
+        from stable_baselines3.common.logger import configure
+
         source = {} if self.robot.source is None else {"robot_file": path_from(self.out, self.robot.source)}
+        task, file = self.settings.task, hook_file(self.settings.task)  # with its place from the folder
         content = {
             "kind": "training", "robot": self.robot.name, **source, **asdict(self.settings),
-            "task": files.task_from(self.settings.task, self.out), "exploration": self.settings.exploration_steps,
+            "task": task if file is None else task.replace(file, path_from(self.out, Path(file)), 1),
+            "exploration": self.settings.exploration_steps,
             "updates": self.settings.updates_per_round, "discount": self.discount,
             "checkpoint_every": self.settings.checkpoint_steps, "disturbances": asdict(self.disturbances),
             "parameters": [dict(values) for values in self.parameters],
         }  # fmt: skip
         content = json.loads(json.dumps(content))  # tuples as lists, as in the file
+        self._set_stage()
         self.environments.begin(np.arange(self.environments.count))
         if resume:
             files.check_same_settings(self.out, content)
             whole = [checkpoint for checkpoint in list_checkpoints(self.out) if checkpoint.resumable]
             if whole:
-                arrays, state = load_checkpoint(whole[-1], self.learner)
                 with checkpoint_errors(whole[-1]):
-                    self._restore(arrays, state)
+                    self._restore(*load_checkpoint(whole[-1], self.learner))
                 remove_older_replay_buffers(self.out, self.step)
             else:
                 _log.info("'%s' has no checkpoint yet; it is begun anew", self.out)
@@ -177,10 +179,10 @@ class Trainer:
         elif (self.out / files.SETTINGS).exists():
             raise RunError(f"'{self.out}' already holds a run; go on with --resume, or choose another folder")
         else:
-            files.write_settings(self.out, {**content, **about})
-        self.log = make_log(self.out / "tensorboard")
+            write_json(self.out / files.SETTINGS, {**content, **about})
+        self.log = configure(str(self.out / "tensorboard"), ["tensorboard"] if find_spec("tensorboard") else [])
 
-    def run(self, on_progress: Callable[[Progress], None], stop: Callable[[], bool]) -> TrainingOutcome:
+    def run(self, on_progress: Callable[[TrainingProgress], None], stop: Callable[[], bool]) -> TrainingOutcome:
         """Steps and learns to the end, or until `stop` returns true."""
         settings = self.settings
         self._counted = time.perf_counter()
@@ -189,10 +191,10 @@ class Trainer:
         while self.step < settings.total_steps and not stopped:
             evaluation = None
             self.round()
-            files.append_record(self.out / files.EPISODES, [{"step": self.step, **line} for line in self.ended])
+            append_lines(self.out / files.EPISODES, [{"step": self.step, **line} for line in self.ended])
             self.ended.clear()
-            if self.curriculum and self.curriculum.advance():
-                self.environments.set_stage(self.curriculum.stage)
+            if self.curriculum.advance():
+                self._set_stage()
             over = self.step >= settings.total_steps
             if over and self._learns:  # from the last transitions, which no round follows
                 self.learner.start()
@@ -208,7 +210,7 @@ class Trainer:
                 last_report, mark = now, (now, self.step)
                 self._log_progress(progress)
                 on_progress(progress)
-        return self._finish(complete=self.step >= settings.total_steps)
+        return self._finish()
 
     def close(self) -> None:
         """Ends the threads."""
@@ -228,10 +230,14 @@ class Trainer:
     def _learns(self) -> bool:
         return self.step > self.settings.exploration_steps
 
+    def _set_stage(self) -> None:
+        if self.curriculum.stage is not None:
+            self.environments.set_stage(self.curriculum.stage)
+
     def _count_time(self) -> float:
         """Adds the time since the last call to the total, and returns the time now [s of time.perf_counter]."""
         now = time.perf_counter()
-        self.seconds["total"] += now - self._counted
+        self.seconds.total += now - self._counted
         self._counted = now
         return now
 
@@ -241,15 +247,14 @@ class Trainer:
             self.learner.start()
         begun = time.perf_counter()
         made = [self._step() for _ in range(TRAIN_FREQ // self.environments.count)]
-        self.seconds["simulator"] += time.perf_counter() - begun
+        self.seconds.simulator += time.perf_counter() - begun
         self._wait()
         for transitions in made:
             self.learner.add(transitions)
 
     def _wait(self) -> None:
         """Waits for the learner, and takes its policy over."""
-        self.learner.wait()
-        self.seconds["learner"], self.learner.seconds = self.seconds["learner"] + self.learner.seconds, 0.0
+        self.seconds.learner += self.learner.wait()
         self.actor = self.learner.actor
 
     def _step(self) -> Transitions:
@@ -278,9 +283,9 @@ class Trainer:
             "distance": float(info["distance"]), "success": success,
             "ended": info.get("diverged", ""),
         }  # fmt: skip
-        if self.curriculum:
+        if self.curriculum.stage is not None:
             line["stage"] = int(info.get("stage", self.curriculum.stage))
-            self.curriculum.note(line["success"], line["stage"])
+            self.curriculum.note(success, line["stage"])
         self.returns[index] = 0.0
         self.ended.append(line)
         self.recent.append(line)
@@ -289,19 +294,18 @@ class Trainer:
     def _evaluate(self) -> dict[str, Any]:
         """Runs without exploration, from starts of its own, and keeps the policy if it is the best so far."""
         begun = time.perf_counter()
-        stage = {"stage": self.curriculum.stage} if self.curriculum else {}
-        environments = self._evaluation
-        if self.curriculum:
-            environments.set_stage(self.curriculum.stage)
+        environments, stage = self._evaluation, self.curriculum.stage
+        if stage is not None:
+            environments.set_stage(stage)
         seeds = range(EVALUATION_SEED, EVALUATION_SEED + EVALUATION_EPISODES)
         statistics = EpisodeStatistics.of(run_episodes(environments, LearnedPolicy(self.actor), seeds))
-        line = {"step": self.step, **stage, **statistics.as_dict()}
-        files.append_record(self.out / files.EVALUATIONS, [line])
-        rank = [float(stage.get("stage", 0)), statistics.success, statistics.episode_return]
+        line = {"step": self.step, **({} if stage is None else {"stage": stage}), **asdict(statistics)}
+        append_lines(self.out / files.EVALUATIONS, [line])
+        rank = [float(stage or 0), statistics.success, statistics.episode_return]
         if self.best is None or rank > self.best:
             self.best = rank
             self._write_policy(files.BEST)
-        self.seconds["evaluation"] += time.perf_counter() - begun
+        self.seconds.evaluation += time.perf_counter() - begun
         return line
 
     def _write_policy(self, name: str) -> None:
@@ -310,24 +314,20 @@ class Trainer:
             "observation": {part: [where.start, where.stop] for part, where in self.environments.names.items()},
             "actions": list(self.environments.bodies.actuators.names),
         }  # fmt: skip
-        try:
-            self.actor.save(self.out / name, about)
-        except OSError as error:
-            raise files.not_written(self.out / name, error) from error
+        self.actor.save(self.out / name, about)
 
-    def _progress(self, rate: float, evaluation: Mapping[str, Any] | None) -> Progress:
+    def _progress(self, rate: float, evaluation: Mapping[str, Any] | None) -> TrainingProgress:
         def mean(key: str) -> float | None:
             return float(np.mean([line[key] for line in self.recent])) if self.recent else None
 
         total = self.settings.total_steps
-        seconds = max(self.seconds["total"], 1e-9)
-        return Progress(
-            self.step, total, rate, self.episodes, mean("episode_return"), mean("distance"), mean("success"),
-            self.curriculum.stage if self.curriculum else None, self.seconds["learner"] / seconds,
-            (total - self.step) * seconds / self.step, evaluation,
+        seconds = max(self.seconds.total, 1e-9)
+        return TrainingProgress(
+            self.step, total, rate, self.episodes, *map(mean, _FIGURES), self.curriculum.stage,
+            self.seconds.learner / seconds, (total - self.step) * seconds / self.step, evaluation,
         )  # fmt: skip
 
-    def _log_progress(self, progress: Progress) -> None:
+    def _log_progress(self, progress: TrainingProgress) -> None:
         for key, value in (
             ("episodes/return", progress.episode_return), ("episodes/distance", progress.distance),
             ("episodes/success", progress.success), ("time/steps_per_second", progress.rate),
@@ -339,51 +339,42 @@ class Trainer:
             if progress.evaluation:
                 self.log.record(f"evaluation/{key}", progress.evaluation[key])
         self.log.dump(progress.step)
-        line = {"step": progress.step, "rate": progress.rate, **self.seconds}
-        files.append_record(self.out / files.PROGRESS, [line])
+        append_lines(
+            self.out / files.PROGRESS, [{"step": progress.step, "rate": progress.rate, **asdict(self.seconds)}]
+        )
 
     def _save(self) -> None:
         self._count_time()
         arrays, rest = self.environments.save()
         state = {
-            "step": self.step, "seconds": self.seconds, "episodes": self.episodes, "recent": list(self.recent),
-            "best": self.best, "curriculum": self.curriculum.state() if self.curriculum else None,
+            "step": self.step, "seconds": asdict(self.seconds), "episodes": self.episodes, "recent": list(self.recent),
+            "best": self.best, "curriculum": self.curriculum.state(),
             "exploration": self.exploration.bit_generator.state, "environments": rest,
         }  # fmt: skip
-        try:
-            write_checkpoint(self.out, self.step, self.learner, {**arrays, _RETURNS: self.returns}, state)
-        except OSError as error:
-            raise files.not_written(self.out / "checkpoints", error) from error
+        write_checkpoint(self.out, self.step, self.learner, {**arrays, _RETURNS: self.returns}, state)
         self._write_policy(files.LAST)
 
     def _restore(self, arrays: dict[str, Any], state: dict[str, Any]) -> None:
         """Goes on with what `_save` kept. Damaged content raises errors of many types."""
         self.step, self.episodes = int(state["step"]), int(state["episodes"])
-        self.seconds = {name: float(state["seconds"][name]) for name in self.seconds}
+        self.seconds = TrainingSeconds(**state["seconds"])
         self.best = None if state["best"] is None else [float(figure) for figure in state["best"]]
         for line in state["recent"]:
             _ = [float(line[figure]) for figure in _FIGURES]  # which progress reports the means of
             self.recent.append(line)
         self.exploration.bit_generator.state = state["exploration"]
-        if self.curriculum:
-            self.curriculum.restore(state["curriculum"])
-            self.environments.set_stage(self.curriculum.stage)
+        self.curriculum.restore(state["curriculum"])
+        self._set_stage()
         self.returns[:] = arrays[_RETURNS]
         self.environments.restore(arrays, state["environments"])
         self.actor = self.learner.actor
 
-    def _finish(self, complete: bool) -> TrainingOutcome:
-        evaluations = files.read_record(self.out / files.EVALUATIONS)
+    def _finish(self) -> TrainingOutcome:
+        evaluations, seconds = files.read_record(self.out / files.EVALUATIONS), self.seconds
+        total = max(seconds.total, 1e-9)
         outcome = TrainingOutcome(
-            complete=complete,
-            step=self.step,
-            seconds=TrainingSeconds(**self.seconds),
-            gradient_steps=self.learner.updates,
-            episodes=self.episodes,
-            last_evaluation=evaluations[-1] if evaluations else None,
-        )
-        try:
-            write_json(self.out / files.OUTCOME, outcome.as_dict())
-        except OSError as error:
-            raise files.not_written(self.out / files.OUTCOME, error) from error
+            self.step >= self.settings.total_steps, self.step, seconds, self.step / total, seconds.learner / total,
+            seconds.simulator / total, self.learner.updates, self.episodes, evaluations[-1] if evaluations else None,
+        )  # fmt: skip
+        write_json(self.out / files.OUTCOME, asdict(outcome))
         return outcome

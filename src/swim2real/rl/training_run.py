@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Generator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,15 +21,12 @@ from swim2real.robots import recorded_robot
 from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
 from swim2real.store import (
-    append_lines,
     drop_cut_line,
     locked,
-    path_from,
     read_json,
     read_lines,
     reason,
     remove_leftovers,
-    write_json,
     write_text,
 )
 
@@ -67,7 +64,7 @@ class RecordedSettings(BaseModel):
     reference: str = "as trained"
 
 
-@dataclass(frozen=True)
+@dataclass
 class TrainingSeconds:
     """Where the time of a training went [s].
 
@@ -92,6 +89,9 @@ class TrainingOutcome:
         complete: Whether all steps were made.
         step: Environment steps that were made.
         seconds: Where the time went.
+        steps_per_second: Environment steps a second.
+        learner_share: Share of the time that gradient steps took.
+        simulator_share: Share of the time that environment steps took.
         gradient_steps: Gradient steps that were made.
         episodes: Number of episodes that ended.
         last_evaluation: Figures of the last evaluation, as in evaluations.jsonl; None before the first one.
@@ -100,33 +100,12 @@ class TrainingOutcome:
     complete: bool
     step: int
     seconds: TrainingSeconds
+    steps_per_second: float
+    learner_share: float
+    simulator_share: float
     gradient_steps: int
     episodes: int
     last_evaluation: dict[str, Any] | None
-
-    @property
-    def steps_per_second(self) -> float:
-        """Environment steps a second."""
-        return self.step / max(self.seconds.total, 1e-9)
-
-    @property
-    def learner_share(self) -> float:
-        """Share of the time that gradient steps took."""
-        return self.seconds.learner / max(self.seconds.total, 1e-9)
-
-    @property
-    def simulator_share(self) -> float:
-        """Share of the time that environment steps took."""
-        return self.seconds.simulator / max(self.seconds.total, 1e-9)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
-        return {
-            "complete": self.complete, "step": self.step, "seconds": asdict(self.seconds),
-            "steps_per_second": self.steps_per_second, "learner_share": self.learner_share,
-            "simulator_share": self.simulator_share, "gradient_steps": self.gradient_steps,
-            "episodes": self.episodes, "last_evaluation": self.last_evaluation,
-        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -243,53 +222,24 @@ def check_there(folder: Path) -> None:
         )
 
 
-def task_from(task: str, folder: Path) -> str:
-    """A task as settings.json has it: that of a file with its place from the run's folder."""
-    file = hook_file(task)
-    return task if file is None else task.replace(file, path_from(folder, Path(file)), 1)
-
-
-def not_written(path: Path, error: OSError) -> RunError:
-    """The error of a file that can't be written."""
-    return RunError(
-        f"can't write '{error.filename or path}': {reason(error, path)}; --resume goes on from the last checkpoint, or "
-        f"choose another folder"
-    )
-
-
 @contextmanager
 def locked_folder(folder: Path) -> Generator[None]:
     """Keeps other processes out of a training folder, and removes what one that was killed has left half written.
 
     Raises:
-        RunError: Another process has it, or the disk failed.
+        RunError: Another process has it, or a file can't be written, such as on a full disk.
     """
-    with ExitStack() as stack:
-        try:
-            stack.enter_context(locked(folder))
-        except BlockingIOError:
-            raise RunError(f"another process is training into '{folder}'; wait for it or choose another") from None
-        except OSError as error:
-            raise not_written(folder, error) from error
-        remove_leftovers(folder, _WRITTEN)
-        try:
-            yield
-        except OSError as error:  # of what others write, such as the logs of TensorBoard
-            raise not_written(folder, error) from error
-
-
-def write_settings(folder: Path, content: Mapping[str, Any]) -> None:
-    """Makes the folder and writes settings.json.
-
-    Raises:
-        RunError: They can't be written.
-    """
-    path = folder / SETTINGS
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(path, content)
+        with locked(folder):
+            remove_leftovers(folder, _WRITTEN)
+            yield
+    except BlockingIOError:
+        raise RunError(f"another process is training into '{folder}'; wait for it or choose another") from None
     except OSError as error:
-        raise not_written(path, error) from error
+        raise RunError(
+            f"can't write '{error.filename or folder}': {reason(error, folder)}; --resume goes on from the last "
+            f"checkpoint, or choose another folder"
+        ) from error
 
 
 def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
@@ -307,18 +257,6 @@ def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
                 f"'{folder}' was begun with another {key}: {shown(recorded.get(key))}, now {shown(value)}; "
                 f"resume with the same, or begin a new run"
             )
-
-
-def append_record(path: Path, lines: list[dict[str, Any]]) -> None:
-    """Adds lines to a record.
-
-    Raises:
-        RunError: They can't be written.
-    """
-    try:
-        append_lines(path, lines)
-    except OSError as error:
-        raise not_written(path, error) from error
 
 
 def read_record(path: Path) -> list[dict[str, Any]]:
