@@ -16,6 +16,7 @@ import argparse
 import json
 import math
 import os
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +27,7 @@ from swim2real.identification.ensemble import read_ensemble
 from swim2real.rl.assessment import TEST_SEED, constant_waves, scan_waves, sine_waves
 from swim2real.rl.conditions import Disturbances, StateEstimate
 from swim2real.rl.environment import make_environments
-from swim2real.rl.policies import RecordedActions, load_policy
-from swim2real.rl.rollout import EpisodeStatistics, run_episodes
+from swim2real.rl.rollout import EpisodeStatistics, load_policy, repeated, run_episodes
 from swim2real.rl.training import train
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots import load_robot
@@ -94,7 +94,7 @@ def main():
             swims = {
                 "own": own,
                 **{f"in {other}": swim(one, policy, start) for other, one in simulators.items() if other != name},
-                "held out, open": swim(held_out, RecordedActions([episode.actions for episode in own]), rough),
+                "held out, open": swim(held_out, repeated([episode.actions for episode in own]), rough),
                 "held out, closed": swim(held_out, policy, rough),
                 "held out, tracked": swim(held_out, policy, tracked),
             }

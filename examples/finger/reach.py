@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from swim2real.rl.observation import MOST_PLACE
+from swim2real.rl.state import MOST_PLACE
 
 TIP = 5  # the last marker
 CLOSE = 0.01  # m

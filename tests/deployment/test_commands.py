@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swim2real.deployment import FISH, RATE, XW540_T140, CommandTable, Limits, read_table, write_table
+from swim2real.deployment import FISH, RATE, XW540_T140, CommandTable, MotorLimits, read_table, write_table
 from swim2real.errors import ArgumentError
 
 speeds = st.lists(st.floats(-30, 30), min_size=1, max_size=60)
@@ -66,8 +66,8 @@ def test_a_wrong_file_is_refused_with_line_and_column(tmp_path, text, sentence):
         read_table(path)
 
 
-LIMITS = {FISH: Limits(5.0, 50.0)}
-ANGLES = {"a_rad": Limits(2.0, 50.0, -1.0, 1.5)}
+LIMITS = {FISH: MotorLimits(5.0, 50.0)}
+ANGLES = {"a_rad": MotorLimits(2.0, 50.0, -1.0, 1.5)}
 
 
 @pytest.mark.parametrize(
@@ -89,9 +89,9 @@ ANGLES = {"a_rad": Limits(2.0, 50.0, -1.0, 1.5)}
         (lambda: fish([1.0, -0.5]).within(LIMITS), "at 0.02 s goes from 1 to -0.5 rad/s, 75 rad/s²; the limit is 50 r"),
         (lambda: of({"a_rad": [-1.0, -1.1]}).within(ANGLES), "at 0.02 s is -1.1 rad; the limits are -1 to 1.5"),
         (lambda: of({"a_rad": [0, 0.05]}).within(ANGLES), "from 0 to 0.05 rad, 2.5 rad/s; the limit is 2 rad/s"),
-        (lambda: Limits(0, 1), "the limit of the speed is 0"),
-        (lambda: Limits(1, math.inf), "the limit of the acceleration is inf"),
-        (lambda: Limits(1, 1, 1, 0), "the lowest angle is 1 and the highest 0"),
+        (lambda: MotorLimits(0, 1), "the limit of the speed is 0"),
+        (lambda: MotorLimits(1, math.inf), "the limit of the acceleration is inf"),
+        (lambda: MotorLimits(1, 1, 1, 0), "the lowest angle is 1 and the highest 0"),
         (lambda: fish([1.0]).ramped(0.0), "the ramps' acceleration is 0"),
         (lambda: of({"a_rad": [0.0]}).approached({"a_rad": 1.0}, 0.0), "the speed of the approach is 0"),
         (lambda: write_table("/none/c.csv", fish([0.0])), "can't be written: No such file"),
@@ -112,7 +112,7 @@ def test_tables_within_limits():
 @settings(max_examples=25)
 @given(speeds, st.floats(0.5, 10), st.floats(10, 500), st.sampled_from([FISH, "a_rad"]))
 def test_clipping_gives_what_can_be_followed_and_leaves_the_rest_alone(values, speed, acceleration, column):
-    limits = {column: Limits(speed, acceleration, -1.0, 2.0)}
+    limits = {column: MotorLimits(speed, acceleration, -1.0, 2.0)}
     table = of({column: values, "winch_m": values})
     clipped = table.clipped(limits)
     assert clipped.column("winch_m") == table.column("winch_m")

@@ -11,7 +11,7 @@ import time
 import pytest
 
 from faulty_motors import Fault, FaultyEmulator
-from swim2real.deployment import FISH, XW540_T140, CommandTable, Limits, MotorError, MotorSettings, fish_motor
+from swim2real.deployment import FISH, XW540_T140, CommandTable, MotorError, MotorLimits, MotorSettings, fish_motor
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.bus import Bus
 from swim2real.deployment.control_table import NoAnswerError
@@ -22,11 +22,11 @@ from swim2real.errors import ArgumentError, MissingExtraError
 
 TABLE = CommandTable.of({FISH: [0.0, 2.0, 4.0]})
 XL430 = ct.MODELS["XL430-W250"]
-LIMITS = Limits(4.0, 100.0, -1.0, 1.0)
+LIMITS = MotorLimits(4.0, 100.0, -1.0, 1.0)
 THREE = (
     MotorSettings("head_rad", 2, LIMITS, XL430, zero=math.pi),
     MotorSettings("tail_rad", 7, LIMITS, XL430, direction=-1, zero=2.0),
-    MotorSettings("wheel_rad_s", 5, Limits(5.0, 100.0)),
+    MotorSettings("wheel_rad_s", 5, MotorLimits(5.0, 100.0)),
 )
 MIDDLE = 100  # packets; it takes about 60 to start
 

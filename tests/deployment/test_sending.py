@@ -17,7 +17,7 @@ from itertools import pairwise
 import pytest
 
 from faulty_motors import Fault, FaultyEmulator
-from swim2real.deployment import FISH, CommandTable, Limits, MotorError, MotorSettings, fish_motor
+from swim2real.deployment import FISH, CommandTable, MotorError, MotorLimits, MotorSettings, fish_motor
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.bus import Bus
 from swim2real.deployment.emulator import READ, STATUS, EmulatedMotor, PacketParser, build_packet
@@ -181,7 +181,7 @@ def test_whatever_is_answered_is_a_value_or_a_sentence(count):
 def test_registers_with_any_content_are_sent_to_or_refused_in_a_sentence(column, share):
     """Ten swims with a motor that turns as commanded, but bytes of a share of its registers' values are others."""
     rng = random.Random(f"{column} {share}")
-    angle = MotorSettings("tail_rad", 1, Limits(6.0, 100.0, -1.0, 1.0), ct.XW540, 1, math.pi)
+    angle = MotorSettings("tail_rad", 1, MotorLimits(6.0, 100.0, -1.0, 1.0), ct.XW540, 1, math.pi)
     table = CommandTable.of({column: [0.0, 0.02, 0.03, 0.02, 0.0]})
     for _ in range(10):
         motor, parser = EmulatedMotor(angle=math.pi), PacketParser()

@@ -12,8 +12,7 @@ from swim2real.rl.assessment import Wave, assess, compare_loops, policy_commands
 from swim2real.rl.body import Actuators
 from swim2real.rl.conditions import Disturbances, StateEstimate
 from swim2real.rl.environment import make_environments
-from swim2real.rl.policies import Followed, RecordedActions, load_policy
-from swim2real.rl.rollout import EpisodeStatistics, run_episodes, save_episodes
+from swim2real.rl.rollout import EpisodeStatistics, followed, load_policy, repeated, run_episodes, save_episodes
 from swim2real.rl.training import train
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.fish import FISH
@@ -26,7 +25,7 @@ ANY_PHASE = Disturbances(start_phase=(-math.pi, math.pi))
 
 
 def constant(*speeds):
-    return Followed(np.array(speeds)[:, None], MOTOR)
+    return followed(np.array(speeds)[:, None], MOTOR)
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +50,10 @@ def test_a_constant_speed_is_reached_as_fast_as_is_allowed_and_kept(steady):
 
 def test_recorded_actions_repeat_a_swim_to_the_last_bit(steady):
     environments = make_environments("forward", [PUBLISHED], 2, seconds=0.5)
-    again = run_episodes(environments, RecordedActions([episode.actions for episode in steady]), [0, 1])
-    for episode, repeated in zip(steady, again, strict=True):
-        assert np.array_equal(episode.heads, repeated.heads)
-        assert np.array_equal(episode.markers, repeated.markers)
+    again = run_episodes(environments, repeated([episode.actions for episode in steady]), [0, 1])
+    for episode, other in zip(steady, again, strict=True):
+        assert np.array_equal(episode.heads, other.heads)
+        assert np.array_equal(episode.markers, other.markers)
 
 
 def test_the_scan_finds_the_best_wave():

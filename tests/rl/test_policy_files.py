@@ -13,7 +13,7 @@ pytest.importorskip("torch")
 
 from swim2real.errors import RunError
 from swim2real.rl.actor import Actor, Linear
-from swim2real.rl.policies import load_policy
+from swim2real.rl.rollout import load_policy
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.fish import FISH
 from swim2real.store import read_arrays, write_arrays

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import swim2real.rl as rl
-from swim2real.rl.tasks import STAGES, PaperTarget, Target
+from swim2real.rl.tasks import STAGES, PaperReachGoal, ReachGoal
 from swim2real.robots.fish import FISH
 
 MARKERS = (*FISH.marker_names, "left_fin_tip", "right_fin_tip")
@@ -98,7 +98,7 @@ def test_reaching_the_goal_ends_the_episode_with_the_bonus(task):
 
 
 @pytest.mark.parametrize("number", STAGES)
-@pytest.mark.parametrize("kind", [Target, PaperTarget])
+@pytest.mark.parametrize("kind", [ReachGoal, PaperReachGoal])
 def test_goals_fill_the_region_of_the_stage(number, kind):
     task, stage, rng = kind(FISH, 400, stage=number), STAGES[number], np.random.default_rng(0)
     for i in range(400):

@@ -19,11 +19,10 @@ from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.conditions import Disturbances
 from swim2real.rl.environment import make_environments
-from swim2real.rl.learner import Learner, list_checkpoints
+from swim2real.rl.learner import Learner, RobotVecEnv, list_checkpoints
 from swim2real.rl.tasks import Curriculum
 from swim2real.rl.training import train
 from swim2real.rl.training_run import EPISODES, EVALUATIONS, SETTINGS, TrainingRun, locked_folder, read_record
-from swim2real.rl.vector import RobotVecEnv
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
 from swim2real.store import LOCK

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from swim2real.cli.options import Positional
 from swim2real.cli.terminal import say, say_json, tell
-from swim2real.deployment.commands import FISH, XW540_T140, CommandTable, Limits, is_speed, read_table
+from swim2real.deployment.commands import FISH, XW540_T140, CommandTable, MotorLimits, is_speed, read_table
 from swim2real.deployment.control_table import MotorError
 from swim2real.deployment.motors import APPROACH, Identity, Motors
 from swim2real.deployment.motors_file import MotorSettings, fish_motor, read_motors
@@ -132,7 +132,7 @@ def _settings(options: DeployOptions, table: CommandTable) -> tuple[MotorSetting
                 raise ArgumentError(f"{name} is {value:g}, and --motors is given, whose file says it for each motor")
         motors = read_motors(options.motors, table.columns)
     elif table.columns == (FISH,):
-        limits = Limits(
+        limits = MotorLimits(
             XW540_T140.speed if options.max_speed is None else options.max_speed,
             XW540_T140.acceleration if options.max_acceleration is None else options.max_acceleration,
         )

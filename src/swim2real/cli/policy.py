@@ -207,7 +207,7 @@ def rollout(
     from swim2real.rl.conditions import StateEstimate
     from swim2real.rl.film import Scene, write_film
     from swim2real.rl.rollout import save_episodes
-    from swim2real.rl.tasks import STAGES, Target, find_task
+    from swim2real.rl.tasks import STAGES, ReachGoal, find_task
     from swim2real.rl.training_run import TrainingRun
     from swim2real.store import source_at, write_json
 
@@ -244,7 +244,7 @@ def rollout(
         scenes = [
             Scene(title, swim, body) for title, swim in zip(titles, [assessment.episodes[0], *swims], strict=True)
         ]
-        threshold = STAGES[stage or stages[-1]].threshold if issubclass(task, Target) else None
+        threshold = STAGES[stage or stages[-1]].threshold if issubclass(task, ReachGoal) else None
         write_film(folder / "rollout.mp4", scenes, width=1280 if others else 720, threshold=threshold)
     page = write_training_page(run, folder, assessment)
     if json:

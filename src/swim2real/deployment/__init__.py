@@ -4,11 +4,11 @@ Everything here imports the standard library only, and `bus` the motor maker's l
 in the robot, without NumPy and MuJoCo.
 """
 
-from swim2real.deployment.commands import FISH, RATE, XW540_T140, CommandTable, Limits, read_table, write_table
+from swim2real.deployment.commands import FISH, RATE, XW540_T140, CommandTable, MotorLimits, read_table, write_table
 from swim2real.deployment.control_table import MotorError
 from swim2real.deployment.motors_file import MotorSettings, fish_motor, read_motors
 
 __all__ = [
-    "FISH", "RATE", "XW540_T140", "CommandTable", "Limits", "MotorError", "MotorSettings", "fish_motor", "read_motors",
-    "read_table", "write_table",
+    "FISH", "RATE", "XW540_T140", "CommandTable", "MotorError", "MotorLimits", "MotorSettings", "fish_motor",
+    "read_motors", "read_table", "write_table",
 ]  # fmt: skip

@@ -24,8 +24,8 @@ _ROUNDING = 1e-9  # rad, rad/s
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Limits of one column.
+class MotorLimits:
+    """MotorLimits of one column.
 
     Attributes:
         speed: Greatest speed, either way [rad/s].
@@ -49,7 +49,7 @@ class Limits:
 
 
 ACCELERATION = 100.0  # rad/s²
-XW540_T140 = Limits(XW540.speed, ACCELERATION)
+XW540_T140 = MotorLimits(XW540.speed, ACCELERATION)
 """Of the Dynamixel XW540-T140-R as it is sold.
 
 Speed: Velocity Limit (44) is 304 of 0.229 rev/min, 69.6 rev/min or 7.29 rad/s (e-Manual); without load the motor turns
@@ -112,11 +112,11 @@ class CommandTable:
         """Greatest change of a column of speeds from row to row [rad/s²], without those from and to rest."""
         return _steepest(self.column(name))
 
-    def within(self, limits: Mapping[str, Limits]) -> CommandTable:
+    def within(self, limits: Mapping[str, MotorLimits]) -> CommandTable:
         """Checks the table and returns it.
 
         Args:
-            limits: Limits by column; a column that isn't named has none.
+            limits: MotorLimits by column; a column that isn't named has none.
 
         Raises:
             ArgumentError: A row asks for more than the limits; the message names the first one of a column.
@@ -125,11 +125,11 @@ class CommandTable:
             _check(name, self.column(name), limit)
         return self
 
-    def clipped(self, limits: Mapping[str, Limits]) -> CommandTable:
+    def clipped(self, limits: Mapping[str, MotorLimits]) -> CommandTable:
         """The nearest table that can be followed: values cut off, and no change steeper than allowed.
 
         Args:
-            limits: Limits by column; a column that isn't named stays as it is.
+            limits: MotorLimits by column; a column that isn't named stays as it is.
         """
         clipped = {name: _clip(name, self.column(name), limit) for name, limit in limits.items()}
         return CommandTable.of({name: clipped.get(name, self.column(name)) for name in self.columns})
@@ -249,14 +249,14 @@ def write_table(path: str | Path, table: CommandTable) -> None:
         raise ArgumentError(f"command table '{path}' can't be written: {error.strerror or error}") from error
 
 
-def _bounds(name: str, limits: Limits) -> tuple[float, float, float]:
+def _bounds(name: str, limits: MotorLimits) -> tuple[float, float, float]:
     """The lowest and the highest value of a column, and its greatest change a second."""
     if is_speed(name):
         return -limits.speed, limits.speed, limits.acceleration
     return limits.lowest, limits.highest, limits.speed
 
 
-def _check(name: str, values: Sequence[float], limits: Limits) -> None:
+def _check(name: str, values: Sequence[float], limits: MotorLimits) -> None:
     """Raises what the first value beyond the limits asks for."""
     unit, (low, high, rate) = split_column(name)[1].replace("_", "/"), _bounds(name, limits)
     rate_unit, before = f"{unit}²" if is_speed(name) else f"{unit}/s", values[0]
@@ -274,7 +274,7 @@ def _check(name: str, values: Sequence[float], limits: Limits) -> None:
         before = value
 
 
-def _clip(name: str, values: Sequence[float], limits: Limits) -> list[float]:
+def _clip(name: str, values: Sequence[float], limits: MotorLimits) -> list[float]:
     low, high, rate = _bounds(name, limits)
     clipped: list[float] = []
     for value in values:

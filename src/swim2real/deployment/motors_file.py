@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from swim2real.deployment.commands import ACCELERATION, FISH, XW540_T140, Limits, is_speed, split_column
+from swim2real.deployment.commands import ACCELERATION, FISH, XW540_T140, MotorLimits, is_speed, split_column
 from swim2real.deployment.control_table import MODELS, POSITION_UNIT, XW540, Model
 from swim2real.errors import ArgumentError
 from swim2real.store import MOST_TEXT, from_toml, read_bytes
@@ -26,7 +26,7 @@ class MotorSettings:
     Attributes:
         column: Name of the column: `NAME_rad_s` for the speed of the motor, `NAME_rad` for its angle.
         id: Id on the bus.
-        limits: Limits of the column.
+        limits: MotorLimits of the column.
         model: Model.
         direction: 1 where the motor counts as the column does, -1 where it counts the other way.
         zero: Angle of the motor at an angle of 0 in the column [rad]; 0 for a speed.
@@ -34,7 +34,7 @@ class MotorSettings:
 
     column: str
     id: int
-    limits: Limits
+    limits: MotorLimits
     model: Model = XW540
     direction: int = 1
     zero: float = 0.0
@@ -64,7 +64,7 @@ class MotorSettings:
         return f"motor {self.id}" if self.column == FISH else f"motor {self.name} (id {self.id})"
 
 
-def fish_motor(device: int = 1, limits: Limits = XW540_T140) -> MotorSettings:
+def fish_motor(device: int = 1, limits: MotorLimits = XW540_T140) -> MotorSettings:
     """The fish's motor."""
     return MotorSettings(FISH, device, limits)
 
@@ -165,7 +165,7 @@ def _motor(file: str, name: str, column: str, entry: object) -> MotorSettings:
     speed, acceleration = number("speed", model.speed), number("acceleration", ACCELERATION)
     lowest, highest = number("lowest", -math.inf), number("highest", math.inf)
     try:
-        limits = Limits(speed, acceleration, lowest, highest)
+        limits = MotorLimits(speed, acceleration, lowest, highest)
         return MotorSettings(column, values["id"], limits, model, values.get("direction", 1), zero)
     except ArgumentError as error:
         raise ArgumentError(f"{where}: {error}") from None

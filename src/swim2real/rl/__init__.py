@@ -15,71 +15,33 @@ from swim2real.errors import MissingExtraError
 
 if TYPE_CHECKING:
     from swim2real.rl.assessment import Assessment, assess
-    from swim2real.rl.conditions import (
-        CONTROL_INTERVAL,
-        UNDISTURBED,
-        Disturbances,
-        StateEstimate,
-    )
+    from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances, StateEstimate
     from swim2real.rl.environment import DIVERGED, Environments, RobotEnv, make_env, make_environments
-    from swim2real.rl.tasks import STAGES, Forward, Stage, Target, Task
+    from swim2real.rl.learner import RobotVecEnv, make_vector_env
+    from swim2real.rl.tasks import STAGES, Forward, ReachGoal, Task
     from swim2real.rl.training import train
     from swim2real.rl.training_run import TrainingOutcome, TrainingRun
-    from swim2real.rl.vector import RobotVecEnv, make_vector_env
-
-_MODULES = {
-    "assessment": ("Assessment", "assess"),
-    "conditions": ("CONTROL_INTERVAL", "UNDISTURBED", "Disturbances", "StateEstimate"),
-    "environment": ("DIVERGED", "Environments", "RobotEnv", "make_env", "make_environments"),
-    "tasks": ("STAGES", "Forward", "Stage", "Target", "Task"),
-    "training": ("train",),
-    "training_run": ("TrainingOutcome", "TrainingRun"),
-    "vector": ("RobotVecEnv", "make_vector_env"),
-}  # fmt: skip
 
 __all__ = [
-    "CONTROL_INTERVAL",
-    "DIVERGED",
-    "STAGES",
-    "UNDISTURBED",
-    "Assessment",
-    "Disturbances",
-    "Environments",
-    "Forward",
-    "RobotEnv",
-    "RobotVecEnv",
-    "Stage",
-    "StateEstimate",
-    "Target",
-    "Task",
-    "TrainingOutcome",
-    "TrainingRun",
-    "assess",
-    "make_env",
-    "make_environments",
-    "make_vector_env",
-    "train",
-]
+    "CONTROL_INTERVAL", "DIVERGED", "STAGES", "UNDISTURBED", "Assessment", "Disturbances", "Environments", "Forward",
+    "ReachGoal", "RobotEnv", "RobotVecEnv", "StateEstimate", "Task", "TrainingOutcome", "TrainingRun", "assess",
+    "make_env", "make_environments", "make_vector_env", "train",
+]  # fmt: skip
+_MODULES = ("conditions", "tasks", "environment", "training_run", "assessment", "learner", "training")  # light first
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    for module in _MODULES if name in __all__ else ():
+        found = vars(importlib.import_module(f"{__name__}.{module}"))
+        if name in found:
+            return found[name]
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
 
 
-def _register() -> None:
-    if find_spec("gymnasium") is None:
-        raise MissingExtraError("policies need gymnasium; install it with: pip install 'swim2real[rl]'")
-    import gymnasium
-
-    for task in ("forward", "target"):
-        gymnasium.register(
-            f"swim2real/{task.capitalize()}-v0",
-            entry_point="swim2real.rl.environment:make_env",
-            kwargs={"task": task},
-        )
-
-
-_register()
+if find_spec("gymnasium") is None:
+    raise MissingExtraError("policies need gymnasium; install it with: pip install 'swim2real[rl]'")
+_gymnasium = importlib.import_module("gymnasium")
+for _task in ("forward", "target"):
+    _gymnasium.register(
+        f"swim2real/{_task.capitalize()}-v0", "swim2real.rl.environment:make_env", kwargs={"task": _task}
+    )

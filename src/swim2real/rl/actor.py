@@ -72,6 +72,10 @@ class Actor:
         """Length of the observations."""
         return len((self.hidden or (self.mean,))[0].weight)
 
+    def __call__(self, observations: NDArray[np.float32], commands: Array, step: int) -> Array:
+        """The actor as a policy, which is deterministic: it takes the means."""
+        return self.best(observations)
+
     def best(self, observations: NDArray[np.float32]) -> Array:
         """The means of the actions. Shapes (N, n) to (N, A)."""
         return np.tanh(self.mean(self._features(observations)).astype(np.float64))

@@ -15,8 +15,16 @@ from swim2real.parameters import Values
 from swim2real.rl.body import Actuators, policy_setup
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances, StateEstimate
 from swim2real.rl.environment import make_environments
-from swim2real.rl.policies import Followed, Policy, RecordedActions, Which, load_policy
-from swim2real.rl.rollout import Episode, EpisodeStatistics, run_episodes
+from swim2real.rl.rollout import (
+    Episode,
+    EpisodeStatistics,
+    Policy,
+    Which,
+    followed,
+    load_policy,
+    repeated,
+    run_episodes,
+)
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.robot import Robot
 
@@ -226,7 +234,7 @@ def run_policy(
         environments = make_environments(
             run.task, parameters, len(chunk), robot=robot, disturbances=disturbances, threads=threads, **staged
         )
-        run.check_fits(policy.actor, environments.observations.shape[1], len(environments.bodies.actuators))
+        run.check_fits(policy, environments.observations.shape[1], len(environments.bodies.actuators))
         episodes += run_episodes(environments, policy, chunk)
         environments.close()
     return episodes
@@ -269,7 +277,7 @@ def scan_waves(
     )
     actuators = environments.bodies.actuators
     times = CONTROL_INTERVAL * np.arange(1.0, round(seconds / CONTROL_INTERVAL) + 1)
-    policy = Followed(np.stack([wave.commands(actuators, times) for wave in waves], axis=1), actuators)
+    policy = followed(np.stack([wave.commands(actuators, times) for wave in waves], axis=1), actuators)
     distances, returns = np.zeros(len(waves)), np.zeros(len(waves))
     for phase in phases:
         episodes = run_episodes(environments, policy, range(len(waves)), [{"phase": phase}] * len(waves))
@@ -316,7 +324,7 @@ def compare_loops(
     nominal = swim(policy, start_only)
     episodes = {
         "nominal": nominal,
-        "open": swim(RecordedActions([episode.actions for episode in nominal]), true_state),
+        "open": swim(repeated([episode.actions for episode in nominal]), true_state),
         "closed": swim(policy, true_state),
         "tracked": swim(policy, tracked_state),
     }
@@ -355,7 +363,7 @@ def policy_commands(
     """
     policy, settings = load_policy(run, which), run.settings
     environments = make_environments(run.task, settings.parameters, 1, robot=run.robot, seconds=seconds)
-    run.check_fits(policy.actor, environments.observations.shape[1], len(environments.bodies.actuators))
+    run.check_fits(policy, environments.observations.shape[1], len(environments.bodies.actuators))
     options: dict[str, Any] = {"phase": phase, "member": 0, "goal": goal or (-1.0, 0.0)}
     episode = run_episodes(environments, policy, [TEST_SEED], [options])[0]
     if goal is not None and episode.goal is None:

@@ -16,8 +16,7 @@ from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
 from swim2real.rl.body import Bodies, Indices, policy_setup
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
-from swim2real.rl.observation import find_parts, observation_layout
-from swim2real.rl.state import Robots, State
+from swim2real.rl.state import Robots, RobotState, find_parts, observation_layout
 from swim2real.rl.state_estimation import StateEstimator
 from swim2real.rl.tasks import Task, find_task
 from swim2real.robots.fish import FISH
@@ -107,7 +106,7 @@ class Environments:
         self._estimator = None if estimate is None else StateEstimator(bodies, estimate, count)
 
     @property
-    def state(self) -> State:
+    def state(self) -> RobotState:
         """True state of the robots."""
         return self.robots.state
 

@@ -1,21 +1,69 @@
-"""Episodes of several environments side by side, commanded by a policy: what happened in them, and their figures."""
+"""Episodes of several environments side by side: what can command them, what happened in them, and their figures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.errors import RunError
+from swim2real.rl.actor import Actor
+from swim2real.rl.body import Actuators
 from swim2real.rl.conditions import CONTROL_INTERVAL
 from swim2real.rl.environment import Environments
-from swim2real.rl.policies import Policy
+from swim2real.rl.training_run import BEST, LAST, TrainingRun
 from swim2real.store import write_arrays
 
 Array = NDArray[np.float64]
+Which = Literal["best", "last"]
+Policy = Callable[[NDArray[np.float32], Array, int], Array]
+"""Gives actions from -1 to 1, shape (N, A), to N environments: from their observations (N, n), their present commands
+[unit] (N, A), and the number of steps since the episodes began. A trained `Actor` is one.
+"""
+
+
+def followed(commands: Array, actuators: Actuators) -> Policy:
+    """Follows commands as fast as the actuators' rates allow.
+
+    Args:
+        commands: Commands of each environment [unit]. Shape (N, A), or (T, N, A) with a row a step, of which the last
+            holds.
+        actuators: The actuators.
+    """
+    rows, change = commands if commands.ndim == 3 else commands[None], actuators.rate * CONTROL_INTERVAL
+    return lambda observations, present, step: np.clip((rows[min(step, len(rows) - 1)] - present) / change, -1.0, 1.0)
+
+
+def repeated(actions: Sequence[Array]) -> Policy:
+    """Repeats recorded actions, whatever the robot does: the open loop that the paper transfers.
+
+    Args:
+        actions: Actions of each environment; after its last one the commands stay. Shapes (T_i, A).
+    """
+    table = np.zeros((max(map(len, actions)), len(actions), actions[0].shape[1]))
+    for i, series in enumerate(actions):
+        table[: len(series), i] = series
+    return lambda observations, present, step: table[step] if step < len(table) else np.zeros_like(present)
+
+
+def load_policy(run: TrainingRun, which: Which = "best") -> Actor:
+    """Loads a policy from a training run.
+
+    Args:
+        run: The training run.
+        which: `best` in the evaluations while it learned, or `last`.
+
+    Raises:
+        RunError: The policy isn't there or is damaged.
+    """
+    path = run.folder / (BEST if which == "best" else LAST)
+    if not path.is_file():
+        raise RunError(f"'{run.folder}' has no {path.name} yet; wait for its first evaluation")
+    return Actor.load(path)
 
 
 @dataclass(frozen=True)
@@ -134,7 +182,7 @@ def run_episodes(
     lengths, succeeded = np.zeros(environments.count, int), np.zeros(environments.count, np.bool_)
     heads, rows = [state.position.copy()], list[tuple[Array, Array, Array, Array]]()
     while len(which):
-        actions = np.clip(policy.actions(environments.observations, state.commands, len(rows)), -1.0, 1.0)
+        actions = np.clip(policy(environments.observations, state.commands, len(rows)), -1.0, 1.0)
         stepped = environments.step(actions, which)
         rows.append((actions.astype(float), state.commands.copy(), stepped.rewards, state.markers.copy()))
         heads.append(state.position.copy())

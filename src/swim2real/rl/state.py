@@ -1,7 +1,8 @@
-"""The state of N robots as arrays, and the batch of simulations that it is read from."""
+"""The state of N robots as arrays, the batch of simulations that it is read from, and what a policy observes of it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.errors import ArgumentError
 from swim2real.rl.body import Bodies, Indices
 from swim2real.simulation.batch import Batch
 
@@ -17,7 +19,7 @@ _PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 @dataclass(frozen=True)
-class State:
+class RobotState:
     """N robots, seen by the camera, in the frame that each had at its start: x backward, y to the side.
 
     A robot without a frame is seen in the world, and its position, heading and their rates are 0. The position is that
@@ -56,13 +58,13 @@ class State:
     previous_actions: Array
 
     @staticmethod
-    def zeros(bodies: Bodies, count: int) -> State:
+    def zeros(bodies: Bodies, count: int) -> RobotState:
         """A state of zeros."""
         layout, actuators = bodies.layout, len(bodies.actuators)
         k, p, j = layout.markers, layout.motors.shape[1], layout.joints.shape[1]
         shapes = [(k, 2), (k, 2), (2,), (2,), (), (3,), (), (p,), (p,), (j,), (j,), (len(bodies.sensors),),
                   (actuators,), (actuators,)]  # fmt: skip
-        return State(*(np.zeros((count, *shape)) for shape in shapes))
+        return RobotState(*(np.zeros((count, *shape)) for shape in shapes))
 
 
 class Robots:
@@ -83,7 +85,7 @@ class Robots:
             threads: Threads that step them.
         """
         self.bodies, self._batch = bodies, Batch(bodies.models, bodies.readers, count, threads)
-        self.state = State.zeros(bodies, count)
+        self.state = RobotState.zeros(bodies, count)
         self._controls = np.zeros((count, bodies.models[0].nu))
 
     @property
@@ -162,3 +164,65 @@ def wrapped(angles: Array) -> Array:
 def unwrapped(angles: Array, before: Array) -> Array:
     """The same angles, less than half a turn from those before [rad]."""
     return before + wrapped(angles - before)
+
+
+MOST_PLACE, MOST_RATE = 100.0, 1000.0  # greatest distances [m] and speeds [m/s or rad/s] that can be believed
+ANYTHING = 1e6  # of readings and commands, whose unit is the robot's own
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of an observation.
+
+    Attributes:
+        read: Its numbers. RobotState to shape (N, k).
+        bound: Greatest magnitude that can be believed; beyond it the simulation has diverged.
+    """
+
+    read: Callable[[RobotState], Array]
+    bound: float
+
+
+PARTS: Mapping[str, Part] = {
+    "markers": Part(lambda s: s.markers.reshape(len(s.markers), -1), MOST_PLACE),
+    "marker_velocities": Part(lambda s: s.marker_velocities.reshape(len(s.markers), -1), MOST_RATE),
+    "position": Part(lambda s: s.position, MOST_PLACE),
+    "heading": Part(lambda s: s.heading[:, None], MOST_PLACE),
+    "heading_direction": Part(lambda s: np.column_stack([np.cos(s.heading), np.sin(s.heading)]), 1.0),
+    "velocity": Part(lambda s: s.velocity, MOST_RATE),
+    "heading_rate": Part(lambda s: s.heading_rate[:, None], MOST_RATE),
+    "turning": Part(lambda s: s.turning, MOST_RATE),
+    "motor_angles": Part(lambda s: wrapped(s.motor_angles), np.pi),
+    "motor_directions": Part(lambda s: np.concatenate([np.cos(s.motor_angles), np.sin(s.motor_angles)], axis=1), 1.0),
+    "motor_speeds": Part(lambda s: s.motor_speeds, MOST_RATE),
+    "joint_angles": Part(lambda s: s.joint_angles, MOST_PLACE),
+    "joint_rates": Part(lambda s: s.joint_rates, MOST_RATE),
+    "sensors": Part(lambda s: s.sensors, ANYTHING),
+    "commands": Part(lambda s: s.commands, ANYTHING),
+    "previous_actions": Part(lambda s: s.previous_actions, 1.0),
+}
+"""Parts by name, in SI units; what they hold is said at `RobotState`. `motor_angles` are between -π and π, and
+`motor_directions` are their cosines, then their sines. Without motors that part has no numbers.
+"""
+
+
+def find_parts(names: Sequence[str], where: str) -> tuple[Part, ...]:
+    """Parts by name.
+
+    Raises:
+        ArgumentError: There is no such part; the message names those that there are.
+    """
+    for name in names:
+        if name not in PARTS:
+            raise ArgumentError(f"{where} observes '{name}'; it must be one of {', '.join(PARTS)}")
+    return tuple(PARTS[name] for name in names)
+
+
+def observation_layout(parts: Mapping[str, tuple[int, float]]) -> tuple[dict[str, slice], Array]:
+    """Where each part of an observation is, and the bounds of its numbers, from the length and bound of each part."""
+    slices: dict[str, slice] = {}
+    bounds: list[float] = []
+    for name, (length, bound) in parts.items():
+        slices[name] = slice(len(bounds), len(bounds) + length)
+        bounds += [bound] * length
+    return slices, np.array(bounds)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from swim2real.errors import ArgumentError
 from swim2real.rl.body import Bodies, Indices
 from swim2real.rl.conditions import CONTROL_INTERVAL, StateEstimate
-from swim2real.rl.state import State, unwrapped
+from swim2real.rl.state import RobotState, unwrapped
 from swim2real.simulation.pose import SCALAR
 
 Array = NDArray[np.float64]
@@ -47,8 +47,8 @@ class StateEstimator:
                 f"joints slide or turn about one axis"
             )
         self._bodies, self._estimate, layout = bodies, estimate, bodies.layout
-        self.seen = State.zeros(bodies, count)
-        self._before = State.zeros(bodies, count)
+        self.seen = RobotState.zeros(bodies, count)
+        self._before = RobotState.zeros(bodies, count)
         self._looks = [_Look(reader, bodies) for reader in bodies.readers]
         self.frames = np.zeros((estimate.delay + 1, count, layout.markers, 2))
         self.qpos = np.zeros((count, model.nq))
@@ -59,7 +59,7 @@ class StateEstimator:
         self._certainty = 1 / spreads**2
         self._noise = max(estimate.noise, _LEAST_NOISE)
 
-    def begin(self, index: int, member: int, state: State, rng: np.random.Generator) -> None:
+    def begin(self, index: int, member: int, state: RobotState, rng: np.random.Generator) -> None:
         """Begins an episode of one robot, which has rested where it is for as long as the delay."""
         self.members[index] = member
         self.qpos[index] = self._bodies.starts[member]
@@ -72,7 +72,7 @@ class StateEstimator:
         for name in ("marker_velocities", "velocity", "turning", "heading_rate", "joint_rates"):
             getattr(self.seen, name)[index] = 0.0
 
-    def update(self, state: State, which: Indices, rngs: list[np.random.Generator]) -> None:
+    def update(self, state: RobotState, which: Indices, rngs: list[np.random.Generator]) -> None:
         """Estimates some robots' states after a control interval, whose true states these are, into `seen`."""
         self.frames[:-1, which] = self.frames[1:, which]
         for index in map(int, which):
@@ -87,11 +87,11 @@ class StateEstimator:
         seen.turning[which] = seen.heading_rate[which, None] * self._bodies.layout.normal
         seen.joint_rates[which] = (seen.joint_angles - before.joint_angles)[which] / CONTROL_INTERVAL
 
-    def _measured(self, state: State, index: int, rng: np.random.Generator) -> Array:
+    def _measured(self, state: RobotState, index: int, rng: np.random.Generator) -> Array:
         noise = rng.standard_normal(state.markers.shape[1:])
         return state.markers[index] + self._estimate.noise * noise
 
-    def _fit(self, which: Indices, state: State) -> None:
+    def _fit(self, which: Indices, state: RobotState) -> None:
         """Fits poses to the oldest frame, and takes over what is reported without delay."""
         seen, layout, certainty = self.seen, self._bodies.layout, self._certainty
         wanted, starts = self.frames[0, which], self._bodies.starts[self.members[which]]

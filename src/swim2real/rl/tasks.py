@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from swim2real import consent
 from swim2real.errors import ArgumentError
-from swim2real.rl.observation import MOST_PLACE, MOST_RATE
-from swim2real.rl.state import State
+from swim2real.rl.state import MOST_PLACE, MOST_RATE, RobotState
 from swim2real.robots.named_code import NamedCode, request
 from swim2real.robots.robot import Robot
 
@@ -52,15 +51,15 @@ class Task(Protocol):
         """Begins an episode of one robot, draws what is random in it, and returns its length [s]."""
         ...
 
-    def observe(self, state: State) -> Array:
+    def observe(self, state: RobotState) -> Array:
         """What the task adds to the observation of a state, which may be an estimate. Shape (N, sum of lengths)."""
         ...
 
-    def score(self, state: State, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
         """Rewards of a step and whether the task is done, from true states after it and actions (N, A). Shapes (N,)."""
         ...
 
-    def info(self, state: State, index: int) -> dict[str, Any]:
+    def info(self, state: RobotState, index: int) -> dict[str, Any]:
         """Entries of one robot's info that only this task has."""
         ...
 
@@ -89,21 +88,21 @@ class Forward:
         del index, rng, options
         return self._seconds
 
-    def observe(self, state: State) -> Array:
+    def observe(self, state: RobotState) -> Array:
         del state
         return self._nothing
 
-    def score(self, state: State, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
         del actions
         return -state.position[:, 0], np.zeros(len(state.position), np.bool_)
 
-    def info(self, state: State, index: int) -> dict[str, Any]:
+    def info(self, state: RobotState, index: int) -> dict[str, Any]:
         del state, index
         return {}
 
 
 @dataclass(frozen=True)
-class Stage:
+class CurriculumStage:
     """One stage of the curriculum.
 
     Attributes:
@@ -120,14 +119,14 @@ class Stage:
 
 
 STAGES = {
-    1: Stage(1.0, 1.0, 0.10, 15.0),
-    2: Stage(2.0, 2.5, 0.075, 30.0),
-    3: Stage(3.0, 4.0, 0.05, 45.0),
+    1: CurriculumStage(1.0, 1.0, 0.10, 15.0),
+    2: CurriculumStage(2.0, 2.5, 0.075, 30.0),
+    3: CurriculumStage(3.0, 4.0, 0.05, 45.0),
 }
 """The paper's curriculum, 1x1 m to 3x4 m and 10 to 5 cm. The stage between and the lengths of episodes are ours."""
 
 
-class Target:
+class ReachGoal:
     """Going to a goal in the plane.
 
     The reward of a step is 100 times the distance [m] by which the goal has come nearer, minus 0.02 times the mean
@@ -180,7 +179,7 @@ class Target:
         self.before[index] = math.hypot(*self.goals[index])
         return region.seconds if self._seconds is None else self._seconds
 
-    def observe(self, state: State) -> Array:
+    def observe(self, state: RobotState) -> Array:
         cosine, sine = np.cos(state.heading), np.sin(state.heading)
         x, y = (self.goals - state.position).T
         u, v = -state.velocity.T
@@ -188,23 +187,23 @@ class Target:
             np.hypot(x, y), cosine * x + sine * y, cosine * y - sine * x, cosine * u + sine * v, cosine * v - sine * u,
         ])  # fmt: skip
 
-    def score(self, state: State, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
         distances = self._distances(state)
         reached = distances < self.thresholds
         nearer, self.before[:] = self.before - distances, distances
         cost = self.ACTION_COST * np.abs(actions).mean(axis=1)
         return self.PROGRESS * nearer - cost + self.BONUS * reached, reached
 
-    def info(self, state: State, index: int) -> dict[str, Any]:
+    def info(self, state: RobotState, index: int) -> dict[str, Any]:
         goal = (float(self.goals[index, 0]), float(self.goals[index, 1]))
         distance, stage = float(self._distances(state)[index]), int(self.episode_stages[index])
         return {"goal": goal, "goal_distance": distance, "stage": stage}
 
-    def _distances(self, state: State) -> Array:
+    def _distances(self, state: RobotState) -> Array:
         return np.hypot(*(self.goals - state.position).T)
 
 
-class PaperTarget(Target):
+class PaperReachGoal(ReachGoal):
     """Going to a goal, with the paper's reward: -d - 0.5 |a| a step, and 300 more when the goal is reached (Sec. IV).
 
     d [m] is the distance of the robot from the goal, |a| the mean magnitude of the actions.
@@ -212,13 +211,13 @@ class PaperTarget(Target):
 
     discount: ClassVar[float] = 0.99
 
-    def score(self, state: State, actions: Array) -> tuple[Array, Flags]:
+    def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
         distances = self._distances(state)
         reached = distances < self.thresholds
         return -distances - 0.5 * np.abs(actions).mean(axis=1) + 300.0 * reached, reached
 
 
-TASKS: Mapping[str, type[Any]] = {"forward": Forward, "target": Target, "paper-target": PaperTarget}
+TASKS: Mapping[str, type[Any]] = {"forward": Forward, "target": ReachGoal, "paper-target": PaperReachGoal}
 
 
 def find_task(name: str) -> type[Any]:

@@ -27,6 +27,7 @@ from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
 from swim2real.rl.environment import Environments, make_environments
 from swim2real.rl.learner import (
     Learner,
+    RobotVecEnv,
     Transitions,
     checkpoint_errors,
     list_checkpoints,
@@ -34,11 +35,9 @@ from swim2real.rl.learner import (
     remove_older_replay_buffers,
     write_checkpoint,
 )
-from swim2real.rl.policies import LearnedPolicy
 from swim2real.rl.rollout import EpisodeStatistics, run_episodes
 from swim2real.rl.tasks import Curriculum
 from swim2real.rl.training_run import TrainingOutcome, TrainingSeconds
-from swim2real.rl.vector import RobotVecEnv
 from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
 from swim2real.settings import TRAIN_FREQ, TrainingSettings
@@ -298,7 +297,7 @@ class Trainer:
         if stage is not None:
             environments.set_stage(stage)
         seeds = range(EVALUATION_SEED, EVALUATION_SEED + EVALUATION_EPISODES)
-        statistics = EpisodeStatistics.of(run_episodes(environments, LearnedPolicy(self.actor), seeds))
+        statistics = EpisodeStatistics.of(run_episodes(environments, self.actor, seeds))
         line = {"step": self.step, **({} if stage is None else {"stage": stage}), **asdict(statistics)}
         append_lines(self.out / files.EVALUATIONS, [line])
         rank = [float(stage or 0), statistics.success, statistics.episode_return]
@@ -323,8 +322,9 @@ class Trainer:
         total = self.settings.total_steps
         seconds = max(self.seconds.total, 1e-9)
         return TrainingProgress(
-            self.step, total, rate, self.episodes, *map(mean, _FIGURES), self.curriculum.stage,
-            self.seconds.learner / seconds, (total - self.step) * seconds / self.step, evaluation,
+            self.step, total, rate, self.episodes, mean("episode_return"), mean("distance"), mean("success"),
+            self.curriculum.stage, self.seconds.learner / seconds, (total - self.step) * seconds / self.step,
+            evaluation,
         )  # fmt: skip
 
     def _log_progress(self, progress: TrainingProgress) -> None:
