@@ -11,13 +11,13 @@ from pathlib import Path
 
 from swim2real import comparison
 from swim2real.calibration import Outcome, Problem, RunFolder, RunSettings
-from swim2real.comparison import ComparisonProgress, ComparisonResults, contestants, make_plan, table_methods
+from swim2real.comparison import ComparisonProgress, ComparisonResults, make_plan
 from swim2real.errors import ArgumentError, EngineError
 from swim2real.objective import Comparison
 from swim2real.parameters import Values, read_parameters
 from swim2real.robots import recorded_robot
 from swim2real.robots.robot import Robot
-from swim2real.settings import ComparisonSettings, EvaluationSettings, VlmAccess, all_cores, expand_seeds
+from swim2real.settings import ComparisonSettings, EvaluationSettings, VlmAccess, all_cores
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, TrialSet
 
@@ -138,12 +138,7 @@ def compare(
         access: How VLMs are reached.
         on_progress: Called as jobs go on and end.
     """
-    methods = contestants(settings.methods or table_methods(robot), settings.scale)
-    plan = make_plan(
-        methods, expand_seeds(settings.seeds), settings.protocols, settings.budget, reference, robot,
-        leave_one_out=settings.leave_one_out, horizon=settings.horizon, briefing=settings.briefing,
-        source=source, start=settings.start,
-    )  # fmt: skip
+    plan = make_plan(settings, reference, robot, source)
     return comparison.compare(
         plan, reference, robot, out, workers=settings.workers or None, cluster=settings.cluster, access=access,
         on_progress=on_progress,

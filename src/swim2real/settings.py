@@ -220,7 +220,7 @@ class ComparisonSettings:
         budget: Simulation evaluations of a run, the first included.
         protocols: As for calibrate; by default all that the robot's trials can be compared by.
         start: As for calibrate: where steady swims begin; by default each protocol's own.
-        scale: Scales of the parameters, each a contestant of its own; auto: linear under protocol paper, log otherwise.
+        scale: Scales of the parameters, each a method of its own; auto: linear under protocol paper, log otherwise.
             METHOD+log and METHOD+linear choose it for one method.
         leave_one_out: Also run every method and seed once for each trial, with it left out of the fit, and evaluate on
             it.

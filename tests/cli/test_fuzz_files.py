@@ -21,7 +21,7 @@ from swim2real import api
 from swim2real.advisor.vlm.transcript import Transcript
 from swim2real.calibration import RunFolder
 from swim2real.cli import main
-from swim2real.comparison import contestants, make_plan
+from swim2real.comparison import make_plan
 from swim2real.comparison.plan import read_plan
 from swim2real.comparison.results import load_results, write_results
 from swim2real.deployment.commands import read_table
@@ -36,7 +36,7 @@ from swim2real.report import pages
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots import load_robot
 from swim2real.robots.robot import Robot
-from swim2real.settings import EnsembleSettings
+from swim2real.settings import ComparisonSettings, EnsembleSettings
 from swim2real.tracking.camera_file import read_camera
 from swim2real.tracking.points import load_anchors, load_points
 from swim2real.trials import load_reference
@@ -79,10 +79,8 @@ def made(folder: Path) -> Path:
     (folder / "motors.toml").write_text(MOTORS)
     (folder / "poses.csv").write_text(POSES)
     (folder / "compared").mkdir()
-    methods = contestants(("random", "line-search"))
-    make_plan(methods, (0, 1), ("playback",), 4, reference, robot, leave_one_out=False, horizon=None).write(
-        folder / "compared"
-    )
+    asked = ComparisonSettings(methods=("random", "line-search"), seeds=(0, 1), budget=4, horizon=None)
+    make_plan(asked, reference, robot).write(folder / "compared")
     write_results(
         made_results(made_run("good", 0, [0.2] * 7 + [0.1]), made_run("bad", 0, [0.3] * 8)), folder / "compared"
     )

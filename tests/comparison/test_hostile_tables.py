@@ -48,7 +48,7 @@ def test_all_tables_of_a_comparison_hold_hostile_methods(attack: str) -> None:
     results = two_methods()
     runs = tuple(replace(run, method=f"{run.method} {attack}") for run in results.runs)
     hostile = replace(results, runs=runs, methods=tuple(f"{method} {attack}" for method in results.methods))
-    assert parsed(all_tables(hostile, as_markdown))[0] <= ONLY | {"text_special"}
+    assert parsed(all_tables(hostile))[0] <= ONLY | {"text_special"}
 
 
 @pytest.mark.parametrize("attack", ATTACKS)

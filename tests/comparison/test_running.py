@@ -21,7 +21,6 @@ from swim2real.comparison import (
     ComparisonProgress,
     Plan,
     compare,
-    contestants,
     load_results,
     make_plan,
     read_plan,
@@ -39,7 +38,7 @@ from swim2real.comparison.jobs import PROBLEM, Work, run_job
 from swim2real.errors import ArgumentError, MissingExtraError, RunError
 from swim2real.pipeline import calibrate
 from swim2real.robots.fish import FISH
-from swim2real.settings import CalibrationSettings
+from swim2real.settings import CalibrationSettings, ComparisonSettings
 from swim2real.simulation import Engine
 
 METHODS = ("random", "no-line-search")
@@ -47,7 +46,8 @@ REFERENCE = pendulum_reference()
 
 
 def make(methods=METHODS, seeds=(0, 1), budget=6, reference=REFERENCE, **options) -> Plan:
-    return make_plan(contestants(methods), seeds, [], budget, reference, PENDULUM, **options)
+    settings = ComparisonSettings(methods=tuple(methods), seeds=tuple(seeds), budget=budget, **options)
+    return make_plan(settings, reference, PENDULUM)
 
 
 def compare_pendulum(plan: Plan, out: Path, **options):
@@ -232,10 +232,10 @@ def test_a_higher_budget_goes_on_and_an_outcome_of_the_lower_one_isnt_taken_for_
     assert compare_pendulum(make(["random"], (1,), 12), copy).missing == {}
     assert lines(copy) == dict.fromkeys(lines(copy), 12)
     new = folder.outcome()
-    assert new["fit"]["loss"] < old["fit"]["loss"]
+    assert new.fit.loss < old.fit.loss
     folder.write_json("outcome.json", old.to_json())  # as if killed before the run was concluded again
     assert read_results(copy).missing == {"playback/random/seed-1": "12 of 12 evaluations are done"}
-    work = Work(copy, "token", REFERENCE, PENDULUM, make().basis)
+    work = Work(copy, "token", make(), REFERENCE, PENDULUM)
     (copy / ".session").write_text("token")
     (job,) = [job for job in make(budget=12).jobs(copy) if job.key == "playback/random/seed-1"]
     assert run_job(job, work).state == "done"
@@ -244,10 +244,11 @@ def test_a_higher_budget_goes_on_and_an_outcome_of_the_lower_one_isnt_taken_for_
 
 @pytest.mark.slow
 def test_stages_are_planned_by_the_budget_so_they_begin_anew_with_another(pool, tmp_path):
-    plans = [make_plan(contestants(["staged"]), [0], ["aligned"], budget, pool, FISH) for budget in (2, 3)]
+    asked = ComparisonSettings(methods=("staged",), seeds=(0,), protocols=("aligned",))
+    plans = [make_plan(replace(asked, budget=budget), pool, FISH) for budget in (2, 3)]
     staged = [plan.jobs(tmp_path)[0] for plan in plans]
     (tmp_path / ".session").write_text("token")
-    shared, job = Work(tmp_path, "token", pool, FISH, plans[0].basis), staged[0]
+    shared, job = Work(tmp_path, "token", plans[0], pool, FISH), staged[0]
     for one in staged:
         assert run_job(one, shared).problem is None
         assert len(RunFolder(job.folder).record()) == RunFolder(job.folder).settings().budget == one.settings.budget
@@ -303,7 +304,7 @@ def test_a_job_that_fails_leaves_the_others_alone_and_is_done_again(copy, in_a_t
 def work(tmp_path):
     """A session without anybody who waits, and its first job."""
     with session(tmp_path) as token:
-        yield make().jobs(tmp_path)[0], Work(tmp_path, token, REFERENCE, PENDULUM, make().basis)
+        yield make().jobs(tmp_path)[0], Work(tmp_path, token, make(), REFERENCE, PENDULUM)
 
 
 def test_a_job_stops_when_nobody_waits_for_it_any_more(work, monkeypatch):
@@ -347,8 +348,8 @@ def test_a_run_of_other_settings_is_refused(work):
 
 def test_a_worker_with_another_engine_is_refused(work):
     job, shared = work
-    other = {**shared.basis, "engine": Engine("mujoco 9.9", "implicit", 0.001, (1.0,))}
-    problem = run_job(job, replace(shared, basis=other)).problem
+    other = replace(shared.plan, engine=Engine("mujoco 9.9", "implicit", 0.001, (1.0,)))
+    problem = run_job(job, replace(shared, plan=other)).problem
     assert "whose physics differs from that of mujoco 9.9, which the comparison was begun with" in problem
 
 

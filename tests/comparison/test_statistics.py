@@ -29,8 +29,7 @@ from swim2real.comparison.statistics import (
     speeds,
     step_statistics,
 )
-from swim2real.comparison.tables import all_tables, as_markdown, as_text, tables
-from swim2real.errors import ArgumentError, RunError
+from swim2real.comparison.tables import all_tables, as_markdown, tables
 
 
 def flat(method: str, finals: list[float], **more):
@@ -67,7 +66,7 @@ def test_one_seed_has_no_deviation_and_no_interval() -> None:
     assert gap.mean == pytest.approx(0.02)
     assert math.isnan(gap.low)
     assert not gap.is_significant
-    assert "±" not in as_text(tables(made, "aligned")[0]).split("Best: mean")[0]
+    assert "±" not in tables(made, "aligned")[0].rows[0][1][0].text
 
 
 def test_differences_are_paired_by_seed() -> None:
@@ -127,16 +126,12 @@ def test_failures_are_no_losses() -> None:
     np.testing.assert_allclose(one.curves[0, :4], [1.0, 1.0, 0.3, 0.2])
 
 
-def test_runs_below_the_budget_are_refused_and_those_above_are_cut() -> None:
-    with pytest.raises(RunError, match=r"run 'runs/aligned/a/seed-0' has 3 of 8 evaluations; run the comparison again"):
-        method_statistics(made_results(made_run("a", 0, [0.3, 0.2, 0.1])), "aligned")
+def test_runs_above_the_budget_are_cut() -> None:
     (one,) = method_statistics(made_results(made_run("a", 0, [0.3] * 8 + [0.01])), "aligned")
     assert one.final[0] == 0.3
 
 
 def test_nothing_to_compare() -> None:
-    with pytest.raises(ArgumentError, match="no method with a finished run"):
-        best_method(())
     assert differences(()) == {}
     assert tables(two_methods(), "paper") == ()
 
@@ -182,29 +177,23 @@ def test_left_out_trials_are_judged_beside_the_fit_that_knew_them(results: Compa
     assert found is not None
     assert tuple(found["trial"]) == TRIALS
     np.testing.assert_allclose(found["held_out"], [0.03, 0.03])
-    np.testing.assert_allclose(found["fitted"], [0.02, 0.02])
     np.testing.assert_allclose(found["same_when_fitted"], [0.01, 0.01])
     assert held_out_errors(results, "bad", "aligned") is None
     # and no statistic mixes them with the others
     assert all(run.held_out is None for one in method_statistics(results, "aligned") for run in one.runs)
 
 
-def test_the_paper_s_table_as_text_and_markdown(results: ComparisonResults) -> None:
+def test_the_paper_s_table_in_markdown(results: ComparisonResults) -> None:
     made = tables(results, "aligned")
     assert [table.key for table in made] == [
         "paper", "sureness", "figures", "seeds", "reached", "steps", "velocity", "markers", "left-out"
     ]  # fmt: skip
-    shown = as_text(made[0])
-    assert "Calibration performance over 3 seeds, aligned protocol, 8 evaluations" in shown
-    assert next(line for line in shown.splitlines() if line.startswith("good")).split()[:6] == [
-        "good", "12.0", "±", "2.0*", "14.0*", "66.5"
-    ]  # fmt: skip
-    assert all(len(line) <= 120 for line in shown.splitlines())
+    assert made[0].title == "Calibration performance over 3 seeds, aligned protocol, 8 evaluations"
     assert "| good | **12.0 ± 2.0** | **14.0** | **66.5 ± " in as_markdown(made[0])
     assert "| bad | 62.0 | 50.0 [50.0, 50.0] |" in as_markdown(made[1])
-    assert "not reached (0/3)" in as_text(made[4])
+    assert "not reached (0/3)" in as_markdown(made[4])
     assert "real speeds are 20, 200 mm/s" in made[6].note
-    assert "30.0" in as_text(made[8])
+    assert "30.0" in as_markdown(made[8])
     assert all_tables(results).count("aligned protocol") == len(made)
 
 

@@ -66,12 +66,16 @@ def compare(
 
 
 def _print(results: ComparisonResults) -> None:
+    from swim2real.cli import tables
     from swim2real.comparison.statistics import method_statistics
-    from swim2real.comparison.tables import as_text, paper_table
+    from swim2real.comparison.tables import paper_table
 
     for protocol in results.protocols:
-        if any(run.protocol == protocol and run.held_out is None for run in results.runs):
-            say(as_text(paper_table(method_statistics(results, protocol))))
+        if methods := method_statistics(results, protocol):
+            made = paper_table(methods)
+            rows = [(name, *(cell.text + "*" * cell.is_best for cell in cells)) for name, cells in made.rows]
+            tables.table(made.title, made.columns, rows)
+            say(made.note)
 
 
 def _grouped(missing: Mapping[str, str]) -> list[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from swim2real.calibration import RunFolder, examine_swims
 from swim2real.cli.terminal import tell
 from swim2real.comparison import ComparisonResults, load_results
-from swim2real.comparison.tables import all_tables, as_markdown
+from swim2real.comparison.tables import all_tables
 from swim2real.errors import RunError, TrialError
 from swim2real.objective import steady_target
 from swim2real.objective.elongated_body import predict_speeds
@@ -49,7 +49,7 @@ def write_files(folder: Path, results: ComparisonResults | None = None) -> list[
     theory = _theory(folder)
     tables = folder / TABLES
     try:
-        write_text(tables, all_tables(results, as_markdown))
+        write_text(tables, all_tables(results))
     except OSError as error:
         raise RunError(f"can't write '{tables}': {reason(error)}") from error
     return [tables, *write_figures(results, folder, theory), write_comparison_report(folder, theory)]

@@ -5,16 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from swim2real.calibration.run_folder import RECORD
 from swim2real.comparison.cluster import SESSION, dask_cluster, explain_failure, session
-from swim2real.comparison.jobs import JobReport, Work, failed_job, read_job, run_job
+from swim2real.comparison.jobs import JobReport, Work, ended_job, failed_job, is_finished, run_job
 from swim2real.comparison.plan import RUNS, Job, Plan, read_plan
 from swim2real.comparison.results import ComparisonResults, read_results, write_results
-from swim2real.errors import RunError
+from swim2real.errors import RunError, Swim2RealError
 from swim2real.pipeline.methods import METHODS
 from swim2real.processes import ProcessPool
 from swim2real.robots.robot import Robot
@@ -82,14 +82,11 @@ def compare(
         plan = replace(plan, source=source_from(root, plan.source))
         plan.write(root)
         with session(root) as token:
-            work = Work(
-                root, token, reference, robot, plan.basis, source, access or VlmAccess()
-            )  # fmt: skip
 
             def begin() -> AbstractContextManager[Executor]:
                 return ProcessPool(workers) if cluster is None else dask_cluster(cluster, root, token)
 
-            _run(plan.jobs(root), work, begin, on_progress)
+            _run(Work(root, token, plan, reference, robot, source, access or VlmAccess()), begin, on_progress)
         results = read_results(root, plan)
         write_results(results, root)
         return results
@@ -109,28 +106,20 @@ def _exclusive(root: Path) -> Generator[None]:
 
 
 def _run(
-    jobs: Sequence[Job], work: Work, begin: Callable[[], AbstractContextManager[Executor]],
-    on_progress: Callable[[ComparisonProgress], None],
-) -> None:  # fmt: skip
+    work: Work, begin: Callable[[], AbstractContextManager[Executor]], on_progress: Callable[[ComparisonProgress], None]
+) -> None:
     """Does the jobs that aren't finished."""
-    counter = _EvaluationCounter(jobs)
-    best: dict[str, float] = {}
-    ended = 0
-
-    def report(finished: JobReport | None = None) -> None:
-        nonlocal ended
-        if finished is not None:
-            ended += 1
-            if finished.best is not None:
-                best[finished.method] = min(best.get(finished.method, finished.best), finished.best)
-        on_progress(counter.progress(ended, best, finished))
-
+    jobs = work.plan.jobs(work.root)
+    follower = _Follower(jobs, on_progress)
     due: list[Job] = []
     for job in jobs:
-        if (finished := read_job(job, work)) is None:
-            due.append(job)
+        finished = False
+        with suppress(Swim2RealError):  # which is said when the job is done
+            finished = is_finished(job, work.plan)
+        if finished:
+            follower.report(ended_job(job, "read"))
         else:
-            report(finished)
+            due.append(job)
     if not due:
         return
     with begin() as executor:
@@ -138,14 +127,14 @@ def _run(
         left = set(futures)
         while left:
             done, left = wait(left, timeout=_PROGRESS_INTERVAL, return_when=FIRST_COMPLETED)
-            counter.update(futures[future] for future in left | done)
+            follower.count(futures[future] for future in left | done)
             for future in done:
-                report(_ended_job(future, futures[future]))
+                follower.report(_report_of(future, futures[future]))
             if not done:
-                report()
+                follower.report()
 
 
-def _ended_job(future: Future[JobReport], job: Job) -> JobReport:
+def _report_of(future: Future[JobReport], job: Job) -> JobReport:
     error = CancelledError() if future.cancelled() else future.exception()
     return future.result() if error is None else failed_job(job, explain_failure(error))
 
@@ -157,30 +146,35 @@ def _cost(job: Job) -> float:
     return method * (0.8 if settings.hold_out else 1.0)
 
 
-class _EvaluationCounter:
-    """Counts evaluations by the lines of the records, which grow on whatever machine."""
+class _Follower:
+    """Reports how far the jobs are, by the lines of their records, which grow on whatever machine."""
 
-    def __init__(self, jobs: Sequence[Job]) -> None:
-        self._budget = sum(job.settings.budget for job in jobs)
-        self._count = len(jobs)
-        self._lines = {job.key: 0 for job in jobs}
+    def __init__(self, jobs: Sequence[Job], on_progress: Callable[[ComparisonProgress], None]) -> None:
+        self._on_progress = on_progress
+        self._ended, self._jobs, self._budget = 0, len(jobs), sum(job.settings.budget for job in jobs)
+        self._best: dict[str, float] = {}
         self._read = {job.key: 0 for job in jobs}  # bytes
-        self.update(jobs)
-        self._before, self._began = sum(self._lines.values()), time.monotonic()
+        self._lines = 0
+        self.count(jobs)
+        self._before, self._began = self._lines, time.monotonic()
 
-    def update(self, jobs: Iterable[Job]) -> None:
+    def count(self, jobs: Iterable[Job]) -> None:
+        """Counts the lines that some records have more."""
         for job in jobs:
-            try:
-                with (job.folder / RECORD).open("rb") as file:
-                    file.seek(self._read[job.key])
-                    more = file.read()
-            except OSError:
-                continue
-            self._read[job.key] += len(more)
-            self._lines[job.key] += more.count(b"\n")
+            with suppress(OSError), (job.folder / RECORD).open("rb") as file:
+                file.seek(self._read[job.key])
+                more = file.read()
+                self._read[job.key] += len(more)
+                self._lines += more.count(b"\n")
 
-    def progress(self, done: int, best: Mapping[str, float], finished: JobReport | None) -> ComparisonProgress:
-        lines = sum(self._lines.values())
-        new, seconds = lines - self._before, time.monotonic() - self._began
-        left = seconds / new * (self._budget - lines) if new > 0 else None
-        return ComparisonProgress(done, self._count, lines, self._budget, dict(best), left, finished)
+    def report(self, finished: JobReport | None = None) -> None:
+        """Reports progress, and a job that has ended."""
+        if finished is not None:
+            self._ended += 1
+            if finished.best is not None:
+                self._best[finished.method] = min(self._best.get(finished.method, finished.best), finished.best)
+        new, seconds = self._lines - self._before, time.monotonic() - self._began
+        left = seconds / new * (self._budget - self._lines) if new > 0 else None
+        self._on_progress(
+            ComparisonProgress(self._ended, self._jobs, self._lines, self._budget, dict(self._best), left, finished)
+        )

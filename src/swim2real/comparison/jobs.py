@@ -5,19 +5,17 @@ from __future__ import annotations
 import socket
 import time
 import traceback
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
 from filelock import FileLock, Timeout
 
 from swim2real.calibration import Progress, RunFolder
 from swim2real.calibration.run_folder import SETTINGS
 from swim2real.comparison.cluster import SessionEnded, check_session
-from swim2real.comparison.plan import Job
+from swim2real.comparison.plan import Job, Plan
 from swim2real.errors import RunError, Swim2RealError
 from swim2real.pipeline import calibrate
 from swim2real.pipeline.methods import METHODS
@@ -38,18 +36,18 @@ class Work:
     Attributes:
         root: Folder of the comparison.
         token: Token of the session; jobs stop when it has ended.
+        plan: Plan of the comparison.
         reference: The real trials.
         robot: The robot that is calibrated.
-        basis: What every run must rest on, as `Plan.basis` says it.
         source: Where the reference came from.
         access: How VLMs are reached.
     """
 
     root: Path
     token: str
+    plan: Plan
     reference: TrialSet
     robot: Robot
-    basis: Mapping[str, Any]
     source: str = ""
     access: VlmAccess = field(default_factory=VlmAccess)
 
@@ -77,26 +75,16 @@ class JobReport:
     seconds: float = 0.0
 
 
-def read_job(job: Job, work: Work) -> JobReport | None:
-    """The report of a job that is finished, None for one that is to be done."""
-    try:
-        if is_finished(job, work.basis):
-            return _report(job, "read")
-    except Swim2RealError:
-        pass  # which is said when the job is done
-    return None
-
-
 def run_job(job: Job, work: Work) -> JobReport:
     """Does a job in this process. Nothing that goes wrong in it is raised; the report says it."""
     began = time.monotonic()
     try:
         check_session(work.root, work.token)
-        finished = is_finished(job, work.basis)
+        finished = is_finished(job, work.plan)
         if not finished:
             _continue(job, work)
         (job.folder / PROBLEM).unlink(missing_ok=True)
-        report = _report(job, "read" if finished else "done")
+        report = ended_job(job, "read" if finished else "done")
     except SessionEnded:
         report = JobReport(job.key, job.method, "stopped")
     except Swim2RealError as error:
@@ -104,6 +92,13 @@ def run_job(job: Job, work: Work) -> JobReport:
     except Exception as error:  # a fault of ours ends one job, not the comparison
         report = failed_job(job, f"unexpected {type(error).__name__}: {error}", traceback.format_exc())
     return replace(report, seconds=round(time.monotonic() - began, 3))
+
+
+def ended_job(job: Job, state: Literal["read", "done"]) -> JobReport:
+    """The report of a job whose run is finished."""
+    record = RunFolder(job.folder).record()
+    losses = [entry["loss"] for entry in record if not entry["failed"]]
+    return JobReport(job.key, job.method, state, None, min(losses, default=None), len(record))
 
 
 def failed_job(job: Job, problem: str, trace: str = "") -> JobReport:
@@ -114,15 +109,7 @@ def failed_job(job: Job, problem: str, trace: str = "") -> JobReport:
     return JobReport(job.key, job.method, "failed", problem)
 
 
-def read_problem(folder: Path) -> str | None:
-    """The sentence that a failed job left in its folder."""
-    try:
-        return (folder / PROBLEM).read_text(encoding="utf-8").splitlines()[0]
-    except (OSError, IndexError):
-        return None
-
-
-def is_finished(job: Job, basis: Mapping[str, Any]) -> bool:
+def is_finished(job: Job, plan: Plan) -> bool:
     """Whether a run is finished, with the settings of its job.
 
     Raises:
@@ -132,40 +119,31 @@ def is_finished(job: Job, basis: Mapping[str, Any]) -> bool:
     if not folder.exists:
         return False
     recorded, settings = folder.settings(), job.settings
-    wanted = {field.name: getattr(settings, field.name) for field in fields(settings)}
-    expected = replace(recorded, **{**wanted, "scale": settings.resolved_scale, **basis})
-    if (differing := recorded.difference(expected)) is not None:
+    wanted = {
+        **vars(settings), "scale": settings.resolved_scale, "robot": plan.robot, "engine": plan.engine,
+        "robot_fingerprint": plan.robot_fingerprint, "reference_fingerprint": plan.reference,
+    }  # fmt: skip
+    if (differing := recorded.difference(replace(recorded, **wanted))) is not None:
         name, before, now = differing
         raise RunError(
             f"'{job.folder}' was run with another setting of {name}: {before!r}, and now it is {now!r}; remove it, or "
             f"use another folder for the comparison"
         )
     record, outcome = folder.record(), folder.outcome()
-    if outcome is None or len(record) < settings.budget:
-        return False
-    if outcome.evaluations == len(record):
-        return True
     # the outcome may be of a smaller budget
-    best = min((e for e in record if not e["failed"]), key=lambda e: e["loss"], default=record[0])
-    return bool(np.isclose(outcome.fit.loss or 0.0, best["loss"], rtol=1e-6, atol=0.0))
-
-
-def _report(job: Job, state: Literal["read", "done"]) -> JobReport:
-    record = RunFolder(job.folder).record()
-    losses = [entry["loss"] for entry in record if not entry["failed"]]
-    return JobReport(job.key, job.method, state, None, min(losses, default=None), len(record))
+    return outcome is not None and outcome.evaluations == len(record) >= settings.budget
 
 
 def _continue(job: Job, work: Work) -> None:
     """Runs a job from where its record ends."""
-    engine = Engine.of(work.robot)
-    wanted = work.basis["engine"]
+    engine, wanted = Engine.of(work.robot), work.plan.engine
     if engine != wanted:
         raise RunError(
             f"worker {socket.gethostname()} simulates with {engine.name}, whose physics differs from that of "
             f"{wanted.name}, which the comparison was begun with; install the same on every worker"
         )
-    _prepare(job)
+    with suppress(Timeout, OSError):  # a worker that was taken for lost may still hold it; the run says it in its words
+        _set_aside(job)
 
     def check(progress: Progress) -> None:
         if not progress.replayed:
@@ -177,24 +155,17 @@ def _continue(job: Job, work: Work) -> None:
     )  # fmt: skip
 
 
-def _prepare(job: Job) -> None:
-    """Waits for a worker that was taken for lost and isn't, and sets a run aside that can't go on with more budget."""
+def _set_aside(job: Job) -> None:
+    """Sets a run aside that can't go on with another budget; waits for the folder of any other."""
+    run = RunFolder(job.folder)
     if not job.folder.is_dir():
         return
-    try:
-        with FileLock(job.folder / LOCK, timeout=_LOCK_TIMEOUT):
-            if RunFolder(job.folder).exists and METHODS[job.settings.method].planned_by_budget:
-                _set_aside(job)
-    except (Timeout, OSError):
-        return  # the run says it in its words
-
-
-def _set_aside(job: Job) -> None:
-    before = RunFolder(job.folder).settings().budget
-    if before == job.settings.budget:
-        return
-    aside = job.folder / f"budget-{before}"
-    aside.mkdir(exist_ok=True)
-    files = [file for file in job.folder.iterdir() if file.is_file() and file.name != LOCK]
-    for file in sorted(files, key=lambda file: file.name == SETTINGS):  # last, so that this can be done again
-        file.replace(aside / file.name)
+    with FileLock(job.folder / LOCK, timeout=_LOCK_TIMEOUT):
+        planned = run.exists and METHODS[job.settings.method].planned_by_budget
+        if not planned or (before := run.settings().budget) == job.settings.budget:
+            return
+        aside = job.folder / f"budget-{before}"
+        aside.mkdir(exist_ok=True)
+        files = [file for file in job.folder.iterdir() if file.is_file() and file.name != LOCK]
+        for file in sorted(files, key=lambda file: file.name == SETTINGS):  # last, so that this can be done again
+            file.replace(aside / file.name)

@@ -1,40 +1,109 @@
-"""What a comparison consists of: contestants, seeds and protocols under one budget, and the jobs that come of them."""
+"""What a comparison consists of: methods, seeds and protocols under one budget, and the jobs that come of them."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import logging
-from collections.abc import Generator, Mapping, Sequence
+import re
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from itertools import product
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, cast
 
 from swim2real import checking
 from swim2real.calibration import protocol_for, reference_fingerprint, versions
-from swim2real.comparison.contestants import Contestant, folder_name
 from swim2real.errors import ArgumentError, RunError
+from swim2real.names import quoted
+from swim2real.pipeline.methods import METHODS
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
 from swim2real.settings import (
-    HORIZON,
-    BriefingSettings,
     CalibrationSettings,
-    ProtocolName,
-    Start,
+    ComparisonSettings,
+    Method,
+    Scale,
     asks_a_vlm,
+    check_advisor,
     chooses_start,
+    expand_seeds,
     start_of,
 )
 from swim2real.simulation import Engine
 from swim2real.store import reason, write_json
 from swim2real.trials import TrialSet
 
-FORMAT = 1
+FORMAT = 2
 PLAN, RUNS = "plan.json", "runs"
-T = TypeVar("T")
+ABLATION = "no-line-search"
+NAMES: tuple[str, ...] = (*METHODS, ABLATION)
+_LONGEST = 1000  # characters of a name; an advisor may be the path of a run
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class MethodVariant:
+    """A method with its advisor and scale, as the settings of a run have them.
+
+    Attributes:
+        name: Name without the scale: `METHOD`, or `METHOD@ADVISOR` where that isn't physics.
+        method: Method.
+        advisor: Advisor.
+        max_steps: Steps of the line search.
+        scale: Scale of the parameters; None takes the protocol's.
+    """
+
+    name: str
+    method: Method
+    advisor: str
+    max_steps: int
+    scale: Scale | None
+
+    def label(self, protocol_scale: Scale | None = None) -> str:
+        """What it is called in tables: its name, with the scale where that isn't the protocol's."""
+        return self.name if self.scale in (None, protocol_scale) else f"{self.name}+{self.scale}"
+
+
+def method_variant(name: str) -> MethodVariant:
+    """What a name stands for: `METHOD`, `METHOD@ADVISOR`, and either with `+log` or `+linear`.
+
+    Raises:
+        ArgumentError: There is no such method or advisor.
+    """
+    scale: Scale | None = None
+    if name.endswith(("+log", "+linear")):
+        name, _, ending = name.rpartition("+")
+        scale = cast("Scale", ending)
+    method, at, advisor = name.partition("@")
+    if method not in NAMES or len(name) > _LONGEST:
+        advised = [*(name for name, entry in METHODS.items() if entry.advised), ABLATION]
+        raise ArgumentError(
+            f"there is no method {quoted(name if method in NAMES else method)}; there are {', '.join(NAMES)}, "
+            f"and with another advisor {', '.join(f'{one}@ADVISOR' for one in advised)}"
+            f"{checking.did_you_mean(method, NAMES)}"
+        )
+    run_method = "line-search" if method == ABLATION else cast("Method", method)
+    if at and not METHODS[run_method].advised:
+        raise ArgumentError(f"method {method} has no advisor; write '{method}' without '@{advisor}'")
+    if at:
+        check_advisor(advisor)
+    if advisor == "files":
+        raise ArgumentError(
+            "advisor 'files' waits for a person, and the runs of a comparison for nobody; "
+            "use `swim2real calibrate --advisor files`, then '@replay:RUN' here"
+        )
+    steps = 1 if method == ABLATION else 3
+    return MethodVariant(name.removesuffix("@physics"), run_method, advisor or "physics", steps, scale)
+
+
+def default_methods(robot: Robot) -> tuple[str, ...]:
+    """Names of the methods that are compared by default: without stages for a robot that has no plan of them."""
+    left_out = {name for name, method in METHODS.items() if not method.by_default}
+    if robot.trials.fit_plan is None:
+        left_out.add("staged")
+    return tuple(name for name in NAMES if name not in left_out)
 
 
 @dataclass(frozen=True)
@@ -44,7 +113,7 @@ class Job:
     Attributes:
         key: Its name, such as `aligned/line-search/seed-0`.
         folder: Run folder.
-        method: Label of the contestant.
+        method: Label of the method.
         settings: Settings of the run.
     """
 
@@ -64,91 +133,66 @@ class Plan:
     """Which runs a comparison consists of, and what they rest on.
 
     Attributes:
-        contestants: Methods that take part.
-        seeds: Seeds that each contestant runs with.
-        protocols: Protocols that each contestant runs under.
-        budget: Evaluations of a run.
+        settings: What is compared, with every method, seed and protocol by its name.
         robot: Name of the robot that is calibrated.
         trials: Names of the real trials.
         markers: Names of the markers.
         reference: Fingerprint of the real trials.
         engine: Physics engine that simulates.
-        leave_one_out: Whether every run is made once more for each trial, without it.
-        horizon: Seconds of each trial that are compared, None for all.
-        briefing: What VLMs are shown.
         source: Where the reference came from.
         versions: Versions of the libraries that the numbers depend on.
         robot_fingerprint: Fingerprint of the robot file; None for a robot known by its name.
         sensors: Units of the sensors that are compared, by name.
-        start: Where steady swims begin; None for each protocol's own.
         format: Version of the file's format.
     """
 
-    contestants: tuple[Contestant, ...]
-    seeds: tuple[int, ...]
-    protocols: tuple[ProtocolName, ...]
-    budget: int
+    settings: ComparisonSettings
     robot: str
     trials: tuple[str, ...]
     markers: tuple[str, ...]
     reference: str
     engine: Engine
-    leave_one_out: bool = False
-    horizon: float | None = HORIZON
-    briefing: BriefingSettings = field(default_factory=BriefingSettings)
     source: str = ""
     versions: Mapping[str, str] = field(default_factory=versions)
     robot_fingerprint: str | None = None
     sensors: Mapping[str, str] = field(default_factory=dict[str, str])
-    start: Start | None = None
-    format: Literal[1] = FORMAT
+    format: Literal[2] = FORMAT
 
     def __post_init__(self) -> None:
-        if not self.contestants or not self.seeds or not self.protocols:
-            raise ArgumentError("a comparison needs at least one method, one seed and one protocol")
-        if self.leave_one_out and len(self.trials) < 2:
+        settings = self.settings
+        if not settings.methods or not settings.protocols:
+            raise ArgumentError("a comparison needs at least one method and one protocol")
+        if settings.leave_one_out and len(self.trials) < 2:
             raise ArgumentError(f"leave-one-out needs at least 2 trials; the reference has {', '.join(self.trials)}")
-        if self.start == "rest" and not any(chooses_start(protocol) for protocol in self.protocols):
+        if settings.start == "rest" and not any(map(chooses_start, settings.protocols)):
             raise ArgumentError(
-                f"start is '{self.start}', which is for steady swims under protocol motion or aligned; "
-                f"this comparison has {', '.join(self.protocols)}"
+                f"start is '{settings.start}', which is for steady swims under protocol motion or aligned; "
+                f"this comparison has {', '.join(settings.protocols)}"
             )
         self.jobs(".")  # settings that can't be are refused here
 
     def jobs(self, root: str | Path) -> list[Job]:
         """Every run, in the order of the table, with its folder in the comparison's."""
-        runs = Path(root) / RUNS
         jobs: dict[str, Job] = {}
-        for protocol in self.protocols:
-            for contestant in self.contestants:
-                label = contestant.label(CalibrationSettings(protocol=protocol).resolved_scale)
-                for seed in self.seeds:
-                    for trial in (None, *self.trials) if self.leave_one_out else (None,):
-                        key = f"{protocol}/{folder_name(label)}/seed-{seed}"
-                        if trial is not None:
-                            key += f"/without-{folder_name(trial)}"
-                        settings = CalibrationSettings(
-                            method=contestant.method, advisor=contestant.advisor, protocol=protocol,
-                            budget=self.budget, seed=seed, first="random", starts=1, scale=contestant.scale or "auto",
-                            max_steps=contestant.max_steps, horizon=self.horizon,
-                            start=start_of(protocol, self.start if chooses_start(protocol) else None),
-                            hold_out=() if trial is None else (trial,), briefing=self.briefing, threads=1,
-                        )  # fmt: skip
-                        jobs[key] = Job(key, runs / key, label, settings)
+        asked, variants = self.settings, [method_variant(name) for name in self.settings.methods]
+        left_out = (None, *self.trials) if asked.leave_one_out else (None,)
+        for protocol, variant, seed, trial in product(asked.protocols, variants, expand_seeds(asked.seeds), left_out):
+            label = variant.label(CalibrationSettings(protocol=protocol).resolved_scale)
+            without = "" if trial is None else f"/without-{folder_name(trial)}"
+            key = f"{protocol}/{folder_name(label)}/seed-{seed}{without}"
+            settings = CalibrationSettings(
+                method=variant.method, advisor=variant.advisor, protocol=protocol, budget=asked.budget, seed=seed,
+                first="random", starts=1, scale=variant.scale or "auto", max_steps=variant.max_steps,
+                horizon=asked.horizon, start=start_of(protocol, asked.start if chooses_start(protocol) else None),
+                hold_out=() if trial is None else (trial,), briefing=asked.briefing, threads=1,
+            )  # fmt: skip
+            jobs[key] = Job(key, Path(root) / RUNS / key, label, settings)
         return list(jobs.values())
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Labels of the contestants, in order."""
+        """Labels of the methods, in order."""
         return tuple(dict.fromkeys(job.method for job in self.jobs(".")))
-
-    @property
-    def basis(self) -> dict[str, Any]:
-        """What every run must rest on, by its name in a run's settings."""
-        return {
-            "robot": self.robot, "robot_fingerprint": self.robot_fingerprint, "reference_fingerprint": self.reference,
-            "engine": self.engine,
-        }  # fmt: skip
 
     def extending(self, before: Plan) -> Plan:
         """The plan that has all of an earlier one and of this one.
@@ -156,41 +200,44 @@ class Plan:
         Raises:
             RunError: The two can't share a table.
         """
+        old, new = before.settings, self.settings
         fixed: list[tuple[str, Any, Any]] = [
-            ("reference", _describe_reference(before), _describe_reference(self)),
+            ("reference", _reference_of(before), _reference_of(self)),
             ("robot", before.robot, self.robot),
             ("robot file", before.robot_fingerprint, self.robot_fingerprint),
-            ("engine", _describe_engine(before.engine), _describe_engine(self.engine)),
-            ("horizon", before.horizon, self.horizon),
-            *(
-                (f"start under protocol {protocol}", start_of(protocol, before.start), start_of(protocol, self.start))
-                for protocol in before.protocols
-            ),
+            ("engine", _shown(before.engine), _shown(self.engine)),
+            ("horizon", old.horizon, new.horizon),
         ]
-        if any(asks_a_vlm(contestant.advisor) for contestant in (*before.contestants, *self.contestants)):
-            fixed.append(("briefing", asdict(before.briefing), asdict(self.briefing)))
+        for protocol in old.protocols:
+            then, now = start_of(protocol, old.start), start_of(protocol, new.start)
+            fixed.append((f"start under protocol {protocol}", then, now))
+        if any(asks_a_vlm(method_variant(name).advisor) for name in (*old.methods, *new.methods)):
+            fixed.append(("briefing", asdict(old.briefing), asdict(new.briefing)))
         for what, then, now in fixed:
             if then != now:
                 raise RunError(
                     f"a comparison that was begun can't go on with another {what}: it was {then} and is now {now}; "
                     f"use the same, or another folder"
                 )
-        if self.budget < before.budget:
+        if new.budget < old.budget:
             raise RunError(
-                f"this comparison has a budget of {before.budget} evaluations and can't go on with {self.budget}; "
+                f"this comparison has a budget of {old.budget} evaluations and can't go on with {new.budget}; "
                 f"use at least as many, or another folder"
             )
-        old = before.versions
-        changed = [f"{name} {old.get(name)} → {now}" for name, now in self.versions.items() if old.get(name) != now]
+        earlier = before.versions
+        changed = [
+            f"{name} {earlier.get(name)} → {now}" for name, now in self.versions.items() if earlier.get(name) != now
+        ]
         if changed:
             _log.warning("the comparison goes on with other versions: %s", ", ".join(changed))
-        return replace(
-            self,
-            contestants=_union(before.contestants, self.contestants),
-            seeds=tuple(sorted({*before.seeds, *self.seeds})),
-            protocols=_union(before.protocols, self.protocols),
-            leave_one_out=before.leave_one_out or self.leave_one_out,
+        both = replace(
+            new,
+            methods=tuple(dict.fromkeys((*old.methods, *new.methods))),
+            seeds=tuple(sorted({*expand_seeds(old.seeds), *expand_seeds(new.seeds)})),
+            protocols=tuple(dict.fromkeys((*old.protocols, *new.protocols))),
+            leave_one_out=old.leave_one_out or new.leave_one_out,
         )
+        return replace(self, settings=both)
 
     def write(self, root: Path) -> None:
         """Writes plan.json.
@@ -199,28 +246,28 @@ class Plan:
             RunError: The disk failed.
         """
         with writing(root):
-            write_json(root / PLAN, {"format": FORMAT, **asdict(self)}, indent=1)
+            write_json(root / PLAN, asdict(self), indent=1)
 
 
-def make_plan(
-    contestants: Sequence[Contestant], seeds: Sequence[int], protocols: Sequence[ProtocolName], budget: int,
-    reference: TrialSet, robot: Robot, *, leave_one_out: bool = False, horizon: float | None = HORIZON,
-    briefing: BriefingSettings | None = None, source: str = "", start: Start | None = None,
-) -> Plan:  # fmt: skip
-    """The plan of a comparison of contestants on a reference, as `Plan` describes it.
-
-    Without protocols it has all that the robot's trials can be compared by.
+def make_plan(settings: ComparisonSettings, reference: TrialSet, robot: Robot, source: str = "") -> Plan:
+    """The plan of a comparison on a reference.
 
     Raises:
-        ArgumentError: The robot's trials can't be compared by a protocol.
+        ArgumentError: A method isn't known, or the robot's trials can't be compared by a protocol.
     """
-    asked: list[ProtocolName] = [protocol_for(robot, protocol).name for protocol in protocols or robot.trials.protocols]
+    methods: list[str] = []
+    for variant, scale in product(map(method_variant, settings.methods or default_methods(robot)), settings.scale):
+        own = variant.scale or (None if scale == "auto" else scale)
+        methods.append(replace(variant, scale=own).label())
+    protocols = [protocol_for(robot, protocol).name for protocol in settings.protocols or robot.trials.protocols]
+    resolved = replace(
+        settings, methods=tuple(dict.fromkeys(methods)), scale=("auto",), protocols=tuple(dict.fromkeys(protocols)),
+        seeds=tuple(dict.fromkeys(expand_seeds(settings.seeds))), workers=0, cluster=None,
+    )  # fmt: skip
     return Plan(
-        tuple(contestants), tuple(dict.fromkeys(seeds)), tuple(dict.fromkeys(asked)), budget, robot.name,
-        reference.names, robot.marker_names, reference_fingerprint(reference), Engine.of(robot),
-        leave_one_out, horizon, briefing or BriefingSettings(), source,
-        robot_fingerprint=None if robot.source is None else fingerprint(robot.source),
-        sensors={sensor.name: sensor.unit for sensor in robot.trials.sensors}, start=start,
+        resolved, robot.name, reference.names, robot.marker_names, reference_fingerprint(reference), Engine.of(robot),
+        source, robot_fingerprint=None if robot.source is None else fingerprint(robot.source),
+        sensors={sensor.name: sensor.unit for sensor in robot.trials.sensors},
     )  # fmt: skip
 
 
@@ -256,14 +303,18 @@ def writing(place: str | Path) -> Generator[None]:
         ) from error
 
 
-def _union(first: Sequence[T], second: Sequence[T]) -> tuple[T, ...]:
-    return tuple(dict.fromkeys((*first, *second)))
+def folder_name(label: str) -> str:
+    """A label as the name of a folder; no two labels have the same."""
+    plain = re.sub(r"[^A-Za-z0-9._@+=-]", "_", label.replace(":", "="))
+    if plain == label.replace(":", "=") and len(plain) <= 80:
+        return plain
+    return f"{plain[:80]}-{hashlib.sha256(label.encode()).hexdigest()[:6]}"
 
 
-def _describe_reference(plan: Plan) -> str:
+def _reference_of(plan: Plan) -> str:
     return f"{plan.reference[:12]} ({', '.join(plan.trials)})"
 
 
-def _describe_engine(engine: Engine) -> str:
+def _shown(engine: Engine) -> str:
     forces = hashlib.sha256(json.dumps(engine.fluid_fingerprint).encode()).hexdigest()
     return f"{engine.name} ({engine.integrator}, {engine.timestep} s, fluid forces {forces[:8]})"

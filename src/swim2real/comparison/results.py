@@ -8,15 +8,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from swim2real import checking
-from swim2real.advisor.vlm.transcript import Transcript, totals
+from swim2real.advisor.vlm.transcript import Totals, Transcript, totals
 from swim2real.calibration import RunFolder
-from swim2real.comparison.jobs import is_finished, read_problem
+from swim2real.comparison.jobs import PROBLEM, is_finished
 from swim2real.comparison.plan import RUNS, Job, Plan, read_plan, writing
 from swim2real.errors import RunError, Swim2RealError
 from swim2real.names import quoted
@@ -28,9 +29,8 @@ FORMAT = 1
 RESULTS, TABLE = "results.json", "results.csv"
 
 Array = NDArray[np.float64]
+Loss = Annotated[float, Field(ge=0, lt=1e6)]
 
-
-_MOST_LOSS = 1e6  # m
 _REMEDY = "run the comparison again to write it anew"
 
 
@@ -49,25 +49,6 @@ class StepRound:
     sizes: tuple[float, ...]
     accepted: bool
     finished: bool
-
-
-@dataclass(frozen=True)
-class VlmUsage:
-    """What a VLM's calls took.
-
-    Attributes:
-        failed_calls: Calls without an answer.
-        input_tokens: Tokens that were sent, as far as the service says.
-        output_tokens: Tokens that came back.
-        cost: Cost [USD], None where no price is known.
-        seconds: Time, waiting included [s].
-    """
-
-    failed_calls: int
-    input_tokens: int
-    output_tokens: int
-    cost: float | None
-    seconds: float
 
 
 @dataclass(frozen=True)
@@ -97,25 +78,16 @@ class RunResult:
     protocol: str
     scale: str
     held_out: str | None
-    losses: tuple[float, ...]
+    losses: tuple[Loss, ...]
     failed: tuple[bool, ...]
     rounds: tuple[StepRound, ...]
     calls: int
-    spent: VlmUsage | None
+    spent: Totals | None
     fit: FitFigures
     held_out_fit: FitFigures | None
     values: Mapping[str, float]
     seconds: float
     folder: str
-
-    def __post_init__(self) -> None:
-        if not self.losses or len(self.losses) != len(self.failed):
-            raise RunError(f"run '{self.folder}' has {len(self.losses)} losses and {len(self.failed)} marks of failure")
-        for loss in self.losses:
-            if not 0 <= loss < _MOST_LOSS:
-                raise RunError(
-                    f"run '{self.folder}' has a loss of {loss:g}; it must lie between 0 and {_MOST_LOSS:g} m"
-                )
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON, with the curve of the best loss."""
@@ -196,26 +168,22 @@ def load_results(folder: str | Path) -> ComparisonResults:
     if not path.is_file():
         raise RunError(f"'{folder}' has no {RESULTS}; `swim2real compare` writes it")
     results = checking.read(ComparisonResults, path, "results", RunError, _REMEDY)
+    count = len(results.markers)
     for run in results.runs:
-        if len(run.losses) != results.budget:
+        where = f"results '{path}': run '{run.folder}'"
+        if {len(run.losses), len(run.failed)} != {results.budget}:
             raise RunError(
-                f"results '{path}': run '{run.folder}' has {len(run.losses)} losses; the budget is {results.budget}; "
-                f"{_REMEDY}"
+                f"{where} has {len(run.losses)} losses and {len(run.failed)} marks of failure; the budget is "
+                f"{results.budget}; {_REMEDY}"
             )
-        _check_markers(run, path, len(results.markers))
-    return results
-
-
-def _check_markers(run: RunResult, path: Path, count: int) -> None:
-    """Checks that there is a number for each marker where there are any."""
-    for fit in (run.fit, run.held_out_fit):
-        for name, trial in ({} if fit is None else fit.trials).items():
+        trials = [*run.fit.trials.items(), *(run.held_out_fit.trials.items() if run.held_out_fit else ())]
+        for name, trial in trials:
             for errors in (trial.marker_errors, trial.aligned_marker_errors, trial.shape_marker_errors):
                 if errors and len(errors) != count:
                     raise RunError(
-                        f"results '{path}', run '{run.folder}': trial {quoted(name)} has {len(errors)} numbers for "
-                        f"{count} markers; {_REMEDY}"
+                        f"{where}: trial {quoted(name)} has {len(errors)} numbers for {count} markers; {_REMEDY}"
                     )
+    return results
 
 
 def read_results(root: str | Path, plan: Plan | None = None) -> ComparisonResults:
@@ -235,15 +203,15 @@ def read_results(root: str | Path, plan: Plan | None = None) -> ComparisonResult
     missing: dict[str, str] = {}
     for job in plan.jobs(root):
         try:
-            if is_finished(job, plan.basis):
+            if is_finished(job, plan):
                 runs.append(_read_run(job))
             else:
-                missing[job.key] = read_problem(job.folder) or _describe_progress(job)
+                missing[job.key] = _why_missing(job)
         except Swim2RealError as error:
             missing[job.key] = str(error)
     return ComparisonResults(
-        tuple(runs), plan.methods, plan.protocols, plan.trials, plan.markers, plan.budget, plan.reference, missing,
-        plan.engine.as_dict(), plan.sensors,
+        tuple(runs), plan.methods, plan.settings.protocols, plan.trials, plan.markers, plan.settings.budget,
+        plan.reference, missing, plan.engine.as_dict(), plan.sensors,
     )  # fmt: skip
 
 
@@ -260,7 +228,7 @@ def write_results(results: ComparisonResults, root: str | Path) -> None:
         write_text(Path(root) / TABLE, text.getvalue())
 
 
-def step_rounds(record: Sequence[Mapping[str, Any]], max_steps: int) -> tuple[StepRound, ...]:
+def _step_rounds(record: Sequence[Mapping[str, Any]], max_steps: int) -> tuple[StepRound, ...]:
     """The rounds of a line search, from its record."""
     rounds: list[StepRound] = []
     best, number, begin = np.inf, None, 0
@@ -272,8 +240,8 @@ def step_rounds(record: Sequence[Mapping[str, Any]], max_steps: int) -> tuple[St
             best = entry["loss"]
         if "step_size" not in note:
             continue
-        if note["round"] != number:
-            number, begin, sizes = note["round"], index, []
+        if note.get("round") != number:
+            number, begin, sizes = note.get("round"), index, []
             rounds.append(StepRound(begin, (), False, False))
         sizes.append(float(note["step_size"]))
         rounds[-1] = StepRound(begin, tuple(sizes), improved, improved or len(sizes) == max_steps)
@@ -285,40 +253,33 @@ def _read_run(job: Job) -> RunResult:
     record, outcome = folder.record(), folder.outcome()
     if outcome is None:
         raise RunError(f"run '{job.folder}' has no outcome; run the comparison again")
+    best = min((entry for entry in record if not entry["failed"]), key=lambda e: e["loss"], default=record[0])
+    spent = totals(Transcript(job.folder).calls) if asks_a_vlm(job.settings.advisor) else None
+    return RunResult(
+        method=job.method,
+        seed=job.settings.seed,
+        protocol=job.settings.protocol,
+        scale=job.settings.resolved_scale,
+        held_out=job.held_out,
+        losses=tuple(entry["loss"] for entry in record),
+        failed=tuple(entry["failed"] for entry in record),
+        rounds=_step_rounds(record, job.settings.max_steps),
+        calls=sum("proposal" in entry["note"] for entry in record) if spent is None else spent.calls,
+        spent=spent,
+        fit=outcome.fit,
+        held_out_fit=outcome.held_out,
+        values=best["values"],
+        seconds=round(sum(entry.get("seconds") or 0.0 for entry in record), 3),
+        folder=f"{RUNS}/{job.key}",
+    )
+
+
+def _why_missing(job: Job) -> str:
+    """The sentence that a failed job left in its folder, or how far it is."""
     try:
-        best = min((entry for entry in record if not entry["failed"]), key=lambda e: e["loss"], default=record[0])
-        calls, spent = _calls(job, record)
-        return RunResult(
-            method=job.method,
-            seed=job.settings.seed,
-            protocol=job.settings.protocol,
-            scale=job.settings.resolved_scale,
-            held_out=job.held_out,
-            losses=tuple(entry["loss"] for entry in record),
-            failed=tuple(entry["failed"] for entry in record),
-            rounds=step_rounds(record, job.settings.max_steps),
-            calls=calls,
-            spent=spent,
-            fit=outcome.fit,
-            held_out_fit=outcome.held_out,
-            values=best["values"],
-            seconds=round(sum(entry["seconds"] for entry in record), 3),
-            folder=f"{RUNS}/{job.key}",
-        )
-    except (KeyError, TypeError) as error:
-        raise RunError(f"run '{job.folder}' is damaged: {error!r}; remove it and run the comparison again") from error
-
-
-def _calls(job: Job, record: Sequence[Mapping[str, Any]]) -> tuple[int, VlmUsage | None]:
-    if not asks_a_vlm(job.settings.advisor):
-        return sum("proposal" in entry["note"] for entry in record), None
-    total = totals(Transcript(job.folder).calls)
-    usage = VlmUsage(total.failed, total.input_tokens, total.output_tokens, total.cost, total.seconds)
-    return total.calls, usage
-
-
-def _describe_progress(job: Job) -> str:
-    done = len(RunFolder(job.folder).record())
+        return (job.folder / PROBLEM).read_text(encoding="utf-8").splitlines()[0]
+    except (OSError, IndexError):
+        done = len(RunFolder(job.folder).record())
     return f"{done} of {job.settings.budget} evaluations are done" if done else "not begun"
 
 

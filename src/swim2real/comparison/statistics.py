@@ -13,10 +13,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swim2real.comparison.protocols import PROTOCOLS, MarkerKind, ProtocolDescription, figures_of
 from swim2real.comparison.results import ComparisonResults, RunResult
-from swim2real.errors import ArgumentError, MissingExtraError, RunError
-from swim2real.objective.figures import TrialFigures, figure_values
+from swim2real.errors import MissingExtraError
+from swim2real.objective.figures import (
+    AVERAGED,
+    SENSORS,
+    Figure,
+    TrialFigures,
+    figure_values,
+    figures_for,
+    sensor_figure,
+)
 
 try:
     import pandas as pd
@@ -26,17 +33,73 @@ except ImportError as error:
     ) from error
 
 Array = NDArray[np.float64]
-Figure = Literal["final", "auc"]
+Measure = Literal["final", "auc"]
+MarkerKind = Literal["motion", "marker", "aligned", "shape"]
 
 ERRORS = (0.1, 0.05, 0.03, 0.02, 0.016)  # m, that a method should reach
 _RESAMPLES = 10_000
 _LEVEL = 0.95
-_MARKER_KEYS = {
-    "motion": "motion_marker_errors",
-    "marker": "marker_errors",
-    "aligned": "aligned_marker_errors",
-    "shape": "shape_marker_errors",
-}
+
+
+@dataclass(frozen=True)
+class ProtocolDescription:
+    """How one protocol is described.
+
+    Attributes:
+        loss: Name of the loss.
+        trial_loss: Key of the loss in the figures of a trial.
+        markers: Kinds of errors that a marker has, each with its description.
+        markers_note: How to read these errors.
+        has_frequencies: Whether its trials have a frequency, so that there is a speed against it.
+    """
+
+    loss: str
+    trial_loss: str
+    markers: tuple[tuple[MarkerKind, str], ...]
+    markers_note: str = "Registration takes a static offset of each marker and trial out."
+    has_frequencies: bool = True
+
+    @property
+    def markers_title(self) -> str:
+        """Title of tables and charts of the markers' errors."""
+        return "Error from head to tail" if self.has_frequencies else "Error of each marker"
+
+    @property
+    def markers_order(self) -> str:
+        """Label of the axis of the markers."""
+        return "marker, head to tail" if self.has_frequencies else "marker"
+
+
+PROTOCOLS: Mapping[str, ProtocolDescription] = {
+    "motion": ProtocolDescription(
+        "motion error", "motion_error",
+        (("motion", "in the frame of the path"), ("aligned", "in the body frame"), ("shape", "shape alone")),
+    ),
+    "aligned": ProtocolDescription(
+        "aligned marker error", "aligned_marker_error",
+        (("marker", "not registered (Eq. 1)"), ("aligned", "registered"), ("shape", "registered, shape alone")),
+    ),
+    "paper": ProtocolDescription(
+        "marker error (Eq. 1)", "marker_error", (("marker", "Eq. 1"), ("shape", "shape alone")),
+        "Under the paper's protocol nothing is registered.",
+    ),
+    "playback": ProtocolDescription(
+        "playback error", "loss", (("aligned", "at the same times"),),
+        "Real and simulated markers are compared at the same times.", has_frequencies=False,
+    ),
+}  # fmt: skip
+
+
+def figures_of(protocol: str, sensors: Mapping[str, str]) -> dict[str, Figure]:
+    """All figures that a fit may have, by name.
+
+    Args:
+        protocol: Name of the protocol.
+        sensors: Units of the sensors that are compared, by name.
+    """
+    figures = figures_for(registered=protocol != "playback")
+    shown = {name: figures[name] for name in AVERAGED if name != SENSORS and figures[name].of != "tracks"}
+    return shown | {f"{SENSORS}.{name}": sensor_figure(name, unit) for name, unit in sensors.items()}
 
 
 @dataclass(frozen=True)
@@ -71,9 +134,9 @@ class MethodStatistics:
         """Seed of each run."""
         return tuple(run.seed for run in self.runs)
 
-    def mean(self, figure: Figure) -> float:
-        """Mean of a figure over the seeds [m]."""
-        return float((self.final if figure == "final" else self.auc).mean())
+    def mean(self, measure: Measure) -> float:
+        """Mean of a measure over the seeds [m]."""
+        return float((self.final if measure == "final" else self.auc).mean())
 
     def typical_run(self) -> RunResult:
         """The run with the median final loss; the better of the two middle ones for an even number."""
@@ -172,23 +235,13 @@ class Speeds:
 
 
 def method_statistics(results: ComparisonResults, protocol: str) -> tuple[MethodStatistics, ...]:
-    """Statistics of every method that has runs under a protocol, in the order of the plan.
-
-    Raises:
-        RunError: A run is shorter than the budget.
-    """
+    """Statistics of every method that has runs under a protocol, in the order of the plan."""
     statistics: list[MethodStatistics] = []
     figures = figures_of(protocol, results.sensors)
     for method in results.methods:
         runs = results.of(method, protocol)
         if not runs:
             continue
-        for run in runs:
-            if len(run.losses) < results.budget:
-                raise RunError(
-                    f"run '{run.folder}' has {len(run.losses)} of {results.budget} evaluations; "
-                    f"run the comparison again, it goes on from there"
-                )
         curves = np.array([run.best[: results.budget] for run in runs])
         seeds = pd.Index([run.seed for run in runs])
         final, auc = pd.Series(curves[:, -1], seeds), pd.Series(curves.mean(axis=1), seeds)
@@ -197,18 +250,12 @@ def method_statistics(results: ComparisonResults, protocol: str) -> tuple[Method
     return tuple(statistics)
 
 
-def best_method(methods: Sequence[MethodStatistics], figure: Figure = "final") -> MethodStatistics:
-    """The method with the lowest mean; the first of equals.
-
-    Raises:
-        ArgumentError: There is none.
-    """
-    if not methods:
-        raise ArgumentError("there is no method with a finished run to compare; run the comparison first")
-    return min(methods, key=lambda method: method.mean(figure))
+def best_method(methods: Sequence[MethodStatistics], measure: Measure = "final") -> MethodStatistics:
+    """The method with the lowest mean; the first of equals."""
+    return min(methods, key=lambda method: method.mean(measure))
 
 
-def differences(methods: Sequence[MethodStatistics], figure: Figure = "final") -> dict[str, Difference | None]:
+def differences(methods: Sequence[MethodStatistics], measure: Measure = "final") -> dict[str, Difference | None]:
     """How much worse than the best method each one is, by method; None for the best itself and without common seeds.
 
     The interval is a percentile bootstrap over seeds. Seeds are drawn in pairs, since methods of a seed begin at the
@@ -217,10 +264,10 @@ def differences(methods: Sequence[MethodStatistics], figure: Figure = "final") -
     """
     if not methods:
         return {}
-    best = best_method(methods, figure)
+    best = best_method(methods, measure)
     by_method: dict[str, Difference | None] = {}
     for method in methods:
-        gaps = (getattr(method, figure) - getattr(best, figure)).dropna()  # of the seeds that both have
+        gaps = (getattr(method, measure) - getattr(best, measure)).dropna()  # of the seeds that both have
         if method is best or gaps.empty:
             by_method[method.method] = None
         else:
@@ -288,8 +335,9 @@ def marker_errors(runs: Sequence[RunResult], kind: MarkerKind) -> pd.DataFrame:
             with the difference in progress; `shape` is the same without progress.
     """
     rows: list[pd.Series[float]] = []
+    key = "marker_errors" if kind == "marker" else f"{kind}_marker_errors"
     for run in runs:
-        errors = [getattr(trial, _MARKER_KEYS[kind]) for trial in run.fit.trials.values()]
+        errors = [getattr(trial, key) for trial in run.fit.trials.values()]
         rows.append(pd.DataFrame([known for known in errors if known], dtype=float).mean())
     return pd.DataFrame(rows, [run.seed for run in runs])
 
@@ -298,22 +346,20 @@ def held_out_errors(results: ComparisonResults, method: str, protocol: str) -> p
     """Errors of a method on trials that it was not fitted to, a row for each run; None without such runs.
 
     Columns: `trial` is the name of the trial that was left out and `seed` the run's seed; `held_out` is the error on
-    that trial, in the protocol's own figure, and `fitted` the error on the others; `same_when_fitted` is the error on
-    the same trial of the run of that seed that was fitted to it; `velocity` is the error in speed on the trial that was
-    left out [m, m/s].
+    that trial, in the protocol's own figure; `same_when_fitted` is the error on the same trial of the run of that seed
+    that was fitted to it; `velocity` is the error in speed on the trial that was left out [m, m/s].
     """
     key = PROTOCOLS[protocol].trial_loss
     fitted_to_all = {run.seed: run.fit.trials for run in results.of(method, protocol)}
     rows = [
         {
             "trial": run.held_out, "seed": run.seed, "held_out": getattr(run.held_out_fit, key),
-            "fitted": getattr(run.fit, key),
             "same_when_fitted": getattr(fitted_to_all.get(run.seed, {}).get(run.held_out or ""), key, None),
             "velocity": run.held_out_fit.velocity_error,
         }
         for run in results.left_out(method, protocol) if run.held_out_fit is not None
     ]  # fmt: skip
-    numbers = dict.fromkeys(("held_out", "fitted", "same_when_fitted", "velocity"), float)
+    numbers = dict.fromkeys(("held_out", "same_when_fitted", "velocity"), float)
     return pd.DataFrame(rows).astype(numbers) if rows else None
 
 

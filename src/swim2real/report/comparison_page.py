@@ -9,10 +9,17 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import quote
 
-from swim2real.comparison.protocols import PROTOCOLS, ProtocolDescription
 from swim2real.comparison.results import ComparisonResults, load_results
-from swim2real.comparison.statistics import MethodStatistics, best_method, differences, method_statistics
-from swim2real.comparison.tables import Cell, Table, format_number, mm_cell, tables
+from swim2real.comparison.statistics import (
+    PROTOCOLS,
+    MethodStatistics,
+    ProtocolDescription,
+    best_method,
+    differences,
+    method_statistics,
+)
+from swim2real.comparison.tables import Cell, Table, mm_cell, tables
+from swim2real.formatting import mm
 from swim2real.names import file_name_fault
 from swim2real.report.comparison_charts import convergence, markers, strip, velocity
 from swim2real.report.page import REPORT
@@ -127,7 +134,7 @@ def verdict(methods: tuple[MethodStatistics, ...]) -> tuple[str, ...]:
 
 
 def _mm(value: float) -> str:
-    return f"{format_number(value, 1, 1e3)} mm"
+    return f"{mm(value)} mm"
 
 
 def run_table(results: ComparisonResults) -> Table:
