@@ -87,3 +87,51 @@ def test_flow_of_a_marker_that_vanished_contradicts_itself():
     gone = painted(lambda k: [], lambda k: 1, lambda k: (0, 0, 0))(1)
     moves = Flow(drawn(lambda k: MIDDLE[None])(0)).follow(gone, MIDDLE[None], np.array([6.0]), np.zeros((1, 2)))
     assert moves.errors[0] > 0.6
+
+
+BLACK = (30, 30, 30)
+
+
+def hidden(truth, frames, markers):
+    """What is shown of places at a frame, if some markers aren't within some frames."""
+
+    def shown(frame):
+        places = truth(frame)
+        return np.delete(places, markers, axis=0) if frame in frames else places
+
+    return shown
+
+
+def tracked(truth, shown, frames, radius=7, texture=0.0):
+    """Whether each marker is usable in each frame; no silent error is."""
+    picture = painted(shown, lambda k: radius, lambda k: BLACK, texture=texture)
+    found, confidence = followed(MarkerTracker(range(len(truth(0)))), picture, truth(0), frames)
+    off = np.linalg.norm(found - np.array([truth(frame) for frame in range(frames)]), axis=2)
+    assert silent(off, confidence) == []
+    return confidence >= 0.5
+
+
+def test_one_that_was_hidden_for_long_is_found_again():
+    """Nothing like it is near, and it isn't farther away than it may have moved."""
+    sure = tracked(wandering, hidden(wandering, range(8, 23), [1]), 40)
+    assert sure[:, 0].all()
+    assert not sure[8:23, 1].any()
+    assert sure[30:, 1].all()
+
+
+def test_two_alike_that_cross_while_they_are_hidden_stay_doubtful():
+    def truth(frame):
+        return MIDDLE + np.array([[2.0 * (frame - 16), -4.0], [-2.0 * (frame - 16), 4.0]])
+
+    sure = tracked(truth, hidden(truth, range(8, 23), [0, 1]), 45)
+    assert sure[:8].all()
+    assert not sure[8:].any()
+
+
+@pytest.mark.parametrize("speed", [14.0, 20.0, 26.0])
+def test_a_repeated_picture_and_the_doubled_step_after_it_are_followed(speed):
+    def truth(frame):
+        moved = speed * (frame - (frame % 5 == 4))
+        return MIDDLE + np.array([[moved - 190, 10.0], [moved - 190, -60.0]])
+
+    assert tracked(truth, truth, int(370 / speed), radius=4, texture=12.0).all()

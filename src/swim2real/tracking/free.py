@@ -27,11 +27,14 @@ MOST_OFF = 1.0, 0.1  # px, or radii, by which a marker's points may disagree
 NEAR = 0.6, 2.0  # radii and px from where it was carried within which its spot lies
 FAR, MOST_FAR = 1.5, 8.0  # radii within which one is looked for that wasn't carried, besides how it may have moved
 SMALL = 5.0  # px radius, below which a picture tells the place of a marker better than flow does
-SOON = 10  # frames after which a marker that was lost isn't believed to be found again
+SOON = 10  # frames after which a marker that was lost is only believed to be found again if it can't be another
 CARRIED = 8  # frames for which flow alone is followed
-AGAIN = 2  # frames that a marker must be seen in one after the other, after it was lost
+AGAIN, LATE = 2, 5  # frames that a marker must be seen in one after the other, after it was lost, and for long
+CLEAR = 0.65  # likeness of a spot, below which it is measured anew in its colors of now
+REPEATED = 0.02  # px that nothing moves by in a picture that repeats the last one
 SAME, SURELY = 0.75, 0.85  # correlation with its picture where it was carried to, and elsewhere
 RATIO = 0.5  # of the distance to another marker or spot that may be meant as well
+AHEAD = 0.5  # of its step by which a marker may be beside where it is expected
 SLOWER = 0.5, 0.9  # of the speed in each frame in which it isn't seen, and of the largest one
 APART = 0.5  # of the sum of two markers' radii
 BLURRED = 0.7  # radii by which a spot may be longer than its motion tells
@@ -74,9 +77,10 @@ class FreeTracker:
         """
         count = len(places)
         self._looks, self._flow = looks, _Flow(image)
-        self._places, self.radii = places.copy(), looks.radii
+        self._places, self._last, self.radii = places.copy(), places.copy(), looks.radii
         self._steps, self._fastest = np.zeros((count, 2)), np.zeros(count)
         self._doubtful = np.where(certain, 0, 1)  # frames since it was certain
+        self._jumped = ~certain  # whether it was found elsewhere than expected since then
         self._lost = ~certain  # whether flow didn't carry it on since it was certain
         self._agreed = np.where(certain, AGAIN, 0)  # frames in which it was seen, one after the other
         self._time = time
@@ -88,90 +92,133 @@ class FreeTracker:
         self._time = time
         moves = self._flow.follow(image, self._places, self.radii, self._steps)
         carried = moves.errors < np.maximum(MOST_OFF[0], MOST_OFF[1] * self.radii)
-        carried &= (self._doubtful <= CARRIED) & inside(self._places + moves.steps, image)
+        carried &= (self._agreed > 0) | (self._doubtful <= CARRIED)
+        carried &= inside(self._places + moves.steps, image)
         expected = self._places + np.where(carried[:, None], moves.steps, self._steps)
         self._looks.grow(np.where(carried, moves.growths, 1.0))
-        spots, chosen, alone = self._spots(image, expected, carried, moves)
-        positions, confidence = self._seen(image, expected, carried, spots, chosen, alone)
+        found = self._spots(image, expected, carried, moves)
+        positions, confidence = self._seen(image, expected, carried, found)
         lost = self._doubles(positions, confidence)
-        positions[lost], confidence[lost], chosen[lost] = np.nan, 0.0, -1
+        positions[lost], confidence[lost], found.chosen[lost] = np.nan, 0.0, -1
         self._agreed = np.where(confidence > DOUBT, self._agreed + 1, 0)
-        sure = self._agreed >= AGAIN
-        self._count(positions, sure, alone)
-        self._take(positions, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
-        certain = np.flatnonzero(sure & (chosen >= 0))
-        self._looks.learn(image, spots, certain, chosen[certain], np.zeros((len(certain), 2)))
+        sure = self._agreed >= np.where(self._doubtful <= SOON, AGAIN, LATE)
+        off = np.linalg.norm(positions - expected, axis=1)
+        near = NEAR[0] * self.radii + NEAR[1] + AHEAD * np.hypot(*self._steps.T)
+        self._jumped |= self._lost & ((self._doubtful > SOON) | ((confidence > DOUBT) & ~(off < near)))
+        settled = sure & ~self._jumped
+        for marker in np.flatnonzero(sure & self._jumped).tolist():
+            sure[marker] = self._only(image, marker, positions, settled)
+        self._count(positions, sure, found.alone)
+        self._take(positions, confidence > DOUBT, sure, moves, carried, np.array(image.shape[1::-1]) - 1)
+        certain = np.flatnonzero(sure & (found.chosen >= 0))
+        self._looks.learn(image, found.spots, certain, found.chosen[certain], np.zeros((len(certain), 2)))
         self.radii = self._looks.radii
         return positions, np.where(sure, confidence, np.minimum(confidence, DOUBT))
 
-    def _spots(
-        self, image: Image, expected: Array, carried: Mask, moves: _Moves
-    ) -> tuple[Spots, NDArray[np.int64], Mask]:
-        """The spots that look like the markers, that of each, or -1, and whether it can't be another's."""
+    def _spots(self, image: Image, expected: Array, carried: Mask, moves: _Moves) -> _Found:
+        """The spots that look like the markers where they are looked for."""
         speed = np.maximum(self._fastest, np.hypot(*self._steps.T))
         far = np.minimum(FAR * self.radii + speed * (1 + self._doubtful), MOST_FAR * self.radii + speed)
         reach = np.where(carried, NEAR[0] * self.radii + NEAR[1], far)
-        spots = self._looks.find(image, squares(expected, reach + 0.5 * self.radii))
+        spots, of = self._measured(image, squares(expected, reach + 0.5 * self.radii), carried)
         chosen, alone = np.full(len(expected), -1), np.ones(len(expected), dtype=bool)
         if not len(spots):
-            return spots, chosen, alone
+            return _Found(spots, chosen, np.zeros(len(expected)), alone, reach)
         like = self._looks.likeness(spots, self._places, np.hypot(*moves.steps.T), BLURRED * self.radii)
         away = np.linalg.norm(spots.centers - expected[:, None], axis=2)
-        possible = (like > LIKE) & (away < reach[:, None])
+        possible = (like > LIKE) & (away < reach[:, None]) & (of == np.arange(len(expected))[:, None])
         cost = np.where(possible, away / reach[:, None] + 1 - like, 1e3)
-        rows, columns = linear_sum_assignment(cost)
-        found = possible[rows, columns]
-        chosen[rows[found]] = columns[found]
-        for marker in np.flatnonzero((chosen >= 0) & ~carried):
+        apart = np.linalg.norm(spots.centers[:, None] - spots.centers, axis=2) > APART * self.radii[of]
+        first = apart.argmin(axis=1)  # of those that are the same one, as another marker sees it
+        shared = np.array([np.where(first == one, cost, 1e3).min(axis=1) for one in range(len(spots))]).T
+        rows, columns = linear_sum_assignment(shared)
+        for marker, one in zip(rows, columns, strict=True):
+            if shared[marker, one] < 1e3:
+                chosen[marker] = np.where(first == one, cost[marker], 1e3).argmin()
+        for marker in np.flatnonzero(chosen >= 0):
             spot, off = chosen[marker], away[marker, chosen[marker]]
-            free = np.setdiff1d(np.flatnonzero(possible[marker]), chosen)
-            rivals = np.flatnonzero(possible[:, spot] & ~carried & (np.arange(len(away)) != marker))
-            others = np.concatenate([away[marker, free], away[rivals, spot]])
+            same = np.linalg.norm(spots.centers - spots.centers[spot], axis=1) < self.radii[marker]
+            taken = np.linalg.norm(spots.centers[:, None] - spots.centers[chosen[chosen >= 0]], axis=2)
+            free = possible[marker] & (taken.min(axis=1) > self.radii[marker])
+            rivals = (possible & same).any(axis=1) & ~carried & (np.arange(len(away)) != marker)
+            others = np.concatenate([away[marker, free], away[rivals][:, spot]])
             alone[marker] = off < RATIO * others.min(initial=np.inf)
-        return spots, chosen, alone
+        chosen[carried & ~alone] = -1
+        like = np.where(chosen >= 0, like[np.arange(len(like)), chosen], 0.0)
+        return _Found(spots, chosen, like, alone, reach)
 
-    def _seen(
-        self, image: Image, expected: Array, carried: Mask, spots: Spots, chosen: NDArray[np.int64], alone: Mask
-    ) -> tuple[Array, Array]:
+    def _measured(self, image: Image, boxes: NDArray[np.int64], joint: Mask) -> tuple[Spots, NDArray[np.int64]]:
+        """The spots in each marker's box, and the marker that each was found for.
+
+        They are measured by its own colors. Of some, those whose boxes overlap are looked for together.
+        """
+        first, last = boxes[:, None, :2], boxes[:, None, 2:]
+        touching = ((first < boxes[:, 2:]) & (last > boxes[:, :2])).all(axis=2) & joint & joint[:, None]
+        np.fill_diagonal(touching, True)
+        found = [self._looks.find(image, np.where(one[:, None], boxes, 0)) for one in touching]
+        of = np.repeat(np.arange(len(boxes)), [len(spots) for spots in found])
+        return Spots(*(np.concatenate([vars(one)[name] for one in found]) for name in vars(found[0]))), of
+
+    def _seen(self, image: Image, expected: Array, carried: Mask, found: _Found) -> tuple[Array, Array]:
         """Positions and confidence by the best opinion on each marker."""
         positions, confidence = np.full_like(expected, np.nan), np.zeros(len(expected))
+        chosen, soon = found.chosen, self._doubtful <= SOON
         for m in range(len(expected)):
-            place = spots.centers[chosen[m]] if chosen[m] >= 0 else expected[m]
-            if carried[m] and chosen[m] >= 0:
-                positions[m], confidence[m] = place, CERTAIN if self._doubtful[m] <= SOON else DOUBT
-                continue
-            if carried[m] and not self._lost[m]:
-                again = self._looks.pick_again(image, m, place)
+            place = found.spots.centers[chosen[m]] if chosen[m] >= 0 else expected[m]
+            if carried[m] and not self._lost[m] and found.like[m] < CLEAR:
+                again = self._looks.pick_again(image, m, expected[m])
                 if again is not None:
-                    positions[m], confidence[m] = again, RIGHT
+                    positions[m], confidence[m], chosen[m] = again, RIGHT, -1
                     continue
-            reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else MOST_FAR * self.radii[m]
-            peak, score = self._picture(image, m, place, reach)
+            if carried[m] and chosen[m] >= 0:
+                positions[m], confidence[m] = place, CERTAIN
+                continue
+            reach = NEAR[0] * self.radii[m] + 1 if carried[m] else 1.5 if chosen[m] >= 0 else found.reach[m]
+            peak, score, only = self._picture(image, m, place, reach)
             if carried[m] and not self._lost[m] and score > SAME:
                 positions[m], confidence[m] = peak if self.radii[m] < SMALL else place, RIGHT
                 if score < SURELY:
                     self._looks.learn_picture(image, m, place)
             elif chosen[m] >= 0:
-                soon = self._doubtful[m] <= SOON
-                positions[m], confidence[m] = place, LIKELY if score > SAME and alone[m] and soon else DOUBT
+                near = np.hypot(*(place - expected[m])) < NEAR[0] * self.radii[m] + NEAR[1]
+                whole = near or found.like[m] > CLEAR  # and not a part of one that is blurred
+                positions[m], confidence[m] = place, LIKELY if score > SAME and found.alone[m] and whole else DOUBT
             elif score > SURELY:
-                positions[m], confidence[m] = peak, DOUBT
+                again = self._looks.pick_again(image, m, peak) if soon[m] and only else None
+                positions[m], confidence[m] = (peak, DOUBT) if again is None else (again, LIKELY)
             elif carried[m]:
                 positions[m], confidence[m] = place, DOUBT
         return positions, confidence
 
-    def _picture(self, image: Image, marker: int, place: Array, reach: float) -> tuple[Array, float]:
-        """Where it looks most like a marker near a place (2,), and how much it does."""
+    def _only(self, image: Image, marker: int, positions: Array, sure: Mask) -> bool:
+        """Whether nothing else is like a marker that was lost for long, nor another like what was found of it."""
+        here, far = positions[marker], FAR * self.radii + self._fastest * self._doubtful
+        away = np.linalg.norm(here - self._last, axis=1)
+        reach = max(far[marker] + self.radii[marker], away[marker] / RATIO)
+        this = np.arange(len(far)) == marker
+        late = self._doubtful[marker] > SOON
+        others = ~sure & ~this & (away < far) & late
+        boxes = np.where(others[:, None], squares(here + np.zeros_like(self._last), self.radii), 0)
+        boxes[marker] = squares(self._last[[marker]], reach)[0]
+        spots, of = self._measured(image, boxes, np.zeros(len(far), dtype=bool))
+        like = self._looks.likeness(spots, self._last, np.zeros(len(far)), BLURRED * self.radii)
+        like = like[of, np.arange(len(spots))] > LIKE
+        held = np.linalg.norm(spots.centers[:, None] - positions[sure | this], axis=2) < self.radii[sure | this]
+        return not (like & ((of != marker) | ~held.any(axis=1))).any()
+
+    def _picture(self, image: Image, marker: int, place: Array, reach: float) -> tuple[Array, float, bool]:
+        """Where it looks most like a marker near a place (2,), how much it does, and whether only there."""
         if not inside(place, image):
-            return place, 0.0
+            return place, 0.0, False
         found = self._looks.find_pictures(image, np.array([marker]), place[None], np.array([reach]))
         if not len(found):
-            return place, 0.0
+            return place, 0.0, False
         best = int(found.fills.argmax())
-        return found.centers[best], float(found.fills[best])
+        return found.centers[best], float(found.fills[best]), len(found) == 1
 
     def _doubles(self, positions: Array, confidence: Array) -> Mask:
         """Markers at another's place, which is the more certain of the two; of two equal ones, both."""
+        confidence = confidence + (self._doubtful == 0)
         near = np.linalg.norm(positions[:, None] - positions, axis=2) < APART * (self.radii[:, None] + self.radii)
         np.fill_diagonal(near, False)
         return (near & (confidence[:, None] <= confidence)).any(axis=1)
@@ -181,16 +228,38 @@ class FreeTracker:
         for reason, why in zip(REASONS, (~seen, seen & ~alone, seen & alone), strict=True):
             self.reasons[reason] += ~sure & why
 
-    def _take(self, positions: Array, known: Mask, moves: _Moves, carried: Mask, size: Array) -> None:
+    def _take(self, positions: Array, good: Mask, known: Mask, moves: _Moves, carried: Mask, size: Array) -> None:
         """Takes in where the markers were seen, and how they moved."""
-        seen = np.isfinite(positions[:, 0])
-        steps = (positions - self._places) / (1 + self._doubtful)[:, None]
+        seen = np.isfinite(positions[:, 0]) & (good | carried)
         slower = SLOWER[0] * self._steps
-        self._steps = np.where(known[:, None], steps, np.where(carried[:, None], moves.steps, slower))
+        if (np.abs(moves.steps) > REPEATED).any():
+            steps = np.where(carried[:, None], moves.steps, slower)
+            self._steps = np.where((self._agreed > 1)[:, None], positions - self._places, steps)
         self._places = np.where(seen[:, None], positions, np.clip(self._places + slower, 0, size))
         self._doubtful = np.where(known, 0, self._doubtful + 1)
         self._lost = ~known & (self._lost | ~carried)
-        self._fastest = np.where(known, np.maximum(SLOWER[1] * self._fastest, np.hypot(*steps.T)), self._fastest)
+        self._jumped &= ~known
+        self._last = np.where(known[:, None], positions, self._last)
+        fastest = np.maximum(SLOWER[1] * self._fastest, np.hypot(*self._steps.T))
+        self._fastest = np.where(known, fastest, self._fastest)
+
+
+class _Found(NamedTuple):
+    """Spots that look like the markers.
+
+    Attributes:
+        spots: What was found.
+        chosen: That of each marker, or -1. Shape (M,).
+        like: How much it looks like it. Shape (M,).
+        alone: Whether it can't be another's. Shape (M,).
+        reach: How far from where it was expected each was looked for [px]. Shape (M,).
+    """
+
+    spots: Spots
+    chosen: NDArray[np.int64]
+    like: Array
+    alone: Mask
+    reach: Array
 
 
 class _Moves(NamedTuple):
