@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from swim2real.advisor.vlm import files
-from swim2real.advisor.vlm.advisor import Limits, ReplayAdvisor, VlmAdvisor, repair_request
-from swim2real.advisor.vlm.client import RetryPolicy, make_client
+from swim2real.advisor.vlm.advisor import ReplayAdvisor, VlmAdvisor, repair_request
+from swim2real.advisor.vlm.client import ModelClient
 from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
 from swim2real.advisor.vlm.files import FilesClient
 from swim2real.advisor.vlm.reply import reply_schema
@@ -18,6 +18,7 @@ from swim2real.advisor.vlm.transcript import Transcript, totals
 from swim2real.errors import AdvisorError, ArgumentError, WaitingForReply
 from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, Situation, Step
 from swim2real.parameters import Parameter, ParameterSpace
+from swim2real.settings import VlmAccess
 from vlm_server import drops, refuses, replies, sends
 
 SPACE = ParameterSpace(
@@ -44,23 +45,21 @@ def good(drag: float = 5.0, **others) -> str:
     return json.dumps({"diagnosis": "too slow", "reasoning": "less drag", "parameters": parameters})
 
 
-class Brief:
+def brief(situation: Situation, level: int) -> Request:
     """A question with a picture; shorter at the next level."""
-
-    def question(self, situation: Situation, level: int = 0) -> Request:
-        text = f"the loss is {1e3 * situation.incumbent.loss:.1f} mm" + " in short" * level
-        return Request("Say what differs.", (text, PICTURE), reply_schema(SPACE), 2000)
+    text = f"the loss is {1e3 * situation.incumbent.loss:.1f} mm" + " in short" * level
+    return Request("Say what differs.", (text, PICTURE), reply_schema(SPACE), 2000)
 
 
 @pytest.fixture
 def ask(vlm, tmp_path):
     """Makes an advisor that asks the test's server, and keeps what it reported."""
 
-    def make(limits: Limits | None = None, tries: int = 2, provider="openai") -> VlmAdvisor:
-        retry = RetryPolicy(tries, sleep=lambda seconds: None)
-        client = make_client(f"{provider}:some-model", vlm.url(provider), timeout=20.0, retry=retry)
+    def make(provider="openai", tries: int = 2, **limits) -> VlmAdvisor:
+        access = VlmAccess(vlm.url(provider), timeout=20.0, tries=tries, **limits)
+        client = ModelClient(f"{provider}:some-model", access, sleep=lambda seconds: None)
         make.events = []
-        return VlmAdvisor(client, Brief(), SPACE, Transcript(tmp_path), limits, make.events.append)
+        return VlmAdvisor(client, brief, SPACE, Transcript(tmp_path), access, make.events.append)
 
     return make
 
@@ -101,15 +100,17 @@ def test_a_good_reply_becomes_a_proposal_with_where_it_came_from(ask, vlm, tmp_p
     assert "not a real one" not in json.dumps(call)
 
 
-def test_a_round_that_is_on_record_is_not_paid_for_twice(ask, vlm):
-    vlm.script(replies(good()))
-    first = ask().propose(START)
-    again = ask().propose(START)
+def test_a_round_that_is_on_record_is_not_paid_for_twice(ask, vlm, tmp_path):
+    def propose(loss: float) -> dict:
+        here = evaluation(0.5, 0.5, loss)
+        advisor = ReplayAdvisor(Transcript(tmp_path), SPACE, then=ask())
+        return advisor.propose(Situation(here, (), here)).as_dict()
+
+    vlm.script(replies(good()), replies(good(drag=3.0)))
+    first = propose(0.05)
+    assert propose(0.05) == first
     assert len(vlm.requests) == 1
-    assert again.as_dict() == first.as_dict()
-    elsewhere = evaluation(0.4, 0.4, 0.06)
-    vlm.script(replies(good(drag=3.0)))
-    assert ask().propose(Situation(elsewhere, (), elsewhere)).as_dict() != first.as_dict()
+    assert propose(0.06) != first
 
 
 SAME = {name: float(f"{value:.4g}") for name, value in SPACE.to_values([0.5, 0.5]).items()}
@@ -218,11 +219,11 @@ def test_another_model_than_the_one_that_was_asked_is_a_warning_once(ask, vlm, t
 
 def test_calls_are_limited_over_all_sittings(ask, vlm):
     vlm.script(*[replies("no")] * 2)
-    said = refusal(ask(Limits(max_calls=2)))
+    said = refusal(ask(max_calls=2))
     assert "2 calls were made and --max-calls is 2; --resume" in said
-    assert refusal(ask(Limits(max_calls=2))) == said
+    assert refusal(ask(max_calls=2)) == said
     vlm.script(replies(good()))
-    assert ask(Limits(max_calls=3)).propose(START).notes["calls"] == [1, 2, 3]
+    assert ask(max_calls=3).propose(START).notes["calls"] == [1, 2, 3]
 
 
 class Dear:
@@ -235,13 +236,13 @@ class Dear:
 
 
 def test_the_cost_is_limited_before_it_is_spent(ask, tmp_path):
-    advisor = VlmAdvisor(Dear(), Brief(), SPACE, Transcript(tmp_path), Limits(max_cost=0.7))
+    advisor = VlmAdvisor(Dear(), brief, SPACE, Transcript(tmp_path), VlmAccess(max_cost=0.7))
     assert advisor.propose(START).notes["cost"] == 0.4
     assert "0.40 USD are spent and another call may cost 0.40; --max-cost is 0.7; --resume" in refusal(advisor, LATER)
-    more = VlmAdvisor(Dear(), Brief(), SPACE, Transcript(tmp_path), Limits(max_cost=0.9))
+    more = VlmAdvisor(Dear(), brief, SPACE, Transcript(tmp_path), VlmAccess(max_cost=0.9))
     assert more.propose(LATER).notes["calls"] == [2]
     with pytest.raises(ArgumentError, match="max_cost is 2 USD, but the price of openai:some-model isn't known; limit"):
-        ask(Limits(max_cost=2.0))
+        ask(max_cost=2.0)
 
 
 # replay
@@ -251,7 +252,7 @@ def test_a_replay_gives_the_same_proposals_without_asking(ask, vlm, tmp_path):
     vlm.script(replies("no"), replies(good()), replies(good(2.0)))
     advisor = ask()
     first, second = advisor.propose(START), advisor.propose(LATER)
-    replay = ReplayAdvisor(tmp_path, SPACE)
+    replay = ReplayAdvisor(Transcript(tmp_path), SPACE)
     here = evaluation(0.5, 0.5, 0.05 * (1 + 1e-14))  # on another processor
     for situation, proposal in ((START, first), (LATER, second), (Situation(here, (), here), first)):
         assert replay.propose(situation).as_dict() == proposal.as_dict()
@@ -260,14 +261,14 @@ def test_a_replay_gives_the_same_proposals_without_asking(ask, vlm, tmp_path):
 
 def test_a_replay_that_has_come_elsewhere_is_refused(ask, vlm, tmp_path):
     with pytest.raises(ArgumentError, match="has no calls on record, so there is nothing to replay"):
-        ReplayAdvisor(tmp_path, SPACE)
+        ReplayAdvisor(Transcript(tmp_path), SPACE)
     vlm.script(replies(good()))
     ask().propose(START)
     elsewhere = evaluation(0.5, 0.5, 0.07)
     with pytest.raises(AdvisorError, match=r"round 1 of '.*' began at a loss of 50\.000 mm and here it is 70\.000 mm"):
-        ReplayAdvisor(tmp_path, SPACE).propose(Situation(elsewhere, (), elsewhere))
+        ReplayAdvisor(Transcript(tmp_path), SPACE).propose(Situation(elsewhere, (), elsewhere))
     with pytest.raises(AdvisorError, match="end before round 2; a budget up to that run's replays without it"):
-        ReplayAdvisor(tmp_path, SPACE).propose(LATER)
+        ReplayAdvisor(Transcript(tmp_path), SPACE).propose(LATER)
 
 
 # the transcript
@@ -277,13 +278,13 @@ def test_a_replay_that_has_come_elsewhere_is_refused(ask, vlm, tmp_path):
     ("change", "said"),
     [
         (lambda text: text[: len(text) // 2], "can't be read as JSON"),
-        (lambda text: text.replace('"format": 1', '"format": 9'), "its format is 9, this version of swim2real reads 1"),
+        (lambda text: text.replace('"format": 1', '"format": 9'), "'format' is 9; it must be 1"),
         (lambda text: text.replace('"outcome"', '"income"'), "'outcome' is missing"),
         (lambda text: text.replace('"media/', '"../media/'), "it names media outside of the transcript"),
     ],
 )
 def test_a_damaged_transcript_is_named(ask, tmp_path, change, said):
-    VlmAdvisor(Dear(), Brief(), SPACE, Transcript(tmp_path)).propose(START)
+    VlmAdvisor(Dear(), brief, SPACE, Transcript(tmp_path)).propose(START)
     path = tmp_path / "advisor" / "call_0001.json"
     path.write_text(change(path.read_text()))
     message = refusal(ask())
@@ -297,11 +298,11 @@ def test_a_reply_with_a_nul_or_half_a_character_is_read_again(tmp_path):
             text = good().replace("too slow", r"a\u0000 ü 鱼") + "\0 \ud800"
             return replace(super().call(request), text=text, model="model\0")
 
-    proposal = VlmAdvisor(Odd(), Brief(), SPACE, Transcript(tmp_path)).propose(START)
+    proposal = VlmAdvisor(Odd(), brief, SPACE, Transcript(tmp_path)).propose(START)
     (call,) = Transcript(tmp_path).calls
     assert call.reply.text.endswith("\ufffd ?")
     assert call.reply.model == "model\ufffd"
-    assert ReplayAdvisor(tmp_path, SPACE).propose(START).as_dict() == proposal.as_dict()
+    assert ReplayAdvisor(Transcript(tmp_path), SPACE).propose(START).as_dict() == proposal.as_dict()
 
 
 # files

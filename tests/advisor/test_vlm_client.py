@@ -16,11 +16,11 @@ from pathlib import Path
 import certifi
 import pytest
 
-from swim2real.advisor.vlm.client import RetryPolicy, make_client
-from swim2real.advisor.vlm.errors import AttemptError, classify_error, redact
+from swim2real.advisor.vlm.client import AttemptError, ModelClient, classify_error, retrying
 from swim2real.advisor.vlm.exchange import CallError, Media, Request
-from swim2real.advisor.vlm.providers import price, same_model
+from swim2real.advisor.vlm.providers import price, redact, same_model
 from swim2real.errors import ArgumentError, MissingExtraError
+from swim2real.settings import VlmAccess
 from vlm_server import PROVIDERS, VlmServer, cuts, drips, drops, hangs, refuses, replies, sends
 
 KEY = "sk-proj-Tk3vQx81LmZp90RbWc27HyUe"
@@ -50,9 +50,8 @@ class Ask:
     def __init__(self, vlm, provider, *behaviors, tries=6, timeout=20.0, then=None, sleep=None):
         self.provider, self.waits, self.reported = provider, [], []
         vlm.script(*behaviors, then=then)
-        retry = RetryPolicy(tries, sleep=sleep or self.waits.append)
-        name = f"{provider}:{MODELS[provider]}"
-        self.client = make_client(name, vlm.url(provider), "TEST_SERVER_KEY", timeout, retry=retry)
+        access = VlmAccess(vlm.url(provider), "TEST_SERVER_KEY", timeout=timeout, tries=tries)
+        self.client = ModelClient(f"{provider}:{MODELS[provider]}", access, sleep=sleep or self.waits.append)
 
     def __call__(self):
         return self.client.call(question(self.provider), self.reported.append)
@@ -225,7 +224,7 @@ def test_waits_are_random_and_grow_up_to_a_cap():
             raise AttemptError("retry", "busy")
 
         with pytest.raises(AttemptError):
-            RetryPolicy(9, sleep=lambda seconds: None).retrying(lengths.append)(fail)
+            retrying(9, lengths.append, lambda seconds: None)(fail)
         return lengths
 
     sets = [waits() for _ in range(30)]
@@ -331,11 +330,12 @@ def test_a_schema_is_refused_only_once(vlm):
 
 def test_models_without_schemas_and_models_that_will_be_switched_off_are_noted(vlm):
     vlm.script(then=replies(REPLY))
-    reply = make_client("anthropic:claude-3-haiku-20240307", vlm.url("anthropic")).call(question("anthropic"))
+    access = VlmAccess(vlm.url("anthropic"))
+    reply = ModelClient("anthropic:claude-3-haiku-20240307", access).call(question("anthropic"))
     assert vlm.requests[0].schema is None
     assert '"mass"' in vlm.requests[0].instructions
     assert any(note.startswith("asked for JSON in words") for note in reply.notes)
-    reply = make_client("anthropic:claude-sonnet-4-5", vlm.url("anthropic")).call(question("anthropic"))
+    reply = ModelClient("anthropic:claude-sonnet-4-5", access).call(question("anthropic"))
     assert any("'claude-sonnet-4-5' is deprecated" in note for note in reply.notes)
 
 
@@ -406,10 +406,11 @@ def test_the_librarys_own_logs_show_no_key_even_where_they_are_on(vlm, provider)
     code = f"""
 import logging, sys
 logging.basicConfig(level=logging.DEBUG)
-from swim2real.advisor.vlm.client import RetryPolicy, make_client
+from swim2real.advisor.vlm.client import ModelClient
 from swim2real.advisor.vlm.exchange import Request
+from swim2real.settings import VlmAccess
 for _ in range(2):  # what the first call imports sets its own levels
-    client = make_client("{provider}:a-model", "{vlm.url(provider)}", "TEST_SERVER_KEY", retry=RetryPolicy(1))
+    client = ModelClient("{provider}:a-model", VlmAccess("{vlm.url(provider)}", "TEST_SERVER_KEY", tries=1))
     client.call(Request("Be brief.", ("What differs?",), {{"type": "object", "properties": {{}}}}, 1000))
 """
     names = ("OPENAI_LOG", "ANTHROPIC_LOG", "HTTPX_LOG_LEVEL", "PYDANTIC_AI_LOG")
@@ -428,7 +429,7 @@ def test_another_server_is_not_sent_the_providers_key(vlm, provider, monkeypatch
     monkeypatch.setenv("OPENAI_BASE_URL", "http://192.0.2.1")
     monkeypatch.delenv("TEST_SERVER_KEY")
     vlm.script(replies(REPLY), refuses(401, "Who are you?"))
-    client = make_client(f"{provider}:{MODELS[provider]}", vlm.url(provider))
+    client = ModelClient(f"{provider}:{MODELS[provider]}", VlmAccess(vlm.url(provider)))
     assert client.call(question(provider)).text == REPLY
     assert KEY not in json.dumps([dict(asked.headers) for asked in vlm.requests])
     with pytest.raises(CallError, match="check the key, which --key-variable names"):
@@ -443,7 +444,7 @@ def test_the_providers_own_addresses(monkeypatch, only_this_machine):
         monkeypatch.setenv(name, "http://192.0.2.1")  # which another program may need
     for provider, address in addresses.items():
         monkeypatch.setenv(VARIABLES[provider], KEY)
-        client = make_client(f"{provider}:{MODELS[provider]}", retry=RetryPolicy(1))
+        client = ModelClient(f"{provider}:{MODELS[provider]}", VlmAccess(tries=1))
         with pytest.raises(CallError, match=f"a test must not reach '{address}'") as caught:
             client.call(question(provider))
         assert caught.value.kind == "unreachable"
@@ -470,10 +471,12 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("name", "more", "words"), REFUSED)
-def test_what_is_refused_before_a_call_without_a_word_of_a_key(name, more, words):
+@pytest.mark.parametrize(("name", "access", "words"), REFUSED)
+def test_what_is_refused_before_a_call_without_a_word_of_a_key(name, access, words):
+    access = dict(access)
+    media = access.pop("media", "auto")
     with pytest.raises(ArgumentError) as caught:
-        make_client(name, **more)
+        ModelClient(name, VlmAccess(**access), media)
     assert words in str(caught.value)
     assert not pieces(str(caught.value))
 
@@ -481,17 +484,17 @@ def test_what_is_refused_before_a_call_without_a_word_of_a_key(name, more, words
 def test_a_variable_that_holds_no_key_is_named_and_both_of_google_count(monkeypatch):
     monkeypatch.setenv("GOOGLE_API_KEY", f"{KEY}\nsecond line")
     with pytest.raises(ArgumentError, match="GOOGLE_API_KEY holds no key") as caught:
-        make_client("google:some-model")
+        ModelClient("google:some-model", VlmAccess())
     assert not pieces(str(caught.value))
     monkeypatch.delenv("GOOGLE_API_KEY")
     monkeypatch.setenv("GEMINI_API_KEY", f" {KEY}\n")
-    client = make_client("google:gemini-3.1-pro-preview")
+    client = ModelClient("google:gemini-3.1-pro-preview", VlmAccess())
     assert client.price_known
 
 
 def test_who_takes_video():
     kinds = [("google", "auto"), ("google", "video"), ("google", "images"), ("openai", "auto"), ("anthropic", "auto")]
-    takes = [make_client(f"{name}:m", "http://127.0.0.1:1", media=media).takes_video for name, media in kinds]
+    takes = [ModelClient(f"{name}:m", VlmAccess(**HERE), media).takes_video for name, media in kinds]
     assert takes == [True, True, False, False, False]
 
 
@@ -559,5 +562,5 @@ def test_an_interrupt_ends_a_call_at_once(vlm, provider, moment):
 def test_a_missing_library_is_named(library, monkeypatch):
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(MissingExtraError, match=r"install it with: pip install 'swim2real\[vlm\]'") as caught:
-        make_client("google:gemini-3.1-pro-preview", "http://127.0.0.1:1")
+        ModelClient("google:gemini-3.1-pro-preview", VlmAccess(**HERE))
     assert library.replace(".", "-") in str(caught.value)

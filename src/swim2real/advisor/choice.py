@@ -8,18 +8,20 @@ from pathlib import Path
 
 from swim2real.advisor.briefing.prompt import TrialPromptBuilder
 from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
-from swim2real.advisor.vlm.advisor import REPAIRS, AdvisorEvent, Limits, ReplayAdvisor, VlmAdvisor
-from swim2real.advisor.vlm.client import RetryPolicy, make_client
-from swim2real.advisor.vlm.exchange import Client
+from swim2real.advisor.vlm.advisor import REPAIRS, AdvisorEvent, ReplayAdvisor, VlmAdvisor
+from swim2real.advisor.vlm.client import ModelClient
 from swim2real.advisor.vlm.files import FilesClient
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.advisor.vlm.transcript import Transcript, totals
 from swim2real.errors import ArgumentError
 from swim2real.objective import Comparison
-from swim2real.optimizers import Advisor
+from swim2real.optimizers import Advice, Advisor, Measurement, Situation
+from swim2real.optimizers.advisor import reads_residuals
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import FILES, PHYSICS, BriefingSettings, VlmAccess, check_advisor, replayed_run
+
+_PROBED = 0.1  # of a parameter's range, by which it is changed
 
 
 @dataclass(frozen=True)
@@ -68,28 +70,51 @@ def make_advisor(
         measured = robot.trials.response is not None
         return PhysicsAdvisor(robot, space, seed) if measured else SensitivityAdvisor(space, seed)
     if (source := replayed_run(name)) is not None:
-        return ReplayAdvisor(source, space)
+        return ReplayAdvisor(Transcript(source), space)
     if context is None:
         raise ArgumentError(f"advisor '{name}' needs the context of a run")
-    access = context.access
-    transcript = Transcript(context.run)
-    repairs: int | None = REPAIRS
+    access, briefing, transcript = context.access, context.briefing, Transcript(context.run)
+
+    def on_wait(text: str, number: int) -> None:
+        context.on_event(AdvisorEvent("waits", number, text, totals(transcript.calls)))
+
     if name == FILES:
-
-        def on_wait(text: str, number: int) -> None:
-            context.on_event(AdvisorEvent("waits", number, text, totals(transcript.calls)))
-
-        schema, films = reply_schema(space, bounds=True), context.briefing.media == "video"
-        client: Client = FilesClient(context.run, schema, films, access.once, on_wait)
-        repairs = None  # a person may try as often as they like
+        films = briefing.media == "video"
+        client = FilesClient(context.run, reply_schema(space, bounds=True), films, access.once, on_wait)
     else:
-        retry = RetryPolicy(access.tries)
-        client = make_client(
-            name, access.base_url, access.key_variable, access.timeout, context.briefing.media, retry
-        )  # fmt: skip
+        client = ModelClient(name, access, briefing.media)
     prompts = TrialPromptBuilder(
-        robot, space, context.simulate, context.videos, context.briefing, client.takes_video, access.reply_tokens,
+        robot, space, context.simulate, context.videos, briefing, client.takes_video, access.reply_tokens,
         context.from_rest,
     )  # fmt: skip
-    limits = Limits(access.max_calls, access.max_cost, repairs)
-    return VlmAdvisor(client, prompts, space, transcript, limits, context.on_event)
+    repairs = None if name == FILES else REPAIRS  # a person may try as often as they like
+    asking = VlmAdvisor(client, prompts.question, space, transcript, access, context.on_event, repairs)
+    return ReplayAdvisor(transcript, space, then=asking)
+
+
+class ProbingAdvisor:
+    """Has the first parameters changed one after the other, each at one evaluation, then another advisor proposes."""
+
+    def __init__(self, advisor: Advisor, space: ParameterSpace, count: int) -> None:
+        """Prepares the probes.
+
+        Args:
+            advisor: Who proposes.
+            space: Parameters as the optimizer uses them; they are measured in their order.
+            count: Number of parameters that are measured.
+
+        Raises:
+            ArgumentError: There are fewer parameters.
+        """
+        if count > len(space):
+            raise ArgumentError(f"probes is {count}; the robot has {len(space)} parameters to measure")
+        self._advisor, self._space, self._count = advisor, space, count
+        self.needs_residual = reads_residuals(advisor)
+
+    def propose(self, situation: Situation) -> Advice:
+        """The next parameter to measure, a step toward the middle of its range, or the advisor's advice."""
+        i = len(situation.measurements)
+        if situation.rounds or i >= self._count:
+            return self._advisor.propose(situation)
+        here = situation.incumbent.candidate.point
+        return Measurement.of_one(here, i, self._space.names[i], _PROBED if here[i] <= 0.5 else -_PROBED)

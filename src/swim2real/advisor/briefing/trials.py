@@ -295,10 +295,10 @@ def _columns(facts: RoundFacts) -> list[tuple[str, str, Callable[[TrialFacts], s
     def add(heading: str, explanation: str, cell: Callable[[TrialFacts], str]) -> None:
         columns.append((heading, explanation, cell))
 
-    def add_figure(name: str) -> None:
+    def add_figure(name: str, digits: int = 1) -> None:
         figure = FIGURES[name]
         said, heading = f"`{figure.short}`: {_SAID[name]}", figure.column.replace("°", "deg")
-        add(heading, said, lambda trial: number(getattr(trial.figures, name), figure.digits or 0, figure.factor))
+        add(heading, said, lambda trial: number(getattr(trial.figures, name), digits, figure.factor))
 
     def has(figure: str) -> bool:
         return any(getattr(trial.figures, figure) is not None for trial in here.trials)
@@ -336,7 +336,7 @@ def _columns(facts: RoundFacts) -> list[tuple[str, str, Callable[[TrialFacts], s
     if windows:
         said = "`most off at`: when the markers' mean places are farthest off."
         add("most off at s", said, lambda trial: span(trial.worst_window))
-    add_figure("left_out_share")
+    add_figure("left_out_share", 0)
     return columns
 
 

@@ -8,20 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 from swim2real.advisor.vlm.exchange import Attempt, CallError, Client, Reply, Request
 from swim2real.advisor.vlm.providers import same_model
-from swim2real.advisor.vlm.reply import ParsedReply, ReplyError, parse_reply
+from swim2real.advisor.vlm.reply import ReplyError, parse_reply
 from swim2real.advisor.vlm.transcript import Call, Incumbent, Outcome, Totals, Transcript, totals
 from swim2real.errors import AdvisorError, ArgumentError
-from swim2real.optimizers import Advice, Measurement, Proposal, Situation
+from swim2real.optimizers import Advice, Advisor, Measurement, Proposal, Situation
 from swim2real.parameters import ParameterSpace
+from swim2real.settings import VlmAccess
 
 REPAIRS = 2  # of one reply
-PROBE = "probe"  # note of a measurement that was asked for in a reply
-FAILURES = 3  # rounds without a proposal, in a row, before a run stops
+_PROBE = "probe"  # note of a measurement that was asked for in a reply
+_FAILURES = 3  # rounds without a proposal, in a row, before a run stops
 _LONGEST_QUOTE = 6000  # characters of an earlier reply that are shown again
 
 EventKind = Literal["asks", "waits", "received", "answered", "unusable", "failed", "warning"]
@@ -45,69 +45,38 @@ class AdvisorEvent:
     totals: Totals
 
 
-class PromptBuilder(Protocol):
-    """Writes the question of a round."""
-
-    def question(self, situation: Situation, level: int = 0) -> Request:
-        """What is shown.
-
-        Args:
-            situation: Situation of the run.
-            level: 0 for the detail of the settings, 1 for less, where a context is too small.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a run's calls may take.
-
-    Attributes:
-        max_calls: Most calls, repairs and failed ones included; None for any number.
-        max_cost: Highest cost [USD]; None for any.
-        repairs: Most repairs of one reply; None for any number.
-    """
-
-    max_calls: int | None = None
-    max_cost: float | None = None
-    repairs: int | None = REPAIRS
-
-    def __post_init__(self) -> None:
-        if self.max_calls is not None and self.max_calls < 1:
-            raise ArgumentError(f"max_calls is {self.max_calls}; it must be at least 1")
-        if self.max_cost is not None and not 0 < self.max_cost < float("inf"):
-            raise ArgumentError(f"max_cost is {self.max_cost:g} USD; it must be finite and above 0")
-
-
 class VlmAdvisor:
     """An advisor behind a client, be it a service, a server in the next room or a person with a text editor.
 
     A round without a usable reply costs no evaluation; after three in a row the advisor gives up with an error, and
-    the run can go on later. A reply that is on record for a round is used again, not paid for twice.
+    the run can go on later.
     """
 
     def __init__(
-        self, client: Client, prompts: PromptBuilder, space: ParameterSpace, transcript: Transcript,
-        limits: Limits | None = None, on_event: Callable[[AdvisorEvent], None] = lambda event: None,
+        self, client: Client, question: Callable[[Situation, int], Request], space: ParameterSpace,
+        transcript: Transcript, access: VlmAccess | None = None,
+        on_event: Callable[[AdvisorEvent], None] = lambda event: None, repairs: int | None = REPAIRS,
     ) -> None:  # fmt: skip
         """Prepares the advisor.
 
         Args:
             client: Carries requests.
-            prompts: Writes the questions.
+            question: Writes what is asked in a situation, at level 0 in the detail of the settings, at 1 in less, where
+                a context is too small.
             space: Parameters of the simulator.
             transcript: Transcript of the run, where every call is kept.
-            limits: Limits of calls and cost.
+            access: What calls may take.
             on_event: Called as things happen.
+            repairs: Most repairs of one reply; None for any number.
 
         Raises:
             ArgumentError: The cost is limited and the price isn't known.
         """
-        self._client, self._prompts, self._space, self._transcript = client, prompts, space, transcript
-        self._limits, self._on_event = limits or Limits(), on_event
-        if self._limits.max_cost is not None and not client.price_known:
+        self._client, self._write_question, self._space, self._transcript = client, question, space, transcript
+        self._access, self._on_event, self._repairs = access or VlmAccess(), on_event, repairs
+        if self._access.max_cost is not None and not client.price_known:
             raise ArgumentError(
-                f"max_cost is {self._limits.max_cost:g} USD, but the price of {client.name} isn't known; "
+                f"max_cost is {self._access.max_cost:g} USD, but the price of {client.name} isn't known; "
                 f"limit the calls with --max-calls"
             )
         self._warned: set[str] = set()
@@ -118,66 +87,58 @@ class VlmAdvisor:
         Raises:
             AdvisorError: Three rounds in a row failed, a limit is reached, or a setting is wrong.
         """
-        number = len(situation.rounds) + 1
-        recorded = recorded_advice_of(self._transcript, situation, self._space)
-        if recorded is not None:
-            return recorded
         problem = ""
-        for _ in range(FAILURES):
-            answer = self._ask(situation, number, problem)
-            if not isinstance(answer, str):
-                return advice_of(*answer, self._transcript, situation, self._space)
+        for _ in range(_FAILURES):
+            answer = self._ask(situation, problem)
+            if isinstance(answer, Call):
+                return _advice_of(answer, self._transcript, situation, self._space)
             problem = answer
         raise AdvisorError(
-            f"round {number}: {FAILURES} times in a row there was no usable reply from {self._client.name}; the "
-            f"last time, {problem}; nothing is lost, --resume asks again"
+            f"round {len(situation.rounds) + 1}: {_FAILURES} times in a row there was no usable reply from "
+            f"{self._client.name}; the last time, {problem}; nothing is lost, --resume asks again"
         )
 
-    def _ask(self, situation: Situation, number: int, earlier: str) -> tuple[Call, ParsedReply] | str:
-        """One try of a round: the call whose reply can be used, and what it says; or why there is none."""
-        question = self._question(situation, number, earlier)
-        request, repairs, shortened = question, 0, False
-        current = self._space.to_values(situation.incumbent.candidate.point)
+    def _ask(self, situation: Situation, earlier: str) -> Call | str:
+        """One try of a round: the call whose reply can be used, or why there is none."""
+        question = self._question(situation, earlier)
+        request, repairs, level = question, 0, 0
         while True:
             try:
                 reply = self._call(request, situation)
             except CallError as error:
-                if error.kind == "too_long" and not shortened:
-                    question = request = self._question(situation, number, earlier, 1)
-                    shortened = True
+                if error.kind == "too_long" and level == 0:
+                    level = 1
+                    question = request = self._question(situation, earlier, level)
                     continue
                 if error.kind == "settings":
                     raise
                 return str(error)
             try:
-                parsed = parse_reply(reply.text, self._space, current)
+                parse_reply(reply.text, self._space, self._space.to_values(situation.incumbent.candidate.point))
             except ReplyError as error:
                 problem = _why_unusable(reply, request, error)
             else:
                 call = self._record(request, situation, "used", None, reply)
-                self._report("answered", number, _summary(call))
-                return call, parsed
+                self._report("answered", request.round, _summary(call))
+                return call
             self._record(request, situation, "unusable", problem, reply)
-            self._report("unusable", number, problem)
-            if self._limits.repairs is not None and repairs == self._limits.repairs:
+            self._report("unusable", request.round, problem)
+            if self._repairs is not None and repairs == self._repairs:
                 return f"{problem} (after {repairs} repairs)"
             repairs += 1
             longer = 2 if reply.finish == "length" else 1
             request = repair_request(question, reply.text, problem, longer * request.max_tokens)
 
-    def _question(self, situation: Situation, number: int, earlier: str, level: int = 0) -> Request:
-        question = replace(self._prompts.question(situation, level), round=number, turn=turn_of(situation))
-        if not earlier:
-            return question
-        note = f"An earlier answer to this could not be used: {earlier}."
-        return replace(question, parts=(*question.parts, note))
+    def _question(self, situation: Situation, earlier: str, level: int = 0) -> Request:
+        question = self._write_question(situation, level)
+        note = (f"An earlier answer to this could not be used: {earlier}.",) if earlier else ()
+        number, turn = len(situation.rounds) + 1, _turn_of(situation)
+        return replace(question, round=number, turn=turn, parts=(*question.parts, *note))
 
     def _call(self, request: Request, situation: Situation) -> Reply:
         self._check_limits()
-        number = request.round
-        media = request.media
-        size = sum(len(file.data) for file in media)
-        shown = f" with {len(media)} pictures or films ({size / 1e6:.1f} MB)" if media else ""
+        number, size = request.round, sum(len(file.data) for file in request.media)
+        shown = f" with {len(request.media)} pictures or films ({size / 1e6:.1f} MB)" if request.media else ""
         self._report("asks", number, f"{'repair' if request.is_repair else 'question'}{shown} to {self._client.name}")
 
         def on_attempt(attempt: Attempt) -> None:
@@ -185,7 +146,6 @@ class VlmAdvisor:
 
         try:
             reply = self._client.call(request, on_attempt)
-            self._report("received", number, "")
         except CallError as error:
             self._record(request, situation, "failed", str(error), None, error.attempts)
             self._report("failed", number, str(error))
@@ -193,38 +153,35 @@ class VlmAdvisor:
         except KeyboardInterrupt:
             self._record(request, situation, "failed", "interrupted", None)
             raise
-        self._check_model(reply, number)
+        self._report("received", number, "")
+        asked = self._client.name.partition(":")[2]
+        if reply.model and asked and not same_model(asked, reply.model) and reply.model not in self._warned:
+            self._warned.add(reply.model)
+            self._report("warning", number, f"{asked} was asked and {reply.model} answered; the record says which")
         return reply
 
     def _check_limits(self) -> None:
-        so_far = totals(self._transcript.calls)
-        limits = self._limits
-        if limits.max_calls is not None and so_far.calls >= limits.max_calls:
+        so_far, access = totals(self._transcript.calls), self._access
+        if access.max_calls is not None and so_far.calls >= access.max_calls:
             raise AdvisorError(
-                f"{so_far.calls} calls were made and --max-calls is {limits.max_calls}; --resume with a higher one "
+                f"{so_far.calls} calls were made and --max-calls is {access.max_calls}; --resume with a higher one "
                 f"goes on"
             )
+        spent = so_far.cost or 0.0
         dearest = max((call.reply.cost or 0.0 for call in self._transcript.calls if call.reply), default=0.0)
-        if limits.max_cost is not None and (so_far.cost or 0.0) + dearest > limits.max_cost:
+        if access.max_cost is not None and spent + dearest > access.max_cost:
             raise AdvisorError(
-                f"{so_far.cost or 0.0:.2f} USD are spent and another call may cost {dearest:.2f}; --max-cost is "
-                f"{limits.max_cost:g}; --resume with a higher one goes on"
+                f"{spent:.2f} USD are spent and another call may cost {dearest:.2f}; --max-cost is "
+                f"{access.max_cost:g}; --resume with a higher one goes on"
             )
-
-    def _check_model(self, reply: Reply, number: int) -> None:
-        requested = self._client.name.partition(":")[2]
-        if reply.model and requested and not same_model(requested, reply.model) and reply.model not in self._warned:
-            self._warned.add(reply.model)
-            self._report("warning", number, f"{requested} was asked and {reply.model} answered; the record says which")
 
     def _record(
         self, request: Request, situation: Situation, outcome: Outcome, problem: str | None, reply: Reply | None,
         attempts: tuple[Attempt, ...] = (),
     ) -> Call:  # fmt: skip
-        made = attempts if reply is None else reply.attempts
         call = Call(
             0, request.round, request.is_repair, self._client.name, outcome, problem,
-            Incumbent.of(situation.incumbent), reply, made, turn=request.turn,
+            Incumbent.of(situation.incumbent), reply, attempts if reply is None else reply.attempts, turn=request.turn,
         )  # fmt: skip
         return self._transcript.write(call, request)
 
@@ -233,93 +190,51 @@ class VlmAdvisor:
 
 
 class ReplayAdvisor:
-    """Answers from another run's transcript, without a network or a key, as long as the run takes the same way."""
+    """Answers from a run's transcript, without a network or a key, as long as the run takes the same way.
 
-    def __init__(self, run: str | Path, space: ParameterSpace) -> None:
-        """Opens the transcript.
+    In the run itself a reply that is on record is used again, not paid for twice, before another advisor is asked.
+    """
+
+    def __init__(self, transcript: Transcript, space: ParameterSpace, then: Advisor | None = None) -> None:
+        """Prepares the replay.
 
         Args:
-            run: Run folder whose calls are on record.
+            transcript: Calls on record.
             space: Parameters of the simulator, on the scale of that run.
+            then: Who is asked what isn't on record; None where that is an error.
 
         Raises:
-            ArgumentError: There is no call on record.
+            ArgumentError: There is no call on record, and nobody else to ask.
             AdvisorError: The transcript is damaged.
         """
-        self._run, self._space, self._transcript = Path(run), space, Transcript(run)
-        if not self._transcript.calls:
+        self._transcript, self._space, self._then = transcript, space, then
+        if then is None and not transcript.calls:
             raise ArgumentError(
-                f"'{run}' has no calls on record, so there is nothing to replay; give the folder of a run with a VLM "
-                f"or with --advisor files"
+                f"'{transcript.run}' has no calls on record, so there is nothing to replay; give the folder of a run "
+                f"with a VLM or with --advisor files"
             )
 
     def propose(self, situation: Situation) -> Advice:
-        """The recorded advice.
+        """The recorded advice, or the other advisor's.
 
         Raises:
             AdvisorError: The record ends before, or this run has come elsewhere.
         """
-        recorded = recorded_advice_of(self._transcript, situation, self._space)
-        if recorded is not None:
-            return recorded
-        number = len(situation.rounds) + 1
+        number, run = len(situation.rounds) + 1, self._transcript.run
+        call = self._transcript.answer(number, _turn_of(situation), situation.incumbent)
+        if call is not None:
+            return _advice_of(call, self._transcript, situation, self._space)
+        if self._then is not None:
+            return self._then.propose(situation)
         used = [call for call in self._transcript.of_round(number) if call.outcome == "used"]
         if used:
             raise AdvisorError(
-                f"round {number} of '{self._run}' began at a loss of {1e3 * used[0].incumbent.loss:.3f} mm and here it "
+                f"round {number} of '{run}' began at a loss of {1e3 * used[0].incumbent.loss:.3f} mm and here it "
                 f"is {1e3 * situation.incumbent.loss:.3f} mm; a replay needs the same reference, settings and versions"
             )
         raise AdvisorError(
-            f"the replies in '{self._run}' end before round {number}; a budget up to that run's replays without it"
+            f"the replies in '{run}' end before round {number}; a budget up to that run's replays without it"
         )
-
-
-def turn_of(situation: Situation) -> int:
-    """Which turn of its round an advisor has: 1, and one more after each of its probes."""
-    return 1 + sum(bool(measured.candidate.note.get(PROBE)) for measured in situation.measurements)
-
-
-def recorded_advice_of(transcript: Transcript, situation: Situation, space: ParameterSpace) -> Advice | None:
-    """The advice that is on record for a situation, None without.
-
-    Raises:
-        AdvisorError: There is no reply, or it can't be used.
-    """
-    call = transcript.answer(len(situation.rounds) + 1, turn_of(situation), situation.incumbent)
-    if call is None:
-        return None
-    if call.reply is None:
-        raise AdvisorError(f"call {call.number} has no reply")
-    parsed = parse_reply(call.reply.text, space, space.to_values(situation.incumbent.candidate.point))
-    return advice_of(call, parsed, transcript, situation, space)
-
-
-def advice_of(
-    call: Call, parsed: ParsedReply, transcript: Transcript, situation: Situation, space: ParameterSpace
-) -> Advice:
-    """The proposal or the probe that a call's reply makes: the same when it is answered and in a replay.
-
-    Args:
-        call: Call whose reply is used.
-        parsed: What its reply says.
-        transcript: Transcript of the run, with all calls of the turn.
-        situation: Situation that it answers.
-        space: Parameters of the simulator.
-    """
-    calls = [made for made in transcript.of_round(call.round) if made.turn == call.turn]
-    sums = totals(calls)
-    notes = {
-        "advisor": call.advisor, "model": call.reply and call.reply.model, "calls": [made.number for made in calls],
-        "input_tokens": sums.input_tokens, "output_tokens": sums.output_tokens, "cost": sums.cost,
-        "seconds": round(sums.seconds, 3), **parsed.notes(),
-    }  # fmt: skip
-    if call.reply and call.reply.notes:
-        notes["remarks"] = list(call.reply.notes)
-    point = parsed.point(space, situation.incumbent.candidate.point)
-    if parsed.probe:
-        texts = {"diagnosis": parsed.diagnosis, "reasoning": parsed.reasoning}
-        return Measurement(point, {PROBE: True, **texts, "notes": notes})
-    return Proposal(point, parsed.diagnosis, parsed.reasoning, notes)
 
 
 def repair_request(question: Request, reply: str, problem: str, max_tokens: int) -> Request:
@@ -342,6 +257,33 @@ def repair_request(question: Request, reply: str, problem: str, max_tokens: int)
     return replace(question, parts=(*texts, ask), max_tokens=max_tokens, problem=problem)
 
 
+def _turn_of(situation: Situation) -> int:
+    """Which turn of its round an advisor has: 1, and one more after each of its probes."""
+    return 1 + sum(bool(measured.candidate.note.get(_PROBE)) for measured in situation.measurements)
+
+
+def _advice_of(call: Call, transcript: Transcript, situation: Situation, space: ParameterSpace) -> Advice:
+    """The proposal or the probe that a call's reply makes: the same when it is answered and in a replay."""
+    if call.reply is None:
+        raise AdvisorError(f"call {call.number} has no reply")
+    here = situation.incumbent.candidate.point
+    parsed = parse_reply(call.reply.text, space, space.to_values(here))
+    calls = [made for made in transcript.of_round(call.round) if made.turn == call.turn]
+    sums = totals(calls)
+    notes = {
+        "advisor": call.advisor, "model": call.reply.model, "calls": [made.number for made in calls],
+        "input_tokens": sums.input_tokens, "output_tokens": sums.output_tokens, "cost": sums.cost,
+        "seconds": round(sums.seconds, 3), **parsed.notes(),
+    }  # fmt: skip
+    if call.reply.notes:
+        notes["remarks"] = list(call.reply.notes)
+    point = parsed.point(space, here)
+    if parsed.probe:
+        texts = {"diagnosis": parsed.diagnosis, "reasoning": parsed.reasoning}
+        return Measurement(point, {_PROBE: True, **texts, "notes": notes})
+    return Proposal(point, parsed.diagnosis, parsed.reasoning, notes)
+
+
 def _why_unusable(reply: Reply, request: Request, error: ReplyError) -> str:
     match reply.finish:
         case "length":
@@ -354,8 +296,7 @@ def _why_unusable(reply: Reply, request: Request, error: ReplyError) -> str:
 
 
 def _summary(call: Call) -> str:
-    reply = call.reply
-    parts = [f"{call.seconds:.0f} s"]
+    reply, parts = call.reply, [f"{call.seconds:.0f} s"]
     if reply and reply.input_tokens is not None and reply.output_tokens is not None:
         parts.append(f"{reply.input_tokens} + {reply.output_tokens} tokens")
     if reply and reply.cost is not None:

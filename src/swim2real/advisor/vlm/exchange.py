@@ -6,14 +6,15 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
-from pydantic import FiniteFloat
+from pydantic import FiniteFloat, PlainSerializer
 
 from swim2real.errors import AdvisorError
 
 Finish = Literal["stop", "length", "refusal"]
 FailureKind = Literal["unreachable", "blocked", "too_long", "settings"]
+Seconds = Annotated[FiniteFloat, PlainSerializer(lambda seconds: round(seconds, 3))]
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Media:
         label: What it shows, in a line that is sent before it.
         media_type: `image/png`, `image/jpeg` or `video/mp4`.
         data: Content of the file.
-        fps: Frames a second that the model should look at; None for a picture.
+        fps: Frames per second that the model should look at; None for a picture.
     """
 
     label: str
@@ -78,9 +79,9 @@ class Attempt:
         waited: Time before the next attempt [s].
     """
 
-    seconds: FiniteFloat
+    seconds: Seconds
     error: str | None = None
-    waited: FiniteFloat = 0.0
+    waited: Seconds = 0.0
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,19 @@
-"""The providers of VLMs: their names, addresses, keys and prices, and one request to one of them by pydantic-ai."""
+"""The providers of VLMs: names, addresses, prices, one request by pydantic-ai, and keys, kept out of all texts."""
 
 from __future__ import annotations
 
+import logging
+import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import groupby
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Literal
 
-from swim2real.advisor.vlm.errors import quiet_libraries, redact
 from swim2real.advisor.vlm.exchange import Request
-from swim2real.errors import MissingExtraError
-from swim2real.settings import split_vlm_name
+from swim2real.errors import ArgumentError, MissingExtraError
 
 if TYPE_CHECKING:
     import httpx2
@@ -21,6 +23,10 @@ if TYPE_CHECKING:
 Name = Literal["google", "openai", "anthropic"]
 
 PLACEHOLDER = "no-key"  # what a server without keys is sent, since the libraries insist on one
+_KEY_VARIABLES = ("GOOGLE_API_KEY", "GEMINI_API_KEY", "OPENAI_API_KEY", "ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN")
+_SHORTEST_KEY = 8  # characters; what is shorter is a placeholder such as EMPTY, and may be a word of a reply
+_LONGEST_PIECE = 11  # characters of a key that may stay where a library has cut it off; a longer piece is replaced
+_LOUD = ("httpx", "httpx2", "httpcore", "httpcore2", "openai", "anthropic", "google_genai", "google", "pydantic_ai")
 
 
 @dataclass(frozen=True)
@@ -49,31 +55,6 @@ PROVIDERS: dict[str, Provider] = {
         Provider("anthropic", "https://api.anthropic.com", ("ANTHROPIC_API_KEY",), False),
     )
 }
-
-
-@dataclass(frozen=True)
-class RawReply:
-    """A reply as it came.
-
-    Attributes:
-        response: Response as pydantic-ai has it.
-        model: Model that the reply says to be from; None where it doesn't say.
-        with_schema: Whether the provider was asked to keep the reply to the schema.
-    """
-
-    response: ModelResponse
-    model: str | None
-    with_schema: bool
-
-
-def find_provider(name: str) -> tuple[Provider, str]:
-    """The provider and the model's own name of a name such as `google:gemini-3.1-pro-preview`.
-
-    Raises:
-        ArgumentError: It isn't of that form.
-    """
-    provider, model = split_vlm_name(name)
-    return PROVIDERS[provider], model
 
 
 def check_installed() -> None:
@@ -138,7 +119,7 @@ def price(
 
 async def send(
     provider: Provider, model: str, base_url: str | None, key: str, request: Request, with_schema: bool, timeout: float
-) -> RawReply:
+) -> tuple[ModelResponse, str | None, bool]:
     """Sends one request once, and closes everything behind it.
 
     Args:
@@ -149,6 +130,10 @@ async def send(
         request: What is asked.
         with_schema: Whether the provider is to keep the reply to the schema; if not, the instructions ask for it.
         timeout: Time from the start to the last byte [s].
+
+    Returns:
+        The response, the model that it says to be from, if it says so, and whether the provider was to keep to the
+        schema.
     """
     import httpx2
     from pydantic_ai.direct import model_request
@@ -184,7 +169,7 @@ async def send(
     }
     async with httpx2.AsyncClient(timeout=limits, follow_redirects=False, event_hooks=hooks) as http:
         pydantic_model = _open(provider, model, base_url, key, http)
-        quiet_libraries()  # now that they are imported: some set their own levels then
+        _quiet_libraries()  # now that they are imported: some set their own levels then
         native = with_schema and pydantic_model.profile.get("supports_json_schema_output", False)
         response = await model_request(
             pydantic_model,
@@ -200,7 +185,7 @@ async def send(
                 output_object=OutputObjectDefinition(json_schema=dict(request.schema), name="proposal"),
             ),
         )
-    return RawReply(response, named[0] if named else None, native)
+    return response, named[0] if named else None, native
 
 
 def _open(provider: Provider, model: str, base_url: str | None, key: str, http: httpx2.AsyncClient) -> Model[Any]:
@@ -235,3 +220,56 @@ def _open(provider: Provider, model: str, base_url: str | None, key: str, http: 
             from pydantic_ai.providers.anthropic import AnthropicProvider
 
             return AnthropicModel(model, provider=AnthropicProvider(api_key=key, base_url=address, http_client=http))
+
+
+def read_key(variables: Iterable[str]) -> str | None:
+    """The key in the first of these environment variables that is set; None if none is.
+
+    Raises:
+        ArgumentError: It holds what can't stand in a header, such as a space or a line break.
+    """
+    for variable in variables:
+        if key := os.environ.get(variable, "").strip():
+            if not (key.isascii() and key.isprintable()) or " " in key:
+                raise ArgumentError(
+                    f"{variable} holds no key: a key has no spaces, line breaks or letters beyond ASCII; set it again"
+                )
+            return key
+    return None
+
+
+def redact(text: str, variables: Iterable[str] = ()) -> str:
+    """The text with every key that the environment holds replaced by the name of its variable, and pieces of it too.
+
+    Args:
+        text: Text of a provider, which may echo what it was sent, cut off anywhere.
+        variables: Environment variables that hold keys, beside the usual ones.
+    """
+    keys = {os.environ.get(name, "").strip(): name for name in (*_KEY_VARIABLES, *variables)}
+    for key in sorted(keys, key=len, reverse=True):  # one may begin with another
+        if len(key) >= _SHORTEST_KEY:
+            text = _without_pieces(text.replace(key, f"[{keys[key]}]"), key, f"[{keys[key]}]")
+    return text
+
+
+def _without_pieces(text: str, key: str, instead: str) -> str:
+    """The text with pieces of a key replaced; those that are short, for the key too, stay."""
+    size = max(_SHORTEST_KEY, min(_LONGEST_PIECE + 1, len(key) // 2))
+    hit = bytearray(len(text))
+    for i in range(len(key) - size + 1):
+        at = text.find(key[i : i + size])
+        while at >= 0:
+            hit[at : at + size] = b"\1" * size
+            at = text.find(key[i : i + size], at + 1)
+    if not any(hit):
+        return text
+    return "".join(
+        instead if mark else "".join(character for character, _ in run)
+        for mark, run in groupby(zip(text, hit, strict=True), key=itemgetter(1))
+    )
+
+
+def _quiet_libraries() -> None:
+    """Keeps headers and media out of logs, even where everything else is logged."""
+    for name in _LOUD:
+        logging.getLogger(name).setLevel(logging.WARNING)

@@ -5,21 +5,20 @@ from __future__ import annotations
 import math
 import mimetypes
 import re
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
-from pydantic import AfterValidator, Field, FiniteFloat
+from pydantic import AfterValidator, Field, FiniteFloat, TypeAdapter
 
 from swim2real.advisor.vlm.exchange import Attempt, Media, Reply, Request
-from swim2real.checking import check, read, shown
+from swim2real.checking import read
 from swim2real.errors import AdvisorError
 from swim2real.optimizers import Evaluation
 from swim2real.store import reason, write_bytes, write_json
 
-FORMAT = 1
 CALLS = "advisor"  # folder of a run
 MEDIA = "media"
 Outcome = Literal["used", "unusable", "failed"]
@@ -65,23 +64,26 @@ class ShownMedia:
         sha256: Hash of the file, as it was shown.
         label: What it shows.
         media_type: Such as `image/png`.
+        bytes: Size of the file.
+        fps: Frames per second that the model should look at; None for a picture.
     """
 
     media: Annotated[str, AfterValidator(_check_media_path)]
     sha256: str
     label: str
     media_type: str
+    bytes: int = 0
+    fps: float | None = None
 
 
 @dataclass(frozen=True)
 class ShownRequest:
-    """What was shown in a request.
+    """What was shown in a request, as `Request` has it."""
 
-    Attributes:
-        parts: Texts and media in the order in which they were shown.
-    """
-
-    parts: tuple[ShownMedia | str, ...]
+    parts: tuple[ShownMedia | str, ...] = ()
+    instructions: str = ""
+    schema: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    max_tokens: int = 0
 
 
 @dataclass(frozen=True)
@@ -97,10 +99,11 @@ class Call:
             there was no reply.
         problem: Why it wasn't used, in a sentence.
         incumbent: Evaluation that the round began with.
-        reply: Reply, None when there was none. Its attempts are those of the call.
+        reply: Reply, None when there was none.
         attempts: Attempts that were made.
         request: What was shown; given when the call is written.
         turn: Turn within the round: 1, and one more after each probe.
+        format: Of the file.
     """
 
     number: Annotated[int, Field(gt=0, lt=_MOST_CALLS)]
@@ -112,8 +115,9 @@ class Call:
     incumbent: Incumbent
     reply: Reply | None
     attempts: tuple[Attempt, ...]
-    request: ShownRequest = ShownRequest(())
+    request: ShownRequest = ShownRequest()
     turn: Annotated[int, Field(gt=0, lt=_MOST_CALLS)] = 1
+    format: Literal[1] = 1
 
     @property
     def seconds(self) -> float:
@@ -166,11 +170,11 @@ class Transcript:
 
     def __init__(self, run: str | Path) -> None:
         """The transcript of a run folder, whether it has one yet or not. It is read when it is first needed."""
-        self.folder = Path(run) / CALLS
+        self.run, self.folder = Path(run), Path(run) / CALLS
 
     @cached_property
     def _calls(self) -> list[Call]:
-        return [_read_call(path) for path in sorted(self.folder.glob("call_*.json"))]
+        return [self._read(path) for path in sorted(self.folder.glob("call_*.json"))]
 
     @property
     def calls(self) -> tuple[Call, ...]:
@@ -206,58 +210,41 @@ class Transcript:
         path = self.folder / f"call_{number:04d}.json"
         try:
             (self.folder / MEDIA).mkdir(parents=True, exist_ok=True)
-            parts = [part if isinstance(part, str) else self._write_media(part) for part in request.parts]
-            write_json(path, _kept(_content(replace(call, number=number), request, parts)), indent=1)
+            parts = tuple(part if isinstance(part, str) else self._write_media(part) for part in request.parts)
+            shown = ShownRequest(parts, request.instructions, request.schema, request.max_tokens)
+            # a failed call has attempts as well, so they stand beside the reply
+            whole = _CALL.dump_python(replace(call, number=number, request=shown), exclude={"reply": {"attempts"}})
+            write_json(path, _kept(whole), indent=1)
         except OSError as error:
             raise AdvisorError(
                 f"can't write the transcript '{self.folder}': {reason(error)}; make room or allow writing "
                 f"there, --resume goes on"
             ) from error
-        self._calls.append(_read_call(path))  # as a later reader will have it, to the last digit
+        self._calls.append(self._read(path))  # as a later reader will have it, to the last digit
         return self._calls[-1]
 
-    def _write_media(self, media: Media) -> dict[str, Any]:
+    def _write_media(self, media: Media) -> ShownMedia:
         ending = mimetypes.guess_extension(media.media_type) or ""
         path = self.folder / MEDIA / f"{media.sha256[:16]}{ending}"
         if not path.is_file():
             write_bytes(path, media.data)
-        return {
-            "media": f"{MEDIA}/{path.name}", "sha256": media.sha256, "bytes": len(media.data), "label": media.label,
-            "media_type": media.media_type, "fps": media.fps,
-        }  # fmt: skip
+        place = f"{MEDIA}/{path.name}"
+        return ShownMedia(place, media.sha256, media.label, media.media_type, len(media.data), media.fps)
+
+    @staticmethod
+    def _read(path: Path) -> Call:
+        return read(Call, path, "call", AdvisorError, "restore it, or remove it to ask again")
 
 
-def _content(call: Call, request: Request, parts: list[Any]) -> dict[str, Any]:
-    content: dict[str, Any] = {"format": FORMAT, **asdict(call)}
-    for attempt in content["attempts"]:
-        attempt.update(seconds=round(attempt["seconds"], 3), waited=round(attempt["waited"], 3))
-    if call.reply is not None:
-        del content["reply"]["attempts"]  # they stand beside it, for a failed call has some as well
-    content["request"] = {
-        "instructions": request.instructions, "parts": parts, "schema": dict(request.schema),
-        "max_tokens": request.max_tokens,
-    }  # fmt: skip
-    return content
+_CALL = TypeAdapter(Call)
 
 
 def _kept(content: Any) -> Any:
     """The same without what no file keeps: a NUL or half a character, which a reply may well hold, is replaced."""
-    if isinstance(content, dict):
-        return {_kept(key): _kept(value) for key, value in cast("dict[str, Any]", content).items()}
+    if isinstance(content, Mapping):
+        return {_kept(key): _kept(value) for key, value in cast("Mapping[str, Any]", content).items()}
     if isinstance(content, list | tuple):
         return [_kept(value) for value in cast("list[Any]", content)]
     if not isinstance(content, str):
         return content
     return content.replace("\0", "\N{REPLACEMENT CHARACTER}").encode("utf-8", "replace").decode()
-
-
-def _read_call(path: Path) -> Call:
-    remedy = "restore it, or remove it to ask again"
-    content: Any = read(dict[str, Any], path, "call", AdvisorError, remedy)
-    if content.get("format") != FORMAT:
-        version = shown(content.get("format"))
-        raise AdvisorError(
-            f"call '{path}': its format is {version}, this version of swim2real reads {FORMAT}; {remedy}"
-        )
-    call = check(Call, content, f"call '{path}'", AdvisorError, remedy)
-    return call if call.reply is None else replace(call, reply=replace(call.reply, attempts=call.attempts))
