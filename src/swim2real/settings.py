@@ -48,12 +48,12 @@ EXAMPLE_MODELS = {
 
 @dataclass(frozen=True)
 class BriefingSettings:
-    """What a VLM, or a person in its place, is shown.
+    """What a VLM, or a person in its place, gets.
 
     Attributes:
-        show: What it is shown; one alone is an ablation.
-        media: Films or sheets of pictures; auto: films to those who take them.
-        detail: How much it is shown: trials, pictures, history.
+        show: Numbers, pictures or both; one alone is an ablation.
+        media: Films or sheets of pictures; auto: films for models that accept them.
+        detail: Amount: trials, pictures, history.
     """
 
     show: Show = "both"
@@ -71,15 +71,14 @@ class VlmAccess:
     """How a VLM is reached and what it may cost. All of it may change when a run is resumed.
 
     Attributes:
-        base_url: A server that speaks the provider's protocol, such as vLLM, llama.cpp or Ollama
-            (http://127.0.0.1:8000/v1).
-        key_variable: Environment variable with the key for --base-url; by default it is sent none.
-        max_calls: Stop after so many calls, repairs and failed ones included; the run can be resumed with more.
-        max_cost: Stop before the calls cost more [USD], where the price is known.
-        reply_tokens: Most tokens of a reply, thinking included.
-        timeout: Longest duration of one attempt of a call [s].
+        base_url: A server with the provider's protocol, such as vLLM, llama.cpp or Ollama (http://127.0.0.1:8000/v1).
+        key_variable: Environment variable with the key for --base-url; by default no key is sent.
+        max_calls: Stop after this many calls, corrections and failed ones included; the run can be resumed with more.
+        max_cost: Stop before the calls cost more [USD], if the price is known.
+        reply_tokens: Largest number of tokens of a reply, thinking included.
+        timeout: Longest duration of one attempt [s].
         tries: Attempts of one call.
-        once: With advisor files: write the question and leave; --resume goes on when the reply is there.
+        once: With advisor files: write the question and exit; --resume continues when the reply is there.
     """
 
     base_url: str | None = None
@@ -116,17 +115,15 @@ class EvaluationSettings:
     """How parameters are compared with real trials.
 
     Attributes:
-        protocol: For steady swims. motion: the whole motion, in the frame of the path, with the recoil of the head.
-            aligned: the body and its progress alone. Both have the identified frequency, a steady swim, phase and
-            registration, and leave lost tracks out. paper: none of these. Recordings have only playback, which needs
-            no choice.
-        start: Where steady swims begin. rest: at rest, as the robot did, so that no fit swims tail first from there;
-            takes about half as long again. speed: at the real speed. By default at rest under protocol motion, and at
-            the real speed under aligned.
-        horizon: Seconds of each trial that are compared; 0 for all of it.
-        pieces: Cut each recording into pieces of so many seconds, each simulated from a fitted start of its own. For
-            chaotic motion, and for oscillations over many periods. By default a recording is simulated in one.
-        threads: Trials simulated at a time; 0 for all cores. Results don't depend on it.
+        protocol: For steady swims. motion: the whole motion in the frame of the path, with the recoil of the head.
+            aligned: the body and its progress alone. Both use the identified frequency, a steady swim, phase and
+            registration, and leave lost tracks out. paper: none of these. Recordings are always compared by playback.
+        start: Start of steady swims. rest: at rest, like the robot, so that no fit swims tail first from there; takes
+            about half as long again. speed: at the real speed. Default: rest for protocol motion, speed for aligned.
+        horizon: Compared seconds of each trial; 0 for all of it.
+        pieces: Cut each recording into pieces of this many seconds, each simulated from a fitted start of its own. For
+            chaotic motion, and for oscillations over many periods. By default a recording is simulated in one piece.
+        threads: Trials simulated in parallel; 0 for all cores. Results don't depend on it.
     """
 
     protocol: ProtocolName = "motion"
@@ -152,22 +149,22 @@ class CalibrationSettings(EvaluationSettings):
     Attributes:
         method: line-search: an advisor's proposals with backtracking. cma-es: pycma. bayesopt: scikit-optimize.
             least-squares: Levenberg-Marquardt with finite differences. mujoco-sysid: the least squares of MuJoCo's own
-            toolbox. staged: the prior work's stages by hand.
-        advisor: Who proposes. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a VLM, key from
-            GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window. replay:RUN: an earlier
-            run's replies, without a network; what isn't given is as that run had it.
+            toolbox. staged: the prior work's manual stages.
+        advisor: What proposes parameters. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a
+            VLM, key from GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window.
+            replay:RUN: an earlier run's replies, without a network; settings that aren't given are that run's.
         budget: Simulation evaluations, the first included.
         seed: Decides the first point and every random choice.
-        first: First point. model: the values that the robot's model has. random: anywhere within the bounds, by the
-            seed. auto: the model's for recordings with seed 0 or several starts, else random.
-        starts: Points that the line search evaluates first, spread over the bounds by the seed, the first point
-            included; it goes down from the best, and from the next best where it stalls. By default, of recordings with
-            the physics advisor a tenth of the budget and at most two a parameter, else 1.
+        first: First point. model: the values of the robot's model. random: anywhere within the bounds, by the seed.
+            auto: model for recordings with seed 0 or several starts, else random.
+        starts: Points that the line search evaluates first, the first point included, spread over the bounds by the
+            seed; it descends from the best, and from the next best where it stalls. Default: 1; for recordings with the
+            physics advisor, a tenth of the budget, at most two per parameter.
         scale: Scale of the parameters; auto: linear for protocol paper, log otherwise.
         max_steps: Steps of the line search; 1 is the ablation without it.
-        probes: Parameters that are measured before the advisor's first proposal, at one evaluation each, in the robot's
-            order; an advisor that is briefed finds what they do in a table.
-        hold_out: Trials to leave out of the fit and to evaluate on afterwards.
+        probes: Parameters measured before the advisor's first proposal, in the robot's order, at one evaluation each; a
+            VLM gets their effects in a table.
+        hold_out: Trials to leave out of the fit and to evaluate at the end.
     """
 
     method: Method = "line-search"
@@ -213,22 +210,22 @@ class ComparisonSettings:
 
     Attributes:
         methods: random, cma-es, bayesopt, least-squares, mujoco-sysid, staged, line-search (with the physics advisor),
-            no-line-search (its ablation); line-search@ADVISOR and no-line-search@ADVISOR for other advisors, as
-            line-search@google:MODEL or line-search@replay:RUN. By default all but mujoco-sysid, and but staged for a
-            robot without stages.
+            no-line-search (its ablation); line-search@ADVISOR and no-line-search@ADVISOR for other advisors, as in
+            line-search@google:MODEL or line-search@replay:RUN. By default all except mujoco-sysid, and except staged
+            for a robot without stages.
         seeds: Numbers, and ranges without their end: 0:5 is 0 1 2 3 4.
-        budget: Simulation evaluations of a run, the first included.
-        protocols: As for calibrate; by default all that the robot's trials can be compared by.
-        start: As for calibrate: where steady swims begin; by default each protocol's own.
-        scale: Scales of the parameters, each a method of its own; auto: linear under protocol paper, log otherwise.
+        budget: Simulation evaluations per run, the first included.
+        protocols: As for calibrate; by default all that apply to the robot's trials.
+        start: Start of steady swims, as for calibrate; by default each protocol's own.
+        scale: Scales of the parameters, each a separate contestant; auto: linear under protocol paper, log otherwise.
             METHOD+log and METHOD+linear choose it for one method.
-        leave_one_out: Also run every method and seed once for each trial, with it left out of the fit, and evaluate on
-            it.
-        horizon: Seconds of each trial that are compared; 0 for all of it.
-        workers: Runs at a time on this machine; 0 for as many as there are cores.
+        leave_one_out: Also run every method and seed once per trial, with that trial left out of the fit, and evaluate
+            on it.
+        horizon: Compared seconds of each trial; 0 for all of it.
+        workers: Runs in parallel on this machine; 0 for all cores.
         cluster: Instead of --workers, a Dask cluster: the address of its scheduler (tcp://HOST:PORT), or local:N. Its
-            workers need this version of swim2real and must see --out at the same path. Results don't depend on who does
-            the work.
+            workers need this version of swim2real and must see --out at the same path. Results don't depend on the
+            workers.
     """
 
     methods: tuple[str, ...] = ()
@@ -266,11 +263,11 @@ class TrackingSettings:
     """How markers are tracked in videos.
 
     Attributes:
-        tracker: detection: finds all markers anew in every frame. csrt: the paper's, for comparison. aruco:
-            ArUco and AprilTag markers, each told by its number.
-        tags: Dictionary that the tags of --tracker aruco are of, as OpenCV names it: 4X4_50, APRILTAG_36h11 and others.
+        tracker: detection: finds all markers in every frame anew. csrt: the paper's, for comparison. aruco: ArUco and
+            AprilTag markers, identified by their numbers.
+        tags: Dictionary of the tags for --tracker aruco, as OpenCV names it: 4X4_50, APRILTAG_36h11 and others.
         camera: JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it.
-        smooth: Smooth the track over time; at 60 frames a second 98 % of a beat of 2.25 Hz and its harmonic are left.
+        smooth: Smooth the track over time; at 60 frames per second it keeps 98 % of a beat of 2.25 Hz and its harmonic.
         overlay: Write the overlay video.
     """
 
@@ -294,20 +291,20 @@ class TrainingSettings:
     environments together, so it gets 200 divided by their number.
 
     Attributes:
-        task: forward: as far as possible in 2 s. target: to a goal in the plane, in three stages. A task of your own is
+        task: forward: as far as possible in 2 s. target: to a goal in the plane, in three stages. A task of your own:
             the name of a package's entry point, or python:FILE.py:CLASS.
-        env_steps: Environment steps of all environments together, 50 a second.
+        env_steps: Steps of all environments together, 50 per second.
         seed: Decides the network's start, exploration and every episode.
-        environments: Stepped together; a divisor of 200.
-        exploration: Random steps before learning; by default 50,000, and a tenth of a shorter run.
-        updates: Gradient steps after every 200 environment steps; by default 1 for 5 million steps, as in the prior
-            work, and more for fewer steps, so that a run makes about 25,000, but at most 200, one for each step.
+        environments: Environments stepped together; a divisor of 200.
+        exploration: Random steps before learning; by default a tenth of the run, at most 50,000.
+        updates: Gradient steps after every 200 environment steps; by default as many as make about 25,000 in all (1 for
+            5 million steps, as in the prior work), at most 200.
         checkpoint_every: Environment steps between checkpoints; by default a twentieth of the run.
         learning_rate: Of actor, critics and entropy coefficient.
-        batch: Transitions of a gradient step.
-        discount: Of rewards, a step; by default the task's: the paper's 0.99 of forward and paper-target, and 0.995 of
-            target.
-        target_rate: Share by which the target critics follow, a gradient step.
+        batch: Transitions per gradient step.
+        discount: Discount of rewards per step; by default the task's: 0.99 for forward and paper-target (the paper's),
+            0.995 for target.
+        target_rate: Share by which the target critics follow per gradient step.
         layers: Widths of the hidden layers of actor and critics.
     """
 
@@ -372,9 +369,9 @@ class IdentifiabilitySettings:
     """What decides the result of a study of identifiability.
 
     Attributes:
-        rise: Rise of the loss that counts, as a share of the lowest.
-        steps: Steps of each re-fit, three evaluations each.
-        polish: Steps that improve the run's best fit first, twice, each time with a new Jacobian; 0 for none.
+        rise: Rise of the loss that makes a parameter identified, as a share of the lowest loss.
+        steps: Steps of each refit, three evaluations each.
+        polish: Steps that first improve the run's best fit, twice, each time with a new Jacobian; 0 for none.
     """
 
     rise: float = 0.05
@@ -393,9 +390,9 @@ class EnsembleSettings:
     """What decides which parameter sets are in an ensemble.
 
     Attributes:
-        within: Highest loss of a member, in multiples of the lowest.
+        within: Highest loss of a member, as a multiple of the lowest.
         count: Members to keep, spread out.
-        evaluations: To look for more sets than the runs hold; 0 for none.
+        evaluations: Evaluations to find more sets than the runs contain; 0 for none.
         seed: Decides every random choice.
     """
 

@@ -19,15 +19,16 @@ From = Annotated[float, tyro.conf.arg(name="from")]
 def board(film: Positional[Path], *, squares: str, square_size: float, to: Path, begin: From = 0.0) -> int:
     """Make a camera file of a chessboard that lies in the robot's plane, as `track --camera` takes it.
 
-    Reads a film or a picture in which the whole board is seen, at the height of the head's markers. A camera file that
-    is there keeps what it says beside the plane, such as camera_height.
+    Reads a film or a picture that shows the whole board, at the height of the head's markers. An existing camera file
+    keeps its other keys, such as camera_height.
 
     Args:
-        film: Film or picture of the board, taken with the camera where it is for the robot, in the same size.
+        film: Film or picture of the board, taken with the camera in its place and with the same picture size as the
+            films of the robot.
         squares: Squares along the board's two sides, such as 9x6; one more than the inner corners.
         square_size: Side of a square [m].
         to: Camera file to write.
-        begin: Take the first frame from this time on [s].
+        begin: Use the first frame from this time on [s].
     """
     counts = re.fullmatch(r"(\d+)\s*[x×]\s*(\d+)", squares)
     if counts is None:

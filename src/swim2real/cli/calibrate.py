@@ -31,9 +31,8 @@ def calibrate(
     """Find simulator parameters that make simulated trials match real ones.
 
     Reads a reference (a folder with reference.json, or with published CSVs) and writes a run folder: settings.json,
-    record.jsonl (one line an evaluation), best.json (the parameters), outcome.json, an array file of the best trials
-    and report.html. Costs under a second an evaluation on two cores. Ctrl-C leaves a usable run; --resume goes on with
-    it.
+    record.jsonl (one line per evaluation), best.json (the parameters), outcome.json, an array file of the best trials
+    and report.html. An evaluation takes under a second on two cores. Ctrl-C leaves a usable run; --resume continues it.
 
     Args:
         reference: Folder with the real trials.
@@ -41,12 +40,12 @@ def calibrate(
         access: Access to VLMs, for --advisor PROVIDER:MODEL and files.
         out: Run folder to write.
         robot: What is calibrated. fish: the paper's 16 parameters. fish-extended: two more, for the water that the hull
-            accelerates and damping at the surface. FILE.toml: your robot; `swim2real init` writes such a file.
-        sensitivity: Also measure each parameter's effect on the loss at the end: two evaluations a parameter, outside
+            accelerates and for damping at the surface. FILE.toml: your robot; `swim2real init` writes such a file.
+        sensitivity: Also measure each parameter's effect on the loss at the end: two evaluations per parameter, outside
             the budget.
-        resume: Go on with the run in --out.
-        seeds: Numbers and ranges, as for compare: make a run with each, in folders beside --out, and copy the best one
-            to --out.
+        resume: Continue the run in --out.
+        seeds: Numbers and ranges, as for compare: one run per seed, in folders beside --out; the best one is copied to
+            --out.
         json: Print the outcome as JSON.
         quiet: Print no progress.
     """
@@ -112,14 +111,14 @@ def demo(
     """Run the whole pipeline on an embedded example: no data, no network, no key.
 
     Films a 'real' fish with hidden parameters, a finer time step, misplaced markers and glare in a synthetic pool,
-    tracks its markers in the videos, calibrates, evaluates on a trial that was left out, and writes the report.
+    tracks its markers, calibrates, evaluates on a held-out trial, and writes the report.
 
     Args:
         out: Folder to write.
         budget: Simulation evaluations.
         seed: Decides the first point and every random choice.
         full: Film all eight frequencies instead of four.
-        resume: Go on with an interrupted demo.
+        resume: Continue an interrupted demo.
         quiet: Print no progress.
     """
     from swim2real.api import open_run

@@ -19,12 +19,12 @@ def compare(
     reference: Positional[Path], settings: ComparisonSettings, access: VlmAccess, *, out: Path,
     robot: RobotOption = "fish", json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
-    """Run methods against methods: each with every seed, under every protocol, with one budget.
+    """Compare methods: each with every seed, under every protocol, with the same budget.
 
-    Reads a reference; writes a folder with plan.json, a run folder for each run, results.json (all that tables and
-    figures need) and results.csv (a line a run). Costs about 15 s a run on one core, and more for methods that think.
-    Ctrl-C leaves everything usable; the same command goes on. With more methods, seeds or protocols, or a higher
-    budget, it adds to what is there. Exits with 1 when a run failed; the others are done nevertheless.
+    Reads a reference; writes a folder with plan.json, a run folder per run, results.json (all that tables and figures
+    need) and results.csv (one line per run). A run takes about 15 s on one core, more for slow methods. Ctrl-C leaves
+    everything usable; the same command continues. With more methods, seeds or protocols, or a higher budget, it adds to
+    the existing results. Exits with 1 if a run failed; the others are finished all the same.
 
     Args:
         reference: Folder with the real trials.

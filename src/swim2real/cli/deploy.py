@@ -33,29 +33,29 @@ class DeployOptions:
     motors: Path | None = None
     """Motors file: id and limits of each column's motor. Without it, one XW540-T140-R follows velocity_rad_s."""
     port: str | None = None
-    """Serial port of the U2D2, as /dev/ttyUSB0."""
+    """Serial port of the U2D2, such as /dev/ttyUSB0."""
     id: int | None = None
-    """The one motor's id; by default 1."""
+    """Id of the single motor; by default 1."""
     baud: int = 57600
-    """The motors' baud rate; 57600 as they are sold."""
+    """The motors' baud rate; by default 57600, as they are sold."""
     dry_run: bool = False
     """Send to emulated motors instead of real ones."""
     log: Path | None = None
-    """CSV file to write: what was sent when, what was read back when."""
+    """CSV file to write: what was sent and read, with times."""
     repeat: int = 1
-    """Times to send the table, one after the other."""
+    """Number of times to send the table."""
     ramp: float = 20.0
     """Acceleration of the ramps from and to rest [rad/s²]; they add rows only where the table doesn't rest."""
     approach: float = APPROACH
-    """Speed from the angles where the motors are to those of the first row [rad/s]."""
+    """Speed from the present angles to those of the first row [rad/s]."""
     max_speed: float | None = None
-    """Refuse faster commands of the one motor [rad/s]; by default 7.29, its own limit as it is sold."""
+    """Refuse faster commands of the single motor [rad/s]; by default 7.29, its limit as sold."""
     max_acceleration: float | None = None
-    """Refuse steeper changes of the one motor from one command to the next [rad/s²]; by default 100."""
+    """Refuse steeper changes between two commands of the single motor [rad/s²]; by default 100."""
     clip: bool = False
-    """Cut commands off at the limits instead of refusing them."""
+    """Limit commands instead of refusing them."""
     json: bool = False
-    """Print what was done as JSON."""
+    """Print the result as JSON."""
     quiet: bool = False
     """Print nothing but errors."""
 
@@ -63,10 +63,10 @@ class DeployOptions:
 def deploy(options: DeployOptions) -> int:
     """Send commands to motors at 50 Hz: to the fish's, or to several Dynamixel X motors on one bus.
 
-    Reads a table with a column an actuator (time_s,velocity_rad_s for the fish) and 50 rows a second from 0 s on;
-    writes a log. Checks table and motors first, ramps speeds from and to rest, goes to the first angles slowly, and
-    asks nothing: the motors turn at once. Takes as long as the table. Ctrl-C, an error or the end of this program stop
-    the motors (without the program their watchdogs do, after 0.2 s). Exits with 1 when not all commands were sent.
+    Reads a table with a column per actuator (time_s,velocity_rad_s for the fish) and 50 rows per second from 0 s on;
+    writes a log. Checks table and motors first, ramps speeds from and to rest, moves to the first angles slowly, and
+    doesn't ask for confirmation: the motors turn at once. Ctrl-C, an error or the end of the program stop the motors;
+    if the program dies, their watchdogs do after 0.2 s. Exits with 1 if not all commands were sent.
 
     Args:
         options: What is sent, and how.

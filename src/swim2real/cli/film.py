@@ -48,16 +48,15 @@ def fetch(*, to: Path, source: Annotated[str | None, tyro.conf.arg(name="from")]
 def pick(
     videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str = "fish", begin: From = ()
 ) -> int:  # fmt: skip
-    """Write a page for each video on which the markers of its first frame are clicked.
+    """Write a page per video on which you click the markers of its first frame.
 
     One self-contained HTML file: open it in a browser, click the markers in order, download NAME.points.json.
 
     Args:
         videos: Videos whose first frames are shown.
         out: Page to write, for one video; by default beside each video.
-        robot: Whose markers they are: fish, or a robot file (.toml).
-        begin: Show the first frame from this time on, with which `track --from` begins [s]; one for all videos, or one
-            for each.
+        robot: Robot whose markers they are: fish, or a robot file (.toml).
+        begin: Show the first frame from this time on [s], as for `track --from`; one for all videos, or one for each.
     """
     if not videos:
         raise ArgumentError("no video was given")
@@ -91,31 +90,30 @@ def track(
 ) -> int:  # fmt: skip
     """Find the markers in videos and make trials of them.
 
-    Reads videos (any codec, frame rate and rotation) and the markers' places in one of their frames; adds a trial per
-    video to a reference folder, and to its folder tracks the track in pixels (.pixels.csv, as DeepLabCut writes it), an
-    overlay video to judge it by (.mp4), a page to correct what is doubtful (.review.html) and what was found (.json).
-    A marker that isn't seen is lost, not guessed. Costs about twice the video's decoding. Interrupted, it goes on with
-    the videos that aren't done when run again.
+    Reads videos (any codec, frame rate and rotation) and the markers' places in one of their frames. Adds one trial per
+    video to a reference folder, and to its folder tracks the track in pixels (.pixels.csv, DeepLabCut's format), an
+    overlay video (.mp4), a page to correct doubtful markers (.review.html) and the findings (.json). A marker that
+    isn't visible is lost, not guessed. Takes about twice as long as decoding. After an interruption the same command
+    continues.
 
     Args:
-        videos: Videos, one per trial; their names become the trials'. f1_50.mp4 is a command of 1.50 Hz.
+        videos: Videos, one per trial; their names become the trials' names. f1_50.mp4 means a command of 1.50 Hz.
         settings: How they are tracked.
         to: Reference folder to add the trials to.
-        markers: points.json of each video, in order (`swim2real pick` makes them), or auto to let the markers be found,
-            which fails where glare or shadows leave a doubt; tags are taken in the order of their numbers.
-        corrections: File that the page of doubtful stretches saves (NAME.corrections.json), or points of another frame,
-            for each video: markers are followed from there in both directions, and what was right is kept.
-        robot: Whose markers they are: fish, or a robot file (.toml).
-        frequency: What was asked of the motor in each video [Hz], where the names don't say it. Only protocol paper
-            needs it.
-        controls: Tables of what drove the robot in each video, in order: time_s on the video's clock, then one an
+        markers: points.json of each video, in order (from `swim2real pick`), or auto to find the markers, which fails
+            if glare or shadows leave a doubt; tags are taken in the order of their numbers.
+        corrections: File per video, saved by the page of doubtful stretches (NAME.corrections.json), or points of
+            another frame: markers are followed from there in both directions, and correct positions are kept.
+        robot: Robot whose markers they are: fish, or a robot file (.toml).
+        frequency: Motor command in each video [Hz], if the names don't contain it. Only protocol paper needs it.
+        controls: Tables of what drove the robot in each video, in order: time_s on the video's clock, then a column per
             actuator.
-        sensors: Tables of what was measured in each video, in order: time_s, then a column a sensor.
-        begin: Track from this time of the video on [s], which becomes time 0 of the trial and of its tables; one for
-            all videos, or one for each. The points are those of that frame or a later one: `pick --from`.
+        sensors: Tables of what was measured in each video, in order: time_s, then a column per sensor.
+        begin: Track from this time of the video on [s], which becomes time 0 of the trial and its tables; one for all
+            videos, or one for each. The points belong to that frame or a later one: `pick --from`.
         until: Track up to this time of the video [s]; one for all videos, or one for each.
-        workers: Videos tracked at a time; 0 for as many as there are cores.
-        json: Print what was found as JSON.
+        workers: Videos tracked in parallel; 0 for all cores.
+        json: Print the findings as JSON.
         quiet: Print no progress.
     """
     count = len(videos)
@@ -167,20 +165,20 @@ def import_tracks(
     frequency: tuple[float, ...] = (), controls: tuple[Path, ...] = (), sensors: tuple[Path, ...] = (),
     begin: From = (), until: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
-    """Make trials of tracks that other programs wrote: DeepLabCut's CSV tables, which SLEAP and movement write too.
+    """Make trials of other programs' tracks: DeepLabCut's CSV tables, which SLEAP and movement write as well.
 
     Args:
         tables: Tables, one per trial, in pixels.
         to: Reference folder to add the trials to.
-        fps: Frames a second of the videos.
-        robot: Whose markers they are: fish, or a robot file (.toml).
+        fps: Frames per second of the videos.
+        robot: Robot whose markers they are: fish, or a robot file (.toml).
         camera: JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it.
-        frequency: What was asked of the motor in each trial [Hz].
-        controls: Tables of what drove the robot in each trial, in order: time_s, then one an actuator.
-        sensors: Tables of what was measured in each trial, in order: time_s, then a column a sensor.
-        begin: Take the track from this time on [s], which becomes time 0 of the trial and of its tables; one for all
+        frequency: Motor command in each trial [Hz].
+        controls: Tables of what drove the robot in each trial, in order: time_s, then a column per actuator.
+        sensors: Tables of what was measured in each trial, in order: time_s, then a column per sensor.
+        begin: Use the track from this time on [s], which becomes time 0 of the trial and its tables; one for all
             tables, or one for each.
-        until: Take the track up to this time [s]; one for all tables, or one for each.
+        until: Use the track up to this time [s]; one for all tables, or one for each.
     """
     for option, values in (("frequency", frequency), ("controls", controls), ("sensors", sensors)):
         one_each(option, values, len(tables), "tables")
@@ -227,16 +225,16 @@ def cut(
     reference: Positional[Path], *, to: Path, begin: From = (), until: tuple[float, ...] = (),
     trials: tuple[str, ...] = (),
 ) -> int:  # fmt: skip
-    """Cut a stretch out of recordings: their tracks, controls and sensors, with times from 0.
+    """Cut a stretch out of recordings: tracks, controls and sensors, with times from 0.
 
     Reads a reference and adds the cut trials to another one.
 
     Args:
         reference: Folder with the real trials.
         to: Reference folder to add the cut trials to.
-        begin: Where the stretch begins on the trial's clock [s]; one for all trials, or one for each.
-        until: Where it ends [s]; one for all trials, or one for each.
-        trials: Which trials; by default all, in the order of their names.
+        begin: Start of the stretch on the trial's clock [s]; one for all trials, or one for each.
+        until: End of the stretch [s]; one for all trials, or one for each.
+        trials: Names of the trials; by default all.
     """
     from swim2real.trials import load_reference
     from swim2real.trials.reference import add_trial
@@ -266,13 +264,13 @@ def quality(
 ) -> int:  # fmt: skip
     """Check the tracks of a reference: lost markers, body lengths, and what drove each trial.
 
-    Exits with 1 when a trial shouldn't be used as it is. Calibration leaves lost marker-frames out by itself.
+    Exits with 1 if a trial shouldn't be used as it is. Calibration leaves lost marker-frames out by itself.
 
     Args:
         reference: Folder with the real trials.
-        robot: Whose markers they are: fish, or a robot file (.toml).
-        allow_lost: Share of frames that a marker may be lost for in a trial that passes.
-        plot: Also write an HTML page that shows which marker is lost when.
+        robot: Robot whose markers they are: fish, or a robot file (.toml).
+        allow_lost: Share of frames in which a marker may be lost in a usable trial.
+        plot: Also write an HTML page that shows when each marker is lost.
         json: Print JSON.
     """
     if not 0 <= allow_lost <= 1:

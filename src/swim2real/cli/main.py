@@ -42,7 +42,7 @@ COMMANDS: dict[str, dict[str, Command]] = {
     },
     "A robot of your own": {"init": init, "check": check},
     "Calibration": {"calibrate": calibrate, "compare": compare},
-    "What came of it": {
+    "Results": {
         "view": view, "evaluate": evaluate, "overlay": overlay, "simulate": simulate, "report": report,
         "identify": identify, "ensemble": ensemble, "export-model": export_model,
     },
@@ -51,8 +51,8 @@ COMMANDS: dict[str, dict[str, Command]] = {
 # packages whose absence means that only the command line was installed
 CORE = ("av", "filelock", "jinja2", "matplotlib", "mujoco", "numba", "numpy", "PIL", "pooch", "pydantic", "scipy")
 EVERYWHERE = """\
-With every command --debug shows tracebacks; --allow-code runs the Python code that a robot file or a policy
-names, and --allow-outside reads files outside of a model's folder: both are refused until they were allowed once."""
+Every command takes --debug, which shows tracebacks; --allow-code, which permits the Python code that a robot file or a
+policy names; and --allow-outside, which permits files outside of a model's folder. Permissions are stored."""
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -137,7 +137,7 @@ def overview() -> str:
         "From videos of a swimming robot to a calibrated MuJoCo simulator.",
         "",
         "Start here: swim2real demo. Then, with films of your own: pick, track, calibrate, view. With a model of",
-        "your own begin with init and check.",
+        "your own, begin with init and check.",
     ]
     for title, group in COMMANDS.items():
         lines += ["", f"{title}:"]

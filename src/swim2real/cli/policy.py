@@ -36,28 +36,26 @@ def train(
 
     Reads a run folder or parameters file; writes a folder with settings.json, policy.npz and best.npz, checkpoints,
     records of every episode and evaluation, TensorBoard logs, outcome.json, and training.html, a page with the learning
-    curve that loads itself again while it runs. The robot file's [policy] says what is commanded and observed. Costs
+    curve that reloads itself during training. The robot file's [policy] defines what is commanded and observed. Takes
     some minutes for 300,000 steps and about half an hour for the paper's 5 million on two cores. Ctrl-C writes a
-    checkpoint; --resume goes on with it.
+    checkpoint; --resume continues from it.
 
     Args:
         settings: What decides the result; the defaults are the paper's.
         parameters: Run folder or parameters file; 'published' for the prior work's values, or the model's of --robot.
-        out: Folder to write; with --seeds one for each seed is in it.
-        ensemble: File that `swim2real ensemble` wrote: one of its sets is drawn for every episode, instead of
-            --parameters.
-        robot: Robot or robot file, for --parameters published, or where its file isn't the place that the parameters
-            name.
+        out: Folder to write; with --seeds it contains one folder per seed.
+        ensemble: File from `swim2real ensemble`: one of its sets is drawn per episode, instead of --parameters.
+        robot: Robot or robot file, for --parameters published, or if the file has moved.
         seeds: Several seeds instead of --seed: numbers, and ranges without their end: 0:3 is 0 1 2.
-        workers: Seeds trained at a time; 0 for as many as there are cores.
-        threads: Threads of one run; 0 for as many as there are cores, or one where several seeds are trained at a time.
-            Results don't depend on it.
-        any_phase: Start episodes at any angle of the motor, not at 0.
+        workers: Seeds trained in parallel; 0 for all cores.
+        threads: Threads of one run; 0 for all cores, or for one if several seeds are trained in parallel. Results don't
+            depend on it.
+        any_phase: Start episodes at any angle of the motor, not only at 0.
         tendon_friction: Share of the rubbing tendon's tension that friction takes.
-        noise: Let the policy see tracked markers with this noise [m], not the true state.
-        delay: Age of the tracked markers that it sees [control intervals of 20 ms]; 2 where only --noise is given.
-        anyway: Train in a simulator that swims tail first from rest all the same.
-        resume: Go on with what is in --out.
+        noise: Let the policy observe tracked markers with this noise [m], not the true state.
+        delay: Age of the tracked markers [control intervals of 20 ms]; by default 2 if only --noise is given.
+        anyway: Train even in a simulator that swims tail first from rest.
+        resume: Continue the training in --out.
         json: Print the outcome as JSON.
         quiet: Print no progress.
     """
@@ -175,20 +173,20 @@ def rollout(
     noise: float = 0.001, delay: int = 2, beside: tuple[Path, ...] = (), out: Path | None = None, film: bool = True,
     json: bool = False,
 ) -> int:  # fmt: skip
-    """Assess a trained policy: distance and return, success and time to target, against waves of commands.
+    """Assess a trained policy: distance and return, success and time to target, compared with waves of commands.
 
     Reads a training folder; writes into it (or --out) rollout.json, episodes.npz, rollout.mp4 and training.html, a page
-    with learning curves and paths. Starts and goals are the same every time. Costs some ten seconds for forward and
+    with learning curves and paths. Starts and goals are the same every time. Takes some ten seconds for forward and
     some minutes for 100 goals.
 
     Args:
         policy: Folder that `train` wrote.
         episodes: Episodes to run.
-        goals: For a task with goals: random goals to go to, instead of --episodes.
+        goals: For a task with goals: number of random goals, instead of --episodes.
         parameters: Run folder or parameters file of another simulator; by default that of the training.
-        robot: Robot file, where it isn't the place that the training names.
-        which: best: in the evaluations while it learned. last: at the end.
-        stage: Of the curriculum: how far goals are away, and how closely they must be met; by default the last.
+        robot: Robot file, if it has moved since the training was written.
+        which: best: in the evaluations during training. last: at its end.
+        stage: Stage of the curriculum: distance of the goals and how closely they must be met; by default the last.
         tendon_friction: Share of the rubbing tendon's tension that friction takes; by default as in the training.
         current: Velocity of the water along x (backward) and y [m/s]; by default as in the training.
         closed_loop: Also compare recorded commands with closed loop on the true and on the tracked state, under the
@@ -260,18 +258,18 @@ def export_commands(
     which: Literal["best", "last"] = "best", phase: float = 0.0, goal: tuple[float, float] | None = None,
     json: bool = False,
 ) -> int:  # fmt: skip
-    """Write a policy's commands as a table, 50 rows a second: .csv as `deploy` reads it, or .npz for other controllers.
+    """Write a policy's commands as a table, 50 rows per second: .csv for `deploy`, or .npz for other controllers.
 
     The policy runs from rest in the simulator that it was trained in, within the limits and rates of its robot file's
-    [policy]. The table has a column for each actuator, named after it and its unit. An .npz has the arrays times,
-    commands, names and units. `deploy` checks the motors' own limits and adds ramps from and to rest.
+    [policy]. The table has a column per actuator, named after it and its unit. An .npz has the arrays times, commands,
+    names and units. `deploy` checks the motors' own limits and adds ramps from and to rest.
 
     Args:
         policy: Folder that `train` wrote.
         out: Table to write, .csv or .npz.
         seconds: Length [s].
-        robot: Robot file, where it isn't the place that the training names.
-        which: best: in the evaluations while it learned. last: at the end.
+        robot: Robot file, if it has moved since the training was written.
+        which: best: in the evaluations during training. last: at its end.
         phase: Angle of the motor at the start [rad].
         goal: Goal of a task with goals [m]: x (ahead is negative) and y; by default 1 m straight ahead.
         json: Print what was written as JSON.

@@ -25,28 +25,27 @@ def import_recording(
     sensors: Named = (), markers: NamedPairs = (), control_tables: tuple[Path, ...] = (),
     frequency: tuple[float, ...] = (), begin: From = (), until: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
-    """Make trials of logs: CSV tables with a header, whose columns are taken by name, in whatever unit they are.
+    """Make trials of logs: CSV tables with a header, in any units.
 
-    Reads a table a trial; adds the trials to a reference folder, reference.json included. What isn't named is taken
-    from the column of its name. A column is in the unit that is given (hip=q1:deg), or that its name ends in (hip_deg,
-    'load [mN]'), else in the model's. Of a trial that was tracked, whose log has no markers, the track is kept.
+    Reads one table per trial; adds the trials to a reference folder, reference.json included. Unnamed parts are taken
+    from the column of their own name. A column's unit is the given one (hip=q1:deg), or the end of its name (hip_deg,
+    'load [mN]'), or the model's. If a trial has been tracked and its log has no markers, the track is kept.
 
     Args:
-        tables: Tables, one per trial, separated by commas, semicolons or tabs; their names become the trials'.
-        robot: Whose recordings they are: a robot file (.toml), or fish.
+        tables: Tables, one per trial, separated by commas, semicolons or tabs; their names become the trials' names.
+        robot: Robot whose recordings they are: a robot file (.toml), or fish.
         to: Reference folder to add the trials to.
-        time: Column of the time stamps; by default the one that is called time, t, timestamp or stamp.
+        time: Column of the time stamps; by default time, t, timestamp or stamp.
         controls: Columns of the actuators that the robot file drives by a table.
         sensors: Columns of the sensors that the robot file compares.
-        markers: Columns of the markers in the camera's plane; by default NAME_x and NAME_y, or as the plane's axes are
-            called.
-        control_tables: Tables of the controls, where they are in tables of their own, one for each table and on its
+        markers: Columns of the markers in the camera's plane; by default NAME_x and NAME_y, or named after the plane's
+            axes.
+        control_tables: Separate tables of the controls, one per table and on its clock.
+        frequency: Motor command in each trial [Hz].
+        begin: Use the log from this time after its first row on [s], which becomes time 0 of the trial; one for all
+            tables, or one for each. For a tracked trial: when the video begins; by default the log is on the video's
             clock.
-        frequency: What was asked of the motor in each trial [Hz].
-        begin: Take the log from this time after its first row on [s], which becomes time 0 of the trial; one for all
-            tables, or one for each. Of a trial that was tracked: when the video begins; without it the log is on the
-            video's clock.
-        until: Take the log up to this time after its first row [s]; one for all tables, or one for each.
+        until: Use the log up to this time after its first row [s]; one for all tables, or one for each.
     """
     if not tables:
         raise ArgumentError("no table was given")

@@ -16,14 +16,14 @@ def evaluate(
 ) -> int:  # fmt: skip
     """Compare parameters with real trials: every figure, per trial and per marker.
 
-    Reads a run folder or parameters file and a reference; writes nothing. Costs one evaluation, under a second.
+    Reads a run folder or parameters file and a reference; writes nothing. Takes one evaluation, under a second.
 
     Args:
         parameters: Run folder or parameters file; 'published' for the prior work's values.
         settings: How they are compared.
         reference: Folder with the real trials.
-        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
-            robot whose own values are taken.
+        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
+            whose own values are used.
         sensitivity: Also print each parameter's effect on the loss: about 30 more evaluations.
         json: Print JSON in SI units.
     """
@@ -54,23 +54,23 @@ def overlay(
     robot: str | None = None, fps: float = 30.0, width: int = 960, video: tuple[Path, ...] = (),
     camera: Path | None = None, begin: From = (), until: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
-    """Draw simulated trials over real ones: films and pictures to see what differs.
+    """Draw simulated trials over real ones, as films and pictures.
 
-    Reads a run folder or parameters file and a reference; writes NAME.mp4 and NAME.png a trial, and all.png. Blue is
-    simulated, red is real. Costs about 2 s a trial. With --video it draws the simulated markers on your own films
-    instead and writes NAME.on-film.mp4: on the real path, in phase and registered, as the loss sees them.
+    Reads a run folder or parameters file and a reference; writes NAME.mp4 and NAME.png per trial, and all.png. Blue is
+    simulated, red is real. Takes about 2 s per trial. With --video it draws the simulated markers on your own films
+    instead and writes NAME.on-film.mp4: on the real path, in phase and registered, as in the loss.
 
     Args:
         parameters: Run folder or parameters file; 'published' for the prior work's values.
         settings: How they are compared.
         reference: Folder with the real trials.
         out: Folder to write.
-        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
-            robot whose own values are taken.
-        fps: Frames a second of the films.
+        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
+            whose own values are used.
+        fps: Frames per second of the films.
         width: Width of the films [px].
-        video: Your own films of trials, each with its trial's name.
-        camera: Camera file with which the films were tracked.
+        video: Your own films of the trials, each named like its trial.
+        camera: Camera file that the films were tracked with.
         begin: Time of the film at which the trial begins [s], one for all films or one for each; by default as it was
             tracked.
         until: Draw up to this time of the film [s]; one for all films, or one for each.
@@ -131,12 +131,12 @@ def simulate(
         parameters: Run folder or parameters file; 'published' for the prior work's values.
         frequency: Motor frequencies [Hz].
         out: File to write.
-        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
-            robot whose own values are taken.
+        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
+            whose own values are used.
         seconds: Length of each swim [s].
-        rate: Samples a second [Hz].
-        from_rest: Start from rest with the motor turning; otherwise a steady cycle, from motor angle 0.
-        threads: Swims simulated at a time; 0 for all cores.
+        rate: Samples per second [Hz].
+        from_rest: Start from rest with the motor turning; by default a steady cycle from motor angle 0.
+        threads: Swims simulated in parallel; 0 for all cores.
     """
     import numpy as np
 
@@ -167,13 +167,14 @@ def simulate(
 def report(runs: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str | None = None) -> int:
     """Write the report page of a run or a comparison: one self-contained HTML file that opens without a network.
 
-    For a comparison also tables.md and the figures for papers (PDF and PNG). Several runs are shown side by side on one
-    page: figures, parameters, paths, and what differs in their settings.
+    For a comparison it also writes tables.md and the figures for papers (PDF, SVG and PNG). Several runs are shown side
+    by side on one page: figures, parameters, paths, and differing settings.
 
     Args:
         runs: Folder of a run or a comparison, or folders of several runs.
-        out: Page of several runs to write; by default runs.html here. The page of one is written into its folder.
-        robot: Robot file, where it isn't the place that the runs name.
+        out: Page of several runs to write; by default runs.html in the current folder. The page of one run is written
+            into its folder.
+        robot: Robot file, if it has moved since the runs were written.
     """
     from swim2real.api import run_robot
     from swim2real.calibration import RunFolder

@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 
 
 def init(model: Positional[Path], *, out: Path | None = None, force: bool = False) -> int:
-    """Write a robot file for an MJCF model: markers, what drives a trial, and candidates of what to calibrate.
+    """Write a robot file for an MJCF model: markers, what drives a trial, and candidates to calibrate.
 
-    Reads the model and moves it for 2 s with each candidate at both bounds; what no camera would see is written as a
-    comment, and so is what is better weighed or looked up. Edit the file, then: swim2real check ROBOT.toml. Of a URDF,
-    which has no markers, it writes the MJCF file to which they are added.
+    Simulates 2 s with each candidate at both bounds. Candidates that no camera would see, or that should rather be
+    weighed or looked up, are written as comments. Then edit the file, and run: swim2real check ROBOT.toml. From a URDF,
+    which has no markers, it writes the MJCF file to add them to.
 
     Args:
         model: MJCF file, or a URDF.
         out: Robot file to write; by default beside the model.
-        force: Write over a file that is there.
+        force: Overwrite an existing file.
     """
     file = out or model.with_suffix(".toml")
     if file.suffix != ".toml":
@@ -70,16 +70,16 @@ def _write_model(converted: Converted, urdf: Path, force: bool) -> int:
 
 
 def check(robot: Positional[str], *, reference: Path | None = None, out: Path | None = None, threads: int = 0) -> int:
-    """Check a robot: what each parameter writes and moves, its markers, and what drives a trial.
+    """Check a robot: what each parameter sets and moves, its markers, and what drives a trial.
 
-    Simulates 2 s with each parameter at both bounds, and draws a map of the markers. Exits with 1 when a parameter
-    changes nothing, the model doesn't compile at a bound, or the trials of --reference don't fit. Costs some seconds.
+    Simulates 2 s with each parameter at both bounds, and draws a map of the markers. Exits with 1 if a parameter
+    changes nothing, the model doesn't compile at a bound, or the trials of --reference don't fit. Takes some seconds.
 
     Args:
         robot: Robot file, or the name of a robot: fish, fish-extended.
-        reference: Folder with real trials, whose controls are used; otherwise the robot is moved by made-up ones.
+        reference: Folder with real trials, whose controls are used; by default the robot is moved by invented ones.
         out: Picture of the markers to write (PNG); by default beside the robot file.
-        threads: Simulations at a time; 0 for all cores. Results don't depend on it.
+        threads: Simulations in parallel; 0 for all cores. Results don't depend on it.
     """
     threads_or_all = all_cores(threads)
     from swim2real.cli.robot_check import check_robot
@@ -90,15 +90,15 @@ def check(robot: Positional[str], *, reference: Path | None = None, out: Path | 
 def export_model(parameters: Positional[Path], *, out: Path, robot: str | None = None) -> int:
     """Write the calibrated simulator as one MJCF file, for any program that loads MuJoCo models.
 
-    Reads a run folder or parameters file. The markers' sensors are in the model, and so are cameras, a light and the
-    water's surface, which physics doesn't feel; meshes and textures stay where they are. Numbers are as exact as MuJoCo
-    writes them, which is told.
+    Reads a run folder or parameters file. The model contains the markers' sensors, and cameras, a light and the water's
+    surface, which don't affect the physics; meshes and textures stay where they are. Numbers are as exact as MuJoCo
+    writes them; the difference is reported.
 
     Args:
         parameters: Run folder or parameters file; 'published' for the prior work's values.
         out: MJCF file to write (.xml).
-        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
-            robot whose own values are taken.
+        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
+            whose own values are used.
     """
     import mujoco
 

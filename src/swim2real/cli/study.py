@@ -19,20 +19,20 @@ def identify(
     run: Positional[Path], settings: IdentifiabilitySettings, *, reference: Path, robot: str | None = None,
     again: bool = False, threads: int = 0, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
-    """Tell which parameters the trials determine at a run's best fit, and which make up for one another.
+    """Report which parameters the trials determine at a run's best fit, and which compensate for one another.
 
     Improves the fit by a few steps, measures its neighborhood, then fixes each parameter at values across its range and
-    re-fits the others. Reads a run folder and its reference; writes identifiability.json, and the values at the lowest
-    loss as identified.json, into the run folder. Costs up to about 1400 evaluations for the fish's 16 parameters, about
-    half of that as a rule: some minutes. Ctrl-C keeps what is done; the same command goes on with it.
+    refits the others. Reads a run folder and its reference; writes identifiability.json, and the values at the lowest
+    loss as identified.json, into the run folder. Takes up to about 1400 evaluations for the fish's 16 parameters,
+    mostly half of that: some minutes. Ctrl-C keeps finished work; the same command continues.
 
     Args:
         run: Run folder.
         settings: What decides the result.
         reference: Folder with the real trials that the run was made with.
-        robot: Robot file, where it isn't the place that the run names.
-        again: Begin anew even if there is a study.
-        threads: Swims simulated at a time; 0 for all cores. Results don't depend on it.
+        robot: Robot file, if it has moved since the run was written.
+        again: Start again even if there is a study.
+        threads: Swims simulated in parallel; 0 for all cores. Results don't depend on it.
         json: Print JSON in SI units.
         quiet: Print no progress.
     """
@@ -79,18 +79,18 @@ def ensemble(
     runs: Positional[tuple[Path, ...]], settings: EnsembleSettings, *, reference: Path, out: Path,
     robot: str | None = None, threads: int = 0, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
-    """Gather parameter sets that fit nearly as well as the best, as ranges for domain randomization.
+    """Collect parameter sets that fit nearly as well as the best, as ranges for domain randomization.
 
     Reads run folders (records, and studies by identify) and their reference; evaluates more sets around them; writes
-    one JSON file with the sets and each parameter's range. Costs --evaluations and two more a parameter.
+    one JSON file with the sets and each parameter's range. Takes --evaluations, and two more per parameter.
 
     Args:
         runs: Run folders of one robot, protocol and reference.
         settings: What decides the result.
         reference: Folder with the real trials that the runs were made with.
         out: File to write.
-        robot: Robot file, where it isn't the place that the runs name.
-        threads: Swims simulated at a time; 0 for all cores. Results don't depend on it.
+        robot: Robot file, if it has moved since the runs were written.
+        threads: Swims simulated in parallel; 0 for all cores. Results don't depend on it.
         json: Print the file's content.
         quiet: Print no progress.
     """

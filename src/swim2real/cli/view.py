@@ -26,20 +26,20 @@ def view(
     frequency: float | None = None, seconds: float = 8.0, camera: Literal["above", "side"] | None = None,
     film: Path | None = None, width: int = 960,
 ) -> int:  # fmt: skip
-    """Watch a robot move, with the real markers as ghosts: in MuJoCo's own viewer, or as a film with --film.
+    """Show a robot in motion, with the real markers as ghosts, in MuJoCo's viewer, or write a film with --film.
 
-    Simulates, then plays the motion again and again. Blue markers are simulated, red ones real. Keys: space pauses, up
-    and down change the speed, left and right step, [ and ] change the camera, Esc frees it.
+    Simulates, then plays the motion repeatedly. Blue markers are simulated, red ones real. Keys: space pauses, up and
+    down change the speed, left and right step, [ and ] change the camera, Esc frees it.
 
     Args:
         subject: Run folder, parameters file, robot (its name or .toml file), MJCF model (.xml), or 'published'.
-        robot: Robot file, where it isn't the place that the run or the parameters file names; with 'published' the
-            robot whose own values are taken.
-        reference: Folder with the real trials that are shown as ghosts; of a run by default its own.
-        trial: Which of them; by default the first, or the one whose frequency is nearest to --frequency.
+        robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
+            whose own values are used.
+        reference: Folder with the real trials shown as ghosts; by default the run's own.
+        trial: Name of the trial; by default the first, or the one whose frequency is nearest to --frequency.
         frequency: Frequency of the motor [Hz]; by default that of the trial, or 1 Hz.
-        seconds: How long it is shown at most [s].
-        camera: Where it is seen from at first, by default as it was filmed; it follows a robot that travels.
+        seconds: Longest duration shown [s].
+        camera: Camera at first, by default the one it was filmed with; it follows a robot that travels.
         film: Film to write (.mp4) instead of opening a window. Needs no display.
         width: Width of the film [px].
     """
