@@ -1,5 +1,7 @@
 """Whether a run was still getting better when its budget was spent."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from swim2real.calibration.convergence import best_losses, never_beaten, still_falling
@@ -9,7 +11,7 @@ FAILED = None
 
 
 def entries(*losses):
-    return [{"failed": loss is FAILED, "loss": 1.0 if loss is FAILED else loss} for loss in losses]
+    return [SimpleNamespace(failed=loss is FAILED, loss=1.0 if loss is FAILED else loss) for loss in losses]
 
 
 def settings(budget, method="line-search"):
@@ -50,7 +52,8 @@ def by(source, count, lowest):
     sources = ["first point", *["start"] * 3, *["line search"] * count]
     sources[lowest] = source
     return [
-        {"index": i, "failed": False, "loss": loss, "note": {"source": sources[i]}} for i, loss in enumerate(losses)
+        SimpleNamespace(index=i, failed=False, loss=loss, note=SimpleNamespace(source=sources[i]))
+        for i, loss in enumerate(losses)
     ]
 
 

@@ -12,6 +12,7 @@ from program import process
 
 from swim2real.calibration import RunFolder
 from swim2real.calibration.convergence import still_falling
+from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.tracking.camera_file import CameraFile, Length, write_camera
 from swim2real.trials import load_reference
 from swim2real.video import VideoWriter
@@ -34,7 +35,8 @@ def calibrated(pendulum_folder, tmp_path_factory) -> tuple[Path, str]:
 @pytest.mark.slow
 def test_a_run_that_has_not_converged_is_told_and_so_is_its_page(calibrated):
     run, err = calibrated
-    warning = still_falling(RunFolder(run).record(), RunFolder(run).settings())
+    entries = [RecordedEvaluation.model_validate(entry) for entry in RunFolder(run).record()]
+    warning = still_falling(entries, RunFolder(run).settings())
     assert warning
     assert err.endswith(f"swim2real: warning: {warning}\n")
     assert f"Warning: {warning}." in (run / "report.html").read_text(encoding="utf-8")

@@ -18,7 +18,7 @@ from swim2real.calibration.protocols import Aligned
 from swim2real.objective import ComparedBeat, ComparedProgress, ComparedTrial, Comparison, evidence
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.report import write_report
-from swim2real.report.page import content
+from swim2real.report.page import RunPage, page_context
 from swim2real.report.run import read_run
 from swim2real.report.style import TITLE, VARIABLES
 from swim2real.robots.fish import FISH
@@ -179,13 +179,13 @@ def page_of(run: Run) -> str:
     return write_report(run.path, ROBOT).read_text(encoding="utf-8")
 
 
-def shown_of(run: Run) -> dict:
+def shown_of(run: Run) -> RunPage:
     """What the template shows."""
-    return content(read_run(run.path, ROBOT))
+    return page_context(read_run(run.path, ROBOT))
 
 
 def charts_of(run: Run) -> dict[str, Callable[[], Figure]]:
-    return shown_of(run)["charts"]
+    return shown_of(run).charts
 
 
 def visible(page: str) -> str:

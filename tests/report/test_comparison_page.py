@@ -12,7 +12,7 @@ from made_results import made_results, made_run, playback_results, two_methods
 from swim2real.comparison.results import ComparisonResults
 from swim2real.comparison.statistics import method_statistics
 from swim2real.errors import RunError
-from swim2real.report.comparison_page import comparison_content, verdict, write_comparison_report
+from swim2real.report.comparison_page import comparison_context, verdict, write_comparison_report
 
 
 def page_of(results: ComparisonResults, folder: Path, **more) -> str:
@@ -72,13 +72,11 @@ def test_a_protocol_without_runs_and_no_results_at_all(tmp_path: Path) -> None:
 
 
 def test_theory_is_beside_the_simulators(tmp_path: Path) -> None:
-    content = comparison_content(two_methods(), tmp_path, {"slow": 0.03, "fast": 0.17})
-    (board,) = content["boards"]
+    context = comparison_context(two_methods(), tmp_path, {"slow": 0.03, "fast": 0.17})
+    (board,) = context.boards
     name, cells = board.tables["velocity"].rows[-1]
     assert (name, [c.text for c in cells]) == ("elongated body theory", ["10.0", "30.0", "20.0"])
-    names = [
-        text.get_text().partition(" (")[0] for text in content["charts"]["velocity-aligned"]().legends[0].get_texts()
-    ]
+    names = [text.get_text().partition(" (")[0] for text in context.charts["velocity-aligned"]().legends[0].get_texts()]
     assert names == ["real", "good", "bad", "elongated body theory"]
 
 
@@ -91,7 +89,7 @@ def test_recordings_have_no_speed_against_frequency(tmp_path: Path) -> None:
     )  # fmt: skip
     assert missing(words, shown) == []
     assert [word for word in ("Eq. 1", "elocity", "head to tail", "registered") if word in shown] == []
-    charts = comparison_content(results, tmp_path)["charts"]
+    charts = comparison_context(results, tmp_path).charts
     assert set(charts) == {"convergence-playback", "strip-playback", "markers-playback"}
     assert titles_of(charts["markers-playback"]())[0] == "marker"
 

@@ -17,10 +17,10 @@ from swim2real.optimizers import Proposal, ScriptedAdvisor
 from swim2real.pipeline import calibrate
 from swim2real.pipeline import calibration as pipeline
 from swim2real.report import write_report
-from swim2real.report.page import content
+from swim2real.report.page import RunPage, page_context
 from swim2real.report.pages import inline_svg
 from swim2real.report.run import read_run
-from swim2real.report.trial_charts import common_ranges, paths
+from swim2real.report.run_charts import common_ranges, paths
 from swim2real.robots.robot import Robot
 from swim2real.settings import CalibrationSettings
 from swim2real.trials import MarkerTrack, TrialSet
@@ -71,8 +71,8 @@ def page_of(folder: Path, robot: Robot) -> str:
     return visible(write_report(folder, robot).read_text(encoding="utf-8"))
 
 
-def shown_of(folder: Path, robot: Robot) -> dict:
-    return content(read_run(folder, robot))
+def shown_of(folder: Path, robot: Robot) -> RunPage:
+    return page_context(read_run(folder, robot))
 
 
 def test_a_run_with_a_sensor_shows_all_that_there_is_and_no_word_of_what_it_hasnt(pendulum: Path) -> None:
@@ -88,7 +88,7 @@ def test_a_run_with_a_sensor_shows_all_that_there_is_and_no_word_of_what_it_hasn
         "gyro[1] (rad/s)", "check the track", "end is lost in 5 % of frames", "held out", "fluid fingerprint",
     )  # fmt: skip
     assert missing(words, shown) == []
-    labels = " ".join(" ".join(titles_of(draw())) for draw in shown_of(pendulum, PENDULUM)["charts"].values()).lower()
+    labels = " ".join(" ".join(titles_of(draw())) for draw in shown_of(pendulum, PENDULUM).charts.values()).lower()
     lower = shown.lower().replace("swim2real", "")
     assert [word for word in FOREIGN if word in lower or word in labels] == []
     assert [word for word in ("speed", "heading", "shape", "progress", "travel") if word in lower] == []
@@ -107,15 +107,15 @@ def test_a_robot_that_travels_shows_speed_heading_and_shape(floater: Path) -> No
 
 
 def test_trials_and_errors_are_in_the_units_of_their_headings(pendulum: Path, floater: Path) -> None:
-    trials = shown_of(pendulum, PENDULUM)["trials"]
+    trials = shown_of(pendulum, PENDULUM).trials
     named = ("Length (s)", "Playback error (mm)", "Marker error (mm)", "Left out (%)", "gyro[1] (rad/s)")
     assert trials.columns == named
     figures = RunFolder(pendulum).outcome().fit.trials["a"]
-    assert trials.rows[0].cells == (
+    assert trials.rows[0][1] == (
         "2.50", f"{1e3 * figures.loss:.1f}", f"{1e3 * figures.aligned_marker_error:.1f}",
         "1.8", f"{figures.sensor_errors['gyro[1]']:.3g}",
     )  # fmt: skip
-    error, shape, offset, amplitude = shown_of(floater, FLOATER)["errors"]
+    error, shape, offset, amplitude = shown_of(floater, FLOATER).errors
     assert [one.key for one in (error, shape)] == ["aligned", "shape"]
     assert error.trials == ("fast", "slow")
     assert error.held_out == (True, False)
@@ -128,18 +128,18 @@ def test_trials_and_errors_are_in_the_units_of_their_headings(pendulum: Path, fl
 def test_charts_have_units_and_the_planes_axes(pendulum: Path, floater: Path) -> None:
     expected = ({"sensor-0-0", "sensor-1-0"}, {"progress-0", "progress-1", "error-shape"})
     for folder, robot, own in zip((pendulum, floater), (PENDULUM, FLOATER), expected, strict=True):
-        charts = shown_of(folder, robot)["charts"]
+        charts = shown_of(folder, robot).charts
         shared = {"convergence", "error-aligned", "error-offset", "error-amplitude"}
         assert set(charts) == shared | own | {f"{kind}-{i}" for kind in ("paths", "off") for i in range(2)}
         for draw in charts.values():
             for title in titles_of(draw()):
                 assert re.search(r"\((mm|mm/s|s|rad/s)\)$", title) or title in ("evaluation", "marker"), title
-    assert titles_of(shown_of(pendulum, PENDULUM)["charts"]["paths-0"]()) == ("x (mm)", "z (mm)")
-    assert titles_of(shown_of(floater, FLOATER)["charts"]["paths-0"]())[0] == "from nose toward neck (mm)"
+    assert titles_of(shown_of(pendulum, PENDULUM).charts["paths-0"]()) == ("x (mm)", "z (mm)")
+    assert titles_of(shown_of(floater, FLOATER).charts["paths-0"]())[0] == "from nose toward neck (mm)"
 
 
 def test_lost_frames_are_left_out_of_paths_and_errors(pendulum: Path) -> None:
-    figures = shown_of(pendulum, PENDULUM)["charts"]
+    figures = shown_of(pendulum, PENDULUM).charts
     real, simulated = (line(figures["paths-0"](), f"end, {kind}").get_xdata() for kind in ("real", "simulated"))
     assert np.flatnonzero(np.isnan(real)).tolist() == list(range(20, 28))
     assert np.isfinite(simulated).all()
@@ -181,7 +181,7 @@ def test_a_held_out_trial_that_diverged(copied: Path) -> None:
     conclude(RunFolder(copied), Problem(PENDULUM, fitted, threads=2), Diverging(PENDULUM, unseen, threads=2), best)
     said = ("simulation diverged", "held-out trials diverged", "The simulation diverged: it grew.")
     assert missing(said, page_of(copied, PENDULUM)) == []
-    figures = shown_of(copied, PENDULUM)["charts"]
+    figures = shown_of(copied, PENDULUM).charts
     check_charts(inline_svg(figures["paths-1"], "paths-1"))
     assert "off-1" not in figures
 
@@ -198,6 +198,6 @@ def test_rounds_tell_what_the_advisor_said(tmp_path: Path, monkeypatch: pytest.M
 def test_long_recordings_are_thinned(pendulum: Path) -> None:
     found = read_run(pendulum, PENDULUM)
     pair = found.saved[0]
-    shown = content(replace(found, saved=(replace(pair, compared=longer(pair.compared, 2_000, 240)),)))
-    lines = [drawn for draw in list(shown["charts"].values())[:5] for drawn in draw().axes[0].lines]
+    shown = page_context(replace(found, saved=(replace(pair, compared=longer(pair.compared, 2_000, 240)),)))
+    lines = [drawn for draw in list(shown.charts.values())[:5] for drawn in draw().axes[0].lines]
     assert max(len(drawn.get_xdata()) for drawn in lines) <= 480

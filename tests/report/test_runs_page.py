@@ -10,7 +10,7 @@ from swim2real.errors import RunError
 from swim2real.parameters import ParameterSpace
 from swim2real.report import write_runs_page
 from swim2real.report.run import read_run
-from swim2real.report.runs_page import content, parameter_lines
+from swim2real.report.runs_page import parameter_lines, runs_context
 
 
 @pytest.fixture
@@ -49,13 +49,12 @@ def test_two_runs_are_side_by_side(two: tuple[Run, Run]) -> None:
 
 
 def test_figures_are_those_of_the_runs_own_pages(two: tuple[Run, Run]) -> None:
-    shown = content([read_run(run.path, ROBOT) for run in two])
-    label, _, main, cells = next(row for row in shown["figures"] if row[1] == "aligned_marker_error")
+    shown = runs_context([read_run(run.path, ROBOT) for run in two])
+    figure, rows = next(line for line in shown.figures if line[0].name == "aligned_marker_error")
     losses = [min(entry["loss"] for entry in run.folder.record() if not entry["failed"]) for run in two]
-    assert (label, main) == ("Aligned marker error", True)
-    assert [fitted for fitted, _ in cells] == [f"{1e3 * loss:.1f} mm" for loss in losses]
-    assert cells[0][1].endswith(" mm")
-    assert cells[1][1] == ""
+    assert (figure.label, figure.is_sum) == ("Aligned marker error", True)
+    assert [row.best for row in rows] == [f"{1e3 * loss:.1f} mm" for loss in losses]
+    assert [bool(row.held_out) for row in rows] == [True, False]
 
 
 def test_parameters_say_what_differs(two: tuple[Run, Run]) -> None:
@@ -76,7 +75,7 @@ def test_other_bounds_and_other_parameters_are_not_compared(two: tuple[Run, Run]
     assert (arm.apart, arm.note) == ("–", "other bounds")
     fewer = replace(ParameterSpace(SPACE.parameters[:2]), scale=first.space.scale)
     entries = tuple(
-        {**entry, "values": {name: value for name, value in entry["values"].items() if name != "drag"}}
+        entry.model_copy(update={"values": {name: value for name, value in entry.values.items() if name != "drag"}})
         for entry in first.entries
     )
     *_, drag = parameter_lines([first, replace(first, entries=entries, space=fewer)])
@@ -86,7 +85,7 @@ def test_other_bounds_and_other_parameters_are_not_compared(two: tuple[Run, Run]
 
 def test_paths_are_shared_and_on_one_scale(two: tuple[Run, Run]) -> None:
     two[1].conclude(0.2)
-    shown = content([read_run(run.path, ROBOT) for run in two])
-    assert len(shown["trials"]) == 3
-    pairs = [[shown["charts"][f"paths-{k}-{i}"]().axes[0].get_xlim() for i in (0, 1)] for k in range(3)]
+    shown = runs_context([read_run(run.path, ROBOT) for run in two])
+    assert len(shown.trials) == 3
+    pairs = [[shown.charts[f"paths-{k}-{i}"]().axes[0].get_xlim() for i in (0, 1)] for k in range(3)]
     assert all(a == b for a, b in pairs)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
+from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.settings import CalibrationSettings
 
 _FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
@@ -12,18 +12,18 @@ _FEW = 10  # evaluations of which nothing is said
 _SPREAD = ("first point", "start", "initial")  # sources of points that no search has proposed
 
 
-def best_losses(entries: Sequence[Mapping[str, Any]]) -> list[float]:
+def best_losses(entries: Sequence[RecordedEvaluation]) -> list[float]:
     """Loss of the incumbent after each evaluation [m]; that of a failure as long as all failed."""
     losses: list[float] = []
     best: float | None = None
     for entry in entries:
-        if not entry["failed"]:
-            best = entry["loss"] if best is None else min(best, entry["loss"])
-        losses.append(entry["loss"] if best is None else best)
+        if not entry.failed:
+            best = entry.loss if best is None else min(best, entry.loss)
+        losses.append(entry.loss if best is None else best)
     return losses
 
 
-def still_falling(entries: Sequence[Mapping[str, Any]], settings: CalibrationSettings) -> str | None:
+def still_falling(entries: Sequence[RecordedEvaluation], settings: CalibrationSettings) -> str | None:
     """A warning that a run hadn't converged: its last quarter lowered the loss by more than 5 %.
 
     Args:
@@ -46,7 +46,7 @@ def still_falling(entries: Sequence[Mapping[str, Any]], settings: CalibrationSet
     )
 
 
-def never_beaten(entries: Sequence[Mapping[str, Any]], settings: CalibrationSettings) -> str | None:
+def never_beaten(entries: Sequence[RecordedEvaluation], settings: CalibrationSettings) -> str | None:
     """A warning that a search has found nothing better than the points that it began with.
 
     Args:
@@ -59,11 +59,11 @@ def never_beaten(entries: Sequence[Mapping[str, Any]], settings: CalibrationSett
     budget = settings.budget
     if settings.method == "random" or budget < _FEW or len(entries) < budget:
         return None
-    best = min((entry for entry in entries if not entry["failed"]), key=lambda entry: entry["loss"], default=None)
-    if best is None or best["note"].get("source") not in _SPREAD:
+    best = min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
+    if best is None or best.note.source not in _SPREAD:
         return None
     return (
-        f"the search hasn't beaten its own first points: the best of {len(entries)} is evaluation {best['index'] + 1}, "
+        f"the search hasn't beaten its own first points: the best of {len(entries)} is evaluation {best.index + 1}, "
         f"which no search proposed; run several seeds (--seeds 0:3) or another method (--method bayesopt), and look "
         f"whether the bounds are as wide as they must be"
     )

@@ -126,8 +126,8 @@ def strip(methods: Sequence[MethodStatistics], styles: Styles, width: float = CO
 def velocity(
     methods: Sequence[MethodStatistics], styles: Styles, theory: Mapping[str, float] | None = None,
     width: float = DOUBLE,
-) -> Figure | None:  # fmt: skip
-    """Speeds on the left, their errors on the right; mean over seeds with their range. None without frequencies.
+) -> Figure:  # fmt: skip
+    """Speeds on the left, their errors on the right, over frequencies; mean over seeds with their range.
 
     Args:
         methods: Under one protocol.
@@ -137,8 +137,6 @@ def velocity(
     """
     ordered = sorted(methods, key=lambda stats: stats.figures["velocity_error"].mean())
     by_method = {stats.method: own for stats in ordered if (own := speeds(stats.runs)) is not None}
-    if not by_method:
-        return None
     first = next(iter(by_method.values()))
     labels = [f"{method} (00.0 mm/s)" for method in (*by_method, THEORY)]
     figure = new_figure(width, 0.31 * width + 0.14 * legend_rows(labels, width))

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import Any
 from urllib.parse import quote
 
 from swim2real.comparison.results import ComparisonResults, load_results
@@ -19,14 +18,13 @@ from swim2real.comparison.statistics import (
     method_statistics,
 )
 from swim2real.comparison.tables import Cell, Table, mm_cell, tables
-from swim2real.formatting import mm
+from swim2real.formatting import duration, mm
 from swim2real.names import file_name_fault
 from swim2real.report.comparison_charts import convergence, markers, strip, velocity
 from swim2real.report.page import REPORT
-from swim2real.report.pages import Charts, render_page, write_page
+from swim2real.report.pages import Charts, PageContext, write_page
 from swim2real.report.paper_figures import FIGURES
-from swim2real.report.style import WIDE, method_styles
-from swim2real.report.units import duration, listed
+from swim2real.report.style import WIDE, MethodStyle, method_styles
 
 COMPARISON = "comparison.html"
 
@@ -48,6 +46,29 @@ class Board:
     tables: Mapping[str, Table]
 
 
+@dataclass(frozen=True)
+class ComparisonPage(PageContext):
+    """Everything that the page shows.
+
+    Attributes:
+        results: Results of the comparison.
+        seeds: All seeds.
+        boards: What is shown of each protocol.
+        styles: Look of each method.
+        runs: Table of all runs.
+        pages: Address of each run's own page, empty where there is none.
+        papers: Addresses of figures for papers.
+    """
+
+    results: ComparisonResults
+    seeds: list[int]
+    boards: list[Board]
+    styles: dict[str, MethodStyle]
+    runs: Table
+    pages: list[str]
+    papers: list[str]
+
+
 def write_comparison_report(folder: str | Path, theory: Mapping[str, float] | None = None) -> Path:
     """Writes the page of a comparison into its folder. The same folder gives the same page, to the last byte.
 
@@ -61,26 +82,18 @@ def write_comparison_report(folder: str | Path, theory: Mapping[str, float] | No
     Raises:
         RunError: There are no results, they are damaged, or the page can't be written.
     """
-    place = Path(folder)
-    return write_page(place / COMPARISON, render_comparison(load_results(place), place, theory))
+    context = comparison_context(load_results(folder), Path(folder), theory)
+    page = Path(folder) / COMPARISON
+    return write_page(page, context, "comparison.html.j2", "report.js comparison.js", "comparison.css")
 
 
-def render_comparison(results: ComparisonResults, folder: Path, theory: Mapping[str, float] | None = None) -> str:
-    """The page as text."""
-    content = comparison_content(results, folder, theory)
-    charts: Charts = content.pop("charts")
-    return render_page(
-        "comparison.html.j2", content, charts, style="report.css comparison.css", script="report.js comparison.js"
-    )
-
-
-def comparison_content(
+def comparison_context(
     results: ComparisonResults, folder: Path, theory: Mapping[str, float] | None = None
-) -> dict[str, Any]:
+) -> ComparisonPage:
     """Everything that the template shows."""
     styles = method_styles(results.methods)
     boards: list[Board] = []
-    charts: dict[str, Any] = {}
+    charts: Charts = {}
     for protocol in results.protocols:
         methods = method_statistics(results, protocol)
         description = PROTOCOLS[protocol]
@@ -95,19 +108,17 @@ def comparison_content(
         }
         if description.has_frequencies:
             charts[f"velocity-{protocol}"] = partial(velocity, methods, styles, theory, WIDE)
-    seeds = sorted({run.seed for run in results.runs})
-    return {
-        "name": folder.resolve().name,
-        "results": results,
-        "seeds": listed(seeds),
-        "engine": results.engine.get("name", "?"),
-        "boards": boards,
-        "styles": styles,
-        "runs": run_table(results),
-        "pages": run_pages(results, folder),
-        "papers": [quote(f"{FIGURES}/{path.name}") for path in sorted((folder / FIGURES).glob("*.pdf"))],
-        "charts": charts,
-    }
+    return ComparisonPage(
+        title=folder.resolve().name,
+        charts=charts,
+        results=results,
+        seeds=sorted({run.seed for run in results.runs}),
+        boards=boards,
+        styles=styles,
+        runs=_run_table(results),
+        pages=_run_pages(results, folder),
+        papers=[quote(f"{FIGURES}/{path.name}") for path in sorted((folder / FIGURES).glob("*.pdf"))],
+    )
 
 
 def verdict(methods: tuple[MethodStatistics, ...]) -> tuple[str, ...]:
@@ -137,7 +148,7 @@ def _mm(value: float) -> str:
     return f"{mm(value)} mm"
 
 
-def run_table(results: ComparisonResults) -> Table:
+def _run_table(results: ComparisonResults) -> Table:
     """Every run, with the trial that it left out."""
     rows = [
         (
@@ -157,7 +168,7 @@ def run_table(results: ComparisonResults) -> Table:
     return Table("runs", "Every run", heads, tuple(rows))
 
 
-def run_pages(results: ComparisonResults, folder: Path) -> list[str]:
+def _run_pages(results: ComparisonResults, folder: Path) -> list[str]:
     """The address of each run's own page relative to the comparison's, empty where there is none in its folder."""
     within = [PurePosixPath(run.folder).parts for run in results.runs]
     own = [len(parts) > 0 and not any(map(file_name_fault, parts)) for parts in within]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,10 @@ from matplotlib.figure import Figure
 from swim2real import store
 from swim2real.errors import RunError
 from swim2real.escaping import script_source, visible
+from swim2real.formatting import count, dollars, duration, listed, mm, number, percent, shortened, significant
 from swim2real.report.style import TITLE, VARIABLES, page_style
 
-Charts = Mapping[str, Callable[[], Figure]]
+Charts = dict[str, Callable[[], Figure]]
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
@@ -34,46 +36,57 @@ _DROPPED = re.compile(
 )
 
 
-def render_page(template: str, content: Mapping[str, Any], charts: Charts, **parts: str) -> str:
-    """A page as text.
+@dataclass(frozen=True)
+class PageContext:
+    """What a template shows; each page has a class of its own.
+
+    Attributes:
+        title: Title of the page.
+        charts: What draws each chart, by name; the template's `plot` shows it.
+    """
+
+    title: str
+    charts: Charts
+
+
+def write_page(path: Path, context: PageContext, template: str, script: str = "", style: str = "") -> Path:
+    """Writes a page whole or not at all. The same content gives the same page, to the last byte.
 
     Args:
+        path: The file.
+        context: What the page shows; texts are escaped, and what isn't seen of them becomes codes.
         template: Name of the template.
-        content: What it shows; texts are escaped, and what isn't seen of them becomes codes.
-        charts: What draws each chart, by name; the template's `plot` shows it.
-        parts: Names of our own files beside the template, several after one another with a space; they are put in as
-            they are. `script` is the only script that a browser runs on the page.
+        script: Names of our own scripts beside the template, apart by spaces; a browser runs no others on the page.
+        style: Names of style sheets beside the template that come after `report.css`.
+
+    Raises:
+        RunError: It can't be written.
     """
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, finalize=_seen,
     )  # fmt: skip
-    own = {
-        key: Markup("\n".join((_TEMPLATES / name).read_text(encoding="utf-8") for name in names.split()))
-        for key, names in parts.items()
-    }
-    drawn = {name: inline_svg(draw, name) for name, draw in charts.items()}
-    scripts = script_source(own["script"]) if "script" in own else "'none'"
-    return environment.get_template(template).render(
-        **content, **own, charts=drawn, variables=VARIABLES, scripts=Markup(scripts)
-    )
-
-
-def _seen(value: Any) -> Any:
-    return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
-
-
-def write_page(path: Path, page: str) -> Path:
-    """Writes a page whole or not at all.
-
-    Raises:
-        RunError: It can't be written.
-    """
+    for shown in (count, dollars, duration, listed, mm, number, percent, shortened, significant):
+        environment.filters[shown.__name__] = shown
+    own, styles = _files(script), _files(f"report.css {style}")
+    page = environment.get_template(template).render(
+        {field: getattr(context, field) for field in context.__dataclass_fields__}
+        | {"charts": {name: inline_svg(draw, name) for name, draw in context.charts.items()}},
+        script=own, style=styles, variables=VARIABLES, scripts=Markup(script_source(own) if own else "'none'"),
+    )  # fmt: skip
     try:
         store.write_text(path, page)
     except OSError as error:
         raise RunError(f"can't write '{path}': {store.reason(error)}; make room or allow writing there") from error
     return path
+
+
+def _files(names: str) -> Markup:
+    return Markup("\n".join((_TEMPLATES / name).read_text(encoding="utf-8") for name in names.split()))
+
+
+def _seen(value: Any) -> Any:
+    return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def inline_svg(draw: Callable[[], Figure], name: str) -> Markup:

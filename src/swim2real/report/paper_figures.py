@@ -55,7 +55,7 @@ def write_figures(
             drawn = {
                 "convergence": convergence(methods, styles),
                 "strip": strip(methods, styles),
-                "velocity": velocity(methods, styles, theory),
+                "velocity": velocity(methods, styles, theory) if methods[0].description.has_frequencies else None,
                 "line-search": line_search(methods, styles),
                 "markers": markers(methods, styles, results.markers),
             }

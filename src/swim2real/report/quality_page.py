@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from swim2real.report.pages import render_page, write_page
+from swim2real.report.pages import PageContext, write_page
 from swim2real.report.style import LIGHT, WIDE, chart_name, new_chart, titled
 from swim2real.tracking import LostMarkers
 from swim2real.trials import Trial
+
+
+@dataclass(frozen=True)
+class _QualityPage(PageContext):
+    trials: list[tuple[str, float]]  # name and share that is left out
 
 
 def write_quality_page(
@@ -28,12 +34,12 @@ def write_quality_page(
     Raises:
         RunError: The file can't be written.
     """
-    charts = {f"lost-{i}": partial(lost_markers, trial, lost, names) for i, (trial, lost) in enumerate(checked)}
-    trials = [(trial.name, f"{100 * lost.left_out_share:.1f} %") for trial, lost in checked]
-    return write_page(Path(path), render_page("quality.html.j2", {"trials": trials}, charts, style="report.css"))
+    charts = {f"lost-{i}": partial(_lost_markers, trial, lost, names) for i, (trial, lost) in enumerate(checked)}
+    trials = [(trial.name, lost.left_out_share) for trial, lost in checked]
+    return write_page(Path(path), _QualityPage("Lost markers", dict(charts), trials), "quality.html.j2")
 
 
-def lost_markers(trial: Trial, lost: LostMarkers, names: Sequence[str]) -> Figure:
+def _lost_markers(trial: Trial, lost: LostMarkers, names: Sequence[str]) -> Figure:
     """The frames in which each marker is lost, over time; the first marker at the top."""
     figure, axes = new_chart(WIDE, 0.6 + 0.19 * len(names), "time (s)", "")
     times = trial.track.times

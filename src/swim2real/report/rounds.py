@@ -1,6 +1,6 @@
-"""The advisor's rounds, read back from the record: what was proposed, what was tried and what came of it.
+"""The advisor's rounds and its calls, read back: what was proposed, what was tried and what came of it.
 
-Of a VLM's round also: what it took, what had to be put right in the reply, and what was shown.
+Of a VLM also: what each call and each round took, what had to be put right in the reply, and what was shown.
 """
 
 from __future__ import annotations
@@ -8,18 +8,21 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 
+from swim2real.advisor.vlm.providers import same_model
+from swim2real.advisor.vlm.transcript import CALLS, Call, ShownMedia, totals
+from swim2real.calibration.file_models import Proposal, RecordedEvaluation
+from swim2real.formatting import count, dollars, duration, listed, shortened, significant
 from swim2real.parameters import ParameterSpace
-from swim2real.report.calls import RecordedCalls, Shown, is_other
-from swim2real.report.run import Json, ReportedRun, incumbent
-from swim2real.report.units import count, dollars, duration, listed, mm, shortened, significant, text
+from swim2real.report.run import RecordedCalls, ReportedRun, calls_of, incumbent
 
-MOST_PICTURES = 1_200_000  # bytes on one page; as text they are a third more
+_MOST_PICTURES = 1_200_000  # bytes on one page; as text they are a third more
 _SHOWN_APART = (
     "advisor", "model", "calls", "input_tokens", "output_tokens", "cost", "seconds", "clipped", "ignored", "missing",
     "remarks",
@@ -30,26 +33,7 @@ _MOVES = 3
 _SMALLEST_MOVE = 0.005  # of the range
 _LONG_NOTE = 160
 
-
-@dataclass(frozen=True)
-class Step:
-    """One step of a round, as texts.
-
-    Attributes:
-        evaluation: Number of the evaluation, from 1 on.
-        size: Share of the proposed move.
-        loss: [mm], or that it diverged.
-        change: Against the loss before the round [mm], signed.
-        better: Whether it improved on it.
-        failed: Whether the simulation diverged.
-    """
-
-    evaluation: int
-    size: str
-    loss: str
-    change: str
-    better: bool
-    failed: bool
+Texts = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
@@ -58,7 +42,7 @@ class Exhibit:
 
     Attributes:
         label: What it shows.
-        path: Path within the run folder.
+        path: Path within the run folder, with forward slashes.
         picture: The picture as a data URI; empty where it isn't on the page.
         problem: Why the file isn't what was shown; empty where it is, or wasn't looked at.
     """
@@ -89,7 +73,7 @@ class Consultation:
     model: str
     instead: str
     took: tuple[str, ...]
-    mended: tuple[tuple[str, str], ...]
+    mended: Texts
     exhibits: tuple[Exhibit, ...]
 
     @property
@@ -110,224 +94,266 @@ class AdvisorRound:
     Attributes:
         number: Number of the round, from 1 on.
         status: `accepted`, `rejected` or `cut short`.
-        diagnosis: The advisor's words.
-        reasoning: The advisor's reasons.
+        proposal: The advisor's words, and the proposed point.
         notes: What else the advisor left, short texts by name.
         moves: The largest proposed changes, such as `motor_arm_length 0.042 → 0.05 m`.
-        steps: Steps as they were tried, at least one.
-        before: Loss before the round [mm].
-        after: Loss of the accepted step, else as before [mm].
+        steps: Evaluations of the steps as they were tried, at least one.
+        before: The incumbent before the round; None where all had failed.
+        accepted: The accepted step; None without one.
         consultation: What it took of a VLM; None for a proposal that came of no call.
     """
 
     number: int
     status: str
-    diagnosis: str
-    reasoning: str
-    notes: tuple[tuple[str, str], ...]
+    proposal: Proposal
+    notes: Texts
     moves: tuple[str, ...]
-    steps: tuple[Step, ...]
-    before: str
-    after: str
+    steps: tuple[RecordedEvaluation, ...]
+    before: RecordedEvaluation | None
+    accepted: RecordedEvaluation | None
     consultation: Consultation | None
+
+    def change(self, step: RecordedEvaluation) -> float | None:
+        """Change of the loss against that before the round [m]; None where either isn't known."""
+        return None if step.failed or self.before is None else step.loss - self.before.loss
 
 
 def advisor_rounds(run: ReportedRun) -> tuple[AdvisorRound, ...]:
     """All rounds of a run in order; none for a method without an advisor."""
-    grouped = _grouped(run)
-    longest = run.settings.max_steps
-    exhibits = _exhibits(run, [number for number, _ in grouped])
-    rounds: list[AdvisorRound] = []
-    for number, indices in grouped:
-        before = incumbent(run.entries[: indices[0]])
-        steps = [run.entries[i] for i in indices]
-        proposal: Json = steps[0]["note"].get("proposal") or {}
-        accepted = accepted_step(run, indices)
-        notes: Json = proposal.get("notes") or {}
-        asks = run.calls is not None and "calls" in notes
-        is_last = indices[-1] == len(run.entries) - 1
-        missed = "cut short" if is_last and len(steps) < longest else "rejected"
-        rounds.append(
-            AdvisorRound(
-                number=number,
-                status=missed if accepted is None else "accepted",
-                diagnosis=str(proposal.get("diagnosis") or ""),
-                reasoning=str(proposal.get("reasoning") or ""),
-                notes=_notes({name: value for name, value in notes.items() if not asks or name not in _SHOWN_APART}),
-                moves=_moves(run.space, before or run.entries[0], proposal),
-                steps=tuple(_step(i, run.entries[i], before) for i in indices),
-                before=_loss(before),
-                after=_loss(before if accepted is None else run.entries[accepted]),
-                consultation=consultation(notes, run.space, exhibits.get(number, ())) if asks else None,
-            )
-        )
-    return tuple(rounds)
+    accepted = accepted_steps(run)
+    shown = {} if run.calls is None else _exhibits(run.calls, list(accepted))
+    return tuple(_round(run, number, steps, accepted.get(number), shown) for number, steps in _grouped(run).items())
 
 
-def accepted_steps(run: ReportedRun) -> tuple[tuple[int, int], ...]:
-    """Index of the accepted step and number of its round, for every accepted round."""
-    pairs = [(accepted_step(run, indices), number) for number, indices in _grouped(run)]
-    return tuple((index, number) for index, number in pairs if index is not None)
+def accepted_steps(run: ReportedRun) -> dict[int, RecordedEvaluation]:
+    """The step of each round that improved on the incumbent before it, by the number of the round."""
+    found: dict[int, RecordedEvaluation] = {}
+    for number, steps in _grouped(run).items():
+        before = incumbent(run.entries[: steps[0].index])
+        for step in steps:
+            if not step.failed and (before is None or step.loss < before.loss):
+                found[number] = step
+                break
+    return found
 
 
-def accepted_step(run: ReportedRun, indices: Sequence[int]) -> int | None:
-    """The step of a round that improved on the incumbent before it, None for a round without one."""
-    before = incumbent(run.entries[: indices[0]])
-    for index in indices:
-        entry = run.entries[index]
-        if not entry["failed"] and (before is None or entry["loss"] < before["loss"]):
-            return index
-    return None
+def _grouped(run: ReportedRun) -> dict[int, list[RecordedEvaluation]]:
+    rounds: dict[int, list[RecordedEvaluation]] = {}
+    for entry in run.entries:
+        if entry.note.round is not None:
+            rounds.setdefault(entry.note.round, []).append(entry)
+    return dict(sorted(rounds.items()))
 
 
-def _exhibits(run: ReportedRun, rounds: Sequence[int]) -> dict[int, list[Exhibit]]:
-    """What each round showed; the pictures of the first and of the last accepted one are put on the page."""
-    if run.calls is None:
-        return {}
-    accepted = [number for _, number in accepted_steps(run)]
-    return exhibits_of(run.calls, rounds, [*accepted[:1], *accepted[-1:]])
-
-
-def _grouped(run: ReportedRun) -> list[tuple[int, list[int]]]:
-    rounds: dict[int, list[int]] = {}
-    for index, entry in enumerate(run.entries):
-        number = entry["note"].get("round")
-        if isinstance(number, int):
-            rounds.setdefault(number, []).append(index)
-    return sorted(rounds.items())
-
-
-def _step(index: int, entry: Json, before: Json | None) -> Step:
-    failed = bool(entry["failed"])
-    change = None if failed or before is None else entry["loss"] - before["loss"]
-    return Step(
-        evaluation=index + 1,
-        size=f"{text(100 * float(entry['note'].get('step_size', 1.0)), 1).removesuffix('.0')} %",
-        loss=_loss(entry),
-        change="" if change is None else f"{mm(change, 2, signed=True)} mm",
-        better=change is not None and change < 0,
-        failed=failed,
+def _round(
+    run: ReportedRun, number: int, steps: list[RecordedEvaluation], accepted: RecordedEvaluation | None,
+    shown: Mapping[int, tuple[Exhibit, ...]],
+) -> AdvisorRound:  # fmt: skip
+    before = incumbent(run.entries[: steps[0].index])
+    proposal = steps[0].note.proposal or Proposal(point=[])
+    notes = proposal.notes
+    asks = run.calls is not None and "calls" in notes
+    missed = "cut short" if steps[-1] is run.entries[-1] and len(steps) < run.settings.max_steps else "rejected"
+    return AdvisorRound(
+        number=number,
+        status=missed if accepted is None else "accepted",
+        proposal=proposal,
+        notes=_notes({name: value for name, value in notes.items() if not asks or name not in _SHOWN_APART}),
+        moves=_moves(run.space, before or run.entries[0], proposal),
+        steps=tuple(steps),
+        before=before,
+        accepted=accepted,
+        consultation=_consultation(steps[0], run.space, shown.get(number, ())) if asks else None,
     )
 
 
-def _loss(entry: Json | None) -> str:
-    if entry is None or entry["failed"]:
-        return "diverged"
-    return f"{mm(entry['loss'], 2)} mm"
-
-
-def _moves(space: ParameterSpace, start: Json, proposal: Json) -> tuple[str, ...]:
-    point = np.asarray(proposal.get("point") or [], dtype=float)
+def _moves(space: ParameterSpace, start: RecordedEvaluation, proposal: Proposal) -> tuple[str, ...]:
+    point = np.array(proposal.point)
     if point.shape != (len(space),):
         return ()
-    moved = point - np.asarray(start["point"], dtype=float)
+    moved = point - start.point
     proposed = space.to_values(np.clip(point, 0.0, 1.0))
     largest = [int(i) for i in np.argsort(-np.abs(moved), kind="stable")[:_MOVES] if abs(moved[i]) > _SMALLEST_MOVE]
     return tuple(
-        f"{p.name} {significant(start['values'][p.name])} → {significant(proposed[p.name])} {p.unit}".removesuffix(" -")
+        f"{p.name} {significant(start.values[p.name])} → {significant(proposed[p.name])} {p.unit}".removesuffix(" -")
         for p in (space.parameters[i] for i in largest)
     )
 
 
-def _notes(notes: Json) -> tuple[tuple[str, str], ...]:
-    short: list[tuple[str, str]] = []
-    for name, value in notes.items():
-        if isinstance(value, str | int | float | bool):
-            shown = significant(value) if isinstance(value, float) else str(value)
-            short.append((str(name), shown if len(shown) <= _LONG_NOTE else shown[: _LONG_NOTE - 1] + "…"))
-    return tuple(short)
-
-
-def consultation(notes: Mapping[str, Any], space: ParameterSpace, exhibits: Sequence[Exhibit]) -> Consultation:
-    """What the notes of a VLM's proposal tell.
-
-    Args:
-        notes: Notes as on record.
-        space: Space of the parameters.
-        exhibits: Those of the round.
-    """
-    advisor, model = str(notes.get("advisor") or ""), notes.get("model")
-    named = model if isinstance(model, str) else ""
-    return Consultation(
-        model=shortened(named or advisor),
-        instead=shortened(advisor.partition(":")[2]) if is_other(advisor, named) else "",
-        took=_costs(notes),
-        mended=_mended(notes, space),
-        exhibits=tuple(exhibits),
+def _notes(notes: Mapping[str, Any]) -> Texts:
+    return tuple(
+        (name, significant(value) if isinstance(value, float) else shortened(str(value), _LONG_NOTE))
+        for name, value in notes.items()
+        if isinstance(value, str | int | float)
     )
 
 
-def exhibits_of(recorded: RecordedCalls, rounds: Sequence[int], on_page: Sequence[int]) -> dict[int, list[Exhibit]]:
-    """What each round showed; a file that isn't what was shown then is said to be so.
-
-    Args:
-        recorded: The calls.
-        rounds: Numbers of the rounds.
-        on_page: Numbers of the rounds whose pictures are put on the page, as far as they fit.
-    """
-    each = MOST_PICTURES // max(1, len(set(on_page)))
-    exhibits: dict[int, list[Exhibit]] = {}
-    for number in rounds:
-        left = each if number in on_page else 0
-        exhibits[number] = []
-        for shown in recorded.of_round(number):
-            exhibit, size = _exhibit(recorded, shown, left)
-            left -= size
-            exhibits[number].append(exhibit)
-    return exhibits
-
-
-def _exhibit(recorded: RecordedCalls, shown: Shown, left: int) -> tuple[Exhibit, int]:
-    """With its picture if that takes at most `left` bytes, and how many it takes."""
-    path = recorded.folder / shown.path
-    label = shortened(shown.label)
-    if not path.is_file():
-        return Exhibit(label, shown.path, problem="the file is missing"), 0
-    if not left or shown.media_type not in _EMBEDDED:
-        return Exhibit(label, shown.path), 0
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        return Exhibit(label, shown.path, problem=f"the file can't be read: {error.strerror or error}"), 0
-    if hashlib.sha256(data).hexdigest() != shown.sha256:
-        return Exhibit(label, shown.path, problem="the file has changed since it was shown"), 0
-    if len(data) > left:
-        return Exhibit(label, shown.path), 0
-    return Exhibit(label, shown.path, f"data:{shown.media_type};base64,{base64.b64encode(data).decode()}"), len(data)
-
-
-def _costs(notes: Mapping[str, Any]) -> tuple[str, ...]:
-    parts: list[str] = []
-    calls = [number for number in _list(notes.get("calls")) if isinstance(number, int)]
-    if calls:
-        parts.append(f"call{'' if len(calls) == 1 else 's'} {listed(calls)}")
+def _consultation(
+    first: RecordedEvaluation, space: ParameterSpace, exhibits: tuple[Exhibit, ...]
+) -> Consultation:  # fmt: skip
+    """What the notes of a VLM's proposal tell; what isn't of its kind in them is left out."""
+    notes = first.note.proposal.notes if first.note.proposal else {}
+    advisor, model = str(notes.get("advisor") or ""), notes.get("model")
+    named = model if isinstance(model, str) else ""
+    took: list[str] = []
+    if calls := calls_of(first):
+        took.append(f"{plural(len(calls), 'call')} {listed(calls)}")
     tokens = [notes.get("input_tokens"), notes.get("output_tokens")]
     if any(isinstance(one, int) and one for one in tokens):
         inside, outside = (count(one) if isinstance(one, int) else "–" for one in tokens)
-        parts.append(f"{inside} tokens in, {outside} out")
+        took.append(f"{inside} tokens in, {outside} out")
     for key, shown in (("cost", dollars), ("seconds", duration)):
         amount = notes.get(key)
         if isinstance(amount, int | float) and math.isfinite(amount):
-            parts.append(shown(amount))
-    return tuple(parts)
+            took.append(shown(amount))
+    instead = shortened(advisor.partition(":")[2]) if is_other(advisor, named) else ""
+    return Consultation(shortened(named or advisor), instead, tuple(took), _mended(notes, space), exhibits)
 
 
-def _mended(notes: Mapping[str, Any], space: ParameterSpace) -> tuple[tuple[str, str], ...]:
+def _mended(notes: Mapping[str, Any], space: ParameterSpace) -> Texts:
     corrections: list[tuple[str, str]] = []
-    clipped: Any = notes.get("clipped")
-    moved = cast(dict[str, Any], clipped) if isinstance(clipped, dict) else {}
-    for name, value in moved.items():
+    clipped = notes.get("clipped")
+    for name, value in (cast("dict[str, Any]", clipped) if isinstance(clipped, dict) else {}).items():
         if name in space.names and isinstance(value, int | float):
             bound = min(max(value, space[name].lower), space[name].upper)
-            unit = "" if space[name].unit == "-" else f" {space[name].unit}"
-            corrections.append(("clipped", f"{name} {significant(value)} → {significant(bound)}{unit}"))
+            moved = f"{name} {significant(value)} → {significant(bound)} {space[name].unit}".removesuffix(" -")
+            corrections.append(("clipped", moved))
+    lists = {key: cast("list[Any]", value) for key, value in notes.items() if isinstance(value, list)}
     for key, what in (("ignored", "no parameter of this name"), ("missing", "kept as before")):
-        names = [shortened(str(name)) for name in _list(notes.get(key))]
-        if names:
+        if names := [shortened(str(name)) for name in lists.get(key, [])]:
             corrections.append((key, f"{listed(names, _MOST_NAMES)} ({what})"))
-    corrections += [("remark", shortened(str(one))) for one in _list(notes.get("remarks"))]
-    return tuple(corrections)
+    return (*corrections, *(("remark", shortened(str(one))) for one in lists.get("remarks", [])))
 
 
-def _list(value: Any) -> list[Any]:
-    return cast(list[Any], value) if isinstance(value, list) else []
+def _exhibits(recorded: RecordedCalls, accepted: Sequence[int]) -> dict[int, tuple[Exhibit, ...]]:
+    """What the proposal of each round came of, with the pictures of the first and of the last accepted round."""
+    on_page = {*accepted[:1], *accepted[-1:]}
+    exhibits: dict[int, tuple[Exhibit, ...]] = {}
+    for number in {call.round for call in recorded.calls}:
+        calls = [call for call in recorded.calls if call.round == number]
+        used = max((call.number for call in calls if call.outcome == "used"), default=0)
+        asked = [call for call in calls if not call.is_repair and call.number <= used]
+        left, shown = _MOST_PICTURES // len(on_page) if number in on_page else 0, []
+        for media in asked[-1].media if asked else ():
+            exhibit, size = _exhibit(recorded, media, left)
+            left -= size
+            shown.append(exhibit)
+        exhibits[number] = tuple(shown)
+    return exhibits
+
+
+def _exhibit(recorded: RecordedCalls, media: ShownMedia, left: int) -> tuple[Exhibit, int]:
+    """With its picture if that takes at most `left` bytes, and how many it takes."""
+    name = f"{CALLS}/{media.media}"
+    path, label = recorded.folder / name, shortened(media.label)
+    if not path.is_file():
+        return Exhibit(label, name, problem="the file is missing"), 0
+    if not left or media.media_type not in _EMBEDDED:
+        return Exhibit(label, name), 0
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        return Exhibit(label, name, problem=f"the file can't be read: {error.strerror or error}"), 0
+    if hashlib.sha256(data).hexdigest() != media.sha256:
+        return Exhibit(label, name, problem="the file has changed since it was shown"), 0
+    if len(data) > left:
+        return Exhibit(label, name), 0
+    return Exhibit(label, name, f"data:{media.media_type};base64,{base64.b64encode(data).decode()}"), len(data)
+
+
+@dataclass(frozen=True)
+class CallRow:
+    """One call.
+
+    Attributes:
+        call: As it is on record.
+        is_other: Whether another model answered than the one that was asked.
+        problems: In sentences: why it wasn't used, and what went wrong before it was answered.
+    """
+
+    call: Call
+    is_other: bool
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CallSection:
+    """What the page says about the calls.
+
+    Attributes:
+        sums: Each an amount and what it is of.
+        warnings: In sentences.
+        rows: A row a call.
+    """
+
+    sums: Texts
+    warnings: tuple[str, ...]
+    rows: tuple[CallRow, ...]
+
+
+def call_section(recorded: RecordedCalls | None) -> CallSection | None:
+    """The section of the calls, None for a run that made none."""
+    if recorded is None:
+        return None
+    calls = recorded.calls
+    warnings = [recorded.problem] if recorded.problem else []
+    others: dict[tuple[str, str], list[int]] = {}
+    for call in calls:
+        if call.reply is not None and is_other(call.advisor, call.reply.model):
+            asked = call.advisor.partition(":")[2]
+            others.setdefault((shortened(asked), shortened(call.reply.model or "")), []).append(call.number)
+    warnings += [
+        f"Another model answered: {asked} was asked, and {model} answered {plural(len(numbers), 'call')} "
+        f"{listed(numbers)}. The result is not that of {asked} alone."
+        for (asked, model), numbers in others.items()
+    ]
+    without = sorted({call.round for call in calls} - {call.round for call in calls if call.outcome == "used"})
+    if without:
+        warnings.append(
+            f"{plural(len(without), 'Round')} {listed(without)} got no usable reply, so nothing was proposed and "
+            f"nothing simulated; --resume asks again."
+        )
+    rows = [CallRow(call, is_other(call.advisor, call.reply and call.reply.model), _problems(call)) for call in calls]
+    return CallSection(_sums(calls) if calls else (), tuple(warnings), tuple(rows))
+
+
+def is_other(advisor: str, model: str | None) -> bool:
+    """Whether a model answered that isn't the advisor that was asked, such as `google:gemini-3.1-pro-preview`."""
+    asked = advisor.partition(":")[2]
+    return bool(asked and model) and not same_model(asked, model or "")
+
+
+def plural(number: int, word: str) -> str:
+    """A word for one thing or for several."""
+    return word if number == 1 else f"{word}s"
+
+
+def _problems(call: Call) -> tuple[str, ...]:
+    problems = [call.problem] if call.problem else []
+    for number, attempt in enumerate(call.attempts, start=1):
+        if attempt.error and not any(attempt.error in sentence for sentence in problems):
+            waited = f", then waited {duration(attempt.waited)}" if attempt.waited else ""
+            problems.append(f"attempt {number}: {attempt.error}{waited}")
+    return tuple(shortened(sentence) for sentence in problems)
+
+
+def _sums(calls: Sequence[Call]) -> Texts:
+    sums, replies = totals(calls), [call.reply for call in calls if call.reply is not None]
+    repairs, unusable = sum(call.is_repair for call in calls), sum(call.outcome == "unusable" for call in calls)
+    parts = [f"{sums.failed or 'none'} failed", f"{repairs or 'no'} {plural(repairs, 'repair')}"]
+    if unusable:
+        parts.insert(1, f"{unusable} with a reply that wasn't usable")
+    amounts = [(str(sums.calls), f"{plural(sums.calls, 'call')}: {listed(parts)}")]
+    if any(reply.input_tokens is not None for reply in replies):
+        amounts += [(count(sums.input_tokens), "tokens in"), (count(sums.output_tokens), "tokens out")]
+    else:
+        amounts.append(("tokens", "not counted"))
+    unpriced = sum(reply.cost is None for reply in replies)
+    if sums.cost is None:
+        amounts.append(("price", "not known"))
+    else:
+        rest = f", and {unpriced} repl{'y' if unpriced == 1 else 'ies'} of unknown price" if unpriced else ""
+        amounts.append((dollars(sums.cost), f"spent{rest}"))
+    amounts.append((duration(sums.seconds), "waited"))
+    models = Counter(shortened(reply.model) for reply in replies if reply.model)
+    return (*amounts, *((model, f"answered {times} {plural(times, 'time')}") for model, times in models.items()))

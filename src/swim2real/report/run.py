@@ -2,45 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-from swim2real.calibration import RunFolder, RunSettings, SavedTrial, load_trials
+from swim2real.advisor.vlm.transcript import CALLS, Call, Transcript
+from swim2real.calibration import Outcome, RunFolder, RunSettings, SavedTrial, load_trials
 from swim2real.calibration.convergence import never_beaten, still_falling
+from swim2real.calibration.file_models import RecordedEvaluation, TrialSummary
 from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.calibration.run_folder import TRIALS
-from swim2real.errors import RunError
+from swim2real.errors import AdvisorError, RunError
+from swim2real.formatting import listed
+from swim2real.objective.figures import FitFigures, TrialFigures
 from swim2real.parameters import ParameterSpace
-from swim2real.report.calls import RecordedCalls, read_calls
 from swim2real.robots.robot import Robot
-
-Json = Mapping[str, Any]
+from swim2real.settings import replayed_run
 
 _SAME_LOSS = 1e-5  # m, by which a loss may differ when the same parameters are simulated again
 
 
 @dataclass(frozen=True)
 class ReportedTrial:
-    """A trial at the best parameters.
+    """A trial at some parameters.
 
     Attributes:
         name: Name of the trial.
         held_out: Whether it was left out of the fit.
-        figures: SI numbers as in an evaluation's evidence.
-        quality: What was found in the real track; empty before a run ends.
+        figures: As on record.
+        checked: What was found in the real track.
     """
 
     name: str
     held_out: bool
-    figures: Json
-    quality: Json
+    figures: TrialFigures
+    checked: TrialSummary
 
     @property
     def diverged(self) -> bool:
-        return bool(self.figures.get("divergence"))
+        """Whether there are no figures of the simulation."""
+        return bool(self.figures.divergence)
+
+
+@dataclass(frozen=True)
+class RecordedCalls:
+    """The transcript of a run whose advisor was asked over a wire or by files.
+
+    Attributes:
+        folder: Folder of the run.
+        calls: In order; empty where the transcript is missing or damaged.
+        problem: What is wrong with the transcript, in a sentence; empty where it is whole.
+    """
+
+    folder: Path
+    calls: tuple[Call, ...] = ()
+    problem: str = ""
 
 
 @dataclass(frozen=True)
@@ -53,48 +70,47 @@ class ReportedRun:
         settings: Settings as recorded.
         space: On the run's scale.
         entries: The record, one entry an evaluation, at least one.
-        fit: Figures of the best parameters on the fitted trials, in SI.
-        held_out: The same on trials left out of the fit, None without any.
-        quality: What was found in the real tracks, by trial.
-        sensitivity: Sensitivity to each parameter, by name; empty where it wasn't determined.
-        marker_names: M names.
-        unfinished: What is missing and why, in sentences; None for a run that ended.
-        calls: Calls of the advisor; None for a run that made none.
+        outcome: What was found at its end; None before it.
+        is_current: Whether that is of the best parameters on record.
         saved: Trials at the best parameters by frequency and name; empty before a run ends.
-        backward: A sentence that the best parameters don't swim forward from rest, and what to do; None where they do
-            and where nobody tried.
+        calls: Calls of the advisor; None for a run that made none.
+        unfinished: What is missing and why, in sentences; empty for a run that ended.
     """
 
     name: str
     robot: Robot
     settings: RunSettings
     space: ParameterSpace
-    entries: tuple[Json, ...]
-    fit: Json
-    held_out: Json | None
-    quality: Json
-    sensitivity: Json
-    marker_names: tuple[str, ...]
-    unfinished: str | None
+    entries: tuple[RecordedEvaluation, ...]
+    outcome: Outcome | None
+    is_current: bool
+    saved: tuple[SavedTrial, ...]
     calls: RecordedCalls | None
-    saved: tuple[SavedTrial, ...] = ()
-    backward: str | None = None
-
-    @property
-    def first(self) -> Json:
-        """The first evaluation's entry."""
-        return self.entries[0]
+    unfinished: str
 
     @cached_property
-    def best(self) -> Json:
-        """The incumbent's entry."""
+    def best(self) -> RecordedEvaluation:
+        """The incumbent; the first evaluation where all failed."""
         return incumbent(self.entries) or self.entries[0]
+
+    @property
+    def of_best(self) -> Outcome:
+        """What was found of the best parameters."""
+        if self.outcome is not None and self.is_current:
+            return self.outcome
+        return Outcome(fit=self.best.evidence)
+
+    @property
+    def marker_names(self) -> tuple[str, ...]:
+        """M names."""
+        return tuple((self.outcome and self.outcome.marker_names) or self.robot.marker_names)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before the best parameters are used."""
-        told = (self.backward, *(tell(self.entries, self.settings) for tell in (still_falling, never_beaten)))
-        return tuple(warning for warning in told if warning)
+        from_rest = {name: swim.as_dict() for name, swim in self.of_best.from_rest.items()}
+        found = (still_falling(self.entries, self.settings), never_beaten(self.entries, self.settings))
+        return tuple(warning for warning in (backward_from_rest(from_rest), *found) if warning)
 
     @property
     def loss(self) -> str:
@@ -109,12 +125,13 @@ class ReportedRun:
     @cached_property
     def trials(self) -> tuple[ReportedTrial, ...]:
         """Fitted and held-out trials by frequency, where they have one, and name."""
+        checked = {} if self.outcome is None else self.outcome.trials
         trials = [
-            ReportedTrial(name, held_out, figures, self.quality.get(name, {}))
-            for content, held_out in ((self.fit, False), (self.held_out or {}, True))
-            for name, figures in content.get("trials", {}).items()
+            ReportedTrial(name, held_out, figures, checked.get(name, TrialSummary()))
+            for held_out, fit in ((False, self.of_best.fit), (True, self.of_best.held_out or FitFigures()))
+            for name, figures in fit.trials.items()
         ]
-        return tuple(sorted(trials, key=lambda t: (t.figures.get("frequency") or 0.0, t.name)))
+        return tuple(sorted(trials, key=lambda trial: (trial.figures.frequency or 0.0, trial.name)))
 
     @property
     def registered(self) -> bool:
@@ -133,7 +150,7 @@ class ReportedRun:
 
     def has(self, figure: str) -> bool:
         """Whether a trial has a figure."""
-        return any(trial.figures.get(figure) is not None for trial in self.trials)
+        return any(getattr(trial.figures, figure) not in (None, []) for trial in self.trials)
 
 
 def read_run(path: str | Path, robot: Robot) -> ReportedRun:
@@ -149,59 +166,85 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
     """
     folder = RunFolder(path)
     settings = folder.settings()
-    entries: tuple[Json, ...] = tuple(folder.record())
+    entries = tuple(RecordedEvaluation.model_validate(entry) for entry in folder.record())
     if not entries:
         raise RunError(
             f"run '{path}' has no evaluation on record yet, so there is nothing to report; go on with --resume"
         )
-    best, space = incumbent(entries) or entries[0], robot.space
-    space.check(best["values"], where=f"run '{path}'")
-    outcome = folder.outcome()
-    current = outcome is not None and (
-        outcome.evaluations == len(entries) or abs((outcome.fit.loss or 0.0) - best["loss"]) <= _SAME_LOSS
+    best, outcome = incumbent(entries) or entries[0], folder.outcome()
+    robot.space.check(best.values, where=f"run '{path}'")
+    is_current = outcome is not None and (
+        outcome.evaluations == len(entries) or abs((outcome.fit.loss or 0.0) - best.loss) <= _SAME_LOSS
     )
-    content = {} if outcome is None else outcome.to_json()
-    of_best: Json = content if current else {}
     has_trials = (folder.path / TRIALS).is_file()
-    saved = load_trials(folder) if of_best and has_trials else ()
-    return ReportedRun(
-        name=folder.path.resolve().name,
-        robot=robot,
-        settings=settings,
-        space=replace(space, scale=settings.resolved_scale),
-        entries=entries,
-        fit=of_best.get("fit") or best["evidence"],
-        held_out=of_best.get("held_out"),
-        quality=content.get("trials") or {},
-        sensitivity={effect["name"]: effect for effect in of_best.get("sensitivity") or ()},
-        marker_names=tuple(content.get("marker_names") or robot.marker_names),
-        unfinished=_unfinished(settings, len(entries), outcome is not None, current, has_trials),
-        calls=read_calls(folder.path, settings, entries),
-        saved=tuple(sorted(saved, key=lambda trial: (trial.compared.frequency or 0.0, trial.compared.name))),
-        backward=backward_from_rest(of_best.get("from_rest") or {}),
-    )
-
-
-def incumbent(entries: tuple[Json, ...]) -> Json | None:
-    """The entry with the lowest loss of those that didn't fail, the earliest of equals; None when all failed."""
-    proper = [entry for entry in entries if not entry["failed"]]
-    return min(proper, key=lambda entry: entry["loss"]) if proper else None
-
-
-def _unfinished(settings: RunSettings, done: int, ended: bool, current: bool, has_trials: bool) -> str | None:
-    on_record = f"{done} of {settings.budget} evaluations are on record"
-    if not ended:
-        return (
+    saved = load_trials(folder) if is_current and has_trials else ()
+    on_record = f"{len(entries)} of {settings.budget} evaluations are on record"
+    unfinished = ""
+    if outcome is None:
+        unfinished = (
             f"This run has not ended: {on_record}. The page shows what the record can tell. Charts of each trial, "
             f"held-out trials, track quality and the effect of each parameter are written when the run ends; go on "
             f"with --resume and make the report again."
         )
-    if not current:
-        return (
+    elif not is_current:
+        unfinished = (
             f"This run went on after it had ended once, and has found better parameters since: {on_record}. Charts of "
             f"each trial, held-out trials and the effect of each parameter belong to the earlier ones and are left "
             f"out; finish the run with --resume and make the report again."
         )
-    if not has_trials:
-        return f"The run folder has no {TRIALS}, so charts of each trial are left out; --resume writes it again."
-    return None
+    elif not has_trials:
+        unfinished = f"The run folder has no {TRIALS}, so charts of each trial are left out; --resume writes it again."
+    return ReportedRun(
+        name=folder.path.resolve().name,
+        robot=robot,
+        settings=settings,
+        space=replace(robot.space, scale=settings.resolved_scale),
+        entries=entries,
+        outcome=outcome,
+        is_current=is_current,
+        saved=tuple(sorted(saved, key=lambda trial: (trial.compared.frequency or 0.0, trial.compared.name))),
+        calls=_read_calls(folder.path, settings, entries),
+        unfinished=unfinished,
+    )
+
+
+def incumbent(entries: Sequence[RecordedEvaluation]) -> RecordedEvaluation | None:
+    """The entry with the lowest loss of those that didn't fail, the earliest of equals; None when all failed."""
+    return min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
+
+
+def calls_of(entry: RecordedEvaluation) -> list[int]:
+    """Numbers of the calls that a proposal came of."""
+    numbers = entry.note.proposal.notes.get("calls") if entry.note.proposal else None
+    return [number for number in numbers if isinstance(number, int)] if isinstance(numbers, list) else []
+
+
+def _read_calls(folder: Path, settings: RunSettings, entries: Sequence[RecordedEvaluation]) -> RecordedCalls | None:
+    """The calls of a run. A transcript that can't be read is a sentence, not an error.
+
+    None for a run that made no calls: its advisor is built in, repeats another run's calls, or hasn't been asked.
+    """
+    has_files = any((folder / CALLS).glob("call_*.json"))
+    named = {number for entry in entries for number in calls_of(entry)}
+    if not has_files and (not named or replayed_run(settings.advisor) is not None):
+        return None
+    if not has_files:
+        return RecordedCalls(
+            folder,
+            problem=f"The advisor's calls are on record, but their transcript, the folder '{CALLS}' of the run, is "
+            f"missing: what they took and what was shown can't be told. Put the folder back and make the report again.",
+        )
+    try:
+        calls = Transcript(folder).calls
+    except AdvisorError as error:
+        what = str(error).replace(f"{folder}/", "")
+        return RecordedCalls(folder, problem=f"The transcript of the advisor's calls can't be read: {what}.")
+    there = {call.number for call in calls}
+    lost, problem = sorted((named | set(range(1, max(there) + 1))) - there), ""
+    if lost:
+        one = len(lost) == 1
+        problem = (
+            f"Call{'' if one else 's'} {listed(lost)} {'is' if one else 'are'} missing in the transcript, the folder "
+            f"'{CALLS}' of the run; the sums below are without {'it' if one else 'them'}."
+        )
+    return RecordedCalls(folder, calls, problem)
