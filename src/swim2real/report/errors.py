@@ -71,14 +71,14 @@ def error_rows(run: ReportedRun) -> tuple[ErrorRow, ...]:
         meaning = f"{figure.meaning} {counts}"
         shown[f"{SENSORS}.{sensor.name}"] = replace(figure, label=f"Sensor {sensor.name}", meaning=meaning)
     large = (*_LARGE, "marker_error") if run.settings.protocol == "paper" else _LARGE
-    fits = (run.entries[0].evidence, run.of_best.fit, run.of_best.held_out)
-    return tuple(
-        ErrorRow(
-            figure.label, name, *(_with_unit(fit, name, figure) for fit in fits), figure.meaning, name in _SUMS,
-            name in large or name.startswith(SENSORS),
+    rows: list[ErrorRow] = []
+    for name, figure in shown.items():
+        first, best, held_out = (
+            _with_unit(fit, name, figure) for fit in (run.entries[0].evidence, run.of_best.fit, run.of_best.held_out)
         )
-        for name, figure in shown.items()
-    )  # fmt: skip
+        is_large = name in large or name.startswith(SENSORS)
+        rows.append(ErrorRow(figure.label, name, first, best, held_out, figure.meaning, name in _SUMS, is_large))
+    return tuple(rows)
 
 
 def _with_unit(fit: FitFigures | None, name: str, figure: Figure) -> str:
