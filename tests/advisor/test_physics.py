@@ -27,6 +27,7 @@ from swim2real.advisor.physics.model import (
 )
 from swim2real.demo import SyntheticCamera, synthetic_reference
 from swim2real.errors import ArgumentError
+from swim2real.objective.figures import FitFigures
 from swim2real.objective.head import head_motion
 from swim2real.objective.motion import beat
 from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, Situation, Step
@@ -312,11 +313,12 @@ def test_the_speed_scale_is_odd_and_goes_back():
 
 def test_the_beat_is_read_relative_to_the_tail_tip_and_only_lost_markers_are_nan():
     evidence = World(lost=[(1, 5)]).evidence(MIDDLE)
-    plain = read_swims(evidence, "simulated").beat
+    plain = read_swims(FitFigures.model_validate(evidence), "simulated").beat
     for trial in evidence["trials"].values():
         beats = trial["beat_simulated"]
         beats["phase"] = [None if phase is None else phase + 1.234 for phase in beats["phase"]]
-    np.testing.assert_allclose(read_swims(evidence, "simulated").beat, plain, atol=1e-12)
+    shifted = read_swims(FitFigures.model_validate(evidence), "simulated").beat
+    np.testing.assert_allclose(shifted, plain, atol=1e-12)
     np.testing.assert_allclose(plain[:, 17], 0.0, atol=1e-12)
     expected = np.zeros((4, 18), dtype=bool)
     expected[1, [5, 14]] = True

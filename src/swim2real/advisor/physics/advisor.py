@@ -21,14 +21,13 @@ from swim2real.advisor.physics.model import (
     Swims,
     direction,
     read_swims,
+    reason,
     shape_floor,
     to_speed_scale,
-    trial_frequencies,
-    whole_motion,
     without_outliers,
 )
-from swim2real.advisor.physics.words import diagnose_swims, reason
 from swim2real.errors import ArgumentError
+from swim2real.objective.figures import FitFigures
 from swim2real.optimizers import Evaluation, Proposal, Round, Situation
 from swim2real.optimizers.advisor import DECIMALS
 from swim2real.parameters import ParameterSpace
@@ -36,10 +35,11 @@ from swim2real.robots.robot import Robot
 
 Array = NDArray[np.float64]
 
-CAUTION, BOLDER = 0.3, 0.3  # weight of the variance, and what a round without real progress makes of it
-PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
-TRUST_START, TRUST_LEAST, TRUST_MOST = 0.5, 0.08, 0.7  # half width of the trusted box, in the unit cube
-GROW, SHRINK = 1.3, 0.7
+_CLOSE = 0.05  # relative difference that isn't worth a word
+_CAUTION, _BOLDER = 0.3, 0.3  # weight of the variance, and what a round without real progress makes of it
+_PROGRESS = 0.02  # by how much a round must lower the loss to count as progress
+_TRUST_START, _TRUST_LEAST, _TRUST_MOST = 0.5, 0.08, 0.7  # half width of the trusted box, in the unit cube
+_GROW, _SHRINK = 1.3, 0.7
 _SAMPLES, _STARTS = 3000, 4
 _DIFFERENCE = 1e-4
 _GRAIN = 9  # decimals of an expected loss [m], for the same reason as those of a proposal
@@ -81,16 +81,9 @@ class PhysicsAdvisor:
         expectation = self._expectation(usable, situation.incumbent, situation.rounds)
         point = self._best_point(expectation, here, trust, rng)
         before, after = expectation.losses(np.array([here, point]))
-        real, simulated = (read_swims(situation.incumbent.detail, side) for side in ("real", "simulated"))
-        notes = {
-            "trust": round(trust, 4), "expected_loss": float(after), "expected_loss_here": float(before),
-        }  # fmt: skip
-        return Proposal(
-            self._back(point),
-            diagnose_swims(trial_frequencies(situation.incumbent.detail), real, simulated, situation.incumbent.detail),
-            reason(self._own, here, point, self._gains(expectation, here, point)),
-            notes,
-        )
+        notes = {"trust": round(trust, 4), "expected_loss": float(after), "expected_loss_here": float(before)}
+        reasoning = reason(self._own, here, point, self._gains(expectation, here, point))
+        return Proposal(self._back(point), _diagnosis(_figures(situation.incumbent)), reasoning, notes)
 
     def _point(self, evaluation: Evaluation) -> Array:
         return self._own.to_cube(self._space.to_values(evaluation.candidate.point))
@@ -101,16 +94,15 @@ class PhysicsAdvisor:
     def _expectation(
         self, evaluations: Sequence[Evaluation], incumbent: Evaluation, rounds: Sequence[Round]
     ) -> Expectation:
-        whole = whole_motion(incumbent.detail)
-        frame = "path" if whole else "body"
-        real = read_swims(incumbent.detail, "real", frame)
+        here = _figures(incumbent)
+        whole = all(trial.path_beat_real is not None for trial in here.trials.values())
+        frame, driven = "path" if whole else "body", _frequencies(here)
+        real = read_swims(here, "real", frame)
         points = np.array([self._point(e) for e in evaluations])
-        driven = trial_frequencies(incumbent.detail)
-        body_real, here = (read_swims(incumbent.detail, side) for side in ("real", "simulated"))
-        shape = np.array([trial["shape_error"] for trial in incumbent.detail["trials"].values()])
-        floor = shape_floor(shape, here.beat, body_real.beat)
-        aim = Aim(real.speed, real.beat, floor, float(incumbent.detail["horizon"] or 4.0))
-        simulated = [read_swims(e.detail, "simulated", frame) for e in evaluations]
+        shape = np.array([trial.shape_error for trial in here.trials.values()], dtype=float)
+        floor = shape_floor(shape, read_swims(here, "simulated").beat, read_swims(here, "real").beat)
+        aim = Aim(real.speed, real.beat, floor, here.horizon or 4.0)
+        simulated = [read_swims(_figures(e), "simulated", frame) for e in evaluations]
         seen = _learned(np.array([s.speed for s in simulated]), np.array([s.beat for s in simulated]), real, driven)
         seen = seen._replace(excess=aim.excess(np.array([e.loss for e in evaluations]), seen))
         surrogate = Surrogate(lambda p: self._prior(p, driven, whole), self._response.lengths, points, seen)
@@ -159,27 +151,36 @@ def trust_radius(rounds: Sequence[Round]) -> float:
 
     A run that is stuck where the box is smallest looks far away again.
     """
-    trust = TRUST_START
+    trust = _TRUST_START
     for finished in rounds:
         if not finished.accepted:
-            trust = trust * SHRINK if trust > TRUST_LEAST else TRUST_START
+            trust = trust * _SHRINK if trust > _TRUST_LEAST else _TRUST_START
         elif len(finished.steps) == 1:
-            trust *= GROW
+            trust *= _GROW
         else:
             trust *= finished.steps[-1].step_size ** 0.25
-        trust = float(np.clip(trust, TRUST_LEAST, TRUST_MOST))
+        trust = float(np.clip(trust, _TRUST_LEAST, _TRUST_MOST))
     return trust
 
 
 def caution(rounds: Sequence[Round]) -> float:
     """Weight of what the surrogate doesn't know: a run that gets nowhere tries what it is less sure of."""
-    weight = CAUTION
+    weight = _CAUTION
     for finished in reversed(rounds):
-        gained = finished.accepted and finished.steps[-1].evaluation.loss < (1 - PROGRESS) * finished.incumbent.loss
+        gained = finished.accepted and finished.steps[-1].evaluation.loss < (1 - _PROGRESS) * finished.incumbent.loss
         if gained:
             break
-        weight *= BOLDER
+        weight *= _BOLDER
     return weight
+
+
+def _figures(evaluation: Evaluation) -> FitFigures:
+    return FitFigures.model_validate(evaluation.detail)
+
+
+def _frequencies(figures: FitFigures) -> Array:
+    """Frequency of each trial [Hz]. Shape (F,)."""
+    return np.array([trial.frequency for trial in figures.trials.values()], dtype=float)
 
 
 def _learned(speeds: Array, beats: Array, real: Swims, driven: Array) -> Features:
@@ -187,3 +188,70 @@ def _learned(speeds: Array, beats: Array, real: Swims, driven: Array) -> Feature
     scaled = np.array([without_outliers(one, driven) for one in to_speed_scale(speeds)])
     beats = np.where(np.isfinite(real.beat), np.nan_to_num(beats), 0.0)
     return Features(scaled, direction(speeds, driven), beats, np.zeros(len(speeds)))
+
+
+def _diagnosis(figures: FitFigures) -> str:
+    """What differs between simulated and real swims: speed over frequency first, then the beat."""
+    frequencies, real, simulated = _frequencies(figures), read_swims(figures, "real"), read_swims(figures, "simulated")
+    order = np.argsort(frequencies)
+    speeds = [
+        _speed(float(frequencies[i]), float(real.speed[i]), float(simulated.speed[i])) for i in (order[0], order[-1])
+    ]
+    sentences = [". ".join(speeds[: len(order)]) + "."]
+    backward = frequencies[order][simulated.speed[order] < 0]
+    forward = simulated.speed > 0
+    if 0 < backward.size < len(order):
+        sentences.append(
+            f"It swims backward at {_listed(backward)} Hz: its thrust has no reserve against what opposes it."
+        )
+    elif backward.size:
+        sentences.append("It swims tail first throughout: what opposes thrust is stronger than lift.")
+    if forward.sum() > 1:
+        sentences.append(_slope(frequencies[forward], real.speed[forward], simulated.speed[forward]))
+    sentences.append(_beat(real, simulated))
+    name, worst = max(figures.trials.items(), key=lambda item: item[1].aligned_marker_error or 0.0)
+    sentences.append(
+        f"The worst trial is {name} with {1e3 * (worst.aligned_marker_error or 0.0):.0f} mm, of which shape alone is "
+        f"{1e3 * (worst.shape_error or 0.0):.0f} mm."
+    )
+    return " ".join(sentences)
+
+
+def _speed(frequency: float, real: float, simulated: float) -> str:
+    measured = f"At {frequency:.2f} Hz it swims {1e3 * simulated:.0f} mm/s, the real one {1e3 * real:.0f} mm/s"
+    if simulated <= 0 or abs(simulated - real) <= _CLOSE * abs(real):
+        return measured
+    factor = simulated / real
+    size = (
+        f"{factor:.1f} times too fast"
+        if factor >= 2
+        else f"{100 * abs(factor - 1):.0f} % too {'fast' if factor > 1 else 'slow'}"
+    )
+    return f"{measured}: {size}"
+
+
+def _slope(frequencies: Array, real: Array, simulated: Array) -> str:
+    logs = np.log(frequencies)
+    steepness = [np.polyfit(logs, np.log(np.maximum(speed, 1e-4)), 1)[0] for speed in (real, simulated)]
+    text = f"Speed grows with frequency to the power {steepness[1]:.1f}, in reality {steepness[0]:.1f}"
+    if abs(steepness[1] - steepness[0]) < 0.1:
+        return text + ", which fits."
+    if steepness[1] < steepness[0]:
+        return text + ": too much thrust at low frequencies or too much resistance at high ones."
+    return text + ": too little thrust at low frequencies or too little resistance at high ones."
+
+
+def _beat(real: Swims, simulated: Swims) -> str:
+    half = real.beat.shape[1] // 2
+    sizes = [np.hypot(side.beat[:, half - 1], side.beat[:, -1]) for side in (real, simulated)]
+    known = np.isfinite(sizes[0]) & np.isfinite(sizes[1]) & (sizes[0] > 0)
+    if not known.any():
+        return "The tail tip is lost in all trials, so its beat can't be compared."
+    ratio = float(np.mean(sizes[1][known] / sizes[0][known]))
+    if abs(ratio - 1) <= _CLOSE:
+        return f"The tail tip's amplitude fits ({100 * (ratio - 1):+.0f} %)."
+    return f"The tail tip beats {100 * abs(ratio - 1):.0f} % too {'wide' if ratio > 1 else 'narrow'}."
+
+
+def _listed(values: Array) -> str:
+    return ", ".join(f"{value:.2f}" for value in values)

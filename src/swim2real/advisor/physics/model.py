@@ -12,15 +12,18 @@ error.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import least_squares
 from scipy.special import ndtr
+
+from swim2real.objective.figures import Beat, FitFigures
+from swim2real.parameters import ParameterSpace
 
 Array = NDArray[np.float64]
 
@@ -34,6 +37,8 @@ _LEAST_TRIALS = 4
 _OUTLIER = 0.12  # on the speed scale, from a line over the logarithm of frequency
 _INSTANTS = 6  # at which the growing difference in progress is looked at
 _LEAST_SHAPE = 2e-3  # m
+_NAMED = 5  # parameters that are named in the reasoning
+_SMALL = 0.01  # of a parameter's range
 
 
 def to_speed_scale(speed: Array | float) -> Array:
@@ -81,21 +86,16 @@ def direction(speed: Array, frequencies: Array) -> Array:
     return np.tanh(speed / frequencies / SHARP)
 
 
-def whole_motion(evidence: Mapping[str, Any]) -> bool:
-    """Whether the evidence is of trials whose whole motion is compared."""
-    return all("path_beat_real" in trial for trial in evidence["trials"].values())
-
-
-def read_swims(evidence: Mapping[str, Any], side: str, frame: Literal["body", "path"] = "body") -> Swims:
-    """Reads the `real` or the `simulated` side from the evidence of an evaluation, with beats in a frame."""
-    trials = evidence["trials"].values()
-    speed = np.array([trial[f"velocity_{side}"] for trial in trials], dtype=float)
+def read_swims(figures: FitFigures, side: str, frame: Literal["body", "path"] = "body") -> Swims:
+    """Reads the `real` or the `simulated` side from the figures of an evaluation, with beats in a frame."""
+    trials = figures.trials.values()
+    speed = np.array([getattr(trial, f"velocity_{side}") for trial in trials], dtype=float)
     beats: list[Array] = []
     for trial in trials:
-        seen, body = (trial[f"{key}_{side}"] for key in ("path_beat" if frame == "path" else "beat", "beat"))
-        amplitude, phase = (np.array(seen[key], dtype=float) for key in ("amplitude", "phase"))
-        last = np.array(body["phase"], dtype=float)[-1]
-        turned: NDArray[np.complex128] = amplitude * np.exp(1j * (phase - (last if np.isfinite(last) else 0.0)))
+        seen: Beat = getattr(trial, f"path_beat_{side}" if frame == "path" else f"beat_{side}")
+        amplitude, phase = np.array(seen.amplitude, dtype=float), np.array(seen.phase, dtype=float)
+        last: float | None = getattr(trial, f"beat_{side}").phase[-1]
+        turned: NDArray[np.complex128] = amplitude * np.exp(1j * (phase - (last or 0.0)))
         beats.append(np.concatenate([turned.real, turned.imag]))
     return Swims(speed, np.array(beats))
 
@@ -114,11 +114,6 @@ def without_outliers(scaled: Array, frequencies: Array) -> Array:
     rest = scaled - basis @ line
     limit = max(_OUTLIER, 4 * float(np.median(np.abs(rest))))
     return np.where(np.abs(rest) > limit, basis @ line, scaled)
-
-
-def trial_frequencies(evidence: Mapping[str, Any]) -> Array:
-    """Frequency of each trial [Hz]. Shape (F,)."""
-    return np.array([trial["frequency"] for trial in evidence["trials"].values()], dtype=float)
 
 
 @dataclass(frozen=True)
@@ -284,6 +279,33 @@ class Expectation:
         losses = self.aim.losses(mean.speed, mean.beat, self.caution * variance.speed, self.caution * variance.beat)
         backward = ndtr(-mean.direction / np.sqrt(variance.direction + DOUBT**2))
         return losses * np.exp(np.maximum(mean.excess, 0.0)) + BACKWARD_LOSS * backward.sum(axis=1)
+
+
+def reason(space: ParameterSpace, here: Array, point: Array, gains: Array) -> str:
+    """Which parameters are changed, and what each change is expected to bring.
+
+    Args:
+        space: Parameters, on the scale of the points.
+        here: Point of the incumbent. Shape (d,).
+        point: Point that is proposed. Shape (d,).
+        gains: Expected decrease of the loss by each change [m]. Shape (d,).
+    """
+    before, after = space.to_values(here), space.to_values(point)
+    moved = [i for i in np.argsort(-np.abs(gains)) if abs(point[i] - here[i]) > _SMALL]
+    if not moved:
+        return "No parameter is expected to help by more than a hair."
+    parts: list[str] = []
+    for i in moved[:_NAMED]:
+        name, unit = space.names[i], space.parameters[i].unit.removesuffix("-")
+        verb = "raise" if point[i] > here[i] else "lower"
+        parts.append(
+            f"{verb} {name} from {before[name]:.3g} to {after[name]:.3g} {unit}".rstrip()
+            + f" (expected gain {1e3 * gains[i]:.1f} mm)"
+        )
+    rest = len(moved) - len(parts)
+    more = f"; {rest} smaller change{'s' if rest > 1 else ''}" if rest else ""
+    lead = space[space.names[moved[0]]].meaning
+    return "; ".join(parts)[0].upper() + "; ".join(parts)[1:] + f"{more}. {lead}"
 
 
 def mean_square(simulated: Array, real: Array, variance: Array | float = 0.0) -> Array:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from swim2real.advisor.physics.sensitivity_advisor import SensitivityAdvisor
+from swim2real.advisor.physics.sensitivity import SensitivityAdvisor
 from swim2real.errors import AdvisorError
 from swim2real.optimizers import BacktrackingLineSearch, Evaluation, first_point
 from swim2real.optimizers.advisor import MEASUREMENT, recorded_advice
