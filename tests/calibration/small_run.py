@@ -1,9 +1,5 @@
-"""A calibration that takes seconds: the fish with four free parameters, and two short swims of one with hidden values.
+"""A calibration that takes seconds: the fish with four free parameters, and two short swims of hidden values."""
 
-Run as a script it begins a run, or goes on with it: `python small_run.py REFERENCE RUN METHOD BUDGET`.
-"""
-
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -79,8 +75,3 @@ def run(
         else:
             folder.begin(settings)
         return minimize(problem, ROBOT.space, make_optimizer(method, seed), budget, folder, on_progress)
-
-
-if __name__ == "__main__":
-    swims = load_reference(sys.argv[1])
-    run(make_problem(swims), swims, Path(sys.argv[2]), sys.argv[3], int(sys.argv[4]))

@@ -3,17 +3,14 @@ import json
 import os
 import re
 import shutil
-import signal
-import subprocess
-import sys
-import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import small_run
 
-import swim2real
+import refused
 from swim2real.calibration import RunFolder, minimize
 from swim2real.errors import RunError
 from swim2real.parameters import read_parameters
@@ -21,6 +18,9 @@ from swim2real.parameters import read_parameters
 BUDGET = 6
 METHODS = ("random", "line-search")
 both = pytest.mark.parametrize("method", METHODS)
+
+
+refusal = partial(refused.refusal, RunError)
 
 
 class LeftEarlyError(Exception):
@@ -35,12 +35,6 @@ def without_seconds(run: Path) -> list[str]:
     """The lines of a record, to the byte, but for how long each evaluation took."""
     lines = (run / "record.jsonl").read_text().splitlines(keepends=True)
     return [line[: line.rindex('"seconds": ')] for line in lines]
-
-
-def refusal(call, *arguments, **options) -> str:
-    with pytest.raises(RunError) as caught:
-        call(*arguments, **options)
-    return str(caught.value)
 
 
 @pytest.fixture
@@ -117,39 +111,6 @@ def test_a_line_that_was_cut_off_is_done_again(go, half, uninterrupted, cut):
         file.write(whole[: min(cut, len(whole) - 2)])
     go(run=half)
     assert without_seconds(half) == without_seconds(uninterrupted["random"])
-
-
-@pytest.mark.slow
-def test_a_process_that_is_killed_loses_nothing(go, tmp_path, reference_folder, uninterrupted):
-    run = tmp_path / "run"
-    process = subprocess.Popen(
-        [sys.executable, small_run.__file__, reference_folder, run, "line-search", str(BUDGET)],
-        env={**os.environ, "PYTHONPATH": str(Path(swim2real.__file__).parents[1])},
-        cwd=tmp_path,
-    )
-    try:
-        deadline = time.monotonic() + 60
-        while not (run / "record.jsonl").is_file() or (run / "record.jsonl").read_bytes().count(b"\n") < 2:
-            assert process.poll() is None, "the run ended before it could be killed"
-            assert time.monotonic() < deadline, "the run doesn't get on"
-            time.sleep(0.005)
-    finally:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    assert 2 <= len(record(run)) < BUDGET
-    go("line-search")
-    assert without_seconds(run) == without_seconds(uninterrupted["line-search"])
-    assert (run / "best.json").read_bytes() == (uninterrupted["line-search"] / "best.json").read_bytes()
-
-
-@pytest.mark.slow
-def test_a_larger_budget_goes_on(go, tmp_path, uninterrupted):
-    go(budget=2)
-    seen = []
-    go(budget=BUDGET, on_progress=seen.append)
-    assert [progress.replayed for progress in seen] == [True] * 2 + [False] * 4
-    assert without_seconds(tmp_path / "run") == without_seconds(uninterrupted["random"])
-    assert RunFolder(tmp_path / "run").settings().budget == BUDGET
 
 
 def test_a_run_that_is_done_is_only_read(go, tmp_path, uninterrupted):
@@ -239,12 +200,6 @@ def test_an_edited_loss_is_noticed_by_the_search_that_built_on_it(go, tmp_path, 
     assert "isn't the one that these settings ask for" in refusal(go, "line-search", budget=BUDGET + 4)
 
 
-def test_the_record_of_another_seed_is_refused(go, half, reference):
-    assert refusal(go, run=half, seed=1) == (
-        f"run '{half}' can't go on: seed was 0 and is now 1; use the same settings and reference, or begin a new run"
-    )
-
-
 # a disk that fails
 
 
@@ -268,13 +223,6 @@ def test_a_full_disk_stops_the_run_and_keeps_the_record(go, tmp_path, uninterrup
     monkeypatch.undo()
     go("line-search")
     assert without_seconds(run) == without_seconds(uninterrupted["line-search"])
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
-def test_a_record_on_a_device_that_is_full_is_told(go, half):
-    (half / "record.jsonl").unlink()
-    (half / "record.jsonl").symlink_to("/dev/full")
-    assert "No space left on device" in refusal(go, run=half)
 
 
 def test_best_parameters_that_cant_be_written_are_told(go, half):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import small_run
 
+from refused import refusal, says
 from swim2real.calibration import (
     Problem,
     RunFolder,
@@ -23,12 +24,7 @@ from swim2real.trials import MarkerTrack, Trial, TrialSet
 from swimmers import Swimmer, trial_set
 
 ROBOT = small_run.ROBOT
-
-
-def refusal(call, *arguments, **options) -> str:
-    with pytest.raises((RunError, TrialError)) as caught:
-        call(*arguments, **options)
-    return str(caught.value)
+FEW = TrialSet((Trial("a", MarkerTrack(np.arange(60) / 60, np.random.default_rng(0).random((60, 3, 2)))),))
 
 
 # the problem
@@ -63,31 +59,20 @@ def test_the_papers_protocol_drives_at_the_nominal_frequency_from_rest(reference
     assert figures["loss"] == figures["marker_error"] > figures["aligned_marker_error"] > 0.005
 
 
-def test_the_papers_protocol_needs_nominal_frequencies():
-    message = refusal(Problem, ROBOT, trial_set(Swimmer().track()), "paper")
-    assert message == (
-        "trial 'swim0' has no nominal frequency, which protocol 'paper' needs; "
-        "write it into reference.json or use protocol 'aligned'"
-    )
-
-
-@pytest.mark.parametrize("horizon", [0.0, -1.0, float("nan")])
-def test_a_horizon_that_is_no_time_is_refused(problem, horizon):
-    message = refusal(Problem, ROBOT, TrialSet(problem.trials, ROBOT.marker_names), "aligned", horizon)
-    assert message == f"horizon is {horizon} s; it must be above 0"
-
-
-def test_markers_that_arent_the_robots_are_refused():
-    times = np.arange(60) / 60
-    few = TrialSet((Trial("a", MarkerTrack(times, np.random.default_rng(0).random((60, 3, 2)))),))
-    assert refusal(examine_swims, few, FISH) == (
-        "the reference has 3 markers (M0, M1, M2); robot 'fish' has 9 (M0, M1, M2, M3, M4, M5, M6, M7, M8)"
-    )
-
-
-def test_a_trial_without_a_beat_is_named():
-    message = refusal(examine_swims, trial_set(Swimmer().track(), Swimmer(amplitude=0.0).track()), FISH)
-    assert message.startswith("trial 'swim1': no regular beat")
+@pytest.mark.parametrize(
+    ("pose", "parts"),
+    [
+        (lambda: Problem(ROBOT, trial_set(Swimmer().track()), "paper"),
+         ("trial 'swim0' has no nominal frequency", "protocol 'paper'", "reference.json")),
+        (lambda: Problem(ROBOT, trial_set(Swimmer().track()), "aligned", 0.0), ("horizon is 0.0 s", "above 0")),
+        (lambda: Problem(ROBOT, trial_set(Swimmer().track()), "aligned", np.nan), ("horizon is nan s", "above 0")),
+        (lambda: examine_swims(FEW, FISH), ("3 markers (M0, M1, M2)", "robot 'fish' has 9 (M0, M1, M2, M3")),
+        (lambda: examine_swims(trial_set(Swimmer().track(), Swimmer(amplitude=0.0).track()), FISH),
+         ("trial 'swim1'", "no regular beat")),
+    ],
+)  # fmt: skip
+def test_a_problem_that_cant_be_posed_is_refused(pose, parts):
+    assert says(refusal(TrialError, pose), *parts)
 
 
 # what a run found
@@ -129,20 +114,17 @@ def test_an_outcome_is_written_with_fit_and_held_out_apart(reference, tmp_path):
         assert kept.figures() == pytest.approx(trial.figures(), abs=1e-5, nan_ok=True)
 
 
-def test_an_outcome_without_held_out_trials(problem, tmp_path):
-    outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN)
-    assert outcome.held_out is None
-    assert [swim.held_out for swim in load_trials(RunFolder(tmp_path))] == [False, False]
-
-
 def test_swims_that_arent_there_or_damaged_are_told(tmp_path):
     folder = RunFolder(tmp_path)
-    assert refusal(load_trials, folder) == f"run '{tmp_path}' has no trials.npz yet; it is written when a run ends"
+    assert (
+        refusal(RunError, load_trials, folder)
+        == f"run '{tmp_path}' has no trials.npz yet; it is written when a run ends"
+    )
     for damage in (b"", b"PK\x03\x04 no archive", b"text"):
         (tmp_path / "trials.npz").write_bytes(damage)
-        assert refusal(load_trials, folder).startswith(f"{tmp_path / 'trials.npz'} can't be read: ")
+        assert refusal(RunError, load_trials, folder).startswith(f"{tmp_path / 'trials.npz'} can't be read: ")
     np.savez(tmp_path / "trials.npz", names=np.array(["a"]))
-    assert refusal(load_trials, folder).startswith(f"{tmp_path / 'trials.npz'} can't be read: ")
+    assert refusal(RunError, load_trials, folder).startswith(f"{tmp_path / 'trials.npz'} can't be read: ")
 
 
 # which parameters the trials can tell

@@ -194,15 +194,6 @@ def test_an_outcome_and_its_recordings_are_kept(name, runs, problem, floater):
         assert pair.compared.frame == trial.frame
 
 
-def test_recordings_that_arent_there_or_damaged_are_named(tmp_path):
-    folder = RunFolder(tmp_path)
-    with pytest.raises(RunError, match=r"has no trials\.npz yet; it is written when a run ends"):
-        load_trials(folder)
-    folder.write_arrays("trials.npz", {"names": np.array(["a"])})
-    with pytest.raises(RunError, match=r"trials\.npz can't be read: .*held_out"):
-        load_trials(folder)
-
-
 def test_a_diverged_recording_is_kept_as_such(problem, tmp_path):
     def build(values):
         spec = PENDULUM.build(values)
@@ -237,17 +228,6 @@ def test_a_change_of_the_controls_is_another_reference(runs, pendulum):
     reference = TrialSet((other, pendulum["b"]), pendulum.marker_names)
     with pytest.raises(RunError, match="was made with another reference than this one of 2 trials"):
         reopen(runs["pendulum"].path, reference, PENDULUM, 1)
-
-
-@pytest.mark.slow
-def test_what_the_markers_dont_show_isnt_told(pendulum):
-    """A parameter without effect is found to have none."""
-    robot = telling(PENDULUM, sensors=())
-    found = sensitivities(Problem(robot, pendulum, threads=2), robot.space, PENDULUM_HIDDEN)
-    assert {one.name: one.verdict for one in found}["shoulder_damping"] == "identified"
-    deaf = replace(robot, build=lambda values: PENDULUM.build({**values, "shoulder_damping": 0.004}))
-    found = sensitivities(Problem(deaf, pendulum, threads=2), deaf.space, PENDULUM_HIDDEN)
-    assert {one.name: one.verdict for one in found}["shoulder_damping"] == "not identified"
 
 
 # what the trials don't tell

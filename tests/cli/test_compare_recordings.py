@@ -42,11 +42,3 @@ def test_a_comparison_on_a_robot_file_gives_results_tables_figures_and_a_page(pr
     (out / "comparison.html").unlink()
     program("report", out).done()
     assert (out / "comparison.html").read_text(encoding="utf-8") == page
-
-
-def test_the_papers_protocol_is_refused(program, pendulum_folder, tmp_path):
-    tracks, robot = pendulum_folder / "tracks", pendulum_folder / "pendulum.toml"
-    command = ["compare", tracks, "--robot", robot, "--out", tmp_path / "out"]
-    assert program(*command, "--protocols", "paper").sentence(2) == (
-        "protocol is 'paper'; the trials of robot 'pendulum' are recordings, which are compared by protocol playback"
-    )

@@ -60,10 +60,3 @@ def test_a_robot_files_meshes_are_found_from_anywhere(program, tmp_path):
     model = mujoco.MjModel.from_xml_path(str(folder / "out.xml"))
     assert model.joint("j").damping[0] == pytest.approx(0.25)
     assert model.nmesh == robot.build({"damping": 0.25}).compile().nmesh == 1
-
-
-def test_a_place_that_cant_be_written_is_said(program, tmp_path):
-    place = tmp_path / "nowhere" / "fish.xml"
-    assert "can't be written: No such file or directory" in program(
-        "export-model", "published", "--out", place
-    ).sentence(2)

@@ -20,22 +20,6 @@ URDF = """
 """
 
 
-@pytest.mark.parametrize(
-    ("typed", "meant"),
-    [
-        ("chek", "'check'"), ("Calibrate", "'calibrate'"),
-        ("import", "'import-tracks' or 'import-recording'"),
-        ("export_model", "'export-model'"),
-    ],
-)  # fmt: skip
-def test_a_command_that_is_nearly_one_is_suggested(program, typed, meant):
-    assert f"there is no command '{typed}'; did you mean {meant}? There are " in program(typed).sentence(2)
-
-
-def test_another_word_gets_the_commands(program):
-    assert program("swim").sentence(2).startswith("there is no command 'swim'. There are demo, ")
-
-
 def test_a_suggested_command_quotes_a_path_and_a_draft_has_no_name_of_a_built_in_robot(program, tmp_path):
     model = tmp_path / "a fish.xml"
     model.write_text(PENDULUM.replace('<mujoco model="pendulum"', '<mujoco model="fish"'))
@@ -43,37 +27,6 @@ def test_a_suggested_command_quotes_a_path_and_a_draft_has_no_name_of_a_built_in
     assert shlex.split(told.partition("then: ")[2]) == ["swim2real", "check", str(model.with_suffix(".toml"))]
     assert 'name = "my-fish"' in model.with_suffix(".toml").read_text()
     assert word("a b") == "'a b'"
-
-
-def test_a_calibration_is_no_policy(program, tmp_path):
-    run = tmp_path / "a run"
-    run.mkdir()
-    (run / "settings.json").write_text('{"format": 1, "robot": "fish", "method": "random"}')
-    said = program("rollout", run).sentence(1)
-    assert f"'{run}' is a calibration, not a training run" in said
-    assert f"`swim2real train forward --parameters '{run}' --out POLICY`" in said
-
-
-@pytest.mark.parametrize("more", [(), ("--first", "model")])
-def test_to_go_on_where_nothing_is_makes_no_folder(program, pendulum_folder, tmp_path, more):
-    words = ("calibrate", pendulum_folder / "tracks", "--robot", pendulum_folder / "pendulum.toml", "--resume", *more)
-    assert "is no run folder: it has no settings.json" in program(*words, "--out", tmp_path / "run").sentence(1)
-    (tmp_path / "there").mkdir()
-    assert "is no run folder" in program(*words, "--out", tmp_path / "there").sentence(1)
-    assert [*tmp_path.rglob("*")] == [tmp_path / "there"]
-
-
-def test_films_are_to_be_tracked_first(program, tmp_path):
-    folder = tmp_path / "my films"
-    folder.mkdir()
-    for name in ("a.mp4", "b.MOV"):
-        (folder / name).touch()
-    said = program("calibrate", folder, "--out", tmp_path / "run").sentence(1)
-    films = f"'{folder / 'a.mp4'}' '{folder / 'b.MOV'}'"
-    assert f"`swim2real pick {films}`" in said
-    assert f"`swim2real track {films} --markers a.points.json b.points.json --to REFERENCE`" in said
-    assert f"'{folder / 'a.mp4'}' is a film, not tracks" in program("quality", folder / "a.mp4").sentence(1)
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow

@@ -95,21 +95,6 @@ def test_nothing_is_written_when_one_table_is_wrong(tmp_path):
     assert not (tmp_path / "reference").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"frequency": (1.0, 2.0)}, "--frequency has 2 values for 1 tables; give one for each, or none"),
-        ({"frequency": (-1.0,)}, "--frequency is -1 Hz; it must be finite and above 0"),
-        ({"fps": 0.0}, "--fps is 0; it must be finite and above 0"),
-    ],
-)
-def test_wrong_arguments_are_refused(tmp_path, options, message):
-    film(tmp_path / "swim.csv")
-    with pytest.raises(ArgumentError) as caught:
-        imported(tmp_path, tmp_path / "swim.csv", **options)
-    assert str(caught.value) == message
-
-
 def test_two_tables_of_one_name_are_refused(tmp_path):
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()

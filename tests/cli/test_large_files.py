@@ -6,11 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.ndimage import binary_closing, binary_opening
 
 from swim2real import store
 from swim2real.errors import TrialError
-from swim2real.tracking import quality
 from swim2real.tracking.beat import identify_beat
 from swim2real.tracking.cleaning import beat_window
 from swim2real.tracking.quality import check_track
@@ -50,18 +48,6 @@ def test_markers_that_fit_nothing_end():
     rng = np.random.default_rng(3)
     positions = np.where(rng.random((500, 5, 1)) < 0.3, 0.0, rng.normal(0, 1e3, (500, 5, 2)))
     assert check_track(MarkerTrack(frames(500), positions), 1e6 * REST).lost.any()
-
-
-def test_runs_are_those_of_an_opening_and_a_closing():
-    """Found in linear time, whatever the length that counts."""
-    rng = np.random.default_rng(0)
-    for _case in range(300):
-        mask, count = rng.random((rng.integers(1, 60), rng.integers(1, 4))) < rng.random(), int(rng.integers(1, 12))
-        window = np.ones((count, 1), dtype=bool)
-        assert np.array_equal(quality._long(mask, count), binary_opening(mask, structure=window))
-        padded = np.pad(mask, ((count, count), (0, 0)))
-        closed = binary_closing(padded, structure=np.ones((count + 1, 1), dtype=bool))[count:-count] | mask
-        assert np.array_equal(quality._join(mask, count), closed)
 
 
 def test_the_beat_of_a_long_trial_is_found():

@@ -63,13 +63,6 @@ def test_published_values_are_those_of_the_given_robot(program, moved, tmp_path)
     assert 0 < program.json["loss"] < 0.1
 
 
-def test_a_robot_that_is_shown_needs_no_other(program, moved, tmp_path):
-    _, elsewhere, _ = moved
-    robot = elsewhere / "pendulum.toml"
-    said = program("view", robot, "--robot", robot, "--film", tmp_path / "film.mp4").sentence(2)
-    assert f"'{robot}' is a robot itself" in said
-
-
 def test_a_policy_takes_its_robot_from_where_it_is_now(moved, tmp_path):
     _, elsewhere, _ = moved
     settings = {

@@ -29,21 +29,3 @@ def test_overlays_of_every_trial_are_written(program, pool_folder, tmp_path):
         assert film.info.width == 480
         assert sum(1 for _ in film) == 21
     assert (tmp_path / "all.png").read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["--width", 481], "width is 481 px; it must be even and at least 320"),
-        (["--fps", 0], "fps is 0.0; it must be finite and above 0 frames a second"),
-    ],
-)
-def test_what_can_not_be_drawn_is_named(program, pool_folder, tmp_path, words, says):
-    found = program("overlay", "published", "--reference", pool_folder, "--out", tmp_path / "o", *words).sentence(2)
-    assert found == says
-
-
-def test_a_folder_that_is_a_file_is_named(program, pool_folder, tmp_path):
-    (tmp_path / "o").write_text("in the way")
-    said = program("overlay", "published", "--reference", pool_folder, "--out", tmp_path / "o").sentence(2)
-    assert said.startswith(f"can't write '{tmp_path / 'o'}': ")

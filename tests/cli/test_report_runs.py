@@ -24,11 +24,3 @@ def test_the_page_of_two_runs_is_written_here_and_said(program, pendulum_folder,
         .sentence(2)
         .startswith(f"'{tmp_path / 'comparison'}' is a comparison; ")
     )
-
-
-def test_what_is_missing_or_too_much_is_named(program, tmp_path) -> None:
-    assert program("report").sentence(2) == "no run was given; give the folder of a run or a comparison"
-    assert program("report", tmp_path, "--out", tmp_path / "page.html").sentence(2) == (
-        f"--out '{tmp_path / 'page.html'}' is the page of several runs; the page of one is written into its folder"
-    )
-    assert program("report", tmp_path / "a", tmp_path / "b").sentence(1).endswith("it has no settings.json")

@@ -61,21 +61,6 @@ def test_a_file_that_is_there_is_not_written_over(program, model):
     assert load_robot(out).name == "pendulum"
 
 
-def test_wrong_arguments_of_init_are_named_and_nothing_is_written(program, model, tmp_path):
-    before = set(tmp_path.iterdir())
-    assert (
-        program("init", model, "--out", "robot.xml").sentence(2) == "--out is 'robot.xml'; a robot file ends in .toml"
-    )
-    nowhere = tmp_path / "none.xml"
-    assert program("init", nowhere).sentence(2) == f"model '{nowhere}' is not there; give an MJCF file"
-    out = tmp_path / "none" / "robot.toml"
-    says = f"robot file '{out}' can't be written: No such file or directory"
-    assert program("init", model, "--out", out).sentence(2) == says
-    model.write_text(PENDULUM.replace("site", "sight"))
-    assert program("init", model).sentence(2).startswith(f"MuJoCo can't read model '{model}': ")
-    assert set(tmp_path.iterdir()) == before
-
-
 @pytest.mark.slow
 def test_a_parameter_that_changes_nothing_fails_the_check(program, tmp_path):
     place = made(tmp_path, ROBOT, RECORDINGS, UNUSED)

@@ -30,7 +30,3 @@ def test_the_best_of_several_seeds_is_copied_and_goes_on(program, pendulum_folde
     assert RunFolder(tmp_path / "run-seed-5").outcome() is not None
     reference = json.loads((out / "settings.json").read_text())["reference"]
     assert (out / reference / "reference.json").is_file()  # found from where the copy lies
-
-
-def test_seeds_that_are_none_are_refused(program, pendulum_folder, tmp_path):
-    assert "seeds has '5:5'" in program(*words(pendulum_folder, tmp_path / "run", "--seeds", "5:5")).sentence(2)

@@ -35,20 +35,6 @@ def test_an_ensemble_of_the_record_alone(program, run_folder, pool_folder, tmp_p
 
 
 @pytest.mark.slow
-def test_an_ensemble_needs_a_folder_to_go_to(program, run_folder, pool_folder, tmp_path):
-    program("ensemble", run_folder, "--reference", pool_folder, "--out", tmp_path / "none" / "e.json")
-    assert "its folder is not there, make it first" in program.sentence(2)
-
-
-@pytest.mark.slow
-def test_identify_refuses_what_it_cannot_use(program, run_folder, pool_folder, tmp_path):
-    program("identify", run_folder, "--reference", pool_folder, "--rise", 2)
-    assert program.sentence(2) == "rise is 2; it is a share of the loss and must lie between 0 and 1"
-    program("identify", tmp_path, "--reference", pool_folder)
-    assert "is no run folder" in program.sentence(2)
-
-
-@pytest.mark.slow
 def test_ctrl_c_leaves_a_study_that_goes_on(run_folder, pool_folder):
     words = ("identify", run_folder, "--reference", pool_folder, "--steps", 0, "--polish", 0)
     begun = process(*words)

@@ -8,7 +8,6 @@ import sys
 import time
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
 from PIL import Image
@@ -61,16 +60,6 @@ def test_quietly_it_prints_nothing_and_says_so_when_it_is_done_before(program, c
     assert contents(to) == before
 
 
-def test_on_a_terminal_there_is_a_bar(program, clip, tmp_path, monkeypatch):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "120")
-    program(*words(clip, to=tmp_path), "--no-overlay").done()
-    shown = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", program.err)
-    assert "\x1b[" in program.err
-    assert re.search(r"f1_25: 7 frames in \d+\.\d s", shown)
-    assert "━" in shown
-
-
 def test_json_is_json_alone(program, clip, tmp_path):
     program(*words(clip, to=tmp_path), "--no-overlay", "--json", "--frequency", 1.2, "--smooth").done()
     assert program.err == ""
@@ -82,8 +71,14 @@ def test_json_is_json_alone(program, clip, tmp_path):
 
 
 @pytest.mark.slow
-def test_without_points_and_camera_markers_are_found_and_findings_are_told(program, clip, tmp_path):
+def test_without_points_and_camera_markers_are_found_and_findings_are_told(program, clip, tmp_path, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
+    monkeypatch.setenv("COLUMNS", "120")
     program("track", clip.video, "--to", tmp_path, "--markers", "auto", "--no-overlay").done()
+    assert "━" in program.err
+    assert "f1_25: 7 frames in " in re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", program.err)
+    monkeypatch.delenv("FORCE_COLOR")
+    program("track", clip.video, "--to", tmp_path, "--markers", "auto", "--no-overlay").done()  # done before
     assert "What to know" in program.text
     assert "M2 and M8 stand up to 50 mm nearer to the camera than M0" in program.text
     assert load_reference(tmp_path).names == ("f1_25",)
@@ -141,22 +136,6 @@ def test_points_of_a_later_frame_are_followed_in_both_directions(program, clip, 
     assert "a marker was picked in frame 99 of video" in program(*command, "--corrections", corrections).err
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (["--from", 2], "video '{}' ends at 0.233 s; --from is 2 s, so give a time before the end"),
-        (["--from", 0.1, "--until", 1], "video '{}' ends at 0.233 s; --until is 1 s, so give a time before the end"),
-        (["--from", 0.11, "--until", 0.12], "video '{}' has no frame from 0.11 s to 0.12 s; make the stretch longer"),
-        (["--from", 0.1, "--until", 0.12], "'{}' has one frame only from 0.1 s to 0.12 s; a trial needs at least 2"),
-    ],
-)
-def test_a_stretch_outside_of_the_film_is_refused(program, clip, tmp_path, options, says):
-    plain = tmp_path / "points.json"
-    plain.write_text(json.dumps(clip.filmed.truth.positions[3].tolist()))
-    program("track", clip.video, "--markers", plain, "--to", tmp_path / "reference", "--quiet", *options)
-    assert (program.code, program.err) == (1, f"swim2real: {says.format(clip.video)}\n")
-
-
 def test_pick_shows_the_frame_at_which_tracking_begins(program, clip, tmp_path):
     program("pick", clip.video, "--out", tmp_path / "page.html", "--from", 0.1).done()
     assert '"number": 3' in (tmp_path / "page.html").read_text(encoding="utf-8")
@@ -198,37 +177,6 @@ def test_a_bad_video_leaves_the_others_alone_and_leaves_with_1(program, clip, tm
     assert load_reference(to).names == ("f1_25",)
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (["--markers", "a", "b"], "--markers has 2 files for 1 videos; give one for each video in order, or auto"),
-        (
-            ["--markers"],
-            "--markers has 0 files for 1 videos; give one for each video in order, or auto",
-        ),
-        (["--frequency", "1", "2"], "--frequency has 2 values for 1 videos; give one for each, or none"),
-        (["--frequency", "0"], "--frequency is 0 Hz; it must be finite and above 0"),
-        (["--frequency", "nan"], "--frequency is nan Hz; it must be finite and above 0"),
-        (["--workers", "-1"], "--workers is -1; it must be 0 (as many as there are cores) or above"),
-    ],
-    ids=" ".join,
-)
-def test_wrong_arguments_are_named_and_nothing_is_written(program, clip, tmp_path, options, says):
-    markers = [] if "--markers" in options else ["--markers", "auto"]
-    sentence = program("track", clip.video, "--to", tmp_path / "reference", *markers, *options).sentence(2)
-    assert sentence.startswith(says)
-    assert not (tmp_path / "reference").exists()
-
-
-def test_no_video_and_two_of_one_name_are_refused(program, clip, tmp_path):
-    to = tmp_path / "reference"
-    assert program("track", "--to", to, "--markers", "auto").sentence(2) == "no video was given"
-    other = named(clip, tmp_path / "other", "f1_25").video
-    says = "two videos would make trial 'f1_25'; rename one"
-    assert program("track", clip.video, other, "--to", to, "--markers", "auto").sentence(2) == says
-    assert not to.exists()
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no Ctrl-C to send")
 def test_an_interruption_leaves_no_half_files_and_the_same_command_goes_on(program, shot, clip, tmp_path):
@@ -264,100 +212,6 @@ def test_an_interruption_leaves_no_half_files_and_the_same_command_goes_on(progr
 # bad input
 
 
-def no_frames(shot: Shot, path: Path) -> Path:
-    data = shot.video.read_bytes()
-    path.write_bytes(data[: data.index(b"mdat") + 4])
-    return path
-
-
-def one_sound(path: Path) -> Path:
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("aac", rate=8000)
-        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
-        frame.sample_rate = 8000
-        for packet in [*stream.encode(frame), *stream.encode(None)]:
-            container.mux(packet)
-    return path
-
-
-def unknown_codec(shot: Shot, path: Path) -> Path:
-    path.write_bytes(shot.video.read_bytes().replace(b"avc1", b"zzzz"))
-    return path
-
-
-@pytest.mark.parametrize(
-    ("make", "says"),
-    [
-        (lambda shot, path: path, "no video '{}'; check the path"),
-        (lambda shot, path: (path.mkdir(), path)[1], "'{}' is a folder; give the path of a video file"),
-        (lambda shot, path: (path.touch(), path)[1], "'{}' is empty (0 bytes); copy it again"),
-        (
-            no_frames,
-            "not one frame of '{}' can be decoded; it is cut off or damaged, or its "
-            "pictures have more than 40 million pixels",
-        ),
-        (lambda shot, path: one_sound(path), "'{}' has no video in it, only audio"),
-        (unknown_codec, "no decoder for the video in '{}'; convert it to H.264, for example"),
-    ],
-    ids=["not there", "folder", "empty", "no frames", "sound", "codec"],
-)
-def test_a_video_that_cant_be_read_is_a_sentence(program, clip, tmp_path, make, says):
-    video = make(clip, tmp_path / "swim.mp4")
-    to = tmp_path / "reference"
-    sentence = program("track", video, "--to", to, "--markers", "auto", "--quiet").sentence(1)
-    assert sentence == says.format(video)
-    assert not to.exists()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (lambda p: p[:7], "points '{}' hold 7 points; expected are 9, one for each of M0, M1,"),
-        (
-            lambda p: [[-40.0, 10.0], *p[1:]],
-            r"M0 of points '{}' is at \(-40, 10\), outside of the frame of 640 x 360 px",
-        ),
-        (
-            lambda p: [*p[:8], p[3]],
-            r"M3 and M8 of points '{}' are 0\.0 px apart; two markers can't be on the same spot",
-        ),
-        (lambda p: [[x, y + 60] for x, y in p], r"no marker stands out at \d of 9 points, such as \("),
-        (lambda p: "points", r"points '{}': \"points\": .*; pick the points again"),
-    ],
-    ids=["number", "outside", "same spot", "no marker", "text"],
-)
-def test_points_that_cant_be_right_are_a_sentence(program, clip, tmp_path, change, says):
-    points = tmp_path / "points.json"
-    points.write_text(json.dumps(change(clip.filmed.truth.positions[0].tolist())))
-    to = tmp_path / "reference"
-    sentence = program("track", clip.video, "--to", to, "--markers", points, "--quiet").sentence(1)
-    assert sentence.startswith(f"{clip.video}: ")
-    assert re.search(says.format(re.escape(str(points))), sentence)
-    assert contents(to) == {}
-
-
-def test_files_that_arent_there_are_named(program, clip, tmp_path):
-    to, gone = tmp_path / "reference", tmp_path / "gone.json"
-    command = ["track", clip.video, "--to", to, "--quiet"]
-    sentence = program(*command, "--markers", gone).sentence(1)
-    assert sentence.startswith(
-        f"{clip.video}: points '{gone}' is not there; pick the points again with `swim2real pick`"
-    )
-    sentence = program(*command, "--markers", clip.points, "--camera", gone).sentence(1)
-    assert sentence == f"{clip.video}: camera file '{gone}' is not there"
-    assert not to.exists()
-
-
-def test_a_folder_that_cant_be_made_is_told(program, clip, tmp_path):
-    file = tmp_path / "file"
-    file.write_text("mine")
-    sentence = program(*words(clip, to=file), "--quiet").sentence(1)
-    says = f"{clip.video}: can't write folder '{file / 'tracks'}': Not a directory; choose another with --to"
-    assert sentence == says
-    assert file.read_text() == "mine"
-
-
 # pick and import-tracks
 
 
@@ -384,24 +238,6 @@ def test_pick_writes_beside_the_video_unless_told(program, clip, tmp_path):
     )
 
 
-def test_pick_refuses_what_is_no_video_and_a_page_that_cant_be_written(program, clip, tmp_path):
-    gone = tmp_path / "gone.mp4"
-    assert program("pick", gone).sentence(1) == f"no video '{gone}'; check the path"
-    page = tmp_path / "nowhere" / "page.html"
-    sentence = program("pick", clip.video, "--out", page).sentence(1)
-    assert sentence == (
-        f"can't write '{page}': No such file or directory; give a place that can be written to with --out"
-    )
-
-
-@pytest.mark.parametrize("option", ["controls", "sensors"])
-def test_tables_are_one_for_each_video(program, clip, tmp_path, option):
-    sentence = program(
-        "track", clip.video, "--to", tmp_path / "reference", "--markers", "auto", f"--{option}", "a.csv", "b.csv"
-    ).sentence(2)  # fmt: skip
-    assert sentence == f"--{option} has 2 values for 1 videos; give one for each, or none"
-
-
 @pytest.mark.slow
 def test_a_track_in_pixels_can_be_imported_again(program, clip, tmp_path):
     """What `track` writes for other programs is what `import-tracks` reads, and makes the same trial."""
@@ -419,15 +255,6 @@ def test_a_track_in_pixels_can_be_imported_again(program, clip, tmp_path):
     one, other = (load_reference(tmp_path / folder)["f1_25"] for folder in ("one", "other"))
     assert one.meters_per_pixel == other.meters_per_pixel
     assert one.nominal_frequency == other.nominal_frequency == 1.25
-
-
-def test_import_tracks_refuses_wrong_arguments_and_tables(program, tmp_path):
-    table = tmp_path / "table.csv"
-    table.write_text("frame,x,y\n0,1,2\n")
-    command = ["import-tracks", table, "--to", tmp_path / "reference"]
-    assert program(*command, "--fps", 0).sentence(2) == "--fps is 0; it must be finite and above 0"
-    assert str(table) in program(*command, "--fps", 30).sentence(1)
-    assert not (tmp_path / "reference").exists()
 
 
 # the chessboard

@@ -30,22 +30,6 @@ def test_a_film_of_a_robot_file_without_opengl(program, pendulum_folder, tmp_pat
     assert np.abs(frames[-1] - frames[0]).max() > 60  # it moves
 
 
-@pytest.mark.usefixtures("no_display")
-def test_sentences(program, pendulum_folder):
-    robot = pendulum_folder / "pendulum.toml"
-    assert program("view", robot).sentence(2) == (
-        "there is no display to open a window on; --film FILE.mp4 renders the same without one"
-    )
-    assert program("view", robot, "--seconds", 0, "--film", "f.mp4").sentence(2) == "--seconds is 0; it must be above 0"
-    assert "--trial is 'one', but there is no --reference" in program(
-        "view", robot, "--trial", "one", "--film", "f.mp4"
-    ).sentence(2)
-    tracks = pendulum_folder / "tracks"
-    assert "there is no trial 'nine'; there are " in program(
-        "view", robot, "--reference", tracks, "--trial", "nine", "--film", "f.mp4"
-    ).sentence(2)  # fmt: skip
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_display")
 def test_mujocos_renderer_films_the_fish_where_opengl_works(program, tmp_path):

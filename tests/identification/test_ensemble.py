@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import toy
 
+from refused import refusal, says
 from swim2real.errors import ArgumentError, ParameterError, RunError
 from swim2real.identification.ensemble import Member, make_ensemble, read_ensemble, spread_out, write_ensemble
 from swim2real.identification.finished_run import reopen
@@ -39,12 +40,6 @@ def made(run):
     return make_ensemble([run], SETTINGS)
 
 
-@pytest.fixture
-def written(made, tmp_path):
-    write_ensemble(tmp_path / "ensemble.json", made)
-    return tmp_path / "ensemble.json"
-
-
 def test_every_member_is_within_the_loss_that_is_stated(run, made):
     members = made["members"]
     assert len(members) == SETTINGS.count
@@ -73,44 +68,6 @@ def test_what_nothing_tells_spreads_and_what_counts_does_not(made):
     assert sums == pytest.approx([toy.HIDDEN["damping_a"] + toy.HIDDEN["damping_b"]] * len(sums), rel=0.1)
 
 
-def test_ranges_are_those_of_the_members(made):
-    for name, one in made["ranges"].items():
-        values = [member["parameters"][name] for member in made["members"]]
-        assert one["unit"] == toy.SPACE[name].unit
-        assert (one["min"], one["max"]) == pytest.approx((min(values), max(values)))
-        assert (one["p5"], one["p95"]) == pytest.approx(tuple(np.percentile(values, (5, 95))))
-
-
-def test_members_come_from_study_and_walk(made):
-    assert {member["source"] for member in made["members"]} >= {"profile", "walk"}
-
-
-def test_without_evaluations_the_runs_alone_are_read(run):
-    found = make_ensemble([run], EnsembleSettings(within=1.2, count=50, evaluations=0))
-    assert found["evaluations"] == 0
-    assert {member["source"] for member in found["members"]} <= {"profile", "record"}
-
-
-def test_provenance(made, run):
-    assert made["robot"] == "toy"
-    assert made["reference_fingerprint"] == run.settings.reference_fingerprint
-    assert made["engine"]["name"] == run.problem.simulator.engine.name
-    assert made["evaluations"] == 40 + 8 + 1
-    assert made["runs"] == [str(run.folder.path)]
-
-
-def test_runs_that_differ_are_not_put_together(run, reference, tmp_path):
-    shutil.copytree(run.folder.path, tmp_path / "other")
-    settings = json.loads((tmp_path / "other" / "settings.json").read_text())
-    settings["horizon"] = 1.0
-    (tmp_path / "other" / "settings.json").write_text(json.dumps(settings))
-    other = reopen(tmp_path / "other", reference, toy.ROBOT, 2)
-    with pytest.raises(RunError, match=r"can't be put together: horizon is 4\.0 and 1\.0"):
-        make_ensemble([run, other], SETTINGS)
-    with pytest.raises(ArgumentError, match="needs at least one run"):
-        make_ensemble([], SETTINGS)
-
-
 def test_spread_out_takes_the_best_and_then_the_farthest():
     places = [(0.0, 3.0), (0.1, 1.0), (0.2, 2.0), (1.0, 4.0), (0.5, 5.0), (0.5, 6.0)]
     members = [Member(np.array([place]), loss, "record") for place, loss in places]
@@ -118,61 +75,72 @@ def test_spread_out_takes_the_best_and_then_the_farthest():
     assert len(spread_out(members, 9)) == 5  # a double is no spread
 
 
-def test_the_reader_gives_checked_values(written, made):
-    found = read_ensemble(written, toy.ROBOT)
-    assert found == [member["parameters"] for member in made["members"]]
+def test_it_is_written_and_read_with_its_provenance(made, run, tmp_path):
+    write_ensemble(tmp_path / "ensemble.json", made)
+    assert read_ensemble(tmp_path / "ensemble.json", toy.ROBOT) == [one["parameters"] for one in made["members"]]
+    assert (made["robot"], made["runs"]) == ("toy", [str(run.folder.path)])
+    assert made["reference_fingerprint"] == run.settings.reference_fingerprint
+    assert made["engine"]["name"] == run.problem.simulator.engine.name
+    assert made["evaluations"] == 40 + 8 + 1
+    assert {member["source"] for member in made["members"]} >= {"profile", "walk"}
+    values = [member["parameters"]["mass"] for member in made["members"]]
+    one = made["ranges"]["mass"]
+    assert one["unit"] == "kg"
+    assert (one["min"], one["max"]) == pytest.approx((min(values), max(values)))
+    assert (one["p5"], one["p95"]) == pytest.approx(tuple(np.percentile(values, (5, 95))))
+    read = make_ensemble([run], EnsembleSettings(within=1.2, count=50, evaluations=0))
+    assert read["evaluations"] == 0
+    assert {member["source"] for member in read["members"]} <= {"profile", "record"}
 
 
-def changed(path, change):
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda c: c.update(kind="other"), r"ensemble\.json': 'kind' is \"other\"; .*; swim2real ensemble writes one"),
-        (lambda c: c.update(format=9), "'format' is 9; it must be 1"),
-        (lambda c: c.update(robot="eel"), "is for robot 'eel', not 'toy'"),
-        (lambda c: c.update(members=[]), "'members' is .*; it must have at least 1"),
-        (lambda c: c["members"].insert(1, 3), r"'members\[1\]' is 3; it must be a table"),
-        (lambda c: c["members"][0]["parameters"].update(mass=9.0), r"'mass' in '.*', member 1 is 9, out of bounds"),
-        (lambda c: c["members"][1]["parameters"].pop("mass"), r"missing parameter in '.*', member 2: mass"),
-        (
-            lambda c: c["members"][0]["parameters"].update(masses=1.0),
-            r"unknown parameter 'masses'; did you mean 'mass'\?",
-        ),
-    ],
-)
-def test_the_reader_says_what_is_wrong(written, change, message):
-    changed(written, change)
-    with pytest.raises(ParameterError, match=message):
-        read_ensemble(written, toy.ROBOT)
-
-
-def test_the_reader_needs_a_file_of_json(tmp_path):
-    with pytest.raises(ParameterError, match=r"ensemble '.*none\.json' is not there; swim2real ensemble writes one"):
-        read_ensemble(tmp_path / "none.json", toy.ROBOT)
-    (tmp_path / "bad.json").write_text("[")
-    with pytest.raises(ParameterError, match="can't be read as JSON"):
-        read_ensemble(tmp_path / "bad.json", toy.ROBOT)
-
-
-def test_writing_where_nothing_can_be_written_is_a_sentence(made, tmp_path):
-    with pytest.raises(RunError, match=r"can't write ensemble '.*': No such file or directory"):
-        write_ensemble(tmp_path / "none" / "ensemble.json", made)
+def test_runs_that_differ_are_not_put_together(run, reference, tmp_path):
+    shutil.copytree(run.folder.path, tmp_path / "other")
+    settings = json.loads((tmp_path / "other" / "settings.json").read_text())
+    (tmp_path / "other" / "settings.json").write_text(json.dumps({**settings, "horizon": 1.0}))
+    other = reopen(tmp_path / "other", reference, toy.ROBOT, 2)
+    assert says(refusal(RunError, make_ensemble, [run, other], SETTINGS), "put together", "horizon is 4.0 and 1.0")
+    assert says(refusal(ArgumentError, make_ensemble, [], SETTINGS), "at least one run")
+    said = refusal(RunError, write_ensemble, tmp_path / "none" / "ensemble.json", {})
+    assert says(said, "can't write ensemble", "No such file")
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("change", "parts"),
     [
-        ({"within": 1.0}, "within is 1; it is a multiple of the lowest loss, above 1 and up to 10"),
-        ({"count": 1}, "count is 1; an ensemble has at least 2 members"),
-        ({"evaluations": -1}, "evaluations is -1; it must be at least 0"),
-        ({"seed": -1}, "seed is -1; it must be at least 0"),
+        (lambda c: "[", ("can't be read as JSON",)),
+        (lambda c: {**c, "kind": "other"}, ("'kind' is \"other\"", "swim2real ensemble writes one")),
+        (lambda c: {**c, "format": 9}, ("'format' is 9", "1")),
+        (lambda c: {**c, "robot": "eel"}, ("robot 'eel'", "'toy'")),
+        (lambda c: {**c, "members": []}, ("'members'", "at least 1")),
+        (lambda c: {**c, "members": [c["members"][0], 3]}, ("'members[1]' is 3", "a table")),
+        (lambda c: moved(c, mass=9.0), ("'mass'", "member 1 is 9", "out of bounds")),
+        (lambda c: moved(c, masses=1.0), ("unknown parameter 'masses'", "did you mean 'mass'?")),
     ],
 )
-def test_settings_are_checked(settings, message):
-    with pytest.raises(ArgumentError, match=message):
-        EnsembleSettings(**settings)
+def test_the_reader_says_what_is_wrong(made, tmp_path, change, parts):
+    path, content = tmp_path / "ensemble.json", change(made)
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    assert says(refusal(ParameterError, read_ensemble, path, toy.ROBOT), *parts)
+    said = refusal(ParameterError, read_ensemble, tmp_path / "none.json", toy.ROBOT)
+    assert says(said, "none.json' is not there", "swim2real ensemble writes one")
+
+
+def moved(content, **values):
+    first, *others = content["members"]
+    return {**content, "members": [{**first, "parameters": {**first["parameters"], **values}}, *others]}
+
+
+@pytest.mark.parametrize(
+    ("settings", "given", "parts"),
+    [
+        (EnsembleSettings, {"within": 1.0}, ("within is 1", "above 1 and up to 10")),
+        (EnsembleSettings, {"count": 1}, ("count is 1", "at least 2")),
+        (EnsembleSettings, {"evaluations": -1}, ("evaluations is -1", "at least 0")),
+        (EnsembleSettings, {"seed": -1}, ("seed is -1", "at least 0")),
+        (IdentifiabilitySettings, {"rise": 0.0}, ("rise is 0", "between 0 and 1")),
+        (IdentifiabilitySettings, {"steps": -1}, ("steps is -1", "at least 0")),
+        (IdentifiabilitySettings, {"polish": -2}, ("polish is -2", "at least 0")),
+    ],
+)
+def test_settings_are_checked(settings, given, parts):
+    assert says(refusal(ArgumentError, settings, **given), *parts)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import toy
 
-from swim2real.errors import ArgumentError, RunError
+from swim2real.errors import RunError
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.gauss_newton import EvaluatedPoint, Evaluator, jacobian, refit
 from swim2real.identification.identifiability import IDENTIFIABILITY, IDENTIFIED, identify, most_evaluations, read_study
@@ -190,19 +190,6 @@ def test_a_damaged_study_is_refused(run):
     (run.folder.path / IDENTIFIABILITY).write_text('{"format": 7}')
     with pytest.raises(RunError, match="'format' is 7; it must be 1"):
         identify(run, SETTINGS)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"rise": 0.0}, "rise is 0; it is a share of the loss and must lie between 0 and 1"),
-        ({"steps": -1}, "steps is -1; it must be at least 0"),
-        ({"polish": -2}, "polish is -2; it must be at least 0"),
-    ],
-)
-def test_settings_are_checked(settings, message):
-    with pytest.raises(ArgumentError, match=message):
-        IdentifiabilitySettings(**settings)
 
 
 def test_a_run_is_reopened_only_with_what_it_was_made_with(run, reference):

@@ -1,12 +1,14 @@
 """The ask/tell contract, for every optimizer."""
 
-from collections.abc import Callable, Sequence
+import sys
 
 import numpy as np
 import pytest
+from driving import drive, notes, points
 from scipy.optimize import least_squares as scipys
 
-from swim2real.errors import OptimizerError
+from refused import refusal, says
+from swim2real.errors import MissingExtraError, OptimizerError
 from swim2real.optimizers import (
     BacktrackingLineSearch,
     BayesianOptimization,
@@ -22,6 +24,7 @@ from swim2real.optimizers import (
 )
 from swim2real.optimizers.callback import CallbackSolver
 from swim2real.optimizers.contract import cube_point
+from swim2real.optimizers.staged import Stage, Staged
 
 D = 5
 
@@ -38,12 +41,12 @@ def line_search(seed: int) -> Optimizer:
     return BacktrackingLineSearch(scripted(seed), first_point(D, seed))
 
 
-def bayesopt(seed: int) -> Optimizer:
-    return BayesianOptimization(D, streams(seed)[1], first_point(D, seed), initial=23)
+def bayesopt(seed: int, **settings) -> Optimizer:
+    return BayesianOptimization(D, streams(seed)[1], first_point(D, seed), **{"initial": 23, **settings})
 
 
-def least_squares(seed: int) -> Optimizer:
-    return LeastSquares(first_point(D, seed), streams(seed)[1])
+def least_squares(seed: int, **settings) -> Optimizer:
+    return LeastSquares(first_point(D, seed), streams(seed)[1], **settings)
 
 
 def callback_solver(seed: int) -> Optimizer:
@@ -53,97 +56,64 @@ def callback_solver(seed: int) -> Optimizer:
     return CallbackSolver(first_point(D, seed), streams(seed)[1], solve, "solver")
 
 
-def cma_es(seed: int) -> Optimizer:
-    return CmaEs(D, streams(seed)[1])
+def staged(seed: int) -> Optimizer:
+    stages = Stage("scanned", (0, 1), 1.0, "scan"), Stage("searched", (2, 3, 4), 3.0)
+    return Staged(first_point(D, seed), stages, 30, RandomSearch, streams(seed)[1], {})
 
 
-MAKERS = [random_search, line_search, bayesopt, least_squares, callback_solver]
+def cma_es(seed: int, **settings) -> Optimizer:
+    return CmaEs(**{"dimension": D, "rng": streams(seed)[1], **settings})
 
 
-def _parameters(makers: Sequence[Callable[[int], Optimizer]]) -> pytest.MarkDecorator:
-    marks = {bayesopt: pytest.mark.slow}
-    parameters = [pytest.param(make, id=make.__name__, marks=marks.get(make, ())) for make in makers]
-    return pytest.mark.parametrize("make", parameters)
+MAKERS = [random_search, line_search, bayesopt, least_squares, callback_solver, staged]
+marks = {bayesopt: pytest.mark.slow}
+every = pytest.mark.parametrize(
+    "make", [pytest.param(make, id=make.__name__, marks=marks.get(make, ())) for make in (*MAKERS, cma_es)]
+)
 
 
-every = _parameters([*MAKERS, cma_es])
-from_the_first_point = _parameters(MAKERS)
-
-
-def loss_of(candidate: Candidate) -> float:
-    return float(np.square(candidate.point - 0.3).sum())
-
-
-def evaluate(candidate: Candidate, failed: bool = False) -> Evaluation:
-    residual = np.ones(D) if failed else candidate.point - 0.3
-    return Evaluation(candidate, 1.0 if failed else loss_of(candidate), failed, residual=residual)
-
-
-def drive(optimizer: Optimizer, count: int, failed: Callable[[int], bool] = lambda i: False) -> np.ndarray:
-    points = []
-    for i in range(count):
-        candidate = optimizer.ask()
-        points.append(candidate.point)
-        optimizer.tell(evaluate(candidate, failed(i)))
-    return np.array(points)
+def residual(point: np.ndarray) -> np.ndarray:
+    return point - 0.3
 
 
 @every
-def test_asking_twice_is_refused(make):
+def test_asking_and_telling_take_turns(make):
     optimizer = make(0)
-    optimizer.ask()
-    with pytest.raises(
-        OptimizerError, match=r"^ask\(\) was called twice; tell\(\) the evaluation of the last candidate"
-    ):
-        optimizer.ask()
-
-
-@every
-def test_telling_without_asking_is_refused(make):
-    optimizer = make(0)
-    with pytest.raises(OptimizerError, match=r"^tell\(\) without a candidate; ask\(\) for one first$"):
-        optimizer.tell(Evaluation(Candidate(cube_point(np.full(D, 0.5))), 1.0))
+    middle = Candidate(cube_point(np.full(D, 0.5)))
+    assert says(refusal(OptimizerError, optimizer.tell, Evaluation(middle, 1.0)), "tell() without a candidate", "ask()")
     candidate = optimizer.ask()
-    optimizer.tell(evaluate(candidate))
-    with pytest.raises(OptimizerError, match="without a candidate"):
-        optimizer.tell(evaluate(candidate))
-
-
-@every
-def test_telling_of_another_candidate_is_refused_and_the_right_one_still_counts(make):
-    optimizer = make(0)
-    candidate = optimizer.ask()
-    other = Candidate(cube_point(1 - candidate.point))
-    with pytest.raises(OptimizerError, match="evaluation of another candidate than the one that was asked last"):
-        optimizer.tell(Evaluation(other, 0.1))
-    optimizer.tell(evaluate(candidate))
+    assert says(refusal(OptimizerError, optimizer.ask), "ask() was called twice", "tell()")
+    other = Evaluation(Candidate(cube_point(1 - candidate.point)), 0.1)
+    assert says(refusal(OptimizerError, optimizer.tell, other), "another candidate than the one that was asked last")
+    right = Evaluation(candidate, 0.5, residual=residual(candidate.point))
+    optimizer.tell(right)
+    assert says(refusal(OptimizerError, optimizer.tell, right), "without a candidate")
     optimizer.ask()
 
 
 @every
 def test_candidates_lie_in_the_unit_cube_and_are_read_only(make):
-    optimizer = make(3)
-    for _ in range(30):
-        candidate = optimizer.ask()
-        assert candidate.point.shape == (D,)
-        assert np.all((candidate.point >= 0) & (candidate.point <= 1))
-        with pytest.raises(ValueError, match="read-only"):
-            candidate.point[0] = 0.0
-        optimizer.tell(evaluate(candidate))
+    told = drive(make(3), 30, residual)
+    assert points(told).shape == (30, D)
+    assert np.all((points(told) >= 0) & (points(told) <= 1))
+    assert not any(one.candidate.point.flags.writeable for one in told)
 
 
 @every
-@pytest.mark.parametrize("seed", [0, 1, 12345])
-def test_one_seed_gives_one_run(make, seed):
-    np.testing.assert_array_equal(drive(make(seed), 20), drive(make(seed), 20))
+@pytest.mark.parametrize("seed", [0, 12345])
+def test_the_seed_alone_makes_a_run_and_numpys_global_state_is_left_alone(make, seed):
+    runs, states = [], []
+    for other in (1, 2):
+        np.random.seed(other)  # noqa: NPY002
+        states.append(np.random.get_state()[1])  # noqa: NPY002
+        runs.append(drive(make(seed), 20, residual))
+        np.testing.assert_array_equal(np.random.get_state()[1], states[-1])  # noqa: NPY002
+    assert points(runs[0]).tobytes() == points(runs[1]).tobytes()
+    assert notes(runs[0]) == notes(runs[1])
+    assert not np.array_equal(points(drive(make(seed + 1), 5, residual)), points(runs[0])[:5])
 
 
-@every
-def test_different_seeds_differ(make):
-    assert not np.array_equal(drive(make(0), 5), drive(make(1), 5))
-
-
-@from_the_first_point
+@pytest.mark.parametrize("make", MAKERS)
 def test_the_run_begins_at_the_first_point_and_says_so(make):
     candidate = make(7).ask()
     np.testing.assert_array_equal(candidate.point, first_point(D, 7))
@@ -152,43 +122,28 @@ def test_the_run_begins_at_the_first_point_and_says_so(make):
 
 @pytest.mark.slow
 @every
-def test_failed_evaluations_are_lived_with(make):
-    points = drive(make(0), 25, failed=lambda i: i % 3 != 1)
-    assert points.shape == (25, D)
-    assert drive(make(0), 25, failed=lambda i: True).shape == (25, D)
+@pytest.mark.parametrize("failed", [lambda i: i % 3 != 1, lambda i: True], ids=["most", "all"])
+def test_failed_evaluations_are_lived_with(make, failed):
+    assert points(drive(make(0), 25, residual, failed)).shape == (25, D)
 
 
-@every
-def test_numpys_global_random_state_is_left_alone(make):
-    np.random.seed(42)  # noqa: NPY002
-    expected = np.random.random(3)  # noqa: NPY002
-    np.random.seed(42)  # noqa: NPY002
-    drive(make(0), 10)
-    np.testing.assert_array_equal(np.random.random(3), expected)  # noqa: NPY002
+@pytest.mark.parametrize("make", [least_squares, callback_solver])
+def test_methods_that_need_residuals_say_so(make):
+    optimizer = make(0)
+    assert optimizer.needs_residual
+    said = refusal(OptimizerError, optimizer.tell, Evaluation(optimizer.ask(), 0.1))
+    assert says(said, "without a residual, which ", " needs")
+    if make is least_squares:
+        optimizer = make(0)
+        optimizer.tell(Evaluation(optimizer.ask(), 1.0, failed=True))  # one that failed needs none
+        assert optimizer.ask().note == {"source": "start", "start": 2}
 
 
-@every
-def test_numpys_global_random_state_has_no_say(make):
-    np.random.seed(1)  # noqa: NPY002
-    one = drive(make(0), 10)
-    np.random.seed(2)  # noqa: NPY002
-    np.testing.assert_array_equal(drive(make(0), 10), one)
-
-
-@pytest.mark.parametrize("loss", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("failed", [True, False])
-def test_a_loss_that_is_not_finite_is_refused(loss, failed):
-    with pytest.raises(OptimizerError, match=rf"^the loss is {loss}; a failed evaluation needs a finite one, too$"):
-        Evaluation(Candidate(cube_point([0.5])), loss, failed)
-
-
-def test_the_first_point_depends_on_the_seed_alone():
-    np.testing.assert_array_equal(first_point(16, 3), first_point(16, 3))
-    assert not np.array_equal(first_point(16, 3), first_point(16, 4))
-    starts = [make(3).ask().point for make in MAKERS]
-    for start in starts:
-        np.testing.assert_array_equal(start, first_point(D, 3))
-    assert not np.any(np.isin(drive(random_search(3), 20)[1:], first_point(D, 3)))  # its own stream
+def test_random_search_samples_the_whole_cube_evenly():
+    sampled = points(drive(random_search(3), 600))
+    assert not np.any(np.isin(sampled[1:], first_point(D, 3)))  # a stream of its own
+    np.testing.assert_allclose(sampled.mean(axis=0), 0.5, atol=0.05)
+    np.testing.assert_allclose(sampled.std(axis=0), np.sqrt(1 / 12), atol=0.02)
 
 
 def test_streams_are_independent_and_repeat():
@@ -197,11 +152,19 @@ def test_streams_are_independent_and_repeat():
     assert [stream.random(4).tolist() for stream in streams(np.int64(0))] == [first, optimizer, advisor]
 
 
+# bad input
+
+
+@pytest.mark.parametrize("loss", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("failed", [True, False])
+def test_a_loss_that_is_not_finite_is_refused(loss, failed):
+    said = refusal(OptimizerError, Evaluation, Candidate(cube_point([0.5])), loss, failed)
+    assert says(said, f"the loss is {loss}", "finite")
+
+
 @pytest.mark.parametrize("seed", [-1, 1.0, True, None, "0"])
 def test_a_seed_that_is_no_whole_number_is_refused(seed):
-    with pytest.raises(OptimizerError) as caught:
-        streams(seed)
-    assert str(caught.value) == f"seed is {seed!r}; it must be a whole number from 0 on"
+    assert says(refusal(OptimizerError, streams, seed), f"seed is {seed!r}", "a whole number from 0 on")
 
 
 @pytest.mark.parametrize(
@@ -214,6 +177,50 @@ def test_a_seed_that_is_no_whole_number_is_refused(seed):
     ],
 )
 def test_points_outside_the_cube_are_refused(point, dimension, message):
-    with pytest.raises(OptimizerError) as caught:
-        cube_point(point, dimension)
-    assert str(caught.value) == message
+    assert refusal(OptimizerError, cube_point, point, dimension) == message
+
+
+def searched(seed: int, **settings) -> Optimizer:
+    return BacktrackingLineSearch(scripted(seed), first_point(D, seed), **settings)
+
+
+@pytest.mark.parametrize(
+    ("make", "settings", "parts"),
+    [
+        (least_squares, {"difference": 0.0}, ("difference is 0.0", "above 0 and at most 0.5")),
+        (least_squares, {"difference": 0.6}, ("difference is 0.6", "above 0 and at most 0.5")),
+        (least_squares, {"radius": np.nan}, ("radius is nan", "above 0 and at most 1")),
+        (bayesopt, {"initial": 0}, ("initial is 0", "at least 1")),
+        (bayesopt, {"loss_factor": 0.0}, ("loss_factor is 0.0", "finite and above 0")),
+        (bayesopt, {"loss_factor": np.inf}, ("loss_factor is inf", "finite and above 0")),
+        (cma_es, {"dimension": 1}, ("dimension is 1", "at least 2")),
+        (cma_es, {"population": 3}, ("population is 3", "at least 4")),
+        (cma_es, {"sigma": 0.0}, ("sigma is 0.0", "above 0 and at most 1")),
+        (cma_es, {"sigma": np.nan}, ("sigma is nan", "above 0 and at most 1")),
+        (searched, {"decrease_factor": 1.0}, ("decrease_factor is 1.0", "between 0 and 1")),
+        (searched, {"decrease_factor": np.nan}, ("decrease_factor is nan", "between 0 and 1")),
+        (searched, {"max_steps": 0}, ("max_steps is 0", "at least 1")),
+    ],
+)
+def test_settings_out_of_range_are_refused(make, settings, parts):
+    assert says(refusal(OptimizerError, make, 0, **settings), *parts)
+
+
+@pytest.mark.parametrize(
+    ("make", "missing", "parts"),
+    [
+        (bayesopt, ["skopt"], ("method bayesopt needs scikit-optimize", "pip install 'swim2real[compare]'")),
+        (
+            bayesopt,
+            ["skopt", "threadpoolctl"],
+            ("method bayesopt needs scikit-optimize", "pip install 'swim2real[compare]'"),
+        ),
+        (cma_es, ["cma"], ("method cma-es needs pycma", "pip install 'swim2real[compare]'")),
+    ],
+)
+def test_without_its_library_a_method_says_what_to_install(monkeypatch, make, missing, parts):
+    for name in [name for name in sys.modules if name.partition(".")[0] == "skopt"]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in missing:
+        monkeypatch.setitem(sys.modules, name, None)
+    assert says(refusal(MissingExtraError, make, 0), *parts)

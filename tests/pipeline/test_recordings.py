@@ -5,10 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, PENDULUM_HIDDEN, floater_reference, pendulum_reference, recorded
+from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, PENDULUM_HIDDEN, floater_reference, pendulum_reference
 from swim2real.calibration import RunFolder, load_trials
 from swim2real.cli import tables
-from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor
 from swim2real.parameters import read_parameters
 from swim2real.pipeline import calibrate
@@ -85,12 +84,6 @@ def test_figures_of_a_robot_that_goes_nowhere(tmp_path, capsys):
     assert "elocity" not in shown
 
 
-def test_the_papers_protocol_is_for_swims(reference, tmp_path):
-    with pytest.raises(ArgumentError, match="the trials of robot 'floater' are recordings"):
-        calibrate(reference, FLOATER, settings("random", 2, protocol="paper"), tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_hidden_parameters_are_recovered(tmp_path, seed):
@@ -108,12 +101,6 @@ def test_hidden_parameters_are_recovered_where_the_start_is_unknown(tmp_path, se
     )
     found = read_parameters(tmp_path / "run", PENDULUM.name, PENDULUM.space).values
     assert found == pytest.approx(PENDULUM_HIDDEN, rel=0.02)
-
-
-def test_a_simulated_recording_is_a_reference(tmp_path):
-    made = recorded(FLOATER, FLOATER_HIDDEN, list(floater_reference()))
-    save_reference(made, tmp_path)
-    assert load_reference(tmp_path).names == ("slow", "fast")
 
 
 # where a run begins

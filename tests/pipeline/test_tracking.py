@@ -26,7 +26,6 @@ from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.tracking.points import save_points
 from swim2real.trials import MarkerTrack, Trial, load_reference
 from swim2real.trials.pose_tables import read_dlc
-from swim2real.trials.span import Span
 from swim2real.video import VideoReader
 
 NAMES = FISH.marker_names
@@ -107,14 +106,6 @@ def test_the_report_says_what_was_done_and_found(shot, done):
     assert all(0.5 < confidence <= 1 for confidence in report["confidence"])
     files = {"reference.json", "f1_50.csv", "tracks/f1_50.json", "tracks/f1_50.mp4", "tracks/f1_50.pixels.csv"}
     assert set(contents(done)) - {".lock"} == files
-
-
-@pytest.mark.slow
-def test_the_markers_may_be_found_without_points(clip, tmp_path):
-    trial, _ = tracked(replace(clip, points="auto"), tmp_path)
-    assert clip.errors(trial).max() < 2e-3
-    report = json.loads((tmp_path / "tracks" / "f1_25.json").read_text())
-    assert report["points_from"] == "auto"
 
 
 @pytest.mark.usefixtures("quick_tracker")
@@ -427,21 +418,6 @@ def test_bad_points_are_told_and_change_nothing(clip, tmp_path, markers, changes
     with pytest.raises(TrackingError, match=says):
         tracked(replace(clip, points=path), tmp_path / "reference", TrackingSettings())
     assert contents(tmp_path / "reference") == {}
-
-
-def test_one_frame_is_refused(clip, tmp_path):
-    with pytest.raises(TrackingError, match=r"has one frame only.*; a trial needs at least 2"):
-        tracked(clip, tmp_path / "reference", TrackingSettings(), span=Span(0.0, 0.02))
-    assert contents(tmp_path / "reference") == {}
-
-
-@pytest.mark.parametrize("below", [False, True], ids=["a file", "below a file"])
-def test_a_folder_that_cant_be_made_is_told(clip, tmp_path, below):
-    file = tmp_path / "file"
-    file.write_text("mine")
-    with pytest.raises(TrackingError, match=r"can't write folder '.*tracks': .*; choose another with --to"):
-        tracked(clip, file / "reference" if below else file)
-    assert file.read_text() == "mine"
 
 
 @pytest.mark.usefixtures("quick_tracker")
