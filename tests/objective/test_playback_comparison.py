@@ -39,6 +39,11 @@ def compared(real, simulated, frame=None, travels=False, weights=None, worths=No
     return compare_playback(target, trial(simulated, **more))
 
 
+def told(*trials, horizon=None):
+    """Evidence, through JSON."""
+    return json.loads(json.dumps(evidence(Comparison(trials, "playback", horizon)), allow_nan=False))
+
+
 # markers
 
 
@@ -58,38 +63,31 @@ def test_in_the_world_everything_counts():
     }  # fmt: skip
 
 
-def test_a_frame_forgets_place_and_heading():
-    found = compared(motion(heading=1.0), motion(heading=-0.5, tip=0.06, at=(1.0, 2.0)), (0, 1)).figures()
-    assert found["aligned_marker_error"] == found["shape_error"] == pytest.approx(0.06 / 3)
-    assert found["heading_error"] == pytest.approx(0, abs=1e-12)  # it is of the turn since the first frame
-
-
-def test_a_frame_of_other_markers_than_the_first():
-    found = compared(motion(heading=1.0), motion(heading=-0.5, tip=0.06), (2, 0)).figures()
+@pytest.mark.parametrize("frame", [(0, 1), (2, 0)])
+def test_a_frame_forgets_place_and_heading(frame):
+    found = compared(motion(heading=1.0), motion(heading=-0.5, tip=0.06, at=(1.0, 2.0)), frame).figures()
+    origin, ahead = frame
     in_frame = []
     for tip in (0.0, 0.06):
         body = BODY + np.array([0, 0, tip])
-        along = body[0] - body[2]
-        in_frame.append((body - body[2]) * abs(along) / along)
-    assert found["aligned_marker_error"] == pytest.approx(np.abs(in_frame[1] - in_frame[0]).mean())
+        along = body[ahead] - body[origin]
+        in_frame.append((body - body[origin]) * abs(along) / along)
+    expected = np.abs(in_frame[1] - in_frame[0]).mean()
+    assert found["aligned_marker_error"] == found["shape_error"] == pytest.approx(expected)
+    assert found["heading_error"] == pytest.approx(0, abs=1e-12)  # it is of the turn since the first frame
 
 
 def test_a_robot_that_travels_has_speed_and_progress():
     found = compared(motion(0.1, heading=1.0), motion(0.13), (0, 1), True)
-    figures = found.figures()
-    assert figures["velocity_real"] == pytest.approx(0.1)
-    assert figures["velocity_simulated"] == pytest.approx(0.13)
-    assert figures["velocity_error"] == pytest.approx(0.03)
-    assert figures["shape_error"] == pytest.approx(0, abs=1e-12)
-    assert figures["aligned_marker_error"] == pytest.approx(0.03 * 1.0)  # on average half of 2 s behind
-    backward = compared(motion(0.1), motion(-0.1), (0, 1), True).figures()
-    assert backward["velocity_simulated"] == pytest.approx(-0.1)
+    expected = {
+        "velocity_real": 0.1, "velocity_simulated": 0.13, "velocity_error": 0.03, "shape_error": 0,
+        "aligned_marker_error": 0.03 * 1.0,  # on average half of 2 s behind
+    }  # fmt: skip
+    assert {name: found.figures()[name] for name in expected} == pytest.approx(expected, abs=1e-12)
+    assert compared(motion(0.1), motion(-0.1), (0, 1), True).progress.velocity_simulated == pytest.approx(-0.1)
     assert found.residual[-1, :, 0] == pytest.approx(-0.06)  # farther along -x
-
-
-def test_a_turn_is_an_error_of_heading():
-    found = compared(motion(turn=-3.0), motion(turn=-3.2), (0, 1)).figures()
-    assert found["heading_error"] == pytest.approx(0.2)  # of 0 to 0.4 rad, past half turns
+    turned = compared(motion(turn=-3.0), motion(turn=-3.2), (0, 1))
+    assert turned.heading_error == pytest.approx(0.2)  # of 0 to 0.4 rad, past half turns
 
 
 def test_markers_without_weight_dont_count():
@@ -99,7 +97,7 @@ def test_markers_without_weight_dont_count():
     real[5, 1] = np.nan
     found = compared(real, motion(tip=0.3, at=(0, 0.01)), weights=weights)
     assert found.aligned_marker_error == pytest.approx(0.01)
-    assert found.figures()["left_out_share"] == pytest.approx(82 / 243)
+    assert found.left_out_share == pytest.approx(82 / 243)
     framed = compared(real, motion(at=(0, 0.01)), (0, 1), weights=weights)
     assert framed.weights[5].tolist() == [0, 0, 0]  # without its frame nothing can be compared
     assert framed.loss == pytest.approx(0, abs=1e-12)
@@ -112,6 +110,7 @@ def table(values, times=None):
     return Signals(np.linspace(1.0, 5.0, 41) if times is None else times, ("force", "load"), values)
 
 
+@pytest.fixture
 def sensed():
     readings = np.ones((41, 2)) * [1.0, 10.0]
     readings[12, 0] = np.nan
@@ -120,44 +119,45 @@ def sensed():
     return compared(motion(), motion(at=(0.03, 0.04)), worths=worths, beside={"sensors": real}, sensors=simulated)
 
 
-def test_sensors_add_what_they_are_worth():
-    found = sensed()
-    assert found.figures()["sensor_errors"] == pytest.approx({"force": 0.5, "load": 1.0})
-    assert found.loss == pytest.approx(0.05 + 0.02 * 0.5 + 0.001 * 1.0)
-    assert [len(sensor.times) for sensor in found.sensors] == [21, 21]  # as long as the film
+def test_sensors_add_what_they_count_as(sensed):
+    assert sensed.figures()["sensor_errors"] == pytest.approx({"force": 0.5, "load": 1.0})
+    assert sensed.loss == pytest.approx(0.05 + 0.02 * 0.5 + 0.001 * 1.0)
+    assert [len(sensor.times) for sensor in sensed.sensors] == [21, 21]  # as long as the film
+    found = told(sensed)
+    assert found["sensor_errors"] == {"force": 0.5, "load": 1.0}
+    assert found["trials"]["a"]["windows"]["sensors"] == {"force": [0.5] * 8, "load": [-1.0] * 8}
 
 
-def test_squares_of_the_residual_add_up_to_the_mean_squares():
-    found = sensed()
-    vector = found.residual_vector()
+def test_squares_of_the_residual_add_up_to_the_mean_squares(sensed):
+    vector = sensed.residual_vector()
     assert vector.shape == (2 * 81 * 3 + 2 * 21,)
     assert np.sum(vector**2) == pytest.approx(0.05**2 + (0.02 * 0.5) ** 2 + 0.001**2)
-    assert np.isfinite(vector).all()
-    both = Comparison((found, found), "playback", None).residual_vector()
+    both = Comparison((sensed, sensed), "playback", None).residual_vector()
     assert np.sum(both**2) == pytest.approx(np.sum(vector**2))
 
 
-def test_what_cant_be_compared_is_named():
-    def refusal(**more):
-        with pytest.raises(TrialError) as caught:
-            compared(motion(), motion(), worths={"force": 1.0}, **more)
-        return str(caught.value)
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ({}, "has no sensors; add a table with a column 'force'"),
+        ({"beside": {"sensors": Signals([2.5], ["load"], [[0.0]])}}, "there is no column 'force'; there are load"),
+        (
+            {"beside": {"sensors": Signals([0.5], ["force"], [[0.0]])}},
+            "sensor 'force' can't be compared: its rows are from 0.5 s to 0.5 s, .* from 2 s to 4 s; give time_s on",
+        ),
+        (
+            {"beside": {"sensors": table(np.zeros((41, 2)))}, "sensors": table(np.zeros((41, 2)))},
+            "its sensors weren't simulated at the recording's time stamps",
+        ),
+    ],
+    ids=["none", "other", "early", "late"],
+)
+def test_sensors_that_cant_be_compared_are_named(more, says):
+    with pytest.raises(TrialError, match=rf"^trial 'a'.*{says}"):
+        compared(motion(), motion(), worths={"force": 1.0}, **more)
 
-    assert refusal() == "trial 'a' has no sensors; add a table with a column 'force', which is to be compared"
-    other = Signals([2.5], ["load"], [[0.0]])
-    assert refusal(beside={"sensors": other}) == (
-        "trial 'a': sensor 'force' can't be compared: there is no column 'force'; there are load"
-    )
-    early = Signals([0.5], ["force"], [[0.0]])
-    assert refusal(beside={"sensors": early}) == (
-        "trial 'a': sensor 'force' can't be compared: its rows are from 0.5 s to 0.5 s, and the frames that are "
-        "compared from 2 s to 4 s; give time_s on the clock of the track, which `track` counts in seconds since the "
-        "video's first frame"
-    )
-    beside = {"sensors": table(np.zeros((41, 2)))}
-    assert refusal(beside=beside, sensors=table(np.zeros((41, 2)))) == (
-        "trial 'a': its sensors weren't simulated at the recording's time stamps"
-    )
+
+def test_a_playback_has_the_recordings_times():
     target = playback_target(trial(motion()), np.ones((81, 3)))
     with pytest.raises(TrialError, match="it wasn't simulated at the recording's time stamps"):
         compare_playback(target, Trial("a", MarkerTrack(TIMES + 1, motion())))
@@ -173,56 +173,34 @@ def test_evidence_tells_how_each_marker_moves():
     simulated[:, 2] += 0.08 * np.sin(phases)[:, None] * [0.8, -0.6] + [0.01, 0.0]
     simulated[:40, 1] += [0.02, -0.01]
     simulated[40:, 1] -= [0.02, -0.01]
-    found = json.loads(json.dumps(evidence(Comparison((compared(real, simulated),), "playback", 4.0))))
-    told = found["trials"]["a"]
+    found = told(compared(real, simulated), horizon=4.0)["trials"]["a"]
     rms = np.sqrt(np.mean(np.sin(phases) ** 2))
-    assert told["amplitude_real"] == pytest.approx([0, 0, 0.05 * rms], abs=1e-7)
-    assert told["amplitude_simulated"] == pytest.approx([0, np.hypot(0.02, 0.01), 0.08 * rms], rel=1e-3, abs=1e-7)
-    assert told["offset"][2] == pytest.approx([0.01, 0.0], abs=1e-3)
-    assert told["aligned_marker_errors"][1] == pytest.approx(np.hypot(0.02, 0.01))
-    windows = told["windows"]
-    assert windows["edges"] == pytest.approx(np.linspace(2, 4, 9))
-    assert np.array(windows["markers"])[:4, 1] == pytest.approx(np.tile([0.02, -0.01], (4, 1)))
-    assert np.array(windows["markers"])[4:, 1] == pytest.approx(np.tile([-0.02, 0.01], (4, 1)))
-    assert found["loss"] == pytest.approx(told["loss"])
-    assert "sensor_errors" not in found
+    assert found["amplitude_real"] == pytest.approx([0, 0, 0.05 * rms], abs=1e-7)
+    assert found["amplitude_simulated"] == pytest.approx([0, np.hypot(0.02, 0.01), 0.08 * rms], rel=1e-3, abs=1e-7)
+    assert found["offset"][2] == pytest.approx([0.01, 0.0], abs=1e-3)
+    assert found["aligned_marker_errors"][1] == pytest.approx(np.hypot(0.02, 0.01))
+    assert found["windows"]["edges"] == pytest.approx(np.linspace(2, 4, 9))
+    means = np.array(found["windows"]["markers"])[:, 1]
+    assert means == pytest.approx(np.repeat([[0.02, -0.01], [-0.02, 0.01]], 4, axis=0))
 
 
 def test_evidence_has_no_number_where_nothing_counts():
     weights = np.ones((81, 3))
     weights[:, 2] = 0
     weights[:41, 1] = 0
-    told = evidence(Comparison((compared(motion(), motion(), weights=weights),), "playback", None))["trials"]["a"]
-    assert told["aligned_marker_errors"] == [0, 0, None]
-    assert told["amplitude_real"][2] is None
-    assert [window[1][0] for window in told["windows"]["markers"]] == [None] * 4 + [0.0] * 4
-
-
-def test_sensors_are_in_the_evidence():
-    told = evidence(Comparison((sensed(),), "playback", None))
-    assert told["sensor_errors"] == {"force": 0.5, "load": 1.0}
-    assert told["trials"]["a"]["windows"]["sensors"] == {"force": [0.5] * 8, "load": [-1.0] * 8}
-
-
-# failures
+    found = told(compared(motion(), motion(), weights=weights))["trials"]["a"]
+    assert found["aligned_marker_errors"] == [0, 0, None]
+    assert found["amplitude_real"][2] is None
+    assert [window[1][0] for window in found["windows"]["markers"]] == [None] * 4 + [0.0] * 4
 
 
 def test_a_diverged_playback_has_failed():
-    nowhere = np.full((81, 3, 2), np.nan)
-    beside = {"sensors": table(np.zeros((41, 2)))}
-    found = compared(
-        motion(0.1), nowhere, (0, 1), True, worths={"force": 1.0}, beside=beside, divergence="the simulation diverged"
-    )
-    good = compared(
-        motion(0.1), motion(0.1), (0, 1), True, worths={"force": 1.0}, beside=beside,
-        sensors=table(np.zeros((41, 2))).between(2, 4),
-    )  # fmt: skip
-    assert found.loss == FAILED_LOSS
+    scored = ((0, 1), True, None, {"force": 1.0}, {"sensors": table(np.zeros((41, 2)))})
+    found = compared(motion(0.1), np.full((81, 3, 2), np.nan), *scored, divergence="the simulation diverged")
+    good = compared(motion(0.1), motion(0.1), *scored, sensors=table(np.zeros((41, 2))).between(2, 4))
     assert found.residual_vector().shape == good.residual_vector().shape
     assert np.sum(found.residual_vector() ** 2) == pytest.approx(FAILED_LOSS**2)
-    whole = Comparison((good, found), "playback", None)
-    assert whole.loss == FAILED_LOSS
-    told = json.loads(json.dumps(evidence(whole), allow_nan=False))
-    assert told["trials"]["a"]["divergence"] == "the simulation diverged"
-    assert told["velocity_error"] is None
-    assert told["sensor_errors"] == {"force": None}
+    both = told(good, found)
+    assert both["loss"] == FAILED_LOSS
+    assert both["trials"]["a"]["divergence"] == "the simulation diverged"
+    assert (both["velocity_error"], both["sensor_errors"]) == (None, {"force": None})

@@ -31,8 +31,7 @@ def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
     ]
     end = (robot.trials.tail_markers[-2], robot.trials.tail_markers[-1])
     try:
-        predictions = zip(targets, predict_speeds(targets, end), strict=True)
-        speeds = {target.trial.name: round(prediction.speed, 6) for target, prediction in predictions}
+        speeds = {name: round(speed, 6) for name, speed in predict_speeds(targets, end).items()}
     except TrialError as error:
         tell(f"no speeds of elongated body theory: {error}")
         return

@@ -34,7 +34,7 @@ from swim2real.objective.target import Target
 
 Array = NDArray[np.float64]
 
-HARMONICS = 3
+_HARMONICS = 3
 _LOWEST, _HIGHEST = np.log(1e-3), np.log(1e4)  # of κ
 _GRID = 60
 
@@ -45,49 +45,19 @@ class TailMotion:
 
     Attributes:
         name: Name of the trial.
-        frequency: Frequency of the beat [Hz].
         lateral_speed: Root mean square of h_t [m/s].
         slope: Root mean square of h_x.
         speed: Measured, over the whole trial [m/s].
     """
 
     name: str
-    frequency: float
     lateral_speed: float
     slope: float
     speed: float
 
-    @property
-    def wave_speed(self) -> float:
-        """V, at which the bending runs down the tail [m/s]; infinite without a slope."""
-        return self.lateral_speed / self.slope if self.slope > 0 else float("inf")
-
     def cruising_speed(self, drag_ratio: float) -> float:
         """U for a given κ [m/s]."""
         return float(self.lateral_speed / np.sqrt(drag_ratio + self.slope**2))
-
-
-@dataclass(frozen=True)
-class SpeedPrediction:
-    """A trial's speed as the other trials and its own tail tell it.
-
-    Attributes:
-        motion: Motion of the tail, with the measured speed.
-        drag_ratio: κ, fitted to the other trials.
-    """
-
-    motion: TailMotion
-    drag_ratio: float
-
-    @property
-    def speed(self) -> float:
-        """Predicted [m/s]."""
-        return self.motion.cruising_speed(self.drag_ratio)
-
-    @property
-    def velocity_error(self) -> float:
-        """Distance from the measured speed, as for simulated swims [m/s]."""
-        return abs(self.speed - self.motion.speed)
 
 
 def tail_motion(target: Target, end: tuple[int, int]) -> TailMotion:
@@ -110,7 +80,7 @@ def tail_motion(target: Target, end: tuple[int, int]) -> TailMotion:
     pair = course[:, list(end)]
     good = np.isfinite(pair).all(axis=(1, 2)) & (target.weights[:, list(end)] > 0).all(axis=1)
     seen = times[good]
-    columns = 2 * HARMONICS + 2
+    columns = 2 * _HARMONICS + 2
     if np.count_nonzero(good) < 2 * columns or (seen[-1] - seen[0]) * frequency < 1:
         raise TrialError(
             f"trial '{target.trial.name}': markers {end[0]} and {end[1]} are seen together in "
@@ -118,11 +88,10 @@ def tail_motion(target: Target, end: tuple[int, int]) -> TailMotion:
         )
     before, last = pair[good, 0], pair[good, 1]
     slope = (last[:, 1] - before[:, 1]) / (last[:, 0] - before[:, 0])
-    rates: Array = 2 * np.pi * frequency * np.arange(1.0, HARMONICS + 1)
+    rates: Array = 2 * np.pi * frequency * np.arange(1.0, _HARMONICS + 1)
     amplitudes = _amplitudes(seen, np.column_stack([last[:, 1], slope]), rates)
     return TailMotion(
         target.trial.name,
-        frequency,
         float(np.sqrt(np.square(rates * amplitudes[:, 0]).sum() / 2)),
         float(np.sqrt(np.square(amplitudes[:, 1]).sum() / 2)),
         track.speed,
@@ -138,13 +107,7 @@ def _amplitudes(times: Array, signals: Array, rates: Array) -> Array:
 
 
 def fit_drag_ratio(motions: Sequence[TailMotion]) -> float:
-    """κ with the smallest squared errors in speed.
-
-    Raises:
-        TrialError: There is no trial to fit to.
-    """
-    if not motions:
-        raise TrialError("elongated body theory has one coefficient to fit and no trial to fit it to")
+    """κ with the smallest squared errors in speed."""
 
     def misfit(logarithm: float) -> float:
         ratio = float(np.exp(logarithm))
@@ -157,8 +120,8 @@ def fit_drag_ratio(motions: Sequence[TailMotion]) -> float:
     return float(np.exp(found.x))
 
 
-def predict_speeds(targets: Sequence[Target], end: tuple[int, int]) -> tuple[SpeedPrediction, ...]:
-    """Each trial's speed, with κ fitted to all the others.
+def predict_speeds(targets: Sequence[Target], end: tuple[int, int]) -> dict[str, float]:
+    """Each trial's speed by its name [m/s], with κ fitted to all the others.
 
     Args:
         targets: Real trials with their weights and the frequency of their beat; two or more.
@@ -171,19 +134,7 @@ def predict_speeds(targets: Sequence[Target], end: tuple[int, int]) -> tuple[Spe
         count = f"{len(targets)} trial{' is' if len(targets) == 1 else 's are'}"
         raise TrialError(f"{count} too few: each speed is predicted from the other trials, so give two or more")
     motions = [tail_motion(target, end) for target in targets]
-    return tuple(
-        SpeedPrediction(motion, fit_drag_ratio([other for other in motions if other is not motion]))
+    return {
+        motion.name: motion.cruising_speed(fit_drag_ratio([other for other in motions if other is not motion]))
         for motion in motions
-    )
-
-
-def drag_coefficient(drag_ratio: float, span: float, wetted_area: float, added_mass: float = 1.0) -> float:
-    """C of a κ.
-
-    Args:
-        drag_ratio: κ.
-        span: Span of the tail fin, s [m].
-        wetted_area: S [m²].
-        added_mass: β, 1 for a flat plate (Lighthill 1970).
-    """
-    return drag_ratio * added_mass * np.pi * span**2 / 4 / wetted_area
+    }

@@ -20,7 +20,7 @@ from swim2real.trials import frames
 
 Array = NDArray[np.float64]
 
-HARMONICS = 2  # of the beat that an oscillation is described by
+_HARMONICS = 2  # of the beat that an oscillation is described by
 _FEWEST_FRAMES = 12
 
 
@@ -100,7 +100,7 @@ def head_motion(times: Array, positions: Array, frequency: float) -> HeadMotion:
     _check_length(times[seen], frequency)
     t = times[seen] - times[0]
     slow = np.column_stack([np.ones_like(t), t])
-    angles = 2 * np.pi * frequency * np.outer(t, np.arange(1, HARMONICS + 1))
+    angles = 2 * np.pi * frequency * np.outer(t, np.arange(1, _HARMONICS + 1))
     beats = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(len(t), -1)
     heading = np.unwrap(np.arctan2(axes[seen, 1], axes[seen, 0]))
     turning = _Fit(np.column_stack([slow, beats]), heading)
