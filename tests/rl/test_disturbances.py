@@ -119,7 +119,7 @@ def test_a_late_tracker_sees_what_was_but_knows_its_motor():
 def test_a_heading_goes_on_beyond_half_a_turn():
     robots, estimator, rng, which = started(rl.StateEstimate(noise=0.0, delay=0))
     for heading in np.linspace(0.0, 9.0, 40):
-        robots._batch.data(0).qpos[5] = heading
+        robots.batch.data(0).qpos[5] = heading
         robots.read(which)
         estimator.update(robots.state, which, [rng])
         assert robots.state.heading[0] == pytest.approx(heading, abs=1e-6)

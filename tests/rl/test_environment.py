@@ -24,7 +24,7 @@ def swim(env, steps, action=GO):
 
 def engine_data(env, index=0):
     """The state of the engine of one robot, to be disturbed."""
-    return (env.environments if isinstance(env, rl.RobotEnv) else env).robots._batch.data(index)
+    return (env.environments if isinstance(env, rl.RobotEnv) else env).robots.batch.data(index)
 
 
 @pytest.mark.parametrize("name", ["Forward", "Target"])

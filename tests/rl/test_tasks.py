@@ -17,7 +17,7 @@ def wiggled(task, **options):
     env.reset(seed=4, options=options)
     for _ in range(40):
         out = env.step(rng.uniform(0, 1, 1) if rng.random() < 0.7 else -np.ones(1))
-    data = env.environments.robots._batch.data(0)
+    data = env.environments.robots.batch.data(0)
     return env, out, data.qpos.copy(), data.qvel.copy()
 
 

@@ -75,7 +75,7 @@ def test_reaching_a_goal_is_no_time_limit():
 def test_a_divergence_stays_with_its_environment():
     vector = rl.make_vector_env("forward", PUBLISHED, 2, threads=2, seed=0)
     vector.reset()
-    vector.environments.robots._batch.data(0).qpos[7] = np.nan
+    vector.environments.robots.batch.data(0).qpos[7] = np.nan
     seen, rewards, ended, infos = vector.step(np.ones((2, 1), np.float32))
     assert list(ended) == [True, False]
     assert rewards[0] == rl.DIVERGED

@@ -82,7 +82,7 @@ def deploy(options: DeployOptions) -> int:
     table = read_table(options.commands)
     settings = _settings(options, table)
     table, notes = _prepare(options, table, settings)
-    show = _print_nothing if options.quiet or options.json else say
+    show = (lambda text: None) if options.quiet or options.json else say
     show(f"{options.commands}: {len(table.rows)} commands, {table.duration:.2f} s at 50 Hz{_extent(table, settings)}")
     for note in notes:
         show(note)
@@ -116,10 +116,6 @@ def deploy(options: DeployOptions) -> int:
         stopped = "the motor was stopped" if len(settings) == 1 else "the motors were stopped"
         tell(f"{name or 'interruption'} {at}; {stopped}")
     return 0 if result.complete else 1
-
-
-def _print_nothing(*_: object) -> None:
-    pass
 
 
 def _settings(options: DeployOptions, table: CommandTable) -> tuple[MotorSettings, ...]:
@@ -229,20 +225,11 @@ def _summary(result: SendingResult, real_time: bool) -> str:
 
 
 def _as_dict(result: SendingResult, table: CommandTable, real_time: bool, options: DeployOptions) -> dict[str, object]:
+    p = result.punctuality
     return {
-        "complete": result.complete,
-        "seconds": result.seconds,
-        "commands": len(table.rows),
-        "sent": result.punctuality.sent,
-        "skipped": result.punctuality.skipped,
-        "on_time_share": result.punctuality.on_time_share,
-        "lateness": {
-            "median": result.punctuality.median,
-            "percentile_99": result.punctuality.percentile_99,
-            "worst": result.punctuality.worst,
-        },
-        "unanswered": result.unanswered,
-        "unread": result.unread,
-        "real_time_priority": real_time,
+        "complete": result.complete, "seconds": result.seconds, "commands": len(table.rows), "sent": p.sent,
+        "skipped": p.skipped, "on_time_share": p.on_time_share,
+        "lateness": {"median": p.median, "percentile_99": p.percentile_99, "worst": p.worst},
+        "unanswered": result.unanswered, "unread": result.unread, "real_time_priority": real_time,
         "emulated": options.dry_run,
     }  # fmt: skip

@@ -15,6 +15,7 @@ from swim2real.store import MOST_TEXT, from_toml, read_bytes
 
 _KEYS = ("id", "model", "direction", "zero", "lowest", "highest", "speed", "acceleration")
 _ANGLE_KEYS = ("zero", "lowest", "highest")
+_RANGE = "a motor that follows an angle needs its range"
 _MIDDLE = math.pi  # rad, of a motor's turn
 _LAST = 4095 * POSITION_UNIT  # rad, the end of its turn
 
@@ -40,7 +41,7 @@ class MotorSettings:
     zero: float = 0.0
 
     def __post_init__(self) -> None:
-        check_unit(self.column)
+        _check_unit(self.column)
         if not 0 <= self.id <= 252:
             raise ArgumentError(f"id is {self.id}; ids are 0 to 252")
         if self.direction not in (1, -1):
@@ -69,7 +70,7 @@ def fish_motor(device: int = 1, limits: MotorLimits = XW540_T140) -> MotorSettin
     return MotorSettings(FISH, device, limits)
 
 
-def check_unit(column: str) -> None:
+def _check_unit(column: str) -> None:
     """Refuses a column that no motor can follow.
 
     Raises:
@@ -105,7 +106,7 @@ def read_motors(path: str | Path, columns: Sequence[str]) -> tuple[MotorSettings
         raise ArgumentError(f"motors file '{file}' is not TOML: {error}") from error
     by_name: dict[str, str] = {}
     for column in columns:
-        check_unit(column)
+        _check_unit(column)
         name = split_column(column)[0]
         if name in by_name:
             raise ArgumentError(
@@ -142,30 +143,22 @@ def _motor(file: str, name: str, column: str, entry: object) -> MotorSettings:
     angle = not is_speed(column)
     if wrong := next((key for key in _ANGLE_KEYS if key in values and not angle), None):
         raise ArgumentError(f"{where}: {wrong} is for an angle, and the column {column} is a speed; remove {wrong}")
-    for key in ("id", "lowest", "highest") if angle else ("id",):
-        if key not in values:
-            why = "a motor that follows an angle needs its range" if key != "id" else "it is how the motor is reached"
+    for key, why in (("id", "it is how the motor is reached"), ("lowest", _RANGE), ("highest", _RANGE)):
+        if key not in values and (angle or key == "id"):
             raise ArgumentError(f"{where}: {key} is missing; {why}")
-    for key in ("id", "direction"):
-        if type(values.get(key, 1)) is not int:
-            raise ArgumentError(f"{where}: {key} is {values[key]!r}; it must be a whole number")
+    for key, value in values.items():
+        if key in ("id", "direction") and type(value) is not int:
+            raise ArgumentError(f"{where}: {key} is {value!r}; it must be a whole number")
+        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        if key != "model" and not number:
+            raise ArgumentError(f"{where}: {key} is {value!r}; it must be a finite number")
     model = MODELS.get(str(values.get("model", XW540.name)))
     if model is None:
         raise ArgumentError(f"{where}: model is {values['model']!r}; it must be one of {', '.join(MODELS)}")
-
-    def number(key: str, default: float) -> float:
-        value = values.get(key)
-        if value is None:
-            return default
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ArgumentError(f"{where}: {key} is {value!r}; it must be a finite number")
-        return float(value)
-
-    zero = number("zero", _MIDDLE) if angle else 0.0
-    speed, acceleration = number("speed", model.speed), number("acceleration", ACCELERATION)
-    lowest, highest = number("lowest", -math.inf), number("highest", math.inf)
+    defaults = {"speed": model.speed, "acceleration": ACCELERATION, "lowest": -math.inf, "highest": math.inf}
     try:
-        limits = MotorLimits(speed, acceleration, lowest, highest)
+        limits = MotorLimits(**{key: float(values.get(key, default)) for key, default in defaults.items()})
+        zero = float(values.get("zero", _MIDDLE)) if angle else 0.0
         return MotorSettings(column, values["id"], limits, model, values.get("direction", 1), zero)
     except ArgumentError as error:
         raise ArgumentError(f"{where}: {error}") from None

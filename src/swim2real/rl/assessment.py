@@ -105,14 +105,6 @@ class WaveScan:
         """Highest return."""
         return float(self.returns.max())
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
-        return {
-            "waves": [asdict(wave) for wave in self.waves], "distances": self.distances.tolist(),
-            "returns": self.returns.tolist(), "best_distance": self.best_distance, "farthest": asdict(self.farthest),
-            "best_return": self.best_return, "phases": list(self.phases),
-        }  # fmt: skip
-
 
 @dataclass(frozen=True)
 class LoopResult:
@@ -129,10 +121,6 @@ class LoopResult:
     drift: float
     sideways: float
     episodes: list[Episode]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain JSON, without the episodes."""
-        return {**asdict(self.statistics), "drift": self.drift, "sideways": self.sideways}
 
 
 @dataclass(frozen=True)
@@ -158,9 +146,17 @@ class Assessment:
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON: `policy`, the scans by their names, and `loops` where they were compared."""
         content: dict[str, Any] = {"task": self.task, "which": self.which, "policy": asdict(self.statistics)}
-        content |= {name: scan.as_dict() for name, scan in self.scans.items()}
+        for name, scan in self.scans.items():
+            content[name] = {
+                "waves": [asdict(wave) for wave in scan.waves], "distances": scan.distances.tolist(),
+                "returns": scan.returns.tolist(), "best_distance": scan.best_distance,
+                "farthest": asdict(scan.farthest), "best_return": scan.best_return, "phases": list(scan.phases),
+            }  # fmt: skip
         if self.loops:
-            content["loops"] = {name: loop.as_dict() for name, loop in self.loops.items()}
+            content["loops"] = {
+                name: {**asdict(loop.statistics), "drift": loop.drift, "sideways": loop.sideways}
+                for name, loop in self.loops.items()
+            }
         return content
 
 
@@ -196,16 +192,8 @@ def assess(
     if swims[0].goal is None:
         scans = _scans(run.task, sets[0], robot, swims[0].duration, replace(disturbed, estimate=None), threads)
     if estimate is not None:
-        loops = compare_loops(
-            load_policy(run, which),
-            run.task,
-            sets[0],
-            robot,
-            seeds[: min(episodes, SIDE_BY_SIDE)],
-            disturbed,
-            estimate,
-            stage=stage,
-        )
+        policy, few = load_policy(run, which), seeds[:SIDE_BY_SIDE]
+        loops = compare_loops(policy, run.task, sets[0], robot, few, disturbed, estimate, stage=stage)
     return Assessment(settings.task, which, swims, EpisodeStatistics.of(swims), scans, loops)
 
 
@@ -228,11 +216,11 @@ def run_policy(
     Raises:
         RunError: The run has no policy, or it doesn't fit the robot.
     """
-    policy, staged, episodes = load_policy(run, which), {} if stage is None else {"stage": stage}, list[Episode]()
+    policy, episodes = load_policy(run, which), list[Episode]()
     for first in range(0, len(seeds), SIDE_BY_SIDE):
         chunk = seeds[first : first + SIDE_BY_SIDE]
         environments = make_environments(
-            run.task, parameters, len(chunk), robot=robot, disturbances=disturbances, threads=threads, **staged
+            run.task, parameters, len(chunk), robot=robot, disturbances=disturbances, threads=threads, stage=stage
         )
         run.check_fits(policy, environments.observations.shape[1], len(environments.bodies.actuators))
         episodes += run_episodes(environments, policy, chunk)
@@ -310,23 +298,20 @@ def compare_loops(
     Returns:
         Results by loop.
     """
-    start_only = Disturbances(start_phase=disturbances.start_phase)
-    true_state, tracked_state = replace(disturbances, estimate=None), replace(disturbances, estimate=estimate)
-
-    staged = {} if stage is None else {"stage": stage}
+    true_state = replace(disturbances, estimate=None)
 
     def swim(policy: Policy, disturbed: Disturbances) -> list[Episode]:
         environments = make_environments(
-            task, [parameters], len(seeds), robot=robot, disturbances=disturbed, seconds=seconds, **staged
+            task, [parameters], len(seeds), robot=robot, disturbances=disturbed, seconds=seconds, stage=stage
         )
         return run_episodes(environments, policy, seeds)
 
-    nominal = swim(policy, start_only)
+    nominal = swim(policy, Disturbances(start_phase=disturbances.start_phase))
     episodes = {
         "nominal": nominal,
         "open": swim(repeated([episode.actions for episode in nominal]), true_state),
         "closed": swim(policy, true_state),
-        "tracked": swim(policy, tracked_state),
+        "tracked": swim(policy, replace(disturbances, estimate=estimate)),
     }
     return {
         name: LoopResult(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -82,7 +82,7 @@ class Actuators:
 
 
 @dataclass(frozen=True)
-class Layout:
+class _Layout:
     """Where the parts of a robot are in its model.
 
     The floating body is the one that carries the first marker of the robot's frame, with all joints that lead to it. A
@@ -160,7 +160,7 @@ class Bodies:
         self.actuators = Actuators.of(setup.actuators)
         checked = [robot.space.check(values, where=f"set {i}") for i, values in enumerate(sets)]
         self.layout = _layout(robot, setup)
-        self.models = [_stepped(robot, values, disturbances).compile() for values in checked]
+        self.models = [_disturbed(robot, values, disturbances).compile() for values in checked]
         self.readers = [_reader(robot, values, disturbances, self.layout) for values in checked]
         self.first = int(self.readers[0].sensor(_SENSOR.format(0)).adr[0])
         self.sensors = np.array([sensor_address(self.readers[0], one.name) for one in robot.trials.sensors], int)
@@ -248,21 +248,9 @@ class Bodies:
         return np.column_stack([np.interp(at, angles, known[:, j], period=math.tau) for j in range(known.shape[1])])
 
 
-def _stepped(robot: Robot, values: Values, disturbances: Disturbances) -> mujoco.MjSpec:
-    """The disturbed robot without sensors."""
-    spec = _disturbed(robot, values, disturbances)
-    for sensor in list(spec.sensors):
-        spec.delete(sensor)
-    return spec
-
-
-def _reader(robot: Robot, values: Values, disturbances: Disturbances, layout: Layout) -> mujoco.MjModel:
+def _reader(robot: Robot, values: Values, disturbances: Disturbances, layout: _Layout) -> mujoco.MjModel:
     """The disturbed robot with sensors of what is seen, of the floating body, and its own that trials record."""
-    spec = _disturbed(robot, values, disturbances)
-    wanted = {sensor.name.partition("[")[0] for sensor in robot.trials.sensors}
-    for sensor in list(spec.sensors):
-        if sensor.name not in wanted:
-            spec.delete(sensor)
+    spec = _disturbed(robot, values, disturbances, {sensor.name.partition("[")[0] for sensor in robot.trials.sensors})
     if layout.frame is not None:
         _add_origin(spec, layout.seen[layout.frame[0]])
     kinds = [mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMELINVEL]
@@ -286,8 +274,14 @@ def _add_origin(spec: mujoco.MjSpec, marker: str) -> None:
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def _disturbed(robot: Robot, values: Values, disturbances: Disturbances) -> mujoco.MjSpec:
+def _disturbed(
+    robot: Robot, values: Values, disturbances: Disturbances, sensors: Collection[str] = ()
+) -> mujoco.MjSpec:
+    """The disturbed robot, with these of its sensors."""
     spec = robot.build(values)
+    for sensor in list(spec.sensors):
+        if sensor.name not in sensors:
+            spec.delete(sensor)
     spec.option.wind[:2] = disturbances.current
     if disturbances.tendon_friction:
         rubbing = policy_setup(robot).rubbing_tendon
@@ -304,7 +298,7 @@ def _disturbed(robot: Robot, values: Values, disturbances: Disturbances) -> mujo
     return spec
 
 
-def _layout(robot: Robot, setup: PolicySetup) -> Layout:
+def _layout(robot: Robot, setup: PolicySetup) -> _Layout:
     spec = robot.build(robot.space.published)
     markers = [sensor.objname for sensor in spec.sensors[-len(robot.marker_names) :]]
     seen = (*markers, *setup.sites)
@@ -335,7 +329,7 @@ def _layout(robot: Robot, setup: PolicySetup) -> Layout:
             f"without a range"
         )
     names = [model.actuator(i).name for i in range(model.nu)]
-    return Layout(
+    return _Layout(
         plane=robot.plane, normal=normal, frame=frame, seen=seen, motors=_places(model, motors),
         joints=_places(model, joints),
         held=np.array(sorted(held), int), controls=np.array([names.index(name) for name in setup.actuators]),

@@ -16,7 +16,7 @@ from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
 from swim2real.rl.body import Bodies, Indices, policy_setup
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
-from swim2real.rl.state import Robots, RobotState, find_parts, observation_layout
+from swim2real.rl.state import PARTS, Robots
 from swim2real.rl.state_estimation import StateEstimator
 from swim2real.rl.tasks import Task, find_task
 from swim2real.robots.fish import FISH
@@ -62,6 +62,7 @@ class Environments:
         task: Task of the robots.
         bodies: Parameter sets; one is drawn for every episode.
         robots: The robots.
+        state: Their true state.
         count: Number of environments.
         names: Where in an observation each part of it is.
         bounds: Greatest magnitude of each number that can be believed.
@@ -94,21 +95,23 @@ class Environments:
         chosen = policy_setup(robot).observe.get(task_name)
         where = f"task '{task_name}'" if chosen is None else f"robot '{robot.name}', task '{task_name}',"
         names = task.observes if chosen is None else chosen
-        self._parts = find_parts(names, where)
+        if unknown := next((name for name in names if name not in PARTS), None):
+            raise ArgumentError(f"{where} observes '{unknown}'; it must be one of {', '.join(PARTS)}")
+        self._parts = [PARTS[name] for name in names]
         widths = [part.read(self.robots.state).shape[1] for part in self._parts]
-        own = {name: (width, part.bound) for name, width, part in zip(names, widths, self._parts, strict=True)}
-        self.names, self.bounds = observation_layout({**own, **task.adds})
+        own = {name: (width, PARTS[name].bound) for name, width in zip(names, widths, strict=True)}
+        self.names, bounds = dict[str, slice](), list[float]()
+        for name, (length, bound) in {**own, **task.adds}.items():
+            self.names[name] = slice(len(bounds), len(bounds) + length)
+            bounds += [bound] * length
+        self.bounds = np.array(bounds)
+        self.state = self.robots.state
         self.observations = np.zeros((count, len(self.bounds)), np.float32)
         self._rngs = [np.random.default_rng() for _ in range(count)]
         self._steps, self._last = np.zeros(count, int), np.zeros(count, int)
         self._failures = [""] * count
         estimate = bodies.disturbances.estimate
         self._estimator = None if estimate is None else StateEstimator(bodies, estimate, count)
-
-    @property
-    def state(self) -> RobotState:
-        """True state of the robots."""
-        return self.robots.state
 
     @property
     def times(self) -> Array:
@@ -171,7 +174,7 @@ class Environments:
         if self._estimator is not None:
             self._estimator.update(self.state, rows, self._rngs)
         observed = self._observed()
-        good = ~self.robots.failed & (np.abs(observed) <= self.bounds).all(axis=1)  # NaN isn't
+        good = ~self.robots.batch.failed & (np.abs(observed) <= self.bounds).all(axis=1)  # NaN isn't
         rewards, done = self.task.score(self.state, clipped)
         rewards, success, done = np.where(good, rewards, DIVERGED), done & good, done | ~good
         changed = rows[good[rows]]
@@ -237,7 +240,7 @@ class Environments:
 
     def close(self) -> None:
         """Ends the threads."""
-        self.robots.close()
+        self.robots.batch.close()
 
     def _kept(self) -> list[tuple[dict[str, Any], str]]:
         """The arrays that decide how episodes go on, beside the physics: their owners and names."""
@@ -321,7 +324,7 @@ class EnvironmentOptions(TypedDict, total=False):
 
     robot: Robot
     disturbances: Disturbances
-    stage: int
+    stage: int | None
     seconds: float | None
     threads: int
     seed: int | None
@@ -350,8 +353,9 @@ def make_environments(
     bodies = Bodies(robot, sets, options.get("disturbances", UNDISTURBED))
     made = find_task(task)(robot, count, **({} if seconds is None else {"seconds": seconds}))
     environments = Environments(made, bodies, count, task_name=task, threads=options.get("threads", 1))
-    if "stage" in options and made.stages:
-        environments.set_stage(options["stage"])
+    stage = options.get("stage")
+    if stage is not None and made.stages:
+        environments.set_stage(stage)
     if seed is not None:
         environments.seed([seed + i for i in range(count)])
     return environments

@@ -288,7 +288,7 @@ def _flat(content: Mapping[str, Any]) -> dict[str, torch.Tensor]:
 
 
 @dataclass(frozen=True)
-class Checkpoint:
+class _Checkpoint:
     """A checkpoint on the disk: the learner, the episodes that run, and what the run has noted.
 
     Attributes:
@@ -305,10 +305,10 @@ class Checkpoint:
         return all((self.folder / name).is_file() for name in (_NETWORKS, _REPLAY, _EPISODES, _STATE))
 
 
-def list_checkpoints(run: Path) -> list[Checkpoint]:
+def list_checkpoints(run: Path) -> list[_Checkpoint]:
     """Checkpoints of a run, oldest first."""
     folders = sorted((run / "checkpoints").glob("step-*[0-9]"))
-    return [Checkpoint(int(folder.name.split("-")[1]), folder) for folder in folders if (folder / _STATE).is_file()]
+    return [_Checkpoint(int(folder.name.split("-")[1]), folder) for folder in folders if (folder / _STATE).is_file()]
 
 
 def write_checkpoint(
@@ -340,7 +340,7 @@ def remove_older_replay_buffers(run: Path, step: int) -> None:
 
 
 @contextmanager
-def checkpoint_errors(checkpoint: Checkpoint) -> Generator[None]:
+def checkpoint_errors(checkpoint: _Checkpoint) -> Generator[None]:
     """Raises the errors that a damaged or foreign checkpoint causes as a `RunError`."""
     try:
         yield
@@ -351,7 +351,7 @@ def checkpoint_errors(checkpoint: Checkpoint) -> Generator[None]:
         ) from error
 
 
-def load_checkpoint(checkpoint: Checkpoint, learner: Learner) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def load_checkpoint(checkpoint: _Checkpoint, learner: Learner) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Loads a learner, and returns what else was kept: arrays of the running episodes, and the state.
 
     Args:

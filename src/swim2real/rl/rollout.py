@@ -189,24 +189,18 @@ def run_episodes(
         lengths[which] += 1
         succeeded[which] = stepped.success[which]
         which = which[~stepped.ended[which]]
-    every = [np.array(series) for series in zip(*rows, strict=True)]
-    return [
-        _episode(environments, i, seed, np.array(heads)[: n + 1, i], [series[:n, i] for series in every], bool(done))
-        for i, (seed, n, done) in enumerate(zip(seeds, lengths, succeeded, strict=True))
-    ]
-
-
-def _episode(
-    environments: Environments, index: int, seed: int, heads: Array, series: list[Array], done: bool
-) -> Episode:
-    info = environments.info(index)
-    goal, failure = info.get("goal"), str(info.get("diverged", ""))
-    return Episode(
-        seed=seed, rate=1 / CONTROL_INTERVAL, actions=series[0], commands=series[1], rewards=series[2], heads=heads,
-        markers=series[3], goal=None if goal is None else np.array(goal),
-        goal_distance=info.get("goal_distance"), distance=float(info["distance"]),
-        success=done, failure=failure,
-    )  # fmt: skip
+    actions, commands, rewards, markers = (np.array(series) for series in zip(*rows, strict=True))
+    episodes: list[Episode] = []
+    for i, (seed, n) in enumerate(zip(seeds, lengths, strict=True)):
+        info = environments.info(i)
+        goal = np.array(info["goal"]) if "goal" in info else None
+        episodes.append(Episode(
+            seed=seed, rate=1 / CONTROL_INTERVAL, actions=actions[:n, i], commands=commands[:n, i],
+            rewards=rewards[:n, i], heads=np.array(heads)[: n + 1, i], markers=markers[:n, i], goal=goal,
+            goal_distance=info.get("goal_distance"), distance=float(info["distance"]), success=bool(succeeded[i]),
+            failure=str(info.get("diverged", "")),
+        ))  # fmt: skip
+    return episodes
 
 
 def save_episodes(path: str | Path, episodes: Sequence[Episode]) -> None:

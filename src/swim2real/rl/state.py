@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
 from swim2real.rl.body import Bodies, Indices
 from swim2real.simulation.batch import Batch
 
@@ -84,28 +82,19 @@ class Robots:
             count: Number of robots.
             threads: Threads that step them.
         """
-        self.bodies, self._batch = bodies, Batch(bodies.models, bodies.readers, count, threads)
+        self.bodies, self.batch = bodies, Batch(bodies.models, bodies.readers, count, threads)
         self.state = RobotState.zeros(bodies, count)
         self._controls = np.zeros((count, bodies.models[0].nu))
 
-    @property
-    def pool(self) -> ThreadPoolExecutor | None:
-        """Threads beside the caller's; None where there is one."""
-        return self._batch.pool
-
-    @property
-    def failed(self) -> NDArray[np.bool_]:
-        return self._batch.failed
-
     def start(self, index: int, member: int, phase: float) -> None:
         """Places a robot at rest at its start, to be read."""
-        self._batch.start(index, member).qpos[:] = self.bodies.start(member, phase)
+        self.batch.start(index, member).qpos[:] = self.bodies.start(member, phase)
         self.state.heading[index] = 0.0
         self.state.commands[index] = self.state.previous_actions[index] = 0.0
 
     def read(self, which: Indices) -> None:
         """Reads robots that were started."""
-        self._batch.step(self._controls, 0, which)
+        self.batch.step(self._controls, 0, which)
         self._decode()
 
     def advance(self, actions: Array, which: Indices | None = None) -> None:
@@ -119,28 +108,24 @@ class Robots:
         state.commands[rows] = self.bodies.actuators.next_commands(state.commands[rows], actions[rows])
         state.previous_actions[rows] = actions[rows]
         self._controls[:, self.bodies.layout.controls] = state.commands
-        self._batch.step(self._controls, self.bodies.steps, which)
+        self.batch.step(self._controls, self.bodies.steps, which)
         self._decode()
 
     def physics(self, index: int) -> tuple[int, Array]:
         """Parameter set and state of the engine of one robot, to go on from."""
-        member = self._batch.member(index)
+        member = self.batch.member(index)
         model = self.bodies.models[member]
         out = np.empty(mujoco.mj_stateSize(model, _PHYSICS))
-        mujoco.mj_getState(model, self._batch.data(index), out, _PHYSICS)
+        mujoco.mj_getState(model, self.batch.data(index), out, _PHYSICS)
         return member, out
 
     def restore(self, index: int, member: int, physics: Array) -> None:
         """Takes over what `physics` returned."""
-        mujoco.mj_setState(self.bodies.models[member], self._batch.start(index, member), physics, _PHYSICS)
-
-    def close(self) -> None:
-        """Ends the threads."""
-        self._batch.close()
+        mujoco.mj_setState(self.bodies.models[member], self.batch.start(index, member), physics, _PHYSICS)
 
     def _decode(self) -> None:
         state, bodies, layout = self.state, self.bodies, self.bodies.layout
-        qpos, qvel, sensors = self._batch.qpos, self._batch.qvel, self._batch.sensors
+        qpos, qvel, sensors = self.batch.qpos, self.batch.qvel, self.batch.sensors
         count, floats = len(qpos), layout.frame is not None
         objects = layout.markers + floats
         seen = sensors[:, bodies.first : bodies.first + 6 * objects].reshape(count, 2, objects, 3)
@@ -156,14 +141,14 @@ class Robots:
         state.sensors[:] = sensors[:, bodies.sensors]
 
 
-def wrapped(angles: Array) -> Array:
+def _wrapped(angles: Array) -> Array:
     """Angles between -π and π [rad]."""
     return (angles + np.pi) % (2 * np.pi) - np.pi
 
 
 def unwrapped(angles: Array, before: Array) -> Array:
     """The same angles, less than half a turn from those before [rad]."""
-    return before + wrapped(angles - before)
+    return before + _wrapped(angles - before)
 
 
 MOST_PLACE, MOST_RATE = 100.0, 1000.0  # greatest distances [m] and speeds [m/s or rad/s] that can be believed
@@ -192,7 +177,7 @@ PARTS: Mapping[str, Part] = {
     "velocity": Part(lambda s: s.velocity, MOST_RATE),
     "heading_rate": Part(lambda s: s.heading_rate[:, None], MOST_RATE),
     "turning": Part(lambda s: s.turning, MOST_RATE),
-    "motor_angles": Part(lambda s: wrapped(s.motor_angles), np.pi),
+    "motor_angles": Part(lambda s: _wrapped(s.motor_angles), np.pi),
     "motor_directions": Part(lambda s: np.concatenate([np.cos(s.motor_angles), np.sin(s.motor_angles)], axis=1), 1.0),
     "motor_speeds": Part(lambda s: s.motor_speeds, MOST_RATE),
     "joint_angles": Part(lambda s: s.joint_angles, MOST_PLACE),
@@ -204,25 +189,3 @@ PARTS: Mapping[str, Part] = {
 """Parts by name, in SI units; what they hold is said at `RobotState`. `motor_angles` are between -π and π, and
 `motor_directions` are their cosines, then their sines. Without motors that part has no numbers.
 """
-
-
-def find_parts(names: Sequence[str], where: str) -> tuple[Part, ...]:
-    """Parts by name.
-
-    Raises:
-        ArgumentError: There is no such part; the message names those that there are.
-    """
-    for name in names:
-        if name not in PARTS:
-            raise ArgumentError(f"{where} observes '{name}'; it must be one of {', '.join(PARTS)}")
-    return tuple(PARTS[name] for name in names)
-
-
-def observation_layout(parts: Mapping[str, tuple[int, float]]) -> tuple[dict[str, slice], Array]:
-    """Where each part of an observation is, and the bounds of its numbers, from the length and bound of each part."""
-    slices: dict[str, slice] = {}
-    bounds: list[float] = []
-    for name, (length, bound) in parts.items():
-        slices[name] = slice(len(bounds), len(bounds) + length)
-        bounds += [bound] * length
-    return slices, np.array(bounds)

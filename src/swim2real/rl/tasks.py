@@ -102,7 +102,7 @@ class Forward:
 
 
 @dataclass(frozen=True)
-class CurriculumStage:
+class _CurriculumStage:
     """One stage of the curriculum.
 
     Attributes:
@@ -119,9 +119,9 @@ class CurriculumStage:
 
 
 STAGES = {
-    1: CurriculumStage(1.0, 1.0, 0.10, 15.0),
-    2: CurriculumStage(2.0, 2.5, 0.075, 30.0),
-    3: CurriculumStage(3.0, 4.0, 0.05, 45.0),
+    1: _CurriculumStage(1.0, 1.0, 0.10, 15.0),
+    2: _CurriculumStage(2.0, 2.5, 0.075, 30.0),
+    3: _CurriculumStage(3.0, 4.0, 0.05, 45.0),
 }
 """The paper's curriculum, 1x1 m to 3x4 m and 10 to 5 cm. The stage between and the lengths of episodes are ours."""
 

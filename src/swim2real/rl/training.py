@@ -134,7 +134,7 @@ class Trainer:
             disturbances=disturbances,
         )  # fmt: skip
         self.curriculum = Curriculum(self.environments.task.stages)
-        task, pool = self.environments.task, self.environments.robots.pool
+        task, pool = self.environments.task, self.environments.robots.batch.pool
         self.discount = task.discount if settings.discount is None else settings.discount
         self.learner = Learner(settings, RobotVecEnv(self.environments), self.discount, pool)
         self.actor = self.learner.actor
