@@ -12,14 +12,12 @@ from hypothesis import strategies as st
 
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.emulator import (
-    BROADCAST,
     HEADER,
     PING,
     READ,
     REBOOT,
     STATUS,
     STEEPEST,
-    SYNC_WRITE,
     WRITE,
     EmulatedMotor,
     Packet,
@@ -191,16 +189,6 @@ def test_angles_beyond_its_own_limits_are_refused_and_turns_forgotten_in_positio
     assert bench.read(ct.PRESENT_POSITION) < 4096
 
 
-def test_a_packet_for_several_is_obeyed_and_not_answered(bench):
-    bench.turning(0)
-    goals = {7: 100, 1: -50, 3: 20}
-    data = b"".join(bytes([device]) + v.to_bytes(4, "little", signed=True) for device, v in goals.items())
-    parameters = bytes([104, 0, 4, 0]) + data
-    for packet in ((parameters,), (parameters[:9],), (parameters, False)):
-        assert bench.motor.answer(Packet(BROADCAST, SYNC_WRITE, *packet)) is None
-        assert bench.read(ct.GOAL_VELOCITY) == -50
-
-
 def test_the_watchdog_stops_it_as_in_the_manuals_example(bench):
     bench.turning(50, watchdog=100)
     bench.now += 1.99
@@ -245,13 +233,6 @@ def test_too_hot_it_lets_go_says_so_and_needs_a_reboot(bench):
     assert bench.write(ct.TORQUE_ENABLE, 1) == ct.ALERT | ct.RESULT_FAIL
     bench.ask(REBOOT)
     assert bench.write(ct.TORQUE_ENABLE, 1) == 0
-
-
-@pytest.mark.parametrize(("level", "answered"), [(0, (True, False, False)), (1, (True, True, False))])
-def test_how_much_it_answers(bench, level, answered):
-    bench.write(ct.STATUS_RETURN_LEVEL, level)
-    ping, read, write = bench.ask(PING), bench.ask(READ, b"\x00\x00\x02\x00"), bench.write(ct.TORQUE_ENABLE, 0)
-    assert (ping is not None, read is not None, write is not None) == answered
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ LAST, BEST = "policy.npz", "best.npz"
 _WRITTEN = (SETTINGS, OUTCOME, EPISODES, EVALUATIONS, PROGRESS, LAST, BEST, "checkpoints/step-*")
 
 
-class _RecordedSettings(BaseModel):
+class RecordedSettings(BaseModel):
     """What settings.json says of a run that others need; the file says more.
 
     Attributes:
@@ -121,7 +121,7 @@ class TrainingRun:
     """
 
     folder: Path
-    settings: _RecordedSettings
+    settings: RecordedSettings
     allow_code: bool = False
     given_robot: str | None = None
 
@@ -141,7 +141,7 @@ class TrainingRun:
         path = Path(folder) / SETTINGS
         check_there(Path(folder))
         try:
-            settings = read(_RecordedSettings, path, "training settings", RunError)
+            settings = read(RecordedSettings, path, "training settings", RunError)
         except ArgumentError as error:
             raise RunError(f"training settings '{path}': {error}") from error
         return cls(Path(folder), settings, allow_code, robot)

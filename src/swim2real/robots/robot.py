@@ -239,7 +239,7 @@ class PolicySetup:
     Attributes:
         actuators: Limits of each actuator's command, by its name.
         sites: Sites of the model that a policy sees beside the markers.
-        observe: Parts of the observation by task, as `rl.observation` names them; a task that isn't named sees
+        observe: Parts of the observation by task, as `rl.state.PARTS` names them; a task that isn't named sees
             what it asks for.
         rubbing_tendon: Tendon that loses tension where friction is studied; None where none does.
     """
