@@ -18,9 +18,9 @@ from swim2real.demo.synthetic import turned
 from swim2real.errors import ArgumentError, RunError
 from swim2real.parameters import Values
 from swim2real.rendering.pool import PoolCamera, film, scene
-from swim2real.robots.robot import Recordings, Robot
+from swim2real.robots.drives import TABLE, commands
+from swim2real.robots.robot import Robot, Trials
 from swim2real.simulation import PlaybackSimulator, Rollout
-from swim2real.simulation.playback import driven
 from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.tracking.points import save_points
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
@@ -85,7 +85,7 @@ class Lab:
         """
         trials = [self._asked(take, rate) for take in takes]
         actuators = [actuator.name for actuator in self._build(self.hidden).actuators]
-        pose = Recordings(dict.fromkeys(actuators, "table"), self.robot.recordings.sensors)
+        pose = Trials(dict.fromkeys(actuators, TABLE), self.robot.recordings.sensors)
         simulator = PlaybackSimulator(replace(self.robot, build=self._build, trials=pose))
         rng = np.random.default_rng([self.seed, 1])
         done: list[Trial] = []
@@ -154,11 +154,11 @@ class Lab:
         nowhere = np.full((2, len(self.robot.marker_names), 2), np.nan)
         times = np.arange(0.0, take.seconds, 1 / COMMAND_RATE)
         asked = Trial(take.name, MarkerTrack([0.0, take.seconds], nowhere), take.frequency, controls=take.controls)
-        commands = driven(model, recordings.controls, asked, times)
-        followed = commands.copy()
+        asked_for = commands(model, recordings.controls, asked, times)
+        followed = asked_for.copy()
         share = 1.0 if self.lag == 0 else 1 - np.exp(-1 / (COMMAND_RATE * self.lag))
         for i in range(1, len(times)):
-            followed[i] = followed[i - 1] + share * (commands[i] - followed[i - 1])
+            followed[i] = followed[i - 1] + share * (asked_for[i] - followed[i - 1])
         samples = np.arange(-round(SETTLE * rate), round(take.seconds * rate) + 1) / rate
         track = MarkerTrack(samples, np.full((len(samples), *nowhere.shape[1:]), np.nan))
         names = [model.actuator(i).name for i in range(model.nu)]

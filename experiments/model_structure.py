@@ -137,7 +137,8 @@ def extended(name, extras):
                 extra.write(spec, value)
         return spec
 
-    return replace(FISH, name=name, space=space, build=build, trials=replace(FISH.swims, response=None))
+    trials = replace(FISH.trials, swims=replace(FISH.swims, response=None))
+    return replace(FISH, name=name, space=space, build=build, trials=trials)
 
 
 def extra(name, unit, lower, upper, neutral, write, log_offset=None):

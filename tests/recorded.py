@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 
 from swim2real.parameters import Parameter, ParameterSpace
-from swim2real.robots.robot import Recordings, Robot, Sensor, Sine
+from swim2real.robots.drives import TABLE, Drive
+from swim2real.robots.robot import Robot, Sensor, Trials
 from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 
@@ -136,7 +137,7 @@ def rest_of(spec: mujoco.MjSpec, plane: tuple[int, int]) -> np.ndarray:
 
 
 def make_robot(
-    name: str, space: ParameterSpace, build: Callable[[Mapping[str, float]], mujoco.MjSpec], trials: Recordings,
+    name: str, space: ParameterSpace, build: Callable[[Mapping[str, float]], mujoco.MjSpec], trials: Trials,
     markers: tuple[str, ...], plane: tuple[int, int],
 ) -> Robot:  # fmt: skip
     return Robot(
@@ -147,16 +148,16 @@ def make_robot(
 
 PENDULUM = make_robot(
     "pendulum", PENDULUM_SPACE, build_pendulum,
-    Recordings({"torque": "table"}, (Sensor("gyro[1]", "rad/s", 0.001),), "markers"),
+    Trials({"torque": TABLE}, (Sensor("gyro[1]", "rad/s", 0.001),), "markers"),
     ("pivot", "middle", "end"), (0, 2),
 )  # fmt: skip
 FLOATER = make_robot(
     "floater", FLOATER_SPACE, build_floater,
-    Recordings({"bender": Sine(0.5), "flapper": Sine(0.4, -1.2)}, (), "rest", (0, 1), True),
+    Trials({"bender": Drive(0.5), "flapper": Drive(0.4, -1.2)}, (), "rest", (0, 1), True),
     ("nose", "neck", "waist", "tail"), (0, 1),
 )  # fmt: skip
 RINGING = make_robot(
-    "ringing", RINGING_SPACE, build_ringing, Recordings({}, (), "fitted"), ("left", "top"), (0, 2)
+    "ringing", RINGING_SPACE, build_ringing, Trials({}, (), "fitted"), ("left", "top"), (0, 2)
 )  # a frame of two floors, the first mode at about 6 Hz
 RINGING_HIDDEN = {"low_stiffness": 1860.0, "high_stiffness": 2000.0, "damping": 0.6}
 PENDULUM_HIDDEN = {"shoulder_damping": 0.004, "elbow_damping": 0.0006, "lower_mass": 0.06}

@@ -8,7 +8,8 @@ import numpy as np
 from recorded import PENDULUM
 from swim2real.objective import Comparison, compare_playback, evidence, playback_target
 from swim2real.optimizers import Candidate, Evaluation
-from swim2real.robots.robot import Recordings, Robot, Sensor
+from swim2real.robots.drives import TABLE, Drive
+from swim2real.robots.robot import Robot, Sensor, Trials
 from swim2real.trials import MarkerTrack, Signals, Trial
 
 TIMES = 1.0 + np.arange(81) / 20  # from 1 to 5 s, windows of half a second
@@ -16,9 +17,9 @@ LENGTHS = np.array([0.0, 0.2, 0.4])  # m, of the markers from the base
 HAND = Sensor("force", "N", 0.01)
 ARM = replace(
     PENDULUM, name="arm", description="An arm with two links that hangs from a base.",
-    marker_names=("base", "elbow", "hand"), trials=Recordings({"torque": "table"}, (HAND,), "rest"),
+    marker_names=("base", "elbow", "hand"), trials=Trials({"torque": TABLE}, (HAND,), "rest"),
 )  # fmt: skip
-CART = replace(ARM, name="cart", trials=Recordings({"wheel": 2.0}, (), "markers", (0, 1), True), plane=(0, 1))
+CART = replace(ARM, name="cart", trials=Trials({"wheel": Drive(offset=2.0)}, (), "markers", (0, 1), True), plane=(0, 1))
 
 
 @dataclass(frozen=True)

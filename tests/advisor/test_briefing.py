@@ -26,8 +26,9 @@ from swim2real.errors import ArgumentError, WaitingForReply
 from swim2real.optimizers import BacktrackingLineSearch, Candidate, Evaluation, Measurement, Proposal, ScriptedAdvisor
 from swim2real.pipeline import calibrate
 from swim2real.rendering.drawing import Canvas
+from swim2real.robots.drives import SPEED, Drive
 from swim2real.robots.fish import FISH
-from swim2real.robots.robot import Recordings, Sine
+from swim2real.robots.robot import Trials
 from swim2real.settings import BriefingSettings, CalibrationSettings, VlmAccess
 from swim2real.video import VideoWriter
 
@@ -39,7 +40,7 @@ SWIM_WORDS = rf"{FISH_WORDS}|\bbeat|\bswi[mu]|\bswam|\bfrequenc|\bthrust|\bHz\b"
 CALM_AND_WILD = {"calm": (Swing(), Swing(0.11)), "wild": (Swing(0.2), Swing(0.22, force=1.5))}
 BESIDE = {"a": (Swing(), Swing(at=(0.03, -0.04)))}
 DIVERGED = {"calm": CALM_AND_WILD["calm"], "wild": (Swing(), "the simulation diverged 1.200 s after its start")}
-DRIVEN = replace(ARM, trials=Recordings({"a": "frequency", "b": Sine(0.5, offset=0.1)}, start="raised"))
+DRIVEN = replace(ARM, trials=Trials({"a": SPEED, "b": Drive(0.5, offset=0.1)}, start="raised"))
 TRAVELS = {"a": (Swing(speed=0.1), Swing(speed=0.15)), "b": (Swing(speed=0.1), Swing(speed=-0.05))}
 
 

@@ -24,7 +24,8 @@ from swim2real.identification.identifiability import identify
 from swim2real.objective import evidence
 from swim2real.pipeline import calibrate
 from swim2real.report import write_report
-from swim2real.robots.robot import Recordings, Sensor
+from swim2real.robots.drives import TABLE
+from swim2real.robots.robot import Sensor, Trials
 from swim2real.settings import CalibrationSettings, IdentifiabilitySettings
 from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.start import Reading, Stretch, sensed_start
@@ -40,7 +41,7 @@ def build(values):
 
 ROBOT = replace(
     PENDULUM, build=build, marker_names=(), rest_markers=np.zeros((0, 2)), marker_heights=np.zeros(0), links=(),
-    trials=Recordings({"torque": "table"}, SENSORS, "fitted"),
+    trials=Trials({"torque": TABLE}, SENSORS, "fitted"),
 )  # fmt: skip
 
 

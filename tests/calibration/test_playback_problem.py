@@ -30,6 +30,7 @@ from swim2real.identification.ensemble import make_ensemble
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.identifiability import identify
 from swim2real.optimizers import RandomSearch, streams
+from swim2real.robots.drives import Drive
 from swim2real.robots.fish import FISH
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings
 from swim2real.trials import MarkerTrack, Signals, TrialSet
@@ -102,7 +103,7 @@ def test_what_the_controls_dont_reach_is_told(pendulum):
     late, short = findings(np.arange(3.0, 4.01, 0.05))
     assert late == "its controls begin at 3 s, its frames at 2.5 s; the first value is held until then"
     assert short == "its controls end at 4 s, its frames at 5 s; the last value is held from there on"
-    constant = telling(PENDULUM, controls={"torque": 0.1})
+    constant = telling(PENDULUM, controls={"torque": Drive(offset=0.1)})
     assert findings([9.0], constant) == []  # nothing reads the table
     with pytest.raises(TrialError, match="trial 'a': its controls don't drive it: its rows are from 9 s to 9 s"):
         findings([9.0])

@@ -18,7 +18,7 @@ from recorded import (
 )
 from refused import says
 from swim2real.checks.resting import at_rest, in_motion
-from swim2real.robots.robot import Sine
+from swim2real.robots.drives import Drive
 from swim2real.trials import MarkerTrack, TrialSet
 
 RESTING, RAISED = telling(PENDULUM, start="rest"), telling(PENDULUM, start="raised")
@@ -54,7 +54,7 @@ def test_a_recording_in_motion_is_reported_where_the_file_says_rest():
 
 def test_links_that_float_begin_at_rest_wherever_they_are():
     blanks = [blank(FLOATER, "swim", 2.0, nominal_frequency=1.0)]
-    floater = telling(FLOATER, controls={"bender": Sine(0.5), "flapper": Sine(0.4)})
+    floater = telling(FLOATER, controls={"bender": Drive(0.5), "flapper": Drive(0.4)})
     trials = recorded(floater, FLOATER_HIDDEN, blanks, 1e-4)
     (swim,) = trials
     turn = np.array([[0.6, 0.8], [-0.8, 0.6]])

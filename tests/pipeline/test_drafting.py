@@ -12,7 +12,7 @@ from swim2real.errors import EngineError, RobotError
 from swim2real.pipeline.drafting import draft_robot, write_draft
 from swim2real.robots import load_robot
 from swim2real.robots.candidates import candidates
-from swim2real.robots.robot import Recordings
+from swim2real.robots.drives import TABLE
 
 ENCODERS = '<sensor><jointpos name="angle" joint="shoulder"/></sensor>'
 
@@ -40,7 +40,7 @@ def test_a_file_loads_as_it_is_and_every_parameter_shows(begun, name):
     robot = load_robot(out)
     assert list(robot.space.names) == draft.calibrated
     assert set(draft.candidates) == {*draft.calibrated, *draft.aside}
-    assert isinstance(robot.trials, Recordings)
+    assert robot.trials.swims is None
     found = probe(robot, threads=1)
     assert not any(one.refused or one.lower.failure or one.upper.failure for one in found)
     assert min(one.distance for one in found) >= FAINT
@@ -77,7 +77,7 @@ def test_a_snake_swims_in_the_plane_with_one_value_for_its_joints(begun):
     assert draft.camera == "above"
     assert draft.frame == ("M0", "nose")
     assert (robot.recordings.frame, robot.recordings.score_progress) == ((0, 1), True)
-    assert robot.recordings.controls == {f"servo{i}": "table" for i in range(1, 5)}
+    assert robot.recordings.controls == {f"servo{i}": TABLE for i in range(1, 5)}
     assert draft.candidates["joint_damping"].group == ("joint1", "joint2", "joint3", "joint4")
     assert "x_damping" in draft.aside  # what lets it go anywhere isn't a damper
     assert {"fluid_blunt_drag", "fluid_kutta_lift", "servo_kp", "joint_stiffness"} <= set(draft.calibrated)
@@ -117,7 +117,7 @@ def test_servos_have_their_gains_calibrated_and_names_of_any_kind_are_written(be
     assert (draft.name, draft.camera, draft.frame) == ("my arm", "front", None)
     assert {"shoulder_servo_kp", "shoulder_servo_kv", "elbow_servo_kp"} <= set(draft.calibrated)
     assert "elbow_servo_kv" not in draft.candidates  # a damping ratio
-    assert load_robot(out).recordings.controls == {"shoulder.servo": "table", "elbow.servo": "table"}
+    assert load_robot(out).recordings.controls == {"shoulder.servo": TABLE, "elbow.servo": TABLE}
     assert "# geoms without a name: 1; parameters write to names or classes (main)" in out.read_text()
 
 

@@ -10,9 +10,10 @@ from made_robots import ARM, DAMPING, RECORDINGS, ROBOT, made, parameter
 from refused import refusal, says
 from swim2real.errors import ArgumentError, ParameterError, RobotError
 from swim2real.robots import load_robot, robot_file
+from swim2real.robots.drives import SPEED, TABLE, Drive
 from swim2real.robots.file import open_robot_file
 from swim2real.robots.fish import FISH, FISH_EXTENDED
-from swim2real.robots.robot import Sensor, Sine
+from swim2real.robots.robot import Sensor
 
 WHOLE = (ROBOT, RECORDINGS, DAMPING)
 SWIMMER = """
@@ -141,7 +142,7 @@ def test_controls_sensors_start_and_frame_of_recordings(tmp_path):
     """
     recordings = load_robot(made(tmp_path, ROBOT, textwrap.dedent(about), DAMPING)).recordings
     assert recordings.controls == {
-        "servo": "table", "motor": "frequency", "torque": 0.5, "damped": Sine(0.2, 1.5, 0.1)
+        "servo": TABLE, "motor": SPEED, "torque": Drive(offset=0.5), "damped": Drive(0.2, 1.5, 0.1)
     }  # fmt: skip
     assert recordings.sensors == (Sensor("angle", "rad", 0.1), Sensor("imu[2]", "m/s²", 0.001))
     assert (recordings.start, recordings.frame, recordings.score_progress) == ("up", (0, 2), True)

@@ -26,7 +26,7 @@ from swim2real.calibration import Problem
 from swim2real.checks.reference import fastest_frequency, long_swings, starts, warn_fast_starts
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.robots.fish import FISH
-from swim2real.robots.robot import Recordings
+from swim2real.robots.robot import Trials
 from swim2real.settings import EvaluationSettings
 from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.playback import cut
@@ -98,7 +98,7 @@ def test_lost_markers_dont_count():
 def test_joints_that_are_tied_stay_tied():
     robot = replace(
         FLOATER, build=lambda values: with_markers(TIED_XML, ("tip",)), marker_names=("tip",),
-        trials=Recordings({}, (), "fitted"),
+        trials=Trials({}, (), "fitted"),
     )  # fmt: skip
     times = np.arange(31) / 60
     angles = 0.5 * np.cos(6 * times)

@@ -20,8 +20,9 @@ from recorded import (
 )
 from refused import refusal, says
 from swim2real.errors import ArgumentError, EngineError, TrialError
+from swim2real.robots.drives import SPEED, Drive
 from swim2real.robots.fish import FISH
-from swim2real.robots.robot import Recordings, Sensor, Sine
+from swim2real.robots.robot import Sensor, Trials
 from swim2real.simulation import Engine, PlaybackSimulator
 from swim2real.trials import MarkerTrack, Signals
 
@@ -72,7 +73,7 @@ def test_a_table_is_a_command_that_holds_until_the_next():
 
 def test_sines_and_speeds_are_those_of_the_trials_frequency():
     trial = blank(FLOATER, "a", 1.0, 500, nominal_frequency=1.5)
-    robot = telling(FLOATER, controls={"bender": Sine(0.5, 0.3, 0.1), "flapper": "frequency"})
+    robot = telling(FLOATER, controls={"bender": Drive(0.5, 0.3, 0.1), "flapper": SPEED})
     times = np.arange(501) * 0.002
     controls = np.column_stack([0.1 + 0.5 * np.sin(2 * np.pi * 1.5 * times + 0.3), np.full(501, 2 * np.pi * 1.5)])
     markers, _ = stepped(robot, FLOATER_HIDDEN, controls)
@@ -80,7 +81,7 @@ def test_sines_and_speeds_are_those_of_the_trials_frequency():
 
 
 def test_an_actuator_that_isnt_named_gets_nothing_and_a_number_is_the_same_throughout():
-    robot = telling(FLOATER, controls={"flapper": 0.3})
+    robot = telling(FLOATER, controls={"flapper": Drive(offset=0.3)})
     markers, _ = stepped(robot, FLOATER_HIDDEN, np.tile([0.0, 0.3], (251, 1)))
     found = played(robot, blank(robot, "a", 0.5, 500), FLOATER_HIDDEN)
     assert np.allclose(found.track.positions, markers, atol=1e-12)
@@ -98,7 +99,7 @@ def test_what_drives_nothing_is_named():
     floating = blank(FLOATER, "a", 1.0)
     said = refused(PlaybackSimulator(FLOATER, 1).request, floating)
     assert says(said, "'a' has no nominal frequency", "'bender'", "reference.json")
-    wrong = PlaybackSimulator(telling(FLOATER, controls={"fin": 1.0}), 1)
+    wrong = PlaybackSimulator(telling(FLOATER, controls={"fin": Drive(offset=1.0)}), 1)
     assert says(refused(wrong.request, floating), "'fin'", "bender, flapper")
     assert "this needs recordings" in refusal(ArgumentError, PlaybackSimulator, FISH)
 
@@ -271,7 +272,7 @@ FREE_MARKERS = ("a", "b", "c")
 def free_plate():
     return replace(
         FLOATER, name="plate", build=lambda values: with_markers(FREE_XML, FREE_MARKERS), marker_names=FREE_MARKERS,
-        trials=Recordings({}, (), "markers"),
+        trials=Trials({}, (), "markers"),
     )  # fmt: skip
 
 

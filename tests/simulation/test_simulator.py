@@ -6,7 +6,10 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from refused import says
+from swim2real.calibration import Problem
 from swim2real.errors import EngineError
+from swim2real.robots import load_robot
+from swim2real.robots.drives import Drive
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Robot
 from swim2real.simulation import Simulator, Swim
@@ -143,3 +146,65 @@ def test_pushing_and_running_on_are_one_motion():
     pushed = Stepper(model, FISH, 0.0, 6.0, 0.0)
     pushed.push(np.array([-0.1, 0.0]))
     np.testing.assert_allclose(pushed.run(200).markers, whole.markers, atol=1e-9)
+
+
+SERVO_XML = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast" gravity="0 0 0" density="1000" viscosity="0.001"/>
+  <default><geom fluidshape="ellipsoid" fluidcoef="{drag} 0.25 1.5 2 1" contype="0" conaffinity="0"/></default>
+  <worldbody>
+    <body name="hull">
+      <joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+      <joint name="yaw" axis="0 0 1"/>
+      <geom type="ellipsoid" size="0.1 0.02 0.04" pos="0.08 0 0" mass="0.3"/>
+      <site name="nose" pos="0 0 0.05"/><site name="neck" pos="0.15 0 0.05"/>
+      <body name="tail" pos="0.18 0 0">
+        <joint name="tail" axis="0 0 1" damping="0.001"/>
+        <geom type="ellipsoid" size="0.06 0.004 0.05" pos="0.06 0 0" mass="0.02"/><site name="tip" pos="0.12 0 0.05"/>
+        <body name="fin" pos="0.12 0 0">
+          <joint name="fin" axis="0 0 1" damping="0.0005" stiffness="0.03"/>
+          <geom type="ellipsoid" size="0.04 0.003 0.05" pos="0.04 0 0" mass="0.01"/><site name="fin" pos="0.08 0 0.05"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><position name="servo" joint="tail" kp="2" kv="0.02"/></actuator>
+</mujoco>
+"""
+SERVO = """
+format = 1
+name = "puffer"
+description = "A hull whose tail swings with a servo."
+model = "puffer.xml"
+markers = ["nose", "neck", "tip", "fin"]
+[swims]
+surge_joints = ["x", "y"]
+tail_markers = ["tip", "fin"]
+servo = {amplitude = 0.5}
+[[parameters]]
+name = "drag"
+lower = 0.1
+upper = 5.0
+meaning = "Drag at right angles to the hull and the tail."
+targets = 'geom class "main" fluidcoef[0]'
+"""
+
+
+def test_a_tail_on_a_servo_swims_steadily_and_is_calibrated_like_a_motor(tmp_path):
+    (tmp_path / "puffer.xml").write_text(SERVO_XML.format(drag=1.0))
+    (tmp_path / "puffer.toml").write_text(SERVO)
+    robot = load_robot(tmp_path / "puffer.toml")
+    assert (robot.swims.motor_joint, robot.trials.controls) == (None, {"servo": Drive(0.5)})
+    swims = [Swim(f"f{i}", Actuation(f, 0.0, 0.0), 4.0) for i, f in enumerate((1.0, 1.4))]
+    cycles = Simulator(robot, 2).simulate({"drag": 0.6}, swims)
+    for swim, trial in zip(swims, cycles, strict=True):
+        assert "steady cycle" in trial.provenance
+        assert "not settled" not in trial.provenance
+        assert trial.track.speed > 0.02  # forward
+        whole = Simulator(robot, 1, full_length=True).simulate({"drag": 0.6}, [swim]).trials[0]
+        assert trial.track.speed == pytest.approx(whole.track.speed, abs=1e-3)
+    problem = Problem(robot, cycles, threads=2)
+    assert problem.protocol.name == "motion"
+    at, off = problem.evaluate_many([{"drag": 0.6}, {"drag": 1.5}])
+    assert at.loss < 1e-3
+    assert off.loss > 3 * at.loss

@@ -20,6 +20,7 @@ from swim2real.errors import ArgumentError, TrialError
 from swim2real.objective import ComparedTrial, Target, compare_playback, compare_steady, playback_target, steady_target
 from swim2real.objective.comparison import rounded
 from swim2real.parameters import Values
+from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import Robot
 from swim2real.settings import ProtocolName, Start, chooses_start, start_of
 from swim2real.simulation import ForwardModel, PlaybackSimulator, Simulator
@@ -283,7 +284,7 @@ class Playback(Protocol[PlaybackSimulator]):
             "controls": [] if trial.controls is None else list(trial.controls.names),
             "sensors": [] if trial.sensors is None else list(trial.sensors.names),
         }
-        driven = "table" in trials.controls.values()
+        driven = TABLE in trials.controls.values()
         summary = _summary(trial, recorded, lost, {}, robot.marker_names, _other_rate(trial) if driven else [])
         if driven:
             summary["findings"] += _uncommanded(trial)

@@ -12,6 +12,7 @@ import numpy as np
 from swim2real.errors import RobotError
 from swim2real.parameters import Parameter
 from swim2real.robots.compiled import compiled, same
+from swim2real.robots.drives import Drive
 from swim2real.robots.file import CalibratedParameter, RobotFile
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import Selection
@@ -127,8 +128,7 @@ def _reasons(
             if name == "springlength" and not np.ravel(element.stiffness)[0]:
                 yield f"{who} has no stiffness"
         case "actuator":
-            control = robot.trials.control_of(element.name)
-            if control is None or control == 0:
+            if robot.trials.controls.get(element.name, Drive()) == Drive():  # 0
                 yield f"no control drives {who}"
         case "equality":
             if not element.active:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from swim2real.checks.effects import ModelEffect, model_effects
 from swim2real.errors import EngineError
 from swim2real.parameters import Parameter, Values
-from swim2real.robots.robot import Recordings, Robot
+from swim2real.robots.robot import Robot
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.simulator import Simulator, Swim
 from swim2real.simulation.start import FITTED, MARKERS, REST
@@ -115,8 +115,8 @@ def probe(robot: Robot, reference: TrialSet | None = None, threads: int | None =
 
 def made_up_motion(robot: Robot) -> str:
     """How `probe` moves a robot without real trials, as a part of a sentence."""
-    if not isinstance(robot.trials, Recordings):
-        return f"by its motor at {FREQUENCY:g} Hz, from rest"
+    if robot.trials.swims is not None:
+        return f"by its {'motor' if robot.trials.swims.motor_joint else 'servo'} at {FREQUENCY:g} Hz, from rest"
     by = f"by what drives a trial, at {FREQUENCY:g} Hz and with sines for tables, " if robot.trials.controls else ""
     return by + ("from a pose off its rest" if robot.trials.start in _SHOWN else "from where trials start")
 
@@ -132,19 +132,19 @@ def moved(robot: Robot, threads: int | None = None) -> TrialSet:
 
 def _begun(robot: Robot, reference: TrialSet | None, threads: int | None) -> tuple[TrialSet, Simulate]:
     """The published robot's trials, and what simulates others."""
-    if not isinstance(robot.trials, Recordings):
+    if robot.trials.swims is not None:
         return _checked(robot, partial(Simulator(robot, threads).simulate_many, swims=_swims(reference)))
     if reference is None:
-        return _excited(robot, robot.trials, threads)
+        return _excited(robot, threads)
     simulator = PlaybackSimulator(robot, threads)
     rollouts = [replace(simulator.request(trial), trial=trial.cut(SECONDS)) for trial in reference.trials[:TRIALS]]
     return _checked(robot, partial(simulator.simulate_many, rollouts=rollouts))
 
 
-def _excited(robot: Robot, recordings: Recordings, threads: int | None) -> tuple[TrialSet, Simulate]:
+def _excited(robot: Robot, threads: int | None) -> tuple[TrialSet, Simulate]:
     """The same for made-up recordings, as strong as the robot bears."""
     # a start off the rest pose is in the trial itself
-    starting = replace(recordings, start=REST) if recordings.start in _SHOWN else recordings
+    starting = replace(robot.trials, start=REST) if robot.trials.start in _SHOWN else robot.trials
     simulator = PlaybackSimulator(replace(robot, trials=starting), threads)
     rollouts = [simulator.request(excitation(robot, strength)) for strength in _STRENGTHS]
     simulations = [partial(simulator.simulate_many, rollouts=[rollout]) for rollout in rollouts]
@@ -199,7 +199,7 @@ def _distance(robot: Robot, nominal: Trial, made: Trial) -> float:
     if made.sensors is None or nominal.sensors is None:
         return moved
     apart = np.abs(made.sensors.values - nominal.sensors.values).mean(axis=0)
-    scales = {sensor.name: sensor.meters_per_unit for sensor in robot.recordings.sensors}
+    scales = {sensor.name: sensor.meters_per_unit for sensor in robot.trials.sensors}
     return moved + sum(scales[name] * float(gap) for name, gap in zip(made.sensors.names, apart, strict=True))
 
 
@@ -215,9 +215,9 @@ def excitation(robot: Robot, strength: float) -> Trial:
     """
     model = robot.model
     times = np.arange(round(SECONDS * _RATE) + 1) / _RATE
-    names = [name for name, control in robot.recordings.controls.items() if control == "table"]
+    names = [name for name, drive in robot.trials.controls.items() if drive.table]
     columns = [swing(model.actuator(name), times, i, strength, FREQUENCY) for i, name in enumerate(names)]
-    start, velocities = _start(model, strength) if robot.recordings.start in _SHOWN else ({}, {})
+    start, velocities = _start(model, strength) if robot.trials.start in _SHOWN else ({}, {})
     nowhere = np.zeros((len(times), len(robot.marker_names), 2))
     return Trial(
         "excitation",

@@ -11,7 +11,7 @@ from scipy.signal import detrend
 
 from swim2real.checks.resting import in_motion
 from swim2real.errors import Swim2RealError, TrialError
-from swim2real.robots.robot import Recordings, Robot
+from swim2real.robots.robot import Robot, Trials
 from swim2real.settings import EvaluationSettings
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.pose import MarkerView
@@ -57,7 +57,7 @@ def misfits(robot: Robot, reference: TrialSet) -> list[str]:
             f"the reference has the markers {', '.join(reference.marker_names)}; robot '{robot.name}' has "
             f"{', '.join(robot.marker_names)}; name them alike, in the same order"
         ]
-    if not isinstance(robot.trials, Recordings):
+    if robot.trials.swims is not None:
         return []
     simulator = PlaybackSimulator(robot)
     return [sentence for trial in reference for sentence in _of(simulator, robot.trials, trial)]
@@ -86,7 +86,7 @@ def starts(robot: Robot, reference: TrialSet) -> list[StartOff]:
         EngineError: The robot itself can't be simulated.
     """
     about = robot.trials
-    if not isinstance(about, Recordings) or (about.frame is not None and about.start not in (MARKERS, FITTED)):
+    if about.swims is not None or (about.frame is not None and about.start not in (MARKERS, FITTED)):
         return []
     if not robot.marker_names:
         return []
@@ -103,7 +103,7 @@ def starts(robot: Robot, reference: TrialSet) -> list[StartOff]:
 
 def warn_fast_starts(robot: Robot, reference: TrialSet) -> list[str]:
     """A warning for each recording that moves too fast for a start by straight lines through its first frames."""
-    if not isinstance(robot.trials, Recordings) or robot.trials.start != MARKERS:
+    if robot.trials.swims is not None or robot.trials.start != MARKERS:
         return []
     lines: list[str] = []
     for trial in reference:
@@ -121,7 +121,7 @@ def long_swings(robot: Robot, reference: TrialSet, horizon: float | None) -> lis
         reference: Real trials.
         horizon: Seconds of each trial that are compared; None for all.
     """
-    if not isinstance(robot.trials, Recordings) or robot.trials.controls:
+    if robot.trials.swims is not None or robot.trials.controls:
         return []
     lines: list[str] = []
     for trial in reference:
@@ -146,7 +146,7 @@ def other_units(robot: Robot, reference: TrialSet) -> list[str]:
         TrialError: A trial can't be played back.
         EngineError: The robot itself can't be simulated.
     """
-    if not isinstance(robot.trials, Recordings):
+    if robot.trials.swims is not None:
         return []
     lines = _beyond(robot, robot.trials, reference)
     if not robot.trials.sensors:
@@ -168,11 +168,11 @@ def other_units(robot: Robot, reference: TrialSet) -> list[str]:
     return lines
 
 
-def _beyond(robot: Robot, about: Recordings, reference: TrialSet) -> list[str]:
+def _beyond(robot: Robot, about: Trials, reference: TrialSet) -> list[str]:
     """A warning for each actuator whose commands are far beyond what it takes."""
     model = robot.model
     lines: list[str] = []
-    for name in (name for name, by in about.controls.items() if by == "table"):
+    for name in (name for name, drive in about.controls.items() if drive.table):
         allowed = _command_range(model, int(model.actuator(name).id))
         tables = [trial.controls for trial in reference if trial.controls is not None and name in trial.controls.names]
         if not tables or allowed is None:
@@ -223,7 +223,7 @@ def misplaced(robot: Robot, reference: TrialSet) -> str | None:
         EngineError: The robot itself can't be simulated.
     """
     about = robot.trials
-    if not isinstance(about, Recordings) or about.frame is not None:
+    if about.swims is not None or about.frame is not None:
         return None
     if reference.marker_names != robot.marker_names or not robot.marker_names:
         return None
@@ -252,7 +252,7 @@ def misplaced(robot: Robot, reference: TrialSet) -> str | None:
     )
 
 
-def _of(simulator: PlaybackSimulator, about: Recordings, trial: Trial) -> list[str]:
+def _of(simulator: PlaybackSimulator, about: Trials, trial: Trial) -> list[str]:
     sentences: list[str] = []
     try:
         simulator.request(trial)

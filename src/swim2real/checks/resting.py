@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import Swim2RealError
-from swim2real.robots.robot import Recordings, Robot
+from swim2real.robots.robot import Robot, Trials
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.start import FITTED, MARKERS, REST
 from swim2real.trials import Trial, TrialSet
@@ -60,7 +60,7 @@ def poses_of_rest(robot: Robot, reference: TrialSet) -> dict[str, dict[str, Begi
         By pose and trial. A pose from which the model can't be simulated isn't there.
     """
     about = robot.trials
-    if not isinstance(about, Recordings) or reference.marker_names != robot.marker_names:
+    if about.swims is not None or reference.marker_names != robot.marker_names:
         return {}
     trials = [trial for trial in reference if not trial.start and not trial.start_velocities]
     model = robot.model
@@ -85,7 +85,7 @@ def poses_of_rest(robot: Robot, reference: TrialSet) -> dict[str, dict[str, Begi
 def in_motion(robot: Robot, reference: TrialSet) -> list[str]:
     """A warning for each recording that is in motion where the robot file says that it begins at rest."""
     about = robot.trials
-    if not isinstance(about, Recordings) or about.start in (FITTED, MARKERS):
+    if about.swims is not None or about.start in (FITTED, MARKERS):
         return []
     return [
         f"trial '{name}' moves as it begins ({one.marker} by {1e3 * one.speed:.0f} mm/s), and start is "
@@ -97,7 +97,7 @@ def in_motion(robot: Robot, reference: TrialSet) -> list[str]:
 def at_rest(robot: Robot, reference: TrialSet) -> str | None:
     """A proposal of a start where all recordings begin at rest in one pose, and the robot file says something else."""
     about = robot.trials
-    if not isinstance(about, Recordings) or about.start not in (FITTED, MARKERS):
+    if about.swims is not None or about.start not in (FITTED, MARKERS):
         return None
     for pose, beginnings in poses_of_rest(robot, reference).items():
         if beginnings and all(one.rests for one in beginnings.values()):
@@ -111,9 +111,7 @@ def at_rest(robot: Robot, reference: TrialSet) -> str | None:
     return None
 
 
-def _beginning(
-    robot: Robot, about: Recordings, model: mujoco.MjModel, real: Trial, simulated: Trial
-) -> Beginning | None:
+def _beginning(robot: Robot, about: Trials, model: mujoco.MjModel, real: Trial, simulated: Trial) -> Beginning | None:
     """How a recording begins beside one that was simulated from a pose; None where nothing tells it."""
     if robot.marker_names:
         names, times = robot.marker_names, real.track.times

@@ -24,12 +24,12 @@ TABLES, THEORY = "tables.md", "theory.json"
 
 def write_theory(folder: Path, reference: TrialSet, robot: Robot) -> None:
     """Writes the speeds of swims that elongated body theory predicts into the comparison's folder, where it can."""
-    if len(robot.trials.tail_markers) < 2:
+    if robot.trials.swims is None or len(robot.swims.tail_markers) < 2:
         return
     targets = [
         steady_target(swim.trial, swim.quality.weights, swim.beat.frequency) for swim in examine_swims(reference, robot)
     ]
-    end = (robot.trials.tail_markers[-2], robot.trials.tail_markers[-1])
+    end = (robot.swims.tail_markers[-2], robot.swims.tail_markers[-1])
     try:
         speeds = {name: round(speed, 6) for name, speed in predict_speeds(targets, end).items()}
     except TrialError as error:

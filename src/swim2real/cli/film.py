@@ -387,7 +387,7 @@ def _print_tracked(reports: Mapping[str, TrackingReport], robot: Robot) -> None:
 def _print_quality(findings: Findings, robot: Robot) -> None:
     from swim2real.cli import tables
 
-    swims = bool(robot.trials.tail_markers)
+    swims = robot.trials.swims is not None
     if swims:
         tables.table(
             "What drove each trial",

@@ -17,8 +17,9 @@ from swim2real.errors import ArgumentError
 from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
 from swim2real.robots import ROBOTS, load_robot, robot_file
+from swim2real.robots.drives import Drive
 from swim2real.robots.file import PLANES, RobotFile, open_robot_file
-from swim2real.robots.robot import Control, Robot, Sine
+from swim2real.robots.robot import Robot
 from swim2real.settings import EvaluationSettings
 from swim2real.simulation.pose import MarkerView
 from swim2real.simulation.start import STRETCH
@@ -134,7 +135,7 @@ def _trials(robot: Robot) -> None:
     model = robot.model
     actuators = [model.actuator(i).name for i in range(model.nu)]
     if actuators:
-        rows = [(name or "(no name)", _control(trials.control_of(name))) for name in actuators]
+        rows = [(name or "(no name)", _driven_by(trials.controls.get(name))) for name in actuators]
         table("What drives a trial", ("actuator", "driven by"), rows)
     if trials.sensors:
         rows = [(sensor.name, sensor.unit, f"{1e3 * sensor.meters_per_unit:g}") for sensor in trials.sensors]
@@ -142,18 +143,16 @@ def _trials(robot: Robot) -> None:
     say(trials.summary(robot.marker_names))
 
 
-def _control(control: Control | None) -> str:
-    if isinstance(control, Sine):
-        phase, offset = _signed(control.phase), _signed(control.offset)
-        return f"{control.amplitude:g} sin(2π f t{phase}){offset}, f of the trial"
-    if isinstance(control, float):
-        return f"{control:g} in every trial"
-    told: dict[Control | None, str] = {
-        "table": "its column of the trial's controls",
-        "frequency": "2π times the trial's frequency",
-        None: "nothing, so 0",
-    }
-    return told[control]
+def _driven_by(drive: Drive | None) -> str:
+    if drive is None:
+        return "nothing, so 0"
+    if drive.table:
+        return "its column of the trial's controls"
+    if drive.speed:
+        return "2π times the trial's frequency"
+    if not drive.amplitude:
+        return f"{drive.offset:g} in every trial"
+    return f"{drive.amplitude:g} sin(2π f t{_signed(drive.phase)}){_signed(drive.offset)}, f of the trial"
 
 
 def _signed(number: float) -> str:

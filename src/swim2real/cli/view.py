@@ -73,7 +73,7 @@ def _of_robot(
     from swim2real.viewing import shown_swim, shown_trial
 
     robot, values = _robot_and_values(subject, given)
-    swims = robot.trials.nearly_straight
+    swims = robot.trials.swims is not None
     folder = reference or _own_reference(Path(subject))
     if folder is None:
         if trial is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError, TrialError
-from swim2real.robots.robot import Recordings, Robot
+from swim2real.robots.robot import Robot
 from swim2real.trials import MarkerTrack, Signals, Trial
 from swim2real.trials.log_table import Column, LogTable, choices
 from swim2real.trials.span import Span
@@ -134,8 +134,7 @@ def recorded(
 
 def _commanded(robot: Robot) -> list[str]:
     """Actuators that a table drives."""
-    about = robot.trials
-    return [name for name, by in about.controls.items() if by == "table"] if isinstance(about, Recordings) else []
+    return [name for name, drive in robot.trials.controls.items() if drive.table]
 
 
 def _measured(robot: Robot) -> list[str]:

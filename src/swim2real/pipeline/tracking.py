@@ -173,7 +173,7 @@ def track_video(
         began = time.monotonic()
         overlay = report_path.with_suffix(".mp4") if settings.overlay else None
         names = robot.marker_names
-        bodies = tuple(range(len(names))) if robot.trials.nearly_straight else robot.marker_bodies
+        bodies = robot.marker_bodies if robot.trials.swims is None else tuple(range(len(names)))
         film = Film(name, source, span, names, bodies, threads, overlay)
         seen = follow(film, reader, first, frames, start, anchors, lambda: _tracker(settings, robot), on_progress)
         notes = list(reader.notes)
@@ -223,7 +223,7 @@ def track_video(
 
 def check_lost(track: MarkerTrack, robot: Robot) -> LostMarkers:
     """Finds the lost markers of a real track: of a swimmer by its spacing, of other robots by their rigid bodies."""
-    if robot.trials.nearly_straight:
+    if robot.trials.swims is not None:
         return check_track(track, robot.rest_markers)
     return check_bodies(track, robot.marker_bodies)
 
@@ -234,7 +234,7 @@ def _tracker(settings: TrackingSettings, robot: Robot) -> Tracker:
         return TagTracker(settings.tags)
     if settings.tracker == "csrt":
         return CsrtTracker()
-    return DetectionTracker() if robot.trials.nearly_straight else MarkerTracker(robot.marker_bodies, fixed=0)
+    return MarkerTracker(robot.marker_bodies, fixed=0) if robot.trials.swims is None else DetectionTracker()
 
 
 def _camera(pixels: MarkerTrack, robot: Robot, file: CameraFile | None, size: tuple[int, int]) -> Camera:
@@ -246,7 +246,7 @@ def _labeled(first: Frame, robot: Robot, settings: TrackingSettings) -> Array:
     """Where the markers are in a first frame, found without a click [px]. Shape (M, 2)."""
     if settings.tracker == "aruco":
         return TagTracker(settings.tags).points(first.image, len(robot.marker_names))
-    if not robot.trials.nearly_straight:
+    if robot.trials.swims is None:
         raise TrackingError(
             f"the markers of robot '{robot.name}' can't be found by themselves: that takes a straight swimmer, and its "
             f"trials are recordings; pick the points with `swim2real pick`"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
-from swim2real.robots.robot import CommandLimits, PolicySetup, Recordings, Robot, SteadySwims
+from swim2real.robots.robot import CommandLimits, PolicySetup, Robot
 from swim2real.simulation.batch import Batch
 from swim2real.simulation.playback import sensor_address
 from swim2real.simulation.start import STARTS, start_at_keyframe
@@ -171,7 +171,7 @@ class Bodies:
                 f"the timestep of robot '{robot.name}' is {timestep:g} s; a whole number of steps must make the "
                 f"control interval of {CONTROL_INTERVAL} s"
             )
-        motor = robot.trials.motor_joint
+        motor = None if robot.trials.swims is None else robot.trials.swims.motor_joint
         if motor is None and disturbances.start_phase != (0.0, 0.0):
             raise ArgumentError(
                 f"a start phase is given, but robot '{robot.name}' has no motor_joint to be at one; leave it out"
@@ -214,7 +214,7 @@ class Bodies:
 
     def _start(self, model: mujoco.MjModel) -> Array:
         data, trials = mujoco.MjData(model), self.robot.trials
-        if isinstance(trials, Recordings) and trials.start not in STARTS:
+        if trials.start not in STARTS:
             start_at_keyframe(model, data, trials.start)
         return data.qpos.copy()
 
@@ -323,10 +323,10 @@ def _layout(robot: Robot, setup: PolicySetup) -> _Layout:
         if not (np.abs(data.xaxis[j] @ normal) > 0.5 if int(model.jnt_type[j]) == _HINGE
                 else np.abs(axes @ data.xaxis[j]).max() > 0.5)
     ]  # fmt: skip
-    if isinstance(robot.trials, SteadySwims) and [model.joint(j).name for j in motors] != [robot.trials.motor_joint]:
+    motor = None if robot.trials.swims is None else robot.trials.swims.motor_joint
+    if motor is not None and [model.joint(j).name for j in motors] != [motor]:
         raise ArgumentError(
-            f"the actuator of robot '{robot.name}' must turn its motor_joint '{robot.trials.motor_joint}', a hinge "
-            f"without a range"
+            f"the actuator of robot '{robot.name}' must turn its motor_joint '{motor}', a hinge without a range"
         )
     names = [model.actuator(i).name for i in range(model.nu)]
     return _Layout(

@@ -21,18 +21,10 @@ from swim2real.errors import ParameterError, RobotError
 from swim2real.parameters import Parameter, ParameterSpace, Values
 from swim2real.robots.alone import compile_alone
 from swim2real.robots.compiled import REFUSALS, compiled, one_line
+from swim2real.robots.drives import SPEED, TABLE, Drive
 from swim2real.robots.mjcf_files import outside
 from swim2real.robots.named_code import FORMS, PREFIX, NamedCode, request
-from swim2real.robots.robot import (
-    CommandLimits,
-    Control,
-    PolicySetup,
-    Recordings,
-    Robot,
-    Sensor,
-    Sine,
-    SteadySwims,
-)
+from swim2real.robots.robot import CommandLimits, PolicySetup, Robot, Sensor, SteadySwims, Trials
 from swim2real.robots.schema import (
     ControlEntry,
     ParameterTable,
@@ -336,42 +328,46 @@ def _markers(file: RobotFile) -> dict[str, str]:
     return markers
 
 
-def _trials(file: RobotFile, markers: tuple[str, ...]) -> SteadySwims | Recordings:
+def _trials(file: RobotFile, markers: tuple[str, ...]) -> Trials:
     if file.table.swims is not None:
         return _swims(file, file.table.swims, markers)
     assert file.table.recordings is not None  # the schema has checked that there is one of the two
     return _recordings(file, file.table.recordings, markers)
 
 
-def _swims(file: RobotFile, table: SwimsTable, markers: tuple[str, ...]) -> SteadySwims:
+def _swims(file: RobotFile, table: SwimsTable, markers: tuple[str, ...]) -> Trials:
     spec, where, folder = file.spec, f"{file.where}, [swims]", file.path.parent
     joints = [joint.name for joint in spec.joints]
-    for key, name in (*(("surge_joints", name) for name in table.surge_joints), ("motor_joint", table.motor_joint)):
+    motor = () if table.motor_joint is None else (("motor_joint", table.motor_joint),)
+    for key, name in (*(("surge_joints", name) for name in table.surge_joints), *motor):
         _known(where, key, name, "a joint of the model", joints)
     if len(spec.actuators) != 1:
         raise RobotError(
             f"{where}: the model has {len(spec.actuators)} actuators; steady swims need one, which turns "
-            f"motor_joint at the speed that it is given [rad/s]; use [recordings] for other robots"
+            f"motor_joint at the speed that it is given [rad/s], or swings with a servo; use [recordings] for other "
+            f"robots"
         )
     if len(markers) < 2:
         raise RobotError(f"{where}: there is one marker; steady swims need two, the first two on the head")
-    return SteadySwims(
+    swims = SteadySwims(
         surge_joints=(table.surge_joints[0], table.surge_joints[1]),
-        motor_joint=table.motor_joint,
         tail_markers=tuple(_index(where, "tail_markers", name, markers) for name in table.tail_markers),
+        motor_joint=table.motor_joint,
         response=None if table.response is None else _call(table.response, folder, f"{where}: 'response'"),
         fit_plan=None if table.fit_plan is None else _call(table.fit_plan, folder, f"{where}: 'fit_plan'"),
     )
+    drive = SPEED if table.servo is None else _drive(table.servo)
+    return Trials({spec.actuators[0].name: drive}, frame=(0, 1), score_progress=True, swims=swims)
 
 
-def _recordings(file: RobotFile, table: RecordingsTable, markers: tuple[str, ...]) -> Recordings:
+def _recordings(file: RobotFile, table: RecordingsTable, markers: tuple[str, ...]) -> Trials:
     spec, where = file.spec, f"{file.where}, [recordings]"
     actuators = [actuator.name for actuator in spec.actuators]
     for name in table.controls:
         _known(where, "controls", name, "an actuator of the model", actuators)
     _known(where, "start", table.start, "one of", ["rest", "markers", "fitted", *(key.name for key in spec.keys)])
-    return Recordings(
-        {name: _control(entry) for name, entry in table.controls.items()},
+    return Trials(
+        {name: _drive(entry) for name, entry in table.controls.items()},
         _sensors(file, table),
         table.start,
         None if table.frame is None else _pair(file, "frame", table.frame, markers),
@@ -397,8 +393,10 @@ def _policy(file: RobotFile) -> PolicySetup | None:
     )  # fmt: skip
 
 
-def _control(entry: ControlEntry) -> Control:
-    return Sine(entry.amplitude, entry.phase, entry.offset) if isinstance(entry, SineTable) else entry
+def _drive(entry: ControlEntry) -> Drive:
+    if isinstance(entry, SineTable):
+        return Drive(entry.amplitude, entry.phase, entry.offset)
+    return TABLE if entry == "table" else SPEED if entry == "frequency" else Drive(offset=entry)
 
 
 def _sensors(file: RobotFile, table: RecordingsTable) -> tuple[Sensor, ...]:

@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
 from swim2real.parameters import ParameterSpace, Values
+from swim2real.robots.drives import Drive
 from swim2real.robots.targets import Delay, Delays
 from swim2real.settings import ProtocolName
 
@@ -83,26 +83,6 @@ class FitPlan:
 
 
 @dataclass(frozen=True)
-class Sine:
-    """A control that swings at a trial's frequency: offset + amplitude sin(2 pi f t + phase).
-
-    Attributes:
-        amplitude: Amplitude in the actuator's unit.
-        phase: Phase at the first time stamp [rad].
-        offset: Mean value in the actuator's unit.
-    """
-
-    amplitude: float
-    phase: float = 0.0
-    offset: float = 0.0
-
-
-Control = Literal["table", "frequency"] | float | Sine
-"""What an actuator gets: its column of a trial's control table; 2 pi times the trial's frequency, a constant speed
-[rad/s]; the same number in every trial; or a sine."""
-
-
-@dataclass(frozen=True)
 class Sensor:
     """A sensor of the model that trials record, too.
 
@@ -119,88 +99,67 @@ class Sensor:
 
 @dataclass(frozen=True)
 class SteadySwims:
-    """Trials in which a motor turns at a constant speed, compared once the swim has become steady.
-
-    Both kinds of trials have all of the attributes, so that only the code that simulates asks which kind it is. The
-    class attributes below the fields are the same for every robot whose trials are steady swims.
+    """What is known of trials in which a robot swims with a steady beat, at one frequency a trial.
 
     Attributes:
         surge_joints: The two joints that carry the robot along world x and y.
-        motor_joint: The joint that an actuation turns.
         tail_markers: Indices of the markers whose sideways motion shows the beat best.
+        motor_joint: The joint that turns once a beat, at a constant speed; None for a tail that swings with a servo.
         response: What the built-in physics advisor believes at first; None where nothing was measured.
         fit_plan: Stages in which a person would fit the robot; None where nobody has planned any.
     """
 
     surge_joints: tuple[str, str]
-    motor_joint: str
     tail_markers: tuple[int, ...]
+    motor_joint: str | None = None
     response: Response | None = None
     fit_plan: FitPlan | None = None
 
-    kind: ClassVar[Literal["swims", "recordings"]] = "swims"
-    description: ClassVar[str] = "steady swims"
-    protocols: ClassVar[tuple[ProtocolName, ...]] = ("motion", "aligned", "paper")
-    frame: ClassVar[tuple[int, int] | None] = (0, 1)
-    score_progress: ClassVar[bool] = True
-    nearly_straight: ClassVar[bool] = True
-    sensors: ClassVar[tuple[Sensor, ...]] = ()
-    controls: ClassVar[Mapping[str, Control]] = MappingProxyType({})
-
-    def control_of(self, actuator: str) -> Control | None:
-        """What drives an actuator. The only one of a steady swimmer turns its motor."""
-        del actuator
-        return "frequency"
-
-    def summary(self, marker_names: tuple[str, ...]) -> str:
-        """What a trial is, in a sentence."""
-        del marker_names
-        return (
-            f"Trials are steady swims: joint '{self.motor_joint}' turns at the trial's frequency, and the robot moves "
-            f"along joints '{self.surge_joints[0]}' and '{self.surge_joints[1]}'."
-        )
-
 
 @dataclass(frozen=True)
-class Recordings:
-    """Trials that are played back: simulated from their start under their controls, compared at the same times.
-
-    The class attributes below the fields are those of `SteadySwims` that recordings don't have: None or empty.
+class Trials:
+    """What a trial of a robot is: how it starts, what drives it and what is compared.
 
     Attributes:
-        controls: Control of each actuator by its name; an actuator that isn't named gets 0.
+        controls: What drives each actuator, by its name; an actuator that isn't named gets 0.
         sensors: Sensors that are compared beside the markers.
-        start: `rest`: the model's own pose, at rest. `markers`: the pose that fits the markers best at the trial's
-            first frames, and their speed. `fitted`: the pose and speed that fit the first stretch best, found with the
-            model of each candidate. Anything else is the name of a keyframe. A trial's own start goes first.
+        start: Of a recording. `rest`: the model's own pose, at rest. `markers`: the pose that fits the markers best at
+            the trial's first frames, and their speed. `fitted`: the pose and speed that fit the first stretch best,
+            found with the model of each candidate. Anything else is the name of a keyframe. A trial's own start goes
+            first.
         frame: Indices of the two markers that make the frame of comparison, origin at the first, x toward the second;
             None compares in the world.
         score_progress: Whether the robot goes somewhere and how far it comes is compared: along the line from the
             second to the first marker of the frame.
+        swims: What is known of steady swims, which are compared once they have become steady. None for recordings,
+            which are played back: simulated from their start under their controls, compared at the same times.
     """
 
-    controls: Mapping[str, Control]
+    controls: Mapping[str, Drive]
     sensors: tuple[Sensor, ...] = ()
     start: str = "rest"
     frame: tuple[int, int] | None = None
     score_progress: bool = False
+    swims: SteadySwims | None = None
 
-    kind: ClassVar[Literal["swims", "recordings"]] = "recordings"
-    description: ClassVar[str] = "recordings"
-    protocols: ClassVar[tuple[ProtocolName, ...]] = ("playback",)
-    nearly_straight: ClassVar[bool] = False
-    surge_joints: ClassVar[tuple[str, str] | None] = None
-    motor_joint: ClassVar[str | None] = None
-    tail_markers: ClassVar[tuple[int, ...]] = ()
-    response: ClassVar[Response | None] = None
-    fit_plan: ClassVar[FitPlan | None] = None
+    @property
+    def description(self) -> str:
+        """What they are, in words."""
+        return "recordings" if self.swims is None else "steady swims"
 
-    def control_of(self, actuator: str) -> Control | None:
-        """What drives an actuator; None where nothing does."""
-        return self.controls.get(actuator)
+    @property
+    def protocols(self) -> tuple[ProtocolName, ...]:
+        """How they can be compared, the default first."""
+        return ("playback",) if self.swims is None else ("motion", "aligned", "paper")
 
     def summary(self, marker_names: tuple[str, ...]) -> str:
         """What a trial is, in a sentence."""
+        if self.swims is not None:
+            beats = f"joint '{self.swims.motor_joint}' turns" if self.swims.motor_joint else "the servo swings"
+            return (
+                f"Trials are steady swims: {beats} at the trial's frequency, and the robot moves along joints "
+                f"'{self.swims.surge_joints[0]}' and '{self.swims.surge_joints[1]}'."
+            )
         starts = {
             "rest": "at rest",
             "markers": "where the markers are",
@@ -281,7 +240,7 @@ class Robot:
     marker_names: tuple[str, ...]
     rest_markers: NDArray[np.float64]
     marker_heights: NDArray[np.float64]
-    trials: SteadySwims | Recordings
+    trials: Trials
     plane: tuple[int, int] = (0, 1)
     links: tuple[tuple[int, int], ...] = ()
     policy: PolicySetup | None = None
@@ -333,25 +292,25 @@ class Robot:
 
     @property
     def swims(self) -> SteadySwims:
-        """What a trial is, of a robot whose trials are steady swims.
+        """What is known of the steady swims of a robot.
 
         Raises:
-            ArgumentError: They are recordings.
+            ArgumentError: Its trials are recordings.
         """
-        if isinstance(self.trials, Recordings):
+        if self.trials.swims is None:
             raise ArgumentError(
                 f"the trials of robot '{self.name}' are recordings; this needs steady swims, so a robot file with "
                 f"[swims] instead of [recordings]"
             )
-        return self.trials
+        return self.trials.swims
 
     @property
-    def recordings(self) -> Recordings:
+    def recordings(self) -> Trials:
         """What a trial is, of a robot whose trials are recordings.
 
         Raises:
             ArgumentError: They are steady swims.
         """
-        if isinstance(self.trials, SteadySwims):
+        if self.trials.swims is not None:
             raise ArgumentError(f"the trials of robot '{self.name}' are steady swims; this needs recordings")
         return self.trials

@@ -145,13 +145,24 @@ class RecordingsTable(_Table):
 
 
 class SwimsTable(_Table):
-    """[swims]: trials in which a motor turns at a constant speed."""
+    """[swims]: trials in which a motor turns at a constant speed, or a servo swings."""
 
     surge_joints: Pair
-    motor_joint: Label
+    motor_joint: Label | None = None
+    servo: SineTable | None = None
     tail_markers: Annotated[list[Label], Field(min_length=1)]
     response: Hook | None = None
     fit_plan: Hook | None = None
+
+    @model_validator(mode="after")
+    def _motor_or_servo(self) -> SwimsTable:
+        if (self.motor_joint is None) == (self.servo is None):
+            given = "neither" if self.servo is None else "both"
+            raise ValueError(
+                f"there must be 'motor_joint', which turns at a constant speed, or 'servo', the sine that a tail "
+                f"follows; the file has {given}"
+            )
+        return self
 
 
 class CommandTable(_Table):
@@ -233,8 +244,8 @@ class RobotTable(_Table):
         if (self.recordings is None) == (self.swims is None):
             given = "neither" if self.recordings is None else "both"
             raise ValueError(
-                f"there must be [recordings], for trials that are played back, or [swims], for a motor that turns at "
-                f"a constant speed; the file has {given}"
+                f"there must be [recordings], for trials that are played back, or [swims], for a motor or servo "
+                f"that beats at one frequency; the file has {given}"
             )
         return self
 

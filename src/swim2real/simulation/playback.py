@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from swim2real.errors import EngineError, TrialError
 from swim2real.parameters import Values
-from swim2real.robots.robot import Control, Robot, Sine
+from swim2real.robots.drives import TABLE, commands
+from swim2real.robots.robot import Robot
 from swim2real.robots.targets import Delays
 from swim2real.simulation.forward_model import Engine, all_of, thread_count
 from swim2real.simulation.pose import PoseFit
@@ -38,7 +39,6 @@ from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # s
-NONE_LATE = Delays({}, {})
 
 
 @dataclass(frozen=True)
@@ -88,11 +88,10 @@ class PlaybackSimulator:
         self._threads = thread_count(threads)
         self.robot, self._about = robot, robot.recordings
         self.engine = Engine.of(robot)
-        self._published = robot.model
         self._markers = len(robot.marker_names)
-        self._sensors = {sensor.name: sensor_address(self._published, sensor.name) for sensor in self._about.sensors}
+        self._sensors = {sensor.name: sensor_address(self.robot.model, sensor.name) for sensor in self._about.sensors}
         if self._about.start not in STARTS:
-            start_at_keyframe(self._published, mujoco.MjData(self._published), self._about.start)
+            start_at_keyframe(self.robot.model, mujoco.MjData(self.robot.model), self._about.start)
 
     def request(self, trial: Trial, weights: Array | None = None, pieces: float | None = None) -> Rollout:
         """Checks that a recording can be played back, and looks for its start.
@@ -110,13 +109,13 @@ class PlaybackSimulator:
             EngineError: The model has no such actuator.
         """
         times = trial.track.times
-        driven(self._published, self._about.controls, trial, times)
-        if trial.controls is not None and "table" in self._about.controls.values():
+        commands(self.robot.model, self._about.controls, trial, times)
+        if trial.controls is not None and TABLE in self._about.controls.values():
             try:
                 trial.controls.check_clock(times[0], times[-1])
             except TrialError as error:
                 raise TrialError(f"trial '{trial.name}': its controls don't drive it: {error}") from error
-        start_at_joints(self._published, mujoco.MjData(self._published), trial)
+        start_at_joints(self.robot.model, mujoco.MjData(self.robot.model), trial)
         believed = np.ones(trial.track.confidence.shape) if weights is None else weights
         if pieces is not None:
             return Rollout(trial, pieces=tuple(self._piece(trial, believed, part) for part in cut(trial, pieces)))
@@ -135,7 +134,7 @@ class PlaybackSimulator:
                 )
             return Rollout(trial, stretch=Stretch.of(trial, weights, scales))
         first = FirstFrames(trial, weights, 2) if fitted else FirstFrames(trial, weights)
-        guess = PoseFit(self._published, self._markers, self.robot.plane).first(first.places, first.known).qpos
+        guess = PoseFit(self.robot.model, self._markers, self.robot.plane).first(first.places, first.known).qpos
         return Rollout(trial, first, guess, Stretch.of(trial, weights, scales) if fitted else None)
 
     def _piece(self, trial: Trial, weights: Array, part: slice) -> Rollout:
@@ -232,7 +231,7 @@ class PlaybackSimulator:
         track, step = rollout.trial.track, float(model.opt.timestep)
         times = track.times[0] + step * np.arange(int(np.ceil(track.duration / step - 1e-9)) + 1)
         delays = self.robot.delays_of(self.robot.space.published if values is None else values)
-        controls = driven(model, self._about.controls, rollout.whole or rollout.trial, times, delays)
+        controls = commands(model, self._about.controls, rollout.whole or rollout.trial, times, delays)
         data = mujoco.MjData(model)
         if self._about.start not in STARTS:
             start_at_keyframe(model, data, self._about.start)
@@ -353,72 +352,3 @@ def sensor_address(model: mujoco.MjModel, name: str) -> int:
     if not index.isdecimal() or int(index) >= size:
         raise EngineError(f"sensor '{name}' isn't one number; name one of {base}[0] to {base}[{size - 1}]")
     return int(sensors[base].adr[0]) + int(index)
-
-
-def driven(
-    model: mujoco.MjModel, controls: Mapping[str, Control], trial: Trial, times: Array, delays: Delays = NONE_LATE
-) -> Array:
-    """Controls of steps that begin at given times; what isn't named gets 0.
-
-    Args:
-        model: Compiled model of the robot.
-        controls: Control of each actuator, by its name.
-        trial: Trial whose table and frequency drive it.
-        times: Times on the trial's clock [s]. Shape (N,).
-        delays: By how much controls arrive late. Where a parameter says so, a step gets the mean of a table's commands
-            during it, so that the loss is a smooth function of the delay.
-
-    Returns:
-        Shape (N, nu).
-
-    Raises:
-        EngineError: The model has no such actuator.
-        TrialError: The trial has no such column, or no frequency.
-    """
-    names = [model.actuator(i).name for i in range(model.nu)]
-    out = np.zeros((len(times), model.nu))
-    for name, control in controls.items():
-        if name not in names:
-            raise EngineError(
-                f"actuator '{name}' is to be driven; the model has {', '.join(names) or 'no actuators'}; "
-                f"name one of these"
-            )
-        late = delays.control(name, trial.name)
-        if late is not None and control == "table":
-            out[:, names.index(name)] = _held(name, trial, times - late, float(model.opt.timestep))
-        else:
-            out[:, names.index(name)] = _one(name, control, trial, times - (late or 0.0))
-    return out
-
-
-def _one(name: str, control: Control, trial: Trial, times: Array) -> Array | float:
-    if control == "table":
-        return _held(name, trial, times)
-    if control == "frequency":
-        return 2 * np.pi * _frequency(name, trial)
-    if isinstance(control, Sine):
-        angles = 2 * np.pi * _frequency(name, trial) * (times - trial.track.times[0]) + control.phase
-        return control.offset + control.amplitude * np.sin(angles)
-    return float(control)
-
-
-def _held(name: str, trial: Trial, times: Array, mean_over: float | None = None) -> Array:
-    if trial.controls is None:
-        raise TrialError(
-            f"trial '{trial.name}' has no controls; actuator '{name}' needs a table with a column of its name"
-        )
-    try:
-        if mean_over is None:
-            return trial.controls.held(name, times)
-        return trial.controls.mean(name, times, mean_over)
-    except TrialError as error:
-        raise TrialError(f"trial '{trial.name}': the controls don't drive actuator '{name}': {error}") from error
-
-
-def _frequency(name: str, trial: Trial) -> float:
-    if trial.nominal_frequency is None:
-        raise TrialError(
-            f"trial '{trial.name}' has no nominal frequency, which drives actuator '{name}'; write it into "
-            f"reference.json"
-        )
-    return trial.nominal_frequency

@@ -92,7 +92,7 @@ class Chunk:
     Attributes:
         markers: Positions before each step [m]. Shape (steps, M, 2).
         velocity: Root velocity in the plane before each step [m/s]. Shape (steps, 2).
-        turns: Turns of the motor before each step. Shape (steps,).
+        turns: Turns of the motor, or beats of the servo, before each step. Shape (steps,).
         failed_at: Time since the start at which the engine gave up [s]; None when it didn't.
     """
 
@@ -112,7 +112,7 @@ class Chunk:
 
 
 class Stepper:
-    """A compiled robot whose motor turns at a constant speed."""
+    """A compiled robot whose motor turns at a constant speed, or whose servo swings at one frequency."""
 
     def __init__(
         self, model: mujoco.MjModel, robot: Robot, speed: float, motor_speed: float, motor_angle: float,
@@ -122,21 +122,23 @@ class Stepper:
 
         Args:
             model: Compiled model of the robot.
-            robot: The robot.
+            robot: The robot, whose trials are steady swims.
             speed: Forward speed at the start [m/s].
-            motor_speed: Speed of the motor [rad/s].
-            motor_angle: Angle of the motor at the start [rad].
+            motor_speed: Speed of the motor, or 2 pi times the frequency of the servo [rad/s].
+            motor_angle: Angle of the motor, or phase of the servo, at the start [rad].
             fast: Fast step of the model, which its swims share; without one the engine steps.
         """
         self._model, self._fast = model, fast
         self._data = mujoco.MjData(model)
         self._markers = len(robot.marker_names)
         self._surge = [int(model.joint(name).dofadr[0]) for name in robot.swims.surge_joints]
-        motor = model.joint(robot.swims.motor_joint)
-        self._motor = int(motor.qposadr[0])
-        self._motor_speed = motor_speed
-        self._data.qpos[self._motor] = motor_angle
-        self._data.qvel[motor.dofadr[0]] = motor_speed
+        (self._drive,) = robot.trials.controls.values()
+        self._speed, self._angle, self._motor = motor_speed, motor_angle, None
+        if robot.swims.motor_joint is not None:
+            motor = model.joint(robot.swims.motor_joint)
+            self._motor = int(motor.qposadr[0])
+            self._data.qpos[self._motor] = motor_angle
+            self._data.qvel[motor.dofadr[0]] = motor_speed
         self._data.qvel[self._surge[0]] = -speed  # the robot points its head toward -x
         self.timestep = float(model.opt.timestep)
 
@@ -149,18 +151,29 @@ class Stepper:
         """Adds to the velocity of the whole robot in the plane [m/s]. Shape (2,)."""
         self._data.qvel[self._surge] += velocity
 
+    def controls(self, steps: int) -> Array:
+        """Controls of the next steps. Shape (steps, 1)."""
+        if self._motor is not None:
+            return np.full((steps, 1), self._speed)
+        times = float(self._data.time) + self.timestep * np.arange(steps, dtype=np.float64)
+        return self._drive.commands(times, self._speed / (2 * np.pi), self._angle)[:, None]
+
+    def turns(self, positions: Array, begun: float = 0.0) -> Array:
+        """Turns of the motor, or beats of the servo, before steps from a time on [s]. Shape (N, nq) to (N,)."""
+        if self._motor is not None:
+            return positions[:, self._motor] / (2 * np.pi)
+        return (self._speed * (begun + self.timestep * np.arange(len(positions), dtype=np.float64)) + self._angle) / (
+            2 * np.pi
+        )
+
     def run(self, steps: int) -> Chunk:
         """Steps on from where the last chunk ended."""
+        controls, begun = self.controls(steps), float(self._data.time)
         if self._fast is None:
-            return self._run_engine(steps)
-        made = self._fast.run(self._data, np.array([self._motor_speed]), steps)
-        return self._chunk(made.sensors, made.qvel, made.qpos, float(self._data.time) if made.failed else None)
-
-    def _run_engine(self, steps: int) -> Chunk:
-        made = roll(self._model, self._data, np.full((steps, 1), self._motor_speed))
-        return self._chunk(made.sensors, made.qvel, made.qpos, made.failed_at)
-
-    def _chunk(self, sensors: Array, velocities: Array, positions: Array, failed_at: float | None) -> Chunk:
-        markers = sensors.reshape(len(sensors), self._markers, 3)[:, :, :2]
-        turns = positions[:, self._motor] / (2 * np.pi)
-        return Chunk(markers, velocities[:, self._surge], turns, failed_at)
+            made = roll(self._model, self._data, controls)
+            failed_at = made.failed_at
+        else:
+            made = self._fast.run(self._data, controls, steps)
+            failed_at = float(self._data.time) if made.failed else None
+        markers = made.sensors.reshape(len(made.sensors), self._markers, 3)[:, :, :2]
+        return Chunk(markers, made.qvel[:, self._surge], self.turns(made.qpos, begun), failed_at)

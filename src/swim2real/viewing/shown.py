@@ -80,9 +80,8 @@ def shown_swim(
         seconds = min(seconds, float(compared.times[-1] - compared.times[0]))
     turns = np.ceil(SETTLING * frequency) + phase
     steps = int(np.ceil((turns / frequency + seconds) / model.opt.timestep * 1.02)) + 1  # a loaded motor lags
-    made = _rolled(model, data, np.full((steps, model.nu), speed))
-    motor = int(model.joint(robot.swims.motor_joint).qposadr[0])
-    first = int(np.searchsorted(made.qpos[:, motor] / (2 * np.pi), turns))
+    made = _rolled(model, data, stepper.controls(steps))
+    first = int(np.searchsorted(stepper.turns(made.qpos), turns))
     times, qpos, markers = _sampled(model, made, first, seconds, len(robot.marker_names))
     real = _nothing(times) if compared is None else _ghosts(compared, robot, times, markers)
     title = f"{robot.name}, {frequency:.2f} Hz" + ("" if compared is None else f", trial {compared.name}")
@@ -190,7 +189,7 @@ def _ghosts(compared: ComparedTrial, robot: Robot, times: Array, markers: Array)
     real = compared.path_real[np.abs(since[:, None] - times).argmin(axis=0)]  # the frames that are nearest
     ghosts = markers.copy()  # as far from the camera as the simulated ones
     simulated = markers[:, :, robot.plane]
-    turn, shift = _rigid(real, simulated) if robot.trials.nearly_straight else (np.eye(2), np.zeros(2))
+    turn, shift = _rigid(real, simulated) if robot.trials.swims is not None else (np.eye(2), np.zeros(2))
     ghosts[:, :, robot.plane] = real @ turn + shift
     return ghosts
 

@@ -245,7 +245,7 @@ class RoundFacts:
     @property
     def beats(self) -> bool:
         """Whether the robot's trials have a steady beat."""
-        return self.robot.trials.motor_joint is not None
+        return self.robot.trials.swims is not None
 
 
 def mean(values: Iterable[Known]) -> Known:

@@ -17,7 +17,8 @@ from swim2real.objective import TAIL_FIRST_LOSS, Comparison
 from swim2real.optimizers import Evaluation, Situation, Step
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.rendering.album import Album, TrialPictures
-from swim2real.robots.robot import Control, Robot, Sine
+from swim2real.robots.drives import Drive
+from swim2real.robots.robot import Robot
 from swim2real.settings import BriefingSettings
 
 _INSTRUCTIONS = """\
@@ -144,7 +145,7 @@ def close_miss(situation: Situation) -> tuple[int, Step] | None:
 
 def instructions_for(robot: Robot) -> str:
     """The system prompt: what to look for depends on whether the robot's trials have a steady beat."""
-    look_for, alike = _BEAT if robot.trials.motor_joint is not None else _NO_BEAT
+    look_for, alike = _BEAT if robot.trials.swims is not None else _NO_BEAT
     return _INSTRUCTIONS.format(look_for=look_for, alike=alike)
 
 
@@ -280,12 +281,12 @@ def _start(robot: Robot) -> str:
     return f"It starts {how}, unless the trial says how it started."
 
 
-def _command(control: Control) -> str:
-    if control == "table":
+def _command(drive: Drive) -> str:
+    if drive.table:
         return "as recorded"
-    if control == "frequency":
+    if drive.speed:
         return "a steady speed at the trial's own rate"
-    if isinstance(control, Sine):
-        around = f" around {control.offset:g}" if control.offset else ""
-        return f"a sine of {control.amplitude:g}{around} at the trial's own rate"
-    return f"always {control:g}"
+    if drive.amplitude:
+        around = f" around {drive.offset:g}" if drive.offset else ""
+        return f"a sine of {drive.amplitude:g}{around} at the trial's own rate"
+    return f"always {drive.offset:g}"
