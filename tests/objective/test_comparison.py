@@ -274,12 +274,11 @@ def test_the_residual_vector_holds_what_the_loss_measures(pool, protocol):
 
 def test_figures_are_shown_in_their_units(whole_motion):
     recorded = FitFigures.model_validate(evidence(whole_motion))
-    shown = {
-        name: FIGURES[name].text(value) for name, value in figure_values(next(iter(recorded.trials.values()))).items()
-    }
+    first = recorded.trials[whole_motion.trials[0].name]
+    shown = {name: FIGURES[name].text(value) for name, value in figure_values(first).items()}
     assert set(shown) == set(FIGURES) - {"heading_error", "sensor_errors"}  # which recordings have
     assert set(figure_values(recorded)) <= set(AVERAGED)
-    assert shown["yaw_real"] == f"{np.rad2deg(recorded.trials[whole_motion.trials[0].name].yaw_real):.1f}"
+    assert shown["yaw_real"] == f"{np.rad2deg(first.yaw_real):.1f}"
     assert (FIGURES["yaw_error"].heading, FIGURES["shape_error"].column) == ("Yaw error (°)", "shape mm")
     assert [figures_for(registered)["aligned_marker_error"].label for registered in (True, False)] == [
         "Aligned marker error", "Marker error",
