@@ -1,6 +1,8 @@
 """Settings of runs that tests make without `calibrate`."""
 
-from swim2real.calibration import Problem, RunSettings, reference_fingerprint
+from pathlib import Path
+
+from swim2real.calibration import Problem, RunFolder, RunSettings, reference_fingerprint
 from swim2real.simulation import Engine
 from swim2real.trials import TrialSet
 
@@ -19,3 +21,9 @@ def settings_of(problem: Problem, reference: TrialSet, **chosen) -> RunSettings:
         robot=problem.robot.name, protocol=problem.protocol.name, start=problem.protocol.start,
         reference_fingerprint=reference_fingerprint(reference), engine=problem.engine, **chosen,
     )  # fmt: skip
+
+
+def record_of(run: Path | RunFolder) -> list[dict]:
+    """The record of a run as its lines have it."""
+    folder = run if isinstance(run, RunFolder) else RunFolder(run)
+    return [entry.model_dump(exclude_unset=True) for entry in folder.record()]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from run_settings import record_of
 from swim2real import pipeline
 from swim2real.calibration import RunFolder
 from swim2real.robots.fish import FISH
@@ -49,8 +50,8 @@ def replayed(run: Path, shared: Path, tmp_path: Path, **more) -> tuple[list[dict
     tracks = fetch(tmp_path / "tracks", shared / "data" / "fishsim-markers")
     settings = pipeline.as_replayed(CalibrationSettings(advisor=f"replay:{run}", **more))
     pipeline.calibrate(tracks, FISH, settings, tmp_path / "run")
-    again = RunFolder(tmp_path / "run").record()
-    return RunFolder(run).record()[: len(again)], again
+    again = record_of(tmp_path / "run")
+    return record_of(run)[: len(again)], again
 
 
 def check_same(shipped: list[dict], again: list[dict]) -> None:
@@ -71,7 +72,7 @@ def test_a_shipped_vlm_run_begins_as_it_did(shared, tmp_path):
 @pytest.mark.slow
 def test_the_shipped_run_with_probes_replays(shared, tmp_path):
     run = VLM_RUNS / "new-briefing"
-    count = len(RunFolder(run).record())
+    count = len(record_of(run))
     shipped, again = replayed(run, shared, tmp_path, budget=count)
     assert sum(entry["note"]["source"] == "measurement" for entry in again) == 7
     check_same(shipped, again)

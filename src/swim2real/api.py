@@ -61,7 +61,7 @@ def open_run(folder: str | Path, *, allow_code: bool = False) -> Run:
     settings = run.settings()
     robot = run_robot(run, allow_code=allow_code)
     values = read_parameters(run.path, robot.name, robot.space).values
-    losses = tuple(float(entry["loss"]) for entry in run.record())
+    losses = tuple(entry.loss for entry in run.record())
     return Run(run.path, robot, settings, values, losses, run.outcome())
 
 

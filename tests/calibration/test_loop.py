@@ -11,6 +11,7 @@ import pytest
 import small_run
 
 import refused
+from run_settings import record_of
 from swim2real.calibration import RunFolder, minimize
 from swim2real.errors import RunError
 from swim2real.parameters import read_parameters
@@ -28,7 +29,7 @@ class LeftEarlyError(Exception):
 
 
 def record(run: Path) -> list[dict]:
-    return RunFolder(run).record()
+    return record_of(run)
 
 
 def without_seconds(run: Path) -> list[str]:
@@ -120,12 +121,12 @@ def test_a_run_that_is_done_is_only_read(go, tmp_path, uninterrupted):
     (run / "best.json").unlink()
     best = go()
     assert (run / "record.jsonl").read_bytes() == before
-    assert best["loss"] == min(entry["loss"] for entry in record(run))
-    assert read_parameters(run, "fish", small_run.ROBOT.space).values == best["values"]  # written again
+    assert best.loss == min(entry["loss"] for entry in record(run))
+    assert read_parameters(run, "fish", small_run.ROBOT.space).values == best.values  # written again
 
 
 def test_a_smaller_budget_drops_nothing(go, half):
-    assert go(budget=1, run=half)["index"] in (0, 1, 2)
+    assert go(budget=1, run=half).index in (0, 1, 2)
     assert len(record(half)) == 3
 
 
@@ -151,11 +152,11 @@ def test_a_diverged_simulation_is_recorded_and_not_the_best(reference, tmp_path,
     folder = RunFolder(tmp_path / "run")
     folder.path.mkdir()
     best = minimize(problem, robot.space, search, 3, folder)
-    entries = folder.record()
+    entries = record_of(folder)
     assert [entry["failed"] for entry in entries] == [True, True, False]
     assert [entry["loss"] for entry in entries[:2]] == [1.0, 1.0]
     assert entries[0]["reason"].startswith("trial 'f1_30': the simulation diverged ")
-    assert best["index"] == 2
+    assert best.index == 2
     assert read_parameters(folder.path, "fish", robot.space).values["motor_arm_length"] == pytest.approx(0.04)
 
 

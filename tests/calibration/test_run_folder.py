@@ -6,7 +6,7 @@ from functools import partial
 import pytest
 
 import refused
-from run_settings import run_settings
+from run_settings import record_of, run_settings
 from swim2real.calibration import RunFolder
 from swim2real.errors import RunError
 from swim2real.settings import BriefingSettings
@@ -76,7 +76,7 @@ def test_a_briefing_decides_where_a_vlm_is_asked(tmp_path):
 def test_a_folder_without_a_run_is_named(tmp_path):
     folder = RunFolder(tmp_path)
     assert not folder.exists
-    assert folder.record() == []
+    assert record_of(folder) == []
     assert folder.outcome() is None
     assert refusal(folder.settings) == f"'{tmp_path}' is no run folder: it has no settings.json"
 
@@ -100,14 +100,14 @@ def test_what_is_appended_is_read_back(folder):
     entries = [line(0, loss=0.1 + 0.2), line(1, loss=1 / 3, note={"source": "é\n"})]
     for entry in entries:
         folder.append(entry)
-    assert folder.record() == entries
+    assert record_of(folder) == entries
     assert (folder.path / "record.jsonl").read_bytes().count(b"\n") == 2
 
 
 def test_nan_never_gets_on_record(folder):
     with pytest.raises(ValueError, match="not JSON compliant"):
         folder.append({"loss": float("nan")})
-    assert folder.record() == []
+    assert record_of(folder) == []
 
 
 @pytest.mark.parametrize("kept", [0, 1])
@@ -117,11 +117,11 @@ def test_a_cut_line_is_not_read_and_can_be_dropped(folder, kept):
     path = folder.path / "record.jsonl"
     whole = path.read_bytes() if kept else b""
     path.write_bytes(whole + b'{"index": 1, "lo')
-    assert len(folder.record()) == kept
+    assert len(record_of(folder)) == kept
     folder.drop_cut_line()
     assert path.read_bytes() == whole
     folder.append(line(kept))
-    assert folder.record() == [line(index) for index in range(kept + 1)]
+    assert record_of(folder) == [line(index) for index in range(kept + 1)]
 
 
 @pytest.mark.parametrize(

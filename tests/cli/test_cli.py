@@ -16,6 +16,7 @@ from program import process
 
 import swim2real
 from pools import NAMES
+from run_settings import record_of
 from swim2real.calibration import RunFolder
 from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.cli import main
@@ -61,7 +62,7 @@ def run(finished, tmp_path) -> Path:
 
 
 def record(run: Path) -> list[dict]:
-    return RunFolder(run).record()
+    return record_of(run)
 
 
 def without_warnings(text: str) -> list[str]:

@@ -17,6 +17,7 @@ from markupsafe import Markup
 from mutations import mutated
 
 from made_results import made_results, made_run
+from run_settings import record_of
 from swim2real import api
 from swim2real.advisor.vlm.transcript import Transcript
 from swim2real.calibration import RunFolder
@@ -159,7 +160,7 @@ def _parameters(folder: Path) -> object:
 
 def _resumed(folder: Path) -> object:
     recorded = RunFolder(folder / "run")
-    return recorded.settings(), recorded_advice(recorded.record()), recorded.outcome()
+    return recorded.settings(), recorded_advice(record_of(recorded)), recorded.outcome()
 
 
 def _reopened(folder: Path) -> object:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from program import process
 
+from run_settings import record_of
 from swim2real.calibration import RunFolder
 from swim2real.calibration.convergence import still_falling
 from swim2real.calibration.file_models import RecordedEvaluation
@@ -35,7 +36,7 @@ def calibrated(pendulum_folder, tmp_path_factory) -> tuple[Path, str]:
 @pytest.mark.slow
 def test_a_run_that_has_not_converged_is_told_and_so_is_its_page(calibrated):
     run, err = calibrated
-    entries = [RecordedEvaluation.model_validate(entry) for entry in RunFolder(run).record()]
+    entries = [RecordedEvaluation.model_validate(entry) for entry in record_of(run)]
     warning = still_falling(entries, RunFolder(run).settings())
     assert warning
     assert err.endswith(f"swim2real: warning: {warning}\n")

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from run_settings import record_of
 from swim2real.calibration import RunFolder
 
 
@@ -17,7 +18,7 @@ def test_the_best_of_several_seeds_is_copied_and_goes_on(program, pendulum_folde
     out = tmp_path / "run"
     program(*words(pendulum_folder, out, "--seeds", "3:5")).done()
     runs = [RunFolder(tmp_path / f"run-seed-{seed}") for seed in (3, 4)]
-    losses = [min(entry["loss"] for entry in run.record()) for run in runs]
+    losses = [min(entry["loss"] for entry in record_of(run)) for run in runs]
     best = runs[losses.index(min(losses))]
     assert RunFolder(out).settings() == best.settings()
     assert f"the best is a copy of '{best.path}'" in program.err

@@ -12,6 +12,7 @@ import pytest
 from program import process
 
 from recorded import PENDULUM_SPACE
+from run_settings import record_of
 from swim2real.calibration import RunFolder
 from swim2real.cli import main
 from vlm_server import PROVIDERS, hangs, refuses, replies, sends
@@ -53,7 +54,7 @@ def words(vlm, pendulum_folder, tmp_path):
 
 
 def record(path: Path) -> list[dict]:
-    return [{k: v for k, v in entry.items() if k != "seconds"} for entry in RunFolder(path).record()]
+    return [{k: v for k, v in entry.items() if k != "seconds"} for entry in record_of(path)]
 
 
 def kept(path: Path) -> list[dict]:

@@ -16,6 +16,7 @@ import pytest
 from filelock import FileLock
 
 from recorded import PENDULUM, pendulum_reference
+from run_settings import record_of
 from swim2real.calibration import RunFolder, load_trials, versions
 from swim2real.comparison import (
     ComparisonProgress,
@@ -96,7 +97,7 @@ def test_a_comparison_is_run_folders_results_and_a_table(finished):
     assert (results.trials, results.markers) == (REFERENCE.names, PENDULUM.marker_names)
     for run_, row in zip(results.runs, rows(finished), strict=True):
         folder = RunFolder(finished / run_.folder)
-        record = folder.record()
+        record = record_of(folder)
         assert run_.losses == tuple(entry["loss"] for entry in record)
         assert run_.best.tolist() == np.minimum.accumulate(run_.losses).tolist()
         assert run_.values == record[run_.best_evaluation - 1]["values"]
@@ -120,7 +121,7 @@ def test_a_comparison_is_run_folders_results_and_a_table(finished):
 def test_a_run_is_what_calibrate_makes_of_the_same_settings(finished, tmp_path):
     calibrate(REFERENCE, PENDULUM, CalibrationSettings(method="random", budget=6, seed=1), tmp_path / "alone")
     paths = (tmp_path / "alone", finished / "runs/playback/random/seed-1")
-    first, second = ([entry["evidence"] for entry in RunFolder(path).record()] for path in paths)
+    first, second = ([entry["evidence"] for entry in record_of(path)] for path in paths)
     assert first == second
 
 
@@ -189,8 +190,8 @@ def test_stages_are_planned_by_the_budget_so_they_begin_anew_with_another(pool, 
     staged = [plan.jobs(tmp_path)[0] for plan in plans]
     for one in staged:
         assert run_job(one, shared).problem is None
-        assert len(RunFolder(one.folder).record()) == RunFolder(one.folder).settings().budget == one.settings.budget
-    assert len(RunFolder(staged[0].folder / "budget-2").record()) == 2
+        assert len(record_of(one.folder)) == RunFolder(one.folder).settings().budget == one.settings.budget
+    assert len(record_of(staged[0].folder / "budget-2")) == 2
     assert run_job(staged[1], shared).state == "read"
 
 
@@ -247,12 +248,12 @@ def test_a_job_in_the_middle_stops_after_an_evaluation_and_goes_on(work):
     leaving.start()
     assert run_job(replace(job, settings=replace(job.settings, budget=3000)), shared).state == "stopped"
     leaving.join()
-    before = RunFolder(job.folder).record()
+    before = record_of(job.folder)
     assert 1 <= len(before) < 2000
     (shared.root / ".session").write_text(shared.token)
     longer = replace(job, settings=replace(job.settings, budget=len(before) + 1))
     assert run_job(longer, shared).state == "done"
-    assert RunFolder(job.folder).record()[:-1] == before
+    assert record_of(job.folder)[:-1] == before
 
 
 def test_other_settings_another_engine_and_faults_end_one_job(work):

@@ -319,7 +319,7 @@ def test_who_makes_up_is_told_with_its_move():
 
 def test_a_profile_keeps_the_lowest_loss_where_a_refit_lowers_the_misfit_alone(reference, run_path):
     run = reopen(run_path, reference, toy.ROBOT, 2)
-    (best,) = Evaluator(run.problem, run.space)([np.array(run.best["point"])])
+    (best,) = Evaluator(run.problem, run.space)([np.array(run.best.point)])
     slopes, _ = jacobian(Evaluator(run.problem, run.space), best)
 
     class Elsewhere(Evaluator):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pools import LOGARITHMIC, NAMES, film
+from run_settings import record_of
 from swim2real.advisor import PhysicsAdvisor
 from swim2real.calibration import RunFolder
 from swim2real.errors import ArgumentError, RunError, TrialError
@@ -36,7 +37,7 @@ KINDS = {
 
 
 def record(path) -> list[dict]:
-    return RunFolder(path).record()
+    return record_of(path)
 
 
 def without_seconds(path) -> list[dict]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, PENDULUM_HIDDEN, floater_reference, pendulum_reference
+from run_settings import record_of
 from swim2real.calibration import RunFolder, load_trials
 from swim2real.cli import tables
 from swim2real.optimizers import ScriptedAdvisor
@@ -25,7 +26,7 @@ def reference(tmp_path_factory):
 
 
 def without_seconds(path) -> list[dict]:
-    return [{key: value for key, value in entry.items() if key != "seconds"} for entry in RunFolder(path).record()]
+    return [{key: value for key, value in entry.items() if key != "seconds"} for entry in record_of(path)]
 
 
 def settings(method, budget, **more):
@@ -107,7 +108,7 @@ def test_hidden_parameters_are_recovered_where_the_start_is_unknown(tmp_path, se
 
 
 def first_values(path) -> dict[str, float]:
-    return RunFolder(path).record()[0]["values"]
+    return record_of(path)[0]["values"]
 
 
 def test_recordings_begin_at_the_models_own_values_unless_another_seed_is_given(reference, tmp_path):

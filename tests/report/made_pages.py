@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from browser import open_to_scripts, opened
-from run_settings import run_settings
+from run_settings import record_of, run_settings
 from swim2real.calibration import Problem, RunFolder, conclude
 from swim2real.calibration.protocols import Aligned
 from swim2real.objective import ComparedBeat, ComparedProgress, ComparedTrial, Comparison, evidence
@@ -132,7 +132,7 @@ class Run:
     ) -> None:
         found = self.comparison(miss, divergence)
         self.folder.append({
-            "index": len(self.folder.record()), "loss": found.loss, "failed": found.divergence is not None,
+            "index": len(record_of(self.folder)), "loss": found.loss, "failed": found.divergence is not None,
             "reason": found.divergence, "point": list(point), "values": SPACE.to_values(point),
             "note": {"source": "test", **note}, "evidence": evidence(found), "seconds": 1.0,
         })  # fmt: skip

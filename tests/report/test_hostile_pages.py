@@ -25,6 +25,7 @@ from test_calls import VlmRun, film, notes, picture
 from browser import open_to_scripts, opened
 from made_results import MARKERS as COMPARED_MARKERS
 from made_results import TRIALS, two_methods
+from run_settings import record_of
 from swim2real.calibration import RunFolder
 from swim2real.calibration.run_folder import TRIALS as SAVED
 from swim2real.names import file_name_fault
@@ -106,7 +107,7 @@ def hostile_run(folder: Path) -> tuple[Path, Robot]:
     (run.path / "settings.json").write_text(json.dumps(poisoned(settings, names) | chosen))
     for path in (run.path / "outcome.json", *run.transcript.glob("call_*.json")):
         path.write_text(json.dumps(poisoned(json.loads(path.read_text("utf-8")), names)))
-    entries = run.folder.record()
+    entries = record_of(run.folder)
     (run.path / "record.jsonl").unlink()
     again = RunFolder(run.path)
     for entry in entries:

@@ -25,6 +25,7 @@ from made_pages import (
     visible,
 )
 
+from run_settings import record_of
 from swim2real.calibration import SavedTrial
 from swim2real.errors import ParameterError, RunError
 from swim2real.formatting import mm
@@ -46,7 +47,7 @@ def run(tmp_path: Path) -> Run:
 
 def test_a_finished_run_shows_everything(run: Run) -> None:
     page = page_of(run)
-    loss, first = (run.folder.record()[i]["loss"] for i in (2, 0))
+    loss, first = (record_of(run.folder)[i]["loss"] for i in (2, 0))
     words = (
         f"Aligned marker error {mm(loss)} mm first evaluation {mm(first)} mm held-out trials",
         "Method line-search with advisor physics", "7 of 7 evaluations", "Seed 3", "velocity_error",

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from made_pages import ROBOT, SPACE, Run, missing, searched, visible
 
+from run_settings import record_of
 from swim2real.errors import RunError
 from swim2real.parameters import ParameterSpace
 from swim2real.report import write_runs_page
@@ -51,7 +52,7 @@ def test_two_runs_are_side_by_side(two: tuple[Run, Run]) -> None:
 def test_figures_are_those_of_the_runs_own_pages(two: tuple[Run, Run]) -> None:
     shown = runs_context([read_run(run.path, ROBOT) for run in two])
     figure, rows = next(line for line in shown.figures if line[0].name == "aligned_marker_error")
-    losses = [min(entry["loss"] for entry in run.folder.record() if not entry["failed"]) for run in two]
+    losses = [min(entry["loss"] for entry in record_of(run.folder) if not entry["failed"]) for run in two]
     assert (figure.label, figure.is_sum) == ("Aligned marker error", True)
     assert [row.best for row in rows] == [f"{1e3 * loss:.1f} mm" for loss in losses]
     assert [bool(row.held_out) for row in rows] == [True, False]

@@ -12,11 +12,12 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.errors import RunError
@@ -56,7 +57,7 @@ class Progress:
 def minimize(
     problem: Problem, space: ParameterSpace, optimizer: Optimizer, budget: int, folder: RunFolder,
     on_progress: Callable[[Progress], None] = lambda progress: None, prior: NDArray[np.float64] | None = None,
-) -> dict[str, Any]:  # fmt: skip
+) -> RecordedEvaluation:  # fmt: skip
     """Runs or goes on with a calibration until the budget is spent.
 
     Args:
@@ -79,7 +80,7 @@ def minimize(
     if budget < 1:
         raise RunError(f"budget is {budget}; it must be at least 1")
     folder.drop_cut_line()
-    best: dict[str, Any] | None = None
+    best: RecordedEvaluation | None = None
     started, fresh = time.monotonic(), 0
     recorded, scale = folder.record(), None
     for index in range(max(budget, len(recorded))):
@@ -92,22 +93,24 @@ def minimize(
             if optimizer.needs_residual:
                 comparison = problem.evaluate(space.to_values(candidate.point))
         else:
-            entry, comparison = _evaluate(problem, space, candidate, index)
-            folder.append(entry)
+            content, comparison = _evaluate(problem, space, candidate, index)
+            folder.append(content)
+            entry = RecordedEvaluation.model_validate(content)
             fresh += 1
-        improved = not entry["failed"] and (best is None or entry["loss"] < best["loss"])
+        improved = not entry.failed and (best is None or entry.loss < best.loss)
         before = best
         if improved or best is None:
             best = entry
         if (best is not before and not replayed) or index == len(recorded) - 1:  # once for all that is replayed
-            write_best(folder, problem, best)
+            _write_best(folder, problem, best)
         residual = comparison.residual_vector() if comparison is not None and optimizer.needs_residual else None
         if residual is not None and prior is not None:
-            scale = scale or (_PRIOR * float(np.linalg.norm(residual)) if not entry["failed"] else None)
+            scale = scale or (_PRIOR * float(np.linalg.norm(residual)) if not entry.failed else None)
             residual = np.concatenate([residual, (scale or 0.0) * (candidate.point - prior)])
-        optimizer.tell(Evaluation(candidate, entry["loss"], entry["failed"], entry["evidence"], residual))
+        figures = entry.evidence.model_dump(exclude_unset=True)
+        optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual))
         left = (time.monotonic() - started) / max(fresh, 1) * (budget - index - 1)
-        on_progress(Progress(index + 1, budget, entry["loss"], best["loss"], entry["note"], improved, left, replayed))
+        on_progress(Progress(index + 1, budget, entry.loss, best.loss, candidate.note, improved, left, replayed))
     if best is None:
         raise RunError("nothing was evaluated")
     return best
@@ -134,13 +137,10 @@ def _evaluate(
 
 
 def _check_replay(
-    entry: Mapping[str, Any], candidate: Candidate, index: int, folder: RunFolder, space: ParameterSpace
+    entry: RecordedEvaluation, candidate: Candidate, index: int, folder: RunFolder, space: ParameterSpace
 ) -> None:
-    point = np.asarray(entry.get("point", ()), dtype=float)
-    if (
-        entry.get("index") != index
-        or not np.array_equal(point, candidate.point)
-        or not _same_values(entry.get("values"), space.to_values(candidate.point))
+    if not np.array_equal(entry.point, candidate.point) or not _same_values(
+        entry.values, space.to_values(candidate.point)
     ):
         raise RunError(
             f"run '{folder.path}' can't go on: evaluation {index + 1} on record isn't the one that these settings ask "
@@ -148,19 +148,18 @@ def _check_replay(
         )
 
 
-def _same_values(recorded: Any, values: Values) -> bool:
+def _same_values(recorded: Values, values: Values) -> bool:
     """Whether values are those of a candidate; another processor may give its logarithms other last digits."""
-    return isinstance(recorded, dict) and all(
-        isinstance(found := cast("dict[str, Any]", recorded).get(name), int | float)
-        and math.isclose(found, value, rel_tol=1e-9, abs_tol=1e-300)
+    return all(
+        name in recorded and math.isclose(recorded[name], value, rel_tol=1e-9, abs_tol=1e-300)
         for name, value in values.items()
     )
 
 
-def write_best(folder: RunFolder, problem: Problem, entry: Mapping[str, Any]) -> None:
+def _write_best(folder: RunFolder, problem: Problem, entry: RecordedEvaluation) -> None:
     """Writes the incumbent as the run's parameters file."""
     try:
-        write_fit(folder.best_path, problem, entry["values"], loss=entry["loss"], evaluation=entry["index"])
+        write_fit(folder.best_path, problem, entry.values, loss=entry.loss, evaluation=entry.index)
     except OSError as error:
         raise RunError(f"can't write '{folder.best_path}': {reason(error)}; --resume goes on") from error
 

@@ -108,7 +108,7 @@ class RunFolder:
         content = self._read_json(OUTCOME, "")
         return check(Outcome, content, str(self.path / OUTCOME), RunError, self.RESTORE)
 
-    def record(self) -> list[dict[str, Any]]:
+    def record(self) -> tuple[RecordedEvaluation, ...]:
         """All recorded evaluations. A last line that was cut off by a crash doesn't count.
 
         Raises:
@@ -117,18 +117,18 @@ class RunFolder:
         path = self.path / RECORD
         with self._disk():
             lines = store.read_lines(path)
-        entries: list[dict[str, Any]] = []
+        entries: list[RecordedEvaluation] = []
         for number, line in enumerate(lines, start=1):
             where = f"{path}, line {number}"
             try:
-                entry = store.from_json(line)
+                content = store.from_json(line)
             except ValueError as error:
                 raise RunError(f"{where} is damaged ({error}); {self.RESTORE}") from error
-            check(RecordedEvaluation, entry, where, RunError, self.RESTORE)
-            if entry["index"] != number - 1:
-                raise RunError(f"{where} has index {entry['index']}; expected {number - 1}; {self.RESTORE}")
+            entry = check(RecordedEvaluation, content, where, RunError, self.RESTORE)
+            if entry.index != number - 1:
+                raise RunError(f"{where} has index {entry.index}; expected {number - 1}; {self.RESTORE}")
             entries.append(entry)
-        return entries
+        return tuple(entries)
 
     def drop_cut_line(self) -> None:
         """Removes what a crash left of a last line, so that appending is safe."""

@@ -45,7 +45,7 @@ class RunCallbacks:
         advisor: As a VLM is asked and answers.
     """
 
-    progress: Callable[[TrainingProgress], None]
+    progress: Callable[[Progress], None]
     advisor: Callable[[AdvisorEvent], None]
 
 
@@ -58,7 +58,7 @@ def run_shown(budget: int, quiet: bool) -> Generator[RunCallbacks]:
     """
     with _run_lines(budget, quiet) as show, Interruption() as interruption:
 
-        def progress(state: TrainingProgress) -> None:
+        def progress(state: Progress) -> None:
             show.progress(state)
             interruption.check()
 

@@ -97,7 +97,7 @@ def run_job(job: Job, work: Work) -> JobReport:
 def ended_job(job: Job, state: Literal["read", "done"]) -> JobReport:
     """The report of a job whose run is finished."""
     record = RunFolder(job.folder).record()
-    losses = [entry["loss"] for entry in record if not entry["failed"]]
+    losses = [entry.loss for entry in record if not entry.failed]
     return JobReport(job.key, job.method, state, None, min(losses, default=None), len(record))
 
 

@@ -17,6 +17,7 @@ from pydantic import Field
 from swim2real import checking
 from swim2real.advisor.vlm.transcript import Totals, Transcript, totals
 from swim2real.calibration import RunFolder
+from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.comparison.jobs import PROBLEM, is_finished
 from swim2real.comparison.plan import RUNS, Job, Plan, read_plan, writing
 from swim2real.errors import RunError, Swim2RealError
@@ -228,22 +229,22 @@ def write_results(results: ComparisonResults, root: str | Path) -> None:
         write_text(Path(root) / TABLE, text.getvalue())
 
 
-def _step_rounds(record: Sequence[Mapping[str, Any]], max_steps: int) -> tuple[StepRound, ...]:
+def _step_rounds(record: Sequence[RecordedEvaluation], max_steps: int) -> tuple[StepRound, ...]:
     """The rounds of a line search, from its record."""
     rounds: list[StepRound] = []
     best, number, begin = np.inf, None, 0
     sizes: list[float] = []
     for index, entry in enumerate(record):
-        note = entry["note"]
-        improved = not entry["failed"] and entry["loss"] < best
+        note = entry.note
+        improved = not entry.failed and entry.loss < best
         if improved or index == 0:
-            best = entry["loss"]
-        if "step_size" not in note:
+            best = entry.loss
+        if note.step_size is None:
             continue
-        if note.get("round") != number:
-            number, begin, sizes = note.get("round"), index, []
+        if note.round != number:
+            number, begin, sizes = note.round, index, []
             rounds.append(StepRound(begin, (), False, False))
-        sizes.append(float(note["step_size"]))
+        sizes.append(note.step_size)
         rounds[-1] = StepRound(begin, tuple(sizes), improved, improved or len(sizes) == max_steps)
     return tuple(rounds)
 
@@ -253,7 +254,7 @@ def _read_run(job: Job) -> RunResult:
     record, outcome = folder.record(), folder.outcome()
     if outcome is None:
         raise RunError(f"run '{job.folder}' has no outcome; run the comparison again")
-    best = min((entry for entry in record if not entry["failed"]), key=lambda e: e["loss"], default=record[0])
+    best = min((entry for entry in record if not entry.failed), key=lambda e: e.loss, default=record[0])
     spent = totals(Transcript(job.folder).calls) if asks_a_vlm(job.settings.advisor) else None
     return RunResult(
         method=job.method,
@@ -261,15 +262,15 @@ def _read_run(job: Job) -> RunResult:
         protocol=job.settings.protocol,
         scale=job.settings.resolved_scale,
         held_out=job.held_out,
-        losses=tuple(entry["loss"] for entry in record),
-        failed=tuple(entry["failed"] for entry in record),
+        losses=tuple(entry.loss for entry in record),
+        failed=tuple(entry.failed for entry in record),
         rounds=_step_rounds(record, job.settings.max_steps),
-        calls=sum("proposal" in entry["note"] for entry in record) if spent is None else spent.calls,
+        calls=sum(entry.note.proposal is not None for entry in record) if spent is None else spent.calls,
         spent=spent,
         fit=outcome.fit,
         held_out_fit=outcome.held_out,
-        values=best["values"],
-        seconds=round(sum(entry.get("seconds") or 0.0 for entry in record), 3),
+        values=best.values,
+        seconds=round(sum(entry.seconds or 0.0 for entry in record), 3),
         folder=f"{RUNS}/{job.key}",
     )
 

@@ -170,7 +170,7 @@ def _common_conditions(runs: Sequence[FinishedRun]) -> dict[str, Any]:
 
 def _gathered(run: FinishedRun) -> list[Member]:
     """The points that the run evaluated, and those that a study of it re-fitted."""
-    recorded = [Member(np.array(entry["point"]), float(entry["loss"]), "record") for entry in run.record]
+    recorded = [Member(np.array(entry.point), entry.loss, "record") for entry in run.record]
     path = run.folder.path / IDENTIFIABILITY
     if not path.is_file():
         return recorded

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.provenance import reference_fingerprint
 from swim2real.calibration.run_folder import RunFolder
@@ -28,19 +28,19 @@ class FinishedRun:
         settings: Recorded settings.
         problem: The fitted trials and a simulator, as in the run.
         space: Parameters on the run's scale.
-        record: Evaluations that didn't fail and weren't stopped early.
+        record: Evaluations that didn't fail.
     """
 
     folder: RunFolder
     settings: RunSettings
     problem: Problem
     space: ParameterSpace
-    record: tuple[Mapping[str, Any], ...]
+    record: tuple[RecordedEvaluation, ...]
 
     @property
-    def best(self) -> Mapping[str, Any]:
+    def best(self) -> RecordedEvaluation:
         """The record's entry of the lowest loss, the first of several."""
-        return min(self.record, key=lambda entry: entry["loss"])
+        return min(self.record, key=lambda entry: entry.loss)
 
     def conditions(self) -> dict[str, Any]:
         """What decides a loss, for the file of a study: robot, protocol, trials, reference and engine."""
@@ -84,13 +84,13 @@ def reopen(path: str | Path, reference: TrialSet, robot: Robot, threads: int | N
     note = problem.engine.difference(settings.engine.as_dict())
     if note:
         raise RunError(f"run '{folder.path}' was {note}; losses can't be compared, so make a new run")
-    record = tuple(e for e in folder.record() if not e["failed"])
+    record = tuple(e for e in folder.record() if not e.failed)
     if not record:
         raise RunError(f"run '{folder.path}' has no evaluation that went well; calibrate first")
     space = replace(robot.space, scale=settings.resolved_scale)
     try:
         for entry in record:
-            space.to_values(entry["point"])
+            space.to_values(entry.point)
     except (KeyError, ValueError, TypeError) as error:
         raise RunError(f"the record of '{folder.path}' is damaged: {error!r}; begin a new run") from error
     return FinishedRun(folder, settings, problem, space, record)

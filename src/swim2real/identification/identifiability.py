@@ -133,7 +133,7 @@ class _Profiling:
             "format": FORMAT,
             **run.conditions(),
             "settings": asdict(settings),
-            "start": {"point": [float(x) for x in run.best["point"]], "loss": run.best["loss"]},
+            "start": {"point": list(run.best.point), "loss": run.best.loss},
         }
 
     def _count(self, count: int) -> None:

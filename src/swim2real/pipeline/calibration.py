@@ -23,8 +23,8 @@ from swim2real.calibration import (
     versions,
 )
 from swim2real.checks.reference import reference_warnings
-from swim2real.errors import ArgumentError, RunError
-from swim2real.optimizers import Advice, ScriptedAdvisor, recorded_advice
+from swim2real.errors import ArgumentError
+from swim2real.optimizers import ScriptedAdvisor, recorded_advice
 from swim2real.pipeline.methods import METHODS, default_starts, make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
@@ -92,14 +92,15 @@ def calibrate(
             folder.resume(resolved)
         else:
             folder.begin(resolved)
-        recorded = _recorded_advice(folder)  # which isn't asked for again
+        # advice on record isn't asked for again
+        recorded = recorded_advice(entry.model_dump(exclude_unset=True) for entry in folder.record())
         if advisor is not None and recorded:
             advisor = ScriptedAdvisor(recorded, then=advisor)
         optimizer = make_optimizer(resolved, robot, space, advisor)
         prior = space.to_cube(space.published) if resolved.first == "model" else None
         best = minimize(problem, space, optimizer, resolved.budget, folder, on_progress, prior)
-        effects = sensitivities(problem, space, best["values"]) if sensitivity else None
-        return conclude(folder, problem, held_out, best["values"], effects)
+        effects = sensitivities(problem, space, best.values) if sensitivity else None
+        return conclude(folder, problem, held_out, best.values, effects)
 
 
 def _resolved(
@@ -139,13 +140,6 @@ def _resolved(
         commit=commit(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
     )
-
-
-def _recorded_advice(folder: RunFolder) -> list[Advice]:
-    try:
-        return recorded_advice(folder.record())
-    except (KeyError, TypeError) as error:
-        raise RunError(f"the record of '{folder.path}' is damaged: {error!r}; begin a new run") from error
 
 
 def as_replayed(settings: CalibrationSettings) -> CalibrationSettings:

@@ -166,7 +166,7 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
     """
     folder = RunFolder(path)
     settings = folder.settings()
-    entries = tuple(RecordedEvaluation.model_validate(entry) for entry in folder.record())
+    entries = folder.record()
     if not entries:
         raise RunError(
             f"run '{path}' has no evaluation on record yet, so there is nothing to report; go on with --resume"
