@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from swim2real.parameters import Values
     from swim2real.robots.robot import Robot
     from swim2real.trials import Trial
-    from swim2real.viewing import Shown
+    from swim2real.viewing import Motion
 
 FREQUENCY = 1.0  # Hz, where nobody says one
 SAME_FREQUENCY = 0.05  # share by which a real trial's beat may differ from the frequency that is asked for
@@ -66,7 +66,7 @@ def view(
 
 def _of_robot(
     subject: str, given: str | None, reference: Path | None, trial: str | None, frequency: float | None, seconds: float
-) -> Shown:
+) -> Motion:
     """A robot's motion, beside a real trial where there is one at this frequency."""
     from swim2real.calibration import Problem
     from swim2real.trials import TrialSet, load_reference

@@ -6,36 +6,41 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Generator
-from contextlib import closing
-from itertools import chain
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+from scipy.spatial import ConvexHull, QhullError
 
 from swim2real.errors import ArgumentError
+from swim2real.rendering.drawing import PAGE, Bytes, Canvas, Color
 from swim2real.robots.scenery import LARGEST
 from swim2real.store import write_arrays
 from swim2real.video import VideoWriter
 from swim2real.viewing import offscreen
-from swim2real.viewing.outlines import Outlines
-from swim2real.viewing.shown import RATE, Shown
+from swim2real.viewing.motion import RATE, Motion
 
-FPS = 30.0
-BACKENDS = {"egl": "EGL", "osmesa": "OSMesa", "glfw": "GLFW"}
-OUTLINES = "outlines, since no OpenGL works here (install libegl1 or libosmesa6)"
+_FPS = 30.0
+_BACKENDS = {"egl": "EGL", "osmesa": "OSMesa", "glfw": "GLFW"}
+_OUTLINES = "outlines, since no OpenGL works here (install libegl1 or libosmesa6)"
 _LEAST = 64  # px
+_SHARPNESS = 2  # times as large as the picture, for smooth edges
+_DIRECTIONS = 48
+_HIDDEN_GROUP = 3  # from which on MuJoCo's viewer hides geometry
+_EDGE: Color = (70, 84, 98)
+_NEAR = 1e-3  # m, nearer to the camera than which nothing is drawn
 
-Image = NDArray[np.uint8]
+Array = NDArray[np.float64]
 
 
-def write_film(shown: Shown, path: Path, camera: str, width: int) -> str:
+def write_film(motion: Motion, path: Path, camera: str, width: int) -> str:
     """Writes a motion at 30 pictures a second.
 
     Args:
-        shown: What is shown.
+        motion: What is shown.
         path: Film to write, such as `.mp4`.
         camera: Name of the model's camera.
         width: Width of the film, even [px]; it is 16 to 9.
@@ -50,23 +55,23 @@ def write_film(shown: Shown, path: Path, camera: str, width: int) -> str:
     if width % 2 or not _LEAST <= width <= LARGEST[0]:
         raise ArgumentError(f"width is {width} px; it must be even and from {_LEAST} to {LARGEST[0]}")
     height = 2 * round(width * 9 / 32)
-    rows = np.arange(0, len(shown.times), round(RATE / FPS))
-    for backend in _backends():
-        with closing(_rendered(shown, rows, camera, width, height, backend)) as pictures:
-            first = next(pictures, None)
-            if first is None:
-                continue
-            with VideoWriter(path, width, height, FPS) as writer:
-                for picture in chain([first], pictures):
-                    writer.write(picture)
-        return f"MuJoCo's renderer, {BACKENDS.get(backend, 'OpenGL')}"
-    drawing, data = Outlines(shown.model, camera, width, height), mujoco.MjData(shown.model)
-    with VideoWriter(path, width, height, FPS) as writer:
-        for k in rows:
-            data.qpos[:] = shown.qpos[k]
-            mujoco.mj_forward(shown.model, data)
-            writer.write(drawing.drawn(data, shown.simulated[k], shown.real[k]))
-    return OUTLINES
+    rows = np.arange(0, len(motion.times), round(RATE / _FPS))
+    with tempfile.TemporaryDirectory() as temporary:  # a driver of OpenGL may end its process
+        folder = Path(temporary)
+        mujoco.mj_saveModel(motion.model, str(folder / offscreen.MODEL))
+        arrays = {"qpos": motion.qpos[rows], "simulated": motion.simulated[rows], "real": motion.real[rows],
+                  "size": np.array([width, height]), "fps": np.array(_FPS), "camera": np.array(camera)}  # fmt: skip
+        write_arrays(folder / offscreen.MOTION, arrays)
+        command = [sys.executable, "-m", offscreen.__name__, str(folder), str(path.absolute())]
+        for backend in _backends():
+            environment = {**os.environ, "MUJOCO_GL": backend} if backend else dict(os.environ)
+            if subprocess.run(command, env=environment, capture_output=True, check=False).returncode == 0:
+                return f"MuJoCo's renderer, {_BACKENDS.get(backend, 'OpenGL')}"
+    drawing = Outlines(motion, camera, width, height)
+    with VideoWriter(path, width, height, _FPS) as writer:
+        for k in rows.tolist():
+            writer.write(drawing.drawn(k))
+    return _OUTLINES
 
 
 def _backends() -> list[str]:
@@ -79,27 +84,99 @@ def _backends() -> list[str]:
     return ["egl", "osmesa"] if sys.platform.startswith("linux") else [""]
 
 
-def _rendered(
-    shown: Shown, rows: NDArray[np.intp], camera: str, width: int, height: int, backend: str
-) -> Generator[Image]:
-    """Pictures by MuJoCo's renderer, in a process of its own; none where this OpenGL can't be used."""
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        mujoco.mj_saveModel(shown.model, str(folder / offscreen.MODEL))
-        motion = {"qpos": shown.qpos[rows], "simulated": shown.simulated[rows], "real": shown.real[rows],
-                  "size": np.array([width, height]), "camera": np.array(camera)}  # fmt: skip
-        write_arrays(folder / offscreen.MOTION, motion)
-        environment = {**os.environ, "MUJOCO_GL": backend} if backend else dict(os.environ)
-        command = [sys.executable, "-m", offscreen.__name__, str(folder)]
-        size = 3 * width * height
-        with subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment
-        ) as process:  # fmt: skip
-            try:
-                for _ in rows:
-                    content = process.stdout.read(size) if process.stdout else b""
-                    if len(content) < size:
-                        return
-                    yield np.frombuffer(content, np.uint8).reshape(height, width, 3)
-            finally:
-                process.kill()
+class Outlines:
+    """Draws a motion without OpenGL, as one camera sees it: the outline of each body's hull, the farthest first."""
+
+    def __init__(self, motion: Motion, camera: str, width: int, height: int) -> None:
+        """Works out what doesn't move.
+
+        Args:
+            motion: What is drawn.
+            camera: Name of a camera of its model.
+            width: Width of the pictures [px].
+            height: Height of the pictures [px].
+        """
+        model = motion.model
+        self._motion, self._model, self._data = motion, model, mujoco.MjData(model)
+        self._camera, self._size = model.camera(camera).id, (width, height)
+        self._scale = height / 2 / np.tan(np.radians(model.cam_fovy[self._camera]) / 2)
+        seen = (model.geom_group < _HIDDEN_GROUP) & (model.geom_rgba[:, 3] > 0)
+        clouds = {int(geom): _cloud(model, int(geom)) for geom in np.flatnonzero(seen)}
+        self._clouds = {geom: cloud for geom, cloud in clouds.items() if len(cloud)}
+
+    def drawn(self, row: int) -> Bytes:
+        """The picture of a sample, RGB. Shape (H, W, 3)."""
+        (width, height), motion, data = self._size, self._motion, self._data
+        data.qpos[:] = motion.qpos[row]
+        mujoco.mj_forward(self._model, data)
+        image = Image.new("RGB", (_SHARPNESS * width, _SHARPNESS * height), PAGE)
+        brush = ImageDraw.Draw(image)
+        away = {geom: self._seen(data.geom_xpos[geom][None])[0, 2] for geom in self._clouds}
+        for geom in sorted(away, key=lambda geom: -away[geom]):
+            points = data.geom_xpos[geom] + self._clouds[geom] @ data.geom_xmat[geom].reshape(3, 3).T
+            seen = self._seen(points)
+            if seen[:, 2].min() < _NEAR:
+                continue
+            material = int(self._model.geom_matid[geom])
+            color = self._model.mat_rgba[material] if material >= 0 else self._model.geom_rgba[geom]
+            outline = [tuple(place) for place in _SHARPNESS * _hull(seen[:, :2])]
+            if len(outline) > 2:
+                brush.polygon(outline, fill=_dyed(color), outline=_EDGE)
+        canvas = Canvas(image.resize((width, height), Image.Resampling.LANCZOS))
+        for markers, color in ((motion.simulated[row], offscreen.SIMULATED), (motion.real[row], offscreen.REAL)):
+            for x, y, depth in self._seen(markers[np.isfinite(markers).all(axis=1)]):
+                if depth > _NEAR:
+                    canvas.dot((x, y), height / 100, _dyed(color), 1.0)
+        return canvas.pixels()
+
+    def _seen(self, points: Array) -> Array:
+        """Places in the picture and distances along the camera's axis [px, px, m]. Shape (N, 3)."""
+        local = (points - self._data.cam_xpos[self._camera]) @ self._data.cam_xmat[self._camera].reshape(3, 3)
+        depth = -local[:, 2]
+        scale = self._scale / np.maximum(depth, _NEAR)
+        width, height = self._size
+        return np.stack([width / 2 + scale * local[:, 0], height / 2 - scale * local[:, 1], depth], axis=1)
+
+
+def _dyed(color: Sequence[float] | Array) -> Color:
+    """Shares of red, green and blue as 8-bit numbers."""
+    return int(255 * color[0]), int(255 * color[1]), int(255 * color[2])
+
+
+def _hull(places: Array) -> Array:
+    """The corners around places; none where they lie on a line, or in a plane of space. Shape (K, 2 or 3)."""
+    try:
+        return places[ConvexHull(places).vertices]
+    except QhullError:
+        return places[:0]
+
+
+def _cloud(model: mujoco.MjModel, geom: int) -> Array:
+    """Points on a geom, in its own frame, whose hull is its own; none for planes and height fields. Shape (N, 3)."""
+    kinds, size = mujoco.mjtGeom, model.geom_size[geom]
+    turns = np.pi * (1 + 5**0.5) * np.arange(_DIRECTIONS)
+    heights = 1 - 2 * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
+    ball = np.stack([np.cos(turns), np.sin(turns), heights], axis=1)
+    ball[:, :2] *= np.sqrt(1 - heights**2)[:, None]
+    ends = np.array([[0.0, 0.0, -size[1]], [0.0, 0.0, size[1]]])
+    angles = np.linspace(0, 2 * np.pi, _DIRECTIONS // 2, endpoint=False)
+    rim = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    match int(model.geom_type[geom]):
+        case kinds.mjGEOM_SPHERE:
+            return size[0] * ball
+        case kinds.mjGEOM_ELLIPSOID:
+            return size * ball
+        case kinds.mjGEOM_BOX:
+            return size * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        case kinds.mjGEOM_CAPSULE:
+            return (size[0] * ball + ends[:, None]).reshape(-1, 3)
+        case kinds.mjGEOM_CYLINDER:
+            return (size[0] * rim + ends[:, None]).reshape(-1, 3)
+        case kinds.mjGEOM_MESH:
+            mesh = int(model.geom_dataid[geom])
+            first = int(model.mesh_vertadr[mesh])
+            points = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])].astype(float)
+            hull = _hull(points)
+            return hull if len(hull) else points  # a flat one
+        case _:
+            return np.empty((0, 3))

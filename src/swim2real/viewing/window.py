@@ -10,8 +10,8 @@ import mujoco
 import mujoco.viewer
 
 from swim2real.errors import ArgumentError
-from swim2real.viewing.marks import RADIUS, add_markers
-from swim2real.viewing.shown import Shown
+from swim2real.viewing.motion import Motion
+from swim2real.viewing.offscreen import add_markers
 
 KEYS = "space pauses, up and down change the speed, left and right step, [ and ] change the camera, Esc frees it"
 _SPACE, _RIGHT, _LEFT, _DOWN, _UP = 32, 262, 263, 264, 265  # as GLFW numbers them
@@ -49,19 +49,18 @@ def check_display() -> None:
         raise ArgumentError("there is no display to open a window on; --film FILE.mp4 renders the same without one")
 
 
-def open_window(shown: Shown, camera: str) -> None:
+def open_window(motion: Motion, camera: str) -> None:
     """Opens the viewer, and returns when it is closed.
 
     Args:
-        shown: What is played.
+        motion: What is played.
         camera: Name of the model's camera to begin with.
 
     Raises:
-        ArgumentError: There is no display.
+        ArgumentError: It can't open.
     """
-    check_display()
-    model, data = shown.model, mujoco.MjData(shown.model)
-    player = _Player(float(shown.times[-1]))
+    model, data = motion.model, mujoco.MjData(motion.model)
+    player = _Player(float(motion.times[-1]))
     try:
         viewer = mujoco.viewer.launch_passive(
             model, data, key_callback=player.press, show_left_ui=False, show_right_ui=False
@@ -73,12 +72,12 @@ def open_window(shown: Shown, camera: str) -> None:
         while viewer.is_running():
             began = time.perf_counter()
             with viewer.lock():
-                k = shown.nearest(player.time)
-                data.time, data.qpos[:] = shown.times[k], shown.qpos[k]
+                k = motion.nearest(player.time)
+                data.time, data.qpos[:] = motion.times[k], motion.qpos[k]
                 mujoco.mj_forward(model, data)
                 if viewer.user_scn is not None:
                     viewer.user_scn.ngeom = 0
-                    add_markers(viewer.user_scn, shown.simulated[k], shown.real[k], RADIUS * model.stat.extent)
+                    add_markers(viewer.user_scn, model, motion.simulated[k], motion.real[k])
             viewer.sync()
             if not player.paused:
                 player.move(_PERIOD * player.speed)

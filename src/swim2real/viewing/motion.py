@@ -29,7 +29,7 @@ _GENTLE = 0.3  # of what an actuator bears, where nobody says what drives a robo
 
 
 @dataclass(frozen=True)
-class Shown:
+class Motion:
     """A motion that is looked at.
 
     Attributes:
@@ -58,7 +58,7 @@ class Shown:
 
 def shown_swim(
     robot: Robot, values: Values, frequency: float, seconds: float, compared: ComparedTrial | None = None
-) -> Shown:
+) -> Motion:
     """A steady swim, which begins at rest and isn't shown before it has settled.
 
     Args:
@@ -82,15 +82,13 @@ def shown_swim(
     steps = int(np.ceil((turns / frequency + seconds) / model.opt.timestep * 1.02)) + 1  # a loaded motor lags
     made = _rolled(model, data, stepper.controls(steps))
     first = int(np.searchsorted(stepper.turns(made.qpos), turns))
-    times, qpos, markers = _sampled(model, made, first, seconds, len(robot.marker_names))
-    real = _nothing(times) if compared is None else _ghosts(compared, robot, times, markers)
     title = f"{robot.name}, {frequency:.2f} Hz" + ("" if compared is None else f", trial {compared.name}")
-    return Shown(title, _furnished(robot, values), times, qpos, markers, real)
+    return _motion(title, robot, values, made, first, seconds, compared, ABOVE)
 
 
 def shown_trial(
     robot: Robot, values: Values, rollout: Rollout | None, seconds: float, compared: ComparedTrial | None = None
-) -> Shown:
+) -> Motion:
     """A recording that is played back; without one, the robot moved by made-up controls.
 
     Args:
@@ -108,14 +106,11 @@ def shown_trial(
     data, controls = simulator.begin(model, request, values)
     made = _rolled(model, data, controls)
     seconds = min(seconds, float(request.trial.track.duration))
-    times, qpos, markers = _sampled(model, made, 0, seconds, len(robot.marker_names))
-    real = _nothing(times) if compared is None else _ghosts(compared, robot, times, markers)
     title = f"{robot.name}, {'made-up controls' if rollout is None else 'trial ' + request.trial.name}"
-    camera = SIDE if 2 in robot.plane else ABOVE
-    return Shown(title, _furnished(robot, values), times, qpos, markers, real, camera)
+    return _motion(title, robot, values, made, 0, seconds, compared, SIDE if 2 in robot.plane else ABOVE)
 
 
-def shown_model(path: Path, frequency: float, seconds: float) -> Shown:
+def shown_model(path: Path, frequency: float, seconds: float) -> Motion:
     """A model of nobody's robot file, moved by its actuators: motors turn, others swing within their ranges.
 
     Args:
@@ -142,8 +137,9 @@ def shown_model(path: Path, frequency: float, seconds: float) -> Shown:
         turning if _turns(model, i) else swing(model.actuator(i), at, i, _GENTLE, frequency) for i in range(model.nu)
     ]
     made = _rolled(model, data, np.stack(controls, axis=1) if controls else np.empty((steps, 0)))
-    times, qpos, markers = _sampled(model, made, 0, seconds, 0)
-    return Shown(f"{path.name}, {frequency:.2f} Hz", furnished, times, qpos, markers, _nothing(times))
+    times, rows = _sampled(model, made, 0, seconds)
+    nothing = np.empty((len(times), 0, 3))
+    return Motion(f"{path.name}, {frequency:.2f} Hz", furnished, times, made.qpos[rows], nothing, nothing)
 
 
 def _turns(model: mujoco.MjModel, actuator: int) -> bool:
@@ -152,10 +148,20 @@ def _turns(model: mujoco.MjModel, actuator: int) -> bool:
     return bool(servo.biasprm[2] < 0 and servo.biasprm[1] == 0 and not servo.ctrllimited[0])
 
 
-def _furnished(robot: Robot, values: Values) -> mujoco.MjModel:
+def _motion(
+    title: str, robot: Robot, values: Values, made: Rolled, first: int, seconds: float,
+    compared: ComparedTrial | None, camera: str,
+) -> Motion:  # fmt: skip
+    """A robot's motion from a step on, with the real markers beside the simulated ones."""
     spec = robot.build(values)
     furnish(spec)
-    return spec.compile()
+    model = spec.compile()
+    times, rows = _sampled(model, made, first, seconds)
+    count = len(robot.marker_names)
+    sensors = made.sensors[rows]
+    markers = sensors[:, sensors.shape[1] - 3 * count :].reshape(len(times), count, 3)
+    real = markers[:, :0] if compared is None else _ghosts(compared, robot, times, markers)
+    return Motion(title, model, times, made.qpos[rows], markers, real, camera)
 
 
 def _rolled(model: mujoco.MjModel, data: mujoco.MjData, controls: Array) -> Rolled:
@@ -168,19 +174,11 @@ def _rolled(model: mujoco.MjModel, data: mujoco.MjData, controls: Array) -> Roll
     return made
 
 
-def _sampled(
-    model: mujoco.MjModel, made: Rolled, first: int, seconds: float, markers: int
-) -> tuple[Array, Array, Array]:
-    """Times, positions and markers from a step on."""
-    step = float(model.opt.timestep)
+def _sampled(model: mujoco.MjModel, made: Rolled, first: int, seconds: float) -> tuple[Array, NDArray[np.intp]]:
+    """Times of what is kept [s], and the steps that they are nearest to."""
     times = np.arange(int(seconds * RATE + 1e-6) + 1) / RATE
-    rows = np.minimum(first + np.round(times / step).astype(int), len(made.qpos) - 1)
-    sensors = made.sensors[rows]
-    return times, made.qpos[rows], sensors[:, sensors.shape[1] - 3 * markers :].reshape(len(times), markers, 3)
-
-
-def _nothing(times: Array) -> Array:
-    return np.empty((len(times), 0, 3))
+    steps = first + np.round(times / float(model.opt.timestep)).astype(int)
+    return times, np.minimum(steps, len(made.qpos) - 1)
 
 
 def _ghosts(compared: ComparedTrial, robot: Robot, times: Array, markers: Array) -> Array:
