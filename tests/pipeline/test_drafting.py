@@ -134,7 +134,7 @@ def test_bounds_lie_around_the_value_with_few_digits():
 
 def test_twins_are_one_parameter_only_where_they_have_one_value():
     xml = PENDULUM.replace('"shoulder"', '"left_joint"').replace('<joint name="elbow"', '<joint name="right_joint"')
-    assert suggested(xml)["joint_damping"].targets == ('joint "left_joint", "right_joint" damping',)
+    assert suggested(xml)["joint_damping"].target == 'joint "left_joint", "right_joint" damping'
     each = suggested(xml.replace('name="left_joint"', 'name="left_joint" damping="0.1"'))
     assert {"left_joint_damping", "right_joint_damping", "joint_stiffness"} <= set(each)
 

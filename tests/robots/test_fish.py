@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from swim2real.robots.fish import FISH
-from swim2real.robots.fish import geometry as g
+from swim2real.robots.fish.model import extrude, mirrored, outline_of
 from swim2real.simulation.stepper import Stepper
 
 PUBLISHED = FISH.space.published
@@ -47,7 +47,7 @@ def test_the_markers_rest_where_they_are_mounted(model):
 def test_its_description_is_true_of_the_model(model):
     assert 2 <= FISH.description.count(". ") + 1 <= 5
     front, end = -model.site("M0").pos[0], sum(model.body(f"tail{i}").pos[0] for i in range(5))
-    length = front + end + g.TAIL_FIN_OUTLINE[:, 2].max()
+    length = front + end + outline_of("tail_fin")[:, 2].max()
     assert f"{length:.2f} m long" in FISH.description
     assert "front two thirds" in FISH.description
     assert (front + model.body("tail0").pos[0]) / length == pytest.approx(2 / 3, abs=0.03)
@@ -114,12 +114,12 @@ def test_stiffness_and_damping_go_to_their_joint_alone(model, i):
 @pytest.mark.parametrize(
     ("outline", "thickness", "area_mm2"),
     [
-        (g.mirrored(g.TAIL_FIN_OUTLINE), g.TAIL_FIN_THICKNESS, 7542),
-        (g.DORSAL_FIN_OUTLINE, g.DORSAL_FIN_THICKNESS, 4564),
+        (mirrored(outline_of("tail_fin")), 0.002, 7542),
+        (outline_of("dorsal_fin"), 0.003, 4564),
     ],
 )
 def test_fins_are_closed_plates_of_their_area(outline, thickness, area_mm2):
-    vertices, faces = g.extrude(outline, thickness)
+    vertices, faces = extrude(outline, thickness)
     edges = [(int(face[i]), int(face[(i + 1) % 3])) for face in faces for i in range(3)]
     assert len(set(edges)) == len(edges)
     assert {(b, a) for a, b in edges} == set(edges)  # each edge is walked once in each direction
@@ -129,11 +129,11 @@ def test_fins_are_closed_plates_of_their_area(outline, thickness, area_mm2):
     assert np.ptp(vertices[:, 1]) == pytest.approx(thickness)
 
 
-@pytest.mark.parametrize(("fin", "outline"), [("tail", g.TAIL_FIN_OUTLINE), ("dorsal", g.DORSAL_FIN_OUTLINE)])
-def test_the_outlines_are_the_given_ones(shared, fin, outline):
+@pytest.mark.parametrize("fin", ["tail", "dorsal"])
+def test_the_outlines_are_the_given_ones(shared, fin):
     lines = (shared / "reference" / "fin_outlines.csv").read_text().splitlines()[1:]
     rows = [line.split(",")[1:] for line in lines if line.startswith(fin)]
-    np.testing.assert_allclose(outline, np.array(rows, dtype=float))
+    np.testing.assert_allclose(outline_of(f"{fin}_fin"), np.array(rows, dtype=float))
 
 
 def test_half_a_turn_of_the_motor_mirrors_the_swim():

@@ -106,8 +106,8 @@ def export_model(parameters: Positional[Path], *, out: Path, robot: str | None =
     from swim2real.parameters import read_parameters
     from swim2real.robots.compiled import largest_difference
     from swim2real.robots.mjcf_files import outside
-    from swim2real.robots.scenery import furnish
     from swim2real.store import write_text
+    from swim2real.viewing.scenery import furnish
 
     body = robot_for(parameters, robot)
     published = str(parameters) == PUBLISHED

@@ -32,7 +32,7 @@ class Candidate:
         upper: Largest value [unit].
         log_offset: Offset of its logarithmic scale [unit].
         meaning: What a larger value does.
-        targets: Lines of the places that it sets.
+        target: Line of the places that it sets.
         relative: Whether it multiplies what the model has.
         group: Names of several elements that it sets alike; empty for a single element.
         aside: Why it is only suggested, in a comment; None where it is calibrated.
@@ -45,7 +45,7 @@ class Candidate:
     upper: float
     log_offset: float
     meaning: str
-    targets: tuple[str, ...]
+    target: str
     relative: bool = False
     group: tuple[str, ...] = ()
     aside: str | None = None
@@ -159,7 +159,7 @@ def _resistance(
         aside = None if usual and about.usual else _NO_RESISTANCE
     return Candidate(
         f"{_base_name(kind, members)}_{name}", kind, about.units[way], lower, upper, offset,
-        about.meaning.format(who=who), (_line(kind, members, name),), group=_names(members), aside=aside,
+        about.meaning.format(who=who), _line(kind, members, name), group=_names(members), aside=aside,
     )  # fmt: skip
 
 
@@ -227,7 +227,7 @@ def _gain(members: tuple[Any, ...], name: str, attr: str, value: float | None, u
     units = {"kp": unit, "kv": unit.replace("/", "·s/"), "time_constant": "s"}
     return Candidate(
         f"{_base_name('actuator', members)}_{name}", "actuator", units.get(name, "-"), lower, upper, 0.0,
-        _GAIN_MEANINGS[name].format(who=who), (_line("actuator", members, attr),), relative=value is None,
+        _GAIN_MEANINGS[name].format(who=who), _line("actuator", members, attr), relative=value is None,
         group=_names(members),
     )  # fmt: skip
 
@@ -257,7 +257,7 @@ def _fluid(spec: mujoco.MjSpec) -> Iterator[Candidate]:
         if value > 0:
             bounds = _around(value)
             aside = _KNOWN if wet else None
-            yield Candidate(f"fluid_{name}", "option", unit, *bounds, 0.0, meaning, (f"option {name}",), aside=aside)
+            yield Candidate(f"fluid_{name}", "option", unit, *bounds, 0.0, meaning, f"option {name}", aside=aside)
 
 
 def _ellipsoids(spec: mujoco.MjSpec, wet: list[Any]) -> Iterator[Candidate]:
@@ -269,7 +269,7 @@ def _ellipsoids(spec: mujoco.MjSpec, wet: list[Any]) -> Iterator[Candidate]:
         aside = "the model has none" if absent else _DRY if spec.option.density == 0 else None
         yield Candidate(
             f"fluid_{name}", "geom", "-", lower, upper, _FLUID_OFFSET if absent else 0.0, meaning,
-            (f"{place} fluidcoef[{i}]",), relative, aside=aside,
+            f"{place} fluidcoef[{i}]", relative, aside=aside,
         )  # fmt: skip
 
 
@@ -313,7 +313,7 @@ def _mass(
         yield Candidate(
             f"{base or _base_name(kind, members)}_{name}", kind, unit, *_around(value, _MASS_SPREAD), 0.0,
             f"{name.capitalize()} of {kind} {', '.join(member.name for member in members)}.",
-            (_line(kind, members, name),), group=_names(members), aside=_WEIGH,
+            _line(kind, members, name), group=_names(members), aside=_WEIGH,
         )  # fmt: skip
 
 

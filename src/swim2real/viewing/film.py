@@ -17,11 +17,11 @@ from scipy.spatial import ConvexHull, QhullError
 
 from swim2real.errors import ArgumentError
 from swim2real.rendering.drawing import PAGE, Bytes, Canvas, Color
-from swim2real.robots.scenery import LARGEST
 from swim2real.store import write_arrays
 from swim2real.video import VideoWriter
 from swim2real.viewing import offscreen
 from swim2real.viewing.motion import RATE, Motion
+from swim2real.viewing.scenery import LARGEST
 
 _FPS = 30.0
 _BACKENDS = {"egl": "EGL", "osmesa": "OSMesa", "glfw": "GLFW"}

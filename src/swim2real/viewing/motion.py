@@ -16,11 +16,11 @@ from swim2real.parameters import Values
 from swim2real.robots.compiled import compiled
 from swim2real.robots.file import read_mjcf
 from swim2real.robots.robot import Robot
-from swim2real.robots.scenery import ABOVE, SIDE, furnish
 from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.playback import Rollout
 from swim2real.simulation.simulator import SETTLING
 from swim2real.simulation.stepper import Rolled, Stepper, roll
+from swim2real.viewing.scenery import ABOVE, SIDE, furnish
 
 Array = NDArray[np.float64]
 

@@ -1,19 +1,69 @@
 """The fish's bodies: a floating head, a motor that turns a crank, two tendons and a tail of five hinged segments.
 
-What is calibrated isn't here: `fish.toml` writes it.
+Facts of the hardware and of the published simulator of it (prior work [michelis2026simple]): lengths [m], masses [kg],
+densities [kg/m³]; x from head to tail, z up. What is calibrated isn't here: `fish.toml` writes it. The outlines of the
+fins, in the frame of their body, are tables of height, leading edge and trailing edge [m].
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from swim2real.robots.fish import geometry as g
+_WATER_DENSITY = 1000.0
+_WATER_VISCOSITY = 0.0013  # Pa·s
+_ACRYLIC = 1180.0
+_PLA = 1250.0
 
-TAIL_SEGMENTS = 5
-WET = "wet"  # default class of the parts that feel the water
+_ROOT_ANCHOR = (0.02456792, 0.0, 0.00080073)
+_MOTOR_X = 0.1655
+_BODY_END_X = 0.278
+_PLATE_HALF_LENGTH = 0.0075
+_JOINT_LIMIT = np.deg2rad(80.0)
+_TENDON_STIFFNESS = 20000.0  # N/m
+_TENDON_DAMPING = 10.0  # N·s/m
+_MOTOR_GAIN = 100.0  # N·m·s/rad
+_MOTOR_SPEED_LIMIT = 10 * np.pi  # rad/s
+
+
+@dataclass(frozen=True)
+class _Segment:
+    """One tail segment: gap in front, then half heights and sideways positions of its parts [m]."""
+
+    gap: float
+    front_height: float
+    plate_height: float
+    arm_width: float
+    arm_y: float
+    tendon_y: float
+    rear_height: float
+    marker_x: float
+
+
+_SEGMENTS = (
+    _Segment(0.014, 0.0375, 0.0500, 0.02425, 0.02575, 0.045, 0.0350, 0.0145),
+    _Segment(0.015, 0.0350, 0.0475, 0.01925, 0.02075, 0.035, 0.0325, 0.0150),
+    _Segment(0.017, 0.0325, 0.0450, 0.01425, 0.01575, 0.025, 0.0300, 0.0160),
+    _Segment(0.014, 0.0300, 0.0425, 0.00925, 0.01075, 0.015, 0.0275, 0.0145),
+    _Segment(0.006, 0.0275, 0.0400, 0.00425, 0.00575, 0.005, 0.0000, 0.0105),
+)
+_FIN_GAP = 0.010  # behind the last segment
+_SEGMENT_LENGTH = 2 * _PLATE_HALF_LENGTH
+_GAPS = (*(s.gap for s in _SEGMENTS), _FIN_GAP)
+# each hinge sits in the middle of its gap
+_HINGE_X = tuple(
+    float(_BODY_END_X + sum(_GAPS[:i]) + i * _SEGMENT_LENGTH + _GAPS[i] / 2) for i in range(len(_SEGMENTS))
+)
+
+_TAIL_FIN_THICKNESS = 0.002
+_DORSAL_FIN_THICKNESS = 0.003
+
+_WET = "wet"  # default class of the parts that feel the water
 
 
 def fish_model() -> mujoco.MjSpec:
@@ -23,7 +73,7 @@ def fish_model() -> mujoco.MjSpec:
         A spec with bodies fish, motor and tail0 to tail4, a velocity actuator on the motor [rad/s], and sites M0 to M8.
     """
     spec = _world()
-    spec.add_default(WET, spec.default)
+    spec.add_default(_WET, spec.default)
     fish = _front(spec)
     _motor(spec, fish)
     _tail(spec, fish)
@@ -34,10 +84,10 @@ def fish_model() -> mujoco.MjSpec:
         trntype=mujoco.mjtTrn.mjTRN_JOINT,
         gaintype=mujoco.mjtGain.mjGAIN_FIXED,
         biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-        gainprm=[g.MOTOR_GAIN, *[0.0] * 9],
-        biasprm=[0.0, 0.0, -g.MOTOR_GAIN, *[0.0] * 7],
+        gainprm=[_MOTOR_GAIN, *[0.0] * 9],
+        biasprm=[0.0, 0.0, -_MOTOR_GAIN, *[0.0] * 7],
         ctrllimited=True,
-        ctrlrange=[-g.MOTOR_SPEED_LIMIT, g.MOTOR_SPEED_LIMIT],
+        ctrlrange=[-_MOTOR_SPEED_LIMIT, _MOTOR_SPEED_LIMIT],
     )
     return spec
 
@@ -66,15 +116,15 @@ def _world() -> mujoco.MjSpec:
     spec.option.timestep = 0.001
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICIT
     spec.option.gravity = [0, 0, 0]
-    spec.option.density = g.WATER_DENSITY
-    spec.option.viscosity = g.WATER_VISCOSITY
+    spec.option.density = _WATER_DENSITY
+    spec.option.viscosity = _WATER_VISCOSITY
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     return spec
 
 
 def _box(
     body: mujoco.MjsBody, half_size: Sequence[float], pos: Sequence[float], wet: mujoco.MjsDefault | None = None,
-    mass: float | None = None, density: float = g.PLA, name: str = "",
+    mass: float | None = None, density: float = _PLA, name: str = "",
 ) -> None:  # fmt: skip
     """A box of a mass or a density, with ellipsoid wet forces where it is wet."""
     geom = body.add_geom(
@@ -85,9 +135,9 @@ def _box(
 
 def _fin(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, outline: np.ndarray, thickness: float,
-    wet: mujoco.MjsDefault | None = None, mass: float | None = None, density: float = g.PLA,
+    wet: mujoco.MjsDefault | None = None, mass: float | None = None, density: float = _PLA,
 ) -> None:  # fmt: skip
-    vertices, faces = g.extrude(outline, thickness)
+    vertices, faces = extrude(outline, thickness)
     spec.add_mesh(
         name=name, uservert=vertices.ravel(), userface=faces.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
     )
@@ -120,7 +170,7 @@ def _hinge(
 
 def _front(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     """Head, electronics and rigid body, floating on the water."""
-    wet = spec.find_default(WET)
+    wet = spec.find_default(_WET)
     fish = spec.worldbody.add_body(name="fish")
     for kind, axes in (("slide", "xyz"), ("hinge", "xyz")):
         for i, axis in enumerate(axes):
@@ -128,20 +178,20 @@ def _front(spec: mujoco.MjSpec) -> mujoco.MjsBody:
             stiffness, damping = held.get((kind, axis), (0.0, 0.0))
             _hinge(
                 fish, f"{kind}_{axis}", np.eye(3)[i], stiffness=stiffness, damping=damping,
-                slide=kind == "slide", pos=g.ROOT_ANCHOR,
+                slide=kind == "slide", pos=_ROOT_ANCHOR,
             )  # fmt: skip
-    _box(fish, [0.077, 0.0025, 0.05], [0, 0, 0], wet, density=g.ACRYLIC)  # head plate
-    _box(fish, [0.08, 0.02, 0.0015], [0.01, 0, 0.0515], density=g.ACRYLIC)  # head top plate
+    _box(fish, [0.077, 0.0025, 0.05], [0, 0, 0], wet, density=_ACRYLIC)  # head plate
+    _box(fish, [0.08, 0.02, 0.0015], [0.01, 0, 0.0515], density=_ACRYLIC)  # head top plate
     _box(fish, [0.06, 0.04, 0.03], [0.005, 0, 0.083], mass=0.53)  # electronics, above the water
     _box(fish, [0.023, 0.015, 0.05], [0.1, 0, 0], wet, mass=0.08)  # head attachment
     _box(fish, [0.0775, 0.01, 0.0525], [0.2005, 0, 0], wet, mass=0.6)  # body
     _box(fish, [0.0035, 0.0005, 0.0375], [0.2815, 0, 0], wet, mass=0.001)  # connector to the tail
-    _fin(spec, fish, "dorsal_fin", g.DORSAL_FIN_OUTLINE, g.DORSAL_FIN_THICKNESS, density=g.ACRYLIC)
+    _fin(spec, fish, "dorsal_fin", outline_of("dorsal_fin"), _DORSAL_FIN_THICKNESS, density=_ACRYLIC)
     for name, pos in (
         ("M0", [-0.077, 0, 0.05]),
         ("M1", [0.065, 0, 0.05]),
-        ("left_fin_tip", [g.MOTOR_X, -0.0775, 0.05]),
-        ("right_fin_tip", [g.MOTOR_X, 0.0775, 0.05]),
+        ("left_fin_tip", [_MOTOR_X, -0.0775, 0.05]),
+        ("right_fin_tip", [_MOTOR_X, 0.0775, 0.05]),
         ("M2", [0.28, 0, 0.1]),
     ):
         fish.add_site(name=name, pos=pos)
@@ -150,8 +200,8 @@ def _front(spec: mujoco.MjSpec) -> mujoco.MjsBody:
 
 def _motor(spec: mujoco.MjSpec, fish: mujoco.MjsBody) -> None:
     """The shaft across the body with an arm at each end, half a turn apart; `fish.toml` says how long the arms are."""
-    wet = spec.find_default(WET)
-    motor = fish.add_body(name="motor", pos=[g.MOTOR_X, 0, 0])
+    wet = spec.find_default(_WET)
+    motor = fish.add_body(name="motor", pos=[_MOTOR_X, 0, 0])
     _hinge(motor, "motor", [0, 1, 0])
     _box(motor, [0.0075, 0.06, 0.0075], [0, 0, 0], wet, mass=0.05)
     for side, sign in (("left", -1), ("right", 1)):
@@ -160,30 +210,30 @@ def _motor(spec: mujoco.MjSpec, fish: mujoco.MjsBody) -> None:
 
 
 def _tail(spec: mujoco.MjSpec, fish: mujoco.MjsBody) -> None:
-    wet = spec.find_default(WET)
+    wet = spec.find_default(_WET)
     parent, parent_x = fish, 0.0
-    for i, segment in enumerate(g.SEGMENTS):
-        parent = parent.add_body(name=f"tail{i}", pos=[g.HINGE_X[i] - parent_x, 0, 0])
-        parent_x = g.HINGE_X[i]
-        _hinge(parent, f"tail{i}", [0, 0, 1], limit=g.JOINT_LIMIT)
-        _segment(parent, i, segment, g.GAPS[i + 1], wet)
+    for i, segment in enumerate(_SEGMENTS):
+        parent = parent.add_body(name=f"tail{i}", pos=[_HINGE_X[i] - parent_x, 0, 0])
+        parent_x = _HINGE_X[i]
+        _hinge(parent, f"tail{i}", [0, 0, 1], limit=_JOINT_LIMIT)
+        _segment(parent, i, segment, _GAPS[i + 1], wet)
     last = parent
     _box(last, [0.005, 0.0005, 0.0225], [0.023, 0, 0], wet, mass=0.001)  # fin connector
-    outline = g.mirrored(g.TAIL_FIN_OUTLINE)
-    _fin(spec, last, "tail_fin", outline, g.TAIL_FIN_THICKNESS, wet, mass=0.010)
+    outline = mirrored(outline_of("tail_fin"))
+    _fin(spec, last, "tail_fin", outline, _TAIL_FIN_THICKNESS, wet, mass=0.010)
     last.add_site(name="M8", pos=[0.073, 0, 0.1])
 
 
-def _segment(body: mujoco.MjsBody, i: int, s: g.Segment, gap_behind: float, wet: mujoco.MjsDefault) -> None:
+def _segment(body: mujoco.MjsBody, i: int, s: _Segment, gap_behind: float, wet: mujoco.MjsDefault) -> None:
     start = s.gap / 2
     _box(body, [s.gap / 4, 0.0005, s.front_height], [s.gap / 4, 0, 0], wet, mass=0.001)
-    _box(body, [g.PLATE_HALF_LENGTH, 0.0015, s.plate_height], [start + g.PLATE_HALF_LENGTH, 0, 0], wet)
+    _box(body, [_PLATE_HALF_LENGTH, 0.0015, s.plate_height], [start + _PLATE_HALF_LENGTH, 0, 0], wet)
     tendon_x = start + 0.012
     for side, sign in (("left", -1), ("right", 1)):
         _box(body, [0.003, s.arm_width, 0.007], [tendon_x, sign * s.arm_y, 0], wet)
         body.add_site(name=f"tail{i}_{side}", pos=[tendon_x, sign * s.tendon_y, 0])
     if s.rear_height:
-        rear_x = start + g.SEGMENT_LENGTH + gap_behind / 4
+        rear_x = start + _SEGMENT_LENGTH + gap_behind / 4
         _box(body, [gap_behind / 4, 0.0005, s.rear_height], [rear_x, 0, 0], wet, mass=0.001)
     body.add_site(name=f"M{3 + i}", pos=[s.marker_x, 0, 0.05])
 
@@ -193,8 +243,44 @@ def _tendons(spec: mujoco.MjSpec) -> None:
     for side, other in (("left", "right"), ("right", "left")):
         tendon = spec.add_tendon(name=side)
         if np.ndim(tendon.stiffness):
-            tendon.stiffness[0], tendon.damping[0] = g.TENDON_STIFFNESS, g.TENDON_DAMPING
+            tendon.stiffness[0], tendon.damping[0] = _TENDON_STIFFNESS, _TENDON_DAMPING
         else:
-            tendon.stiffness, tendon.damping = g.TENDON_STIFFNESS, g.TENDON_DAMPING
-        for site in (f"motor_{side}", *(f"tail{i}_{side if i < 3 else other}" for i in range(TAIL_SEGMENTS))):
+            tendon.stiffness, tendon.damping = _TENDON_STIFFNESS, _TENDON_DAMPING
+        for site in (f"motor_{side}", *(f"tail{i}_{side if i < 3 else other}" for i in range(len(_SEGMENTS)))):
             tendon.wrap_site(site)
+
+
+def outline_of(fin: str) -> NDArray[np.float64]:
+    """Height, leading x and trailing x of a fin's side view [m]. Shape (N, 3)."""
+    with (resources.files("swim2real.robots.fish") / f"{fin}.csv").open("rb") as table:
+        return np.loadtxt(table, delimiter=",")
+
+
+def extrude(outline: NDArray[np.float64], thickness: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """A plate with a given side view.
+
+    Args:
+        outline: Height, leading x and trailing x [m]. Shape (N, 3), heights rising.
+        thickness: Along y [m].
+
+    Returns:
+        Vertices, shape (4 N, 3) [m], and triangles, shape (8 N - 4, 3), a closed surface with outward normals.
+    """
+    z, lead, trail = outline.T
+    half = np.full_like(z, thickness / 2)
+    corners = [(lead, -half), (trail, -half), (trail, half), (lead, half)]  # a ring per height, seen from above
+    vertices = np.stack([np.stack([x, y, z], axis=1) for x, y in corners], axis=1).reshape(-1, 3)
+    rings = 4 * np.arange(len(z) - 1)[:, None]
+    sides = [
+        rings + np.array(triangle)
+        for i, j in ((0, 1), (1, 2), (2, 3), (3, 0))
+        for triangle in ([i, j, j + 4], [i, j + 4, i + 4])
+    ]
+    top = 4 * (len(z) - 1)
+    caps = np.array([[0, 2, 1], [0, 3, 2], [top, top + 1, top + 2], [top, top + 2, top + 3]])
+    return vertices, np.concatenate([*sides, caps]).astype(np.int64)
+
+
+def mirrored(outline: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The outline with its mirror image below z = 0; its first height must be 0."""
+    return np.concatenate([outline[:0:-1] * [-1, 1, 1], outline])

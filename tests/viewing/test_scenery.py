@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from small_models import PENDULUM, snake
-from swim2real.robots.scenery import furnish
+from swim2real.viewing.scenery import furnish
 
 
 def stepped(model):
