@@ -62,10 +62,10 @@ def main():
     parser.add_argument("--rounds", type=int, nargs="+", default=[1])
     a = parser.parse_args()
     settings = pipeline.as_replayed(CalibrationSettings(advisor=f"replay:{a.run}"))
-    robot = load_robot(RunFolder(a.run).settings()["robot"])
+    robot = load_robot(RunFolder(a.run).settings().robot)
     space = replace(robot.space, scale=settings.resolved_scale)
     problem = Problem.with_settings(robot, load_reference(a.reference), settings)
-    situations = situations_of(RunFolder(a.run).record())
+    situations = situations_of([entry.model_dump(exclude_unset=True) for entry in RunFolder(a.run).record()])
     print("| round | detail | show | tokens of text | of pictures | MB | seconds |\n|---|---|---|---|---|---|---|")
     for number in a.rounds:
         for detail in DETAILS:

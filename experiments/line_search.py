@@ -44,14 +44,14 @@ def problem_of(number):
 def one_run(problem, space, values, seed, errors, max_steps, budget):
     """Calls, sizes of accepted steps, and best loss so far after each evaluation [m]."""
     advisor = SimulatedVlm(space, values, seed, errors, ALIKE, UNSEEN)
-    search = BacktrackingLineSearch(advisor, first_point(len(space), seed), max_steps=max_steps, early_stop=True)
+    search = BacktrackingLineSearch(advisor, first_point(len(space), seed), max_steps=max_steps)
     calls, best = 0, []
     for _ in range(budget):
         candidate = search.ask()
         calls += "proposal" in candidate.note
-        found = problem.evaluate(space.to_values(candidate.point), candidate.stop_above)
+        found = problem.evaluate(space.to_values(candidate.point))
         failed = found.divergence is not None
-        search.tell(Evaluation(candidate, found.loss, failed, None, found.lower_bound))
+        search.tell(Evaluation(candidate, found.loss, failed))
         improved = not best or (found.loss < best[-1] and not failed)
         best.append(found.loss if improved else best[-1])
     return {"calls": calls, "accepted": [r.steps[-1].step_size for r in search.rounds if r.accepted], "best": best}

@@ -1,10 +1,9 @@
-"""What the line search did in the calibrations with a VLM of `examples/vlm-runs`, and what giving up early would have.
+"""What the line search did in the calibrations with a VLM of `examples/vlm-runs`.
 
     python experiments/vlm_runs.py examples/vlm-runs
 
-Prints a row a run and their sums: the lowest loss, its mean over the evaluations (AUC), rounds, and how many were
-accepted at the full, the half and the quarter step. Below that, for several factors of `--give-up`: rounds that would
-have been left after their full step, the evaluations that this saves, and accepted rounds that it would have lost.
+Prints a row per run and their sums: the lowest loss, its mean over the evaluations (AUC), rounds, and how many were
+accepted at the full, the half and the quarter step.
 """
 
 import argparse
@@ -14,7 +13,6 @@ import numpy as np
 
 from swim2real.calibration import RunFolder
 
-FACTORS = (1.5, 2.0, 3.0, 5.0)
 STEPS = (1.0, 0.5, 0.25)
 
 
@@ -33,17 +31,13 @@ def accepted(start, steps):
     return not steps[-1]["failed"] and steps[-1]["loss"] < start["loss"]
 
 
-def by_trial(entry):
-    return np.array([trial["loss"] for trial in entry["evidence"]["trials"].values()])
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     a = parser.parse_args()
     every = []
     for path in sorted(path.parent for path in a.folder.glob("seed-*/record.jsonl")):
-        entries = RunFolder(path).record()
+        entries = [entry.model_dump(exclude_unset=True) for entry in RunFolder(path).record()]
         lowest = 1e3 * np.minimum.accumulate([entry["loss"] for entry in entries])
         best = min(entries, key=lambda entry: entry["loss"])
         rounds = rounds_of(entries)
@@ -62,11 +56,6 @@ def main():
         f"{', '.join(f'{100 * share:.0f}' for share in kept / kept.sum())} % at the full, half and quarter step; "
         f"{wasted} evaluations of {sum(len(steps) for _, steps in every)} in rejected rounds"
     )
-    for factor in FACTORS:
-        left = [(start, steps) for start, steps in every if (by_trial(steps[0]) > factor * by_trial(start)).all()]
-        lost = sum(accepted(*one) for one in left)
-        saved = sum(len(steps) - 1 for start, steps in left if not accepted(start, steps))
-        print(f"give up at {factor:g} times: {len(left)} rounds left, {saved} evaluations saved, {lost} accepted lost")
 
 
 if __name__ == "__main__":
