@@ -9,7 +9,6 @@ import pytest
 
 from run_settings import record_of
 from swim2real import pipeline
-from swim2real.calibration import RunFolder
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings
 from swim2real.trials import load_reference
@@ -60,13 +59,6 @@ def check_same(shipped: list[dict], again: list[dict]) -> None:
     assert [entry["loss"] for entry in again] == pytest.approx([entry["loss"] for entry in shipped], rel=1e-3)
     told = [[entry["note"].get(key) for key in ("round", "step_size", "proposal")] for entry in again]
     assert told == [[entry["note"].get(key) for key in ("round", "step_size", "proposal")] for entry in shipped]
-
-
-@pytest.mark.slow
-def test_a_shipped_vlm_run_begins_as_it_did(shared, tmp_path):
-    check_same(*replayed(VLM_RUNS / "seed-4", shared, tmp_path, budget=4))
-    settings = RunFolder(tmp_path / "run").settings()
-    assert (settings.protocol, settings.start, settings.seed) == ("aligned", "speed", 4)
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ import pytest
 
 import swim2real
 from recorded import PENDULUM, pendulum_reference
-from swim2real.errors import ArgumentError, RunError
 from swim2real.robots.fish import FISH
 
 
@@ -40,20 +39,6 @@ def test_a_run_from_its_settings_to_what_it_left(tmp_path):
     assert compared.loss > 0
 
 
-def test_a_folder_without_a_run_cant_be_opened(tmp_path):
-    with pytest.raises(RunError, match="is no run folder"):
-        swim2real.open_run(tmp_path)
-
-
 def test_swims_are_simulated():
     (swim,) = swim2real.simulate(FISH.space.published, FISH, [1.5], seconds=0.1, from_rest=True, threads=1)
     assert swim.track.frame_count == 7
-
-
-@pytest.mark.parametrize(
-    ("frequencies", "options", "says"),
-    [([], {}, "at least one frequency"), ([1.0, -1.0], {}, "frequency is -1"), ([1.0], {"rate": 0.0}, "rate is 0")],
-)
-def test_swims_that_cant_be_are_refused(frequencies, options, says):
-    with pytest.raises(ArgumentError, match=says):
-        swim2real.simulate(FISH.space.published, FISH, frequencies, **options)

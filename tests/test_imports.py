@@ -28,19 +28,17 @@ def test_the_package_and_its_command_line_bring_nothing_heavy(statement):
 
 
 @pytest.mark.slow
-def test_trials_need_no_physics_engine():
-    assert "mujoco" not in loaded_by("import swim2real.trials, swim2real.objective, swim2real.optimizers")
-
-
-@pytest.mark.slow
-def test_videos_and_tracking_need_no_physics_engine():
-    assert "mujoco" not in loaded_by("import swim2real.video, swim2real.tracking.detection, swim2real.tracking.tracker")
-
-
-@pytest.mark.slow
-def test_only_tracking_needs_opencv():
-    rest = "report, rl, viewing, rendering, video, tracking"  # the package; its trackers are modules of it
-    assert "cv2" not in loaded_by(f"from swim2real import {rest}")
+@pytest.mark.parametrize(
+    ("modules", "library"),
+    [
+        ("swim2real.trials, swim2real.objective, swim2real.optimizers", "mujoco"),
+        ("swim2real.video, swim2real.tracking.detection, swim2real.tracking.tracker", "mujoco"),
+        # the package; its trackers are modules of it
+        ("swim2real.report, swim2real.rl, swim2real.viewing, swim2real.rendering, swim2real.tracking", "cv2"),
+    ],
+)
+def test_rooms_without_a_camera_or_an_engine_need_none(modules, library):
+    assert library not in loaded_by(f"import {modules}")
 
 
 @pytest.mark.slow

@@ -27,7 +27,6 @@ from swim2real.report import write_report
 from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import Sensor, Trials
 from swim2real.settings import CalibrationSettings, IdentifiabilitySettings
-from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.start import Reading, Stretch, sensed_start
 from swim2real.trials import MarkerTrack, TrialSet
 
@@ -102,12 +101,6 @@ def test_what_a_check_says(reference):
         ArgumentError, match="robot 'pendulum' has no markers, so there is nothing to track; its trials"
     ):
         ROBOT.check_markers("track")
-
-
-def test_pieces_of_encoders(reference):
-    player = PlaybackSimulator(ROBOT, 1)
-    found = player.simulate(PENDULUM_HIDDEN, [player.request(reference["a"], pieces=0.5)])["a"]
-    assert np.abs(found.sensors.values[:, 0] - reference["a"].sensors.column("encoder")).max() < 3e-3
 
 
 @pytest.mark.slow

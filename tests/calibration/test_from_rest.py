@@ -54,13 +54,6 @@ def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, refere
     assert again["from_rest"] == outcome["from_rest"]
 
 
-def test_the_papers_protocol_is_tried_at_its_nominal_frequencies(reference, tmp_path):
-    nominal = TrialSet(tuple(replace(t, nominal_frequency=2.0 + i) for i, t in enumerate(reference)))
-    problem = Problem(small_run.ROBOT, nominal, "paper", threads=2)
-    outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN).to_json()
-    assert [one["frequency"] for one in outcome["from_rest"].values()] == [2.0, 3.0]
-
-
 def test_a_swim_that_diverges_from_rest_is_told(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # the engine writes a log
 

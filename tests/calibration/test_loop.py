@@ -24,10 +24,6 @@ both = pytest.mark.parametrize("method", METHODS)
 refusal = partial(refused.refusal, RunError)
 
 
-class LeftEarlyError(Exception):
-    """What a test throws to leave a run early."""
-
-
 def record(run: Path) -> list[dict]:
     return record_of(run)
 
@@ -85,24 +81,6 @@ def test_the_best_evaluation_is_a_parameters_file(uninterrupted, problem, method
     assert problem.simulator.engine.difference(found.physics) is None
     written = json.loads((uninterrupted[method] / "best.json").read_text())
     assert (written["loss"], written["evaluation"]) == (best["loss"], best["index"])
-
-
-@pytest.mark.slow
-@both
-@pytest.mark.parametrize("stop", [1, 4])
-def test_a_run_that_was_left_early_ends_as_if_it_hadnt_been(go, tmp_path, uninterrupted, method, stop):
-    def leave(progress):
-        if progress.done == stop:
-            raise LeftEarlyError
-
-    with pytest.raises(LeftEarlyError):
-        go(method, on_progress=leave)
-    assert len(record(tmp_path / "run")) == stop
-    seen = []
-    go(method, on_progress=seen.append)
-    assert [progress.replayed for progress in seen] == [True] * stop + [False] * (BUDGET - stop)
-    assert without_seconds(tmp_path / "run") == without_seconds(uninterrupted[method])
-    assert (tmp_path / "run" / "best.json").read_bytes() == (uninterrupted[method] / "best.json").read_bytes()
 
 
 @pytest.mark.parametrize("cut", [1, 40, 4000])

@@ -38,12 +38,6 @@ def test_the_hidden_values_have_hardly_any_loss(problem):
     assert problem.evaluate(ROBOT.space.published).loss > 2 * comparison.loss
 
 
-def test_hidden_phases_are_found(problem):
-    for trial in problem.evaluate(small_run.HIDDEN).trials:
-        hidden = 1.0 + small_run.FREQUENCIES[trial.name]
-        assert np.angle(np.exp(1j * (trial.beat.phase - hidden))) == pytest.approx(0.0, abs=0.03)
-
-
 def test_batched_and_single_evaluations_are_the_same(problem):
     candidates = [small_run.HIDDEN, ROBOT.space.published]
     for values, many in zip(candidates, problem.evaluate_many(candidates), strict=True):

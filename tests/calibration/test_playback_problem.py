@@ -14,6 +14,7 @@ from recorded import (
     pendulum_reference,
     telling,
 )
+from refused import refusal, says
 from run_settings import run_settings, settings_of
 from swim2real.calibration import (
     Problem,
@@ -26,13 +27,10 @@ from swim2real.calibration import (
 )
 from swim2real.calibration.saved_trials import save_trials
 from swim2real.errors import ArgumentError, RunError, TrialError
-from swim2real.identification.ensemble import make_ensemble
 from swim2real.identification.finished_run import reopen
-from swim2real.identification.identifiability import identify
 from swim2real.optimizers import RandomSearch, streams
 from swim2real.robots.drives import Drive
 from swim2real.robots.fish import FISH
-from swim2real.settings import EnsembleSettings, IdentifiabilitySettings
 from swim2real.trials import MarkerTrack, Signals, TrialSet
 from swimmers import Swimmer, trial_set
 
@@ -60,37 +58,24 @@ def test_the_robot_decides_what_problem_it_is(problem):
     assert (problem.protocol.name, problem.horizon) == ("playback", 4.0)
     assert Problem(FISH, trial_set(Swimmer().track()), threads=1).protocol.name == "motion"
     assert [protocol_for(FISH, "paper").name, protocol_for(PENDULUM, "playback").name] == ["paper", "playback"]
-    with pytest.raises(ArgumentError) as caught:
-        protocol_for(PENDULUM, "paper")
-    assert str(caught.value) == (
-        "protocol is 'paper'; the trials of robot 'pendulum' are recordings, which are compared by protocol playback"
-    )
-    with pytest.raises(
-        ArgumentError, match="are steady swims, which are compared by protocol motion or aligned or paper"
-    ):
-        protocol_for(FISH, "playback")
+    said = refusal(ArgumentError, protocol_for, PENDULUM, "paper")
+    assert says(said, "protocol is 'paper'", "robot 'pendulum' are recordings", "protocol playback")
+    said = refusal(ArgumentError, protocol_for, FISH, "playback")
+    assert says(said, "steady swims", "protocol motion or aligned or paper")
 
 
 def test_a_reference_that_isnt_the_robots_is_refused(pendulum):
-    def refusal(reference):
-        with pytest.raises(TrialError) as caught:
-            Problem(PENDULUM, reference, threads=1)
-        return str(caught.value)
+    def posed(*trials, names=pendulum.marker_names):
+        return refusal(TrialError, Problem, PENDULUM, TrialSet(trials, names), threads=1)
 
-    assert refusal(TrialSet(pendulum.trials, ("pivot", "end", "middle"))) == (
-        "the reference has the markers pivot, end, middle; robot 'pendulum' has pivot, middle, end; name them alike, "
-        "in the same order"
-    )
-    deaf = replace(pendulum["b"], sensors=None)
-    assert refusal(TrialSet((pendulum["a"], deaf), pendulum.marker_names)) == (
-        "trial 'b' has no sensors; add a table with a column 'gyro[1]', which is to be compared"
-    )
-    other = replace(deaf, sensors=Signals([3.0], ["gyro[0]"], [[0.0]]))
-    assert refusal(TrialSet((other,), pendulum.marker_names)) == (
-        "trial 'b': sensor 'gyro[1]' can't be compared: there is no column 'gyro[1]'; there are gyro[0]"
-    )
-    still = replace(pendulum["b"], controls=None)
-    assert refusal(TrialSet((still,), pendulum.marker_names)).startswith("trial 'b' has no controls; actuator 'torque'")
+    said = posed(*pendulum.trials, names=("pivot", "end", "middle"))
+    assert says(said, "pivot, end, middle", "'pendulum' has pivot, middle, end", "in the same order")
+    one, other = pendulum.trials
+    deaf = replace(other, sensors=None)
+    assert says(posed(one, deaf), "trial 'b' has no sensors", "a column 'gyro[1]'")
+    said = posed(replace(deaf, sensors=Signals([3.0], ["gyro[0]"], [[0.0]])))
+    assert says(said, "trial 'b': sensor 'gyro[1]' can't be compared", "no column 'gyro[1]'; there are gyro[0]")
+    assert says(posed(replace(other, controls=None)), "trial 'b' has no controls; actuator 'torque'")
 
 
 def test_what_the_controls_dont_reach_is_told(pendulum):
@@ -117,21 +102,6 @@ def test_the_hidden_values_leave_the_noise(problem, floater):
         comparison = one.evaluate(hidden)
         assert comparison.loss < 2e-3
         assert one.evaluate(one.robot.space.published).loss > 1.5 * comparison.loss
-
-
-def test_only_the_horizon_is_simulated_and_compared(pendulum):
-    short = Problem(PENDULUM, pendulum, horizon=0.5, threads=1)
-    assert [one.request.trial.track.duration for one in short.prepared] == pytest.approx([0.5, 0.5], abs=0.01)
-    trial = short.evaluate(PENDULUM_HIDDEN).trials[0]
-    assert len(trial.times) == 31
-    assert trial.sensors[0].times[-1] <= trial.times[-1] + 1e-9
-
-
-def test_blocks_are_the_residuals_parts(problem, floater):
-    for one in (problem, floater):
-        vector = one.evaluate(one.robot.space.published).residual_vector()
-        assert sum(rows * columns for rows, columns in one.blocks()) == len(vector)
-    assert len(problem.blocks()) == 4  # markers and a sensor, twice
 
 
 def test_lost_markers_are_told_and_dont_count(pendulum):
@@ -208,20 +178,6 @@ def test_a_diverged_recording_is_kept_as_such(problem, tmp_path):
     pair = load_trials(RunFolder(tmp_path))[0]
     assert pair.compared.divergence == comparison.trials[0].divergence
     assert np.isnan(pair.compared.path_simulated).all()
-
-
-@pytest.mark.slow
-def test_a_run_is_reopened_and_studied(runs, problem, pendulum):
-    run = reopen(runs["pendulum"].path, pendulum, PENDULUM, 2)
-    assert run.best["index"] == 0
-    found = identify(run, IdentifiabilitySettings(steps=0, polish=1))
-    assert found["complete"]
-    assert found["protocol"] == "playback"
-    assert {name: one["verdict"] for name, one in found["profiles"].items()}["shoulder_damping"] == "identified"
-    errors = {name: one["cube"] for name, one in found["local"]["standard_errors"].items()}
-    assert all(error is not None and error < 0.1 for error in errors.values())
-    made = make_ensemble([run], EnsembleSettings(within=1.5, count=4, evaluations=16))
-    assert made["members"][0]["loss"] <= run.best["loss"]
 
 
 def test_a_change_of_the_controls_is_another_reference(runs, pendulum):

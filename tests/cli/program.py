@@ -3,8 +3,11 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -64,3 +67,50 @@ def process(*words: object, **options) -> subprocess.Popen:
         env={**os.environ, "PYTHONPATH": str(Path(swim2real.__file__).parents[1]), "PYTHONIOENCODING": "utf-8"},
         **options,
     )  # fmt: skip
+
+
+def until(condition: Callable[[], object], started: subprocess.Popen) -> None:
+    """Waits until something is there that a process makes."""
+    deadline = time.monotonic() + 120
+    while not condition():
+        assert started.poll() is None, started.communicate()[1]
+        assert time.monotonic() < deadline, "it doesn't get on"
+        time.sleep(0.01)
+
+
+def alive(pid: int) -> bool:
+    try:
+        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
+
+
+def interrupted(words: list[object], begun: Callable[[], object], workers: int = 0) -> list[str]:
+    """Lines of the errors of a command that gets Ctrl-C as from a terminal; nobody works on for it.
+
+    Args:
+        words: Of the command.
+        begun: Whether it is under way.
+        workers: How many processes at least must work for it.
+    """
+    started = process(*words, start_new_session=True)
+    try:
+        until(begun, started)
+        threads = Path(f"/proc/{started.pid}/task").glob("*/children")
+        children = [int(child) for path in threads for child in path.read_text().split()]
+        os.killpg(started.pid, signal.SIGINT)
+        out, err = started.communicate(timeout=60)
+    finally:
+        started.kill()
+        started.wait()
+    assert (started.returncode, out) == (1, ""), err
+    assert "Traceback" not in err
+    assert len(children) >= workers or not Path("/proc/self/task").exists()
+    deadline = time.monotonic() + 30  # a busy machine takes a moment to bury them
+    while any(alive(pid) for pid in children):
+        assert time.monotonic() < deadline, "processes work on"
+        time.sleep(0.05)
+    return err.splitlines()
+
+
+CTRL_C = pytest.mark.skipif(sys.platform == "win32", reason="no Ctrl-C to send")

@@ -4,15 +4,13 @@ import json
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from program import process
+from program import CTRL_C, interrupted, process
 
 import swim2real
 from pools import NAMES
@@ -309,35 +307,20 @@ def test_report_writes_the_page_again(program, run):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not hasattr(signal, "SIGINT") or sys.platform == "win32", reason="no Ctrl-C to send")
+@CTRL_C
 def test_an_interrupted_run_is_usable_and_goes_on(program, calibration, tmp_path):
     run = tmp_path / "run"
-    started = process(*calibration, "--out", run, "--budget", 500, "--method", "random")
-    try:
-        deadline = time.monotonic() + 60
-        while len(record(run)) < 2:
-            assert started.poll() is None, started.communicate()[1]
-            assert time.monotonic() < deadline, "the run doesn't get on"
-            time.sleep(0.01)
-        started.send_signal(signal.SIGINT)
-        out, err = started.communicate(timeout=60)
-    finally:
-        started.kill()
-        started.wait()
-    assert (started.returncode, out) == (1, "")
-    *lines, last = err.splitlines()
+    words = [*calibration, "--out", run, "--method", "random"]
+    *lines, last = interrupted([*words, "--budget", 500], lambda: len(record(run)) >= 2)
     assert last == f"swim2real: interrupted; '{run}' is usable as it is, --resume goes on with it"
     assert all(re.match(r" +\d+/500 ", line) for line in lines)
-    done = len(record(run))
     losses = [entry["loss"] for entry in record(run)]
     evaluated = program("evaluate", run, "--reference", calibration[1], "--json").done().json
     assert evaluated["loss"] == pytest.approx(min(losses), rel=1e-6)
-    words = ("--budget", done + 2, "--method", "random", "--resume", "--quiet")
-    program(*calibration, "--out", run, *words).done()
-    assert [entry["loss"] for entry in record(run)][:done] == losses
-    assert len(record(run)) == done + 2
-    best = min(entry["loss"] for entry in record(run))
-    assert json.loads((run / "best.json").read_text())["loss"] == best
+    program(*words, "--budget", len(losses) + 2, "--resume", "--quiet").done()
+    after = [entry["loss"] for entry in record(run)]
+    assert (after[: len(losses)], len(after)) == (losses, len(losses) + 2)
+    assert json.loads((run / "best.json").read_text())["loss"] == min(after)
     assert (run / "report.html").is_file()
 
 

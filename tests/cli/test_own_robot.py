@@ -1,6 +1,7 @@
-"""A robot file and its recordings, from `calibrate` on."""
+"""A robot file of one's own: calibrated, studied, tracked, exported, moved elsewhere, and what is suggested."""
 
 import json
+import shlex
 import shutil
 from pathlib import Path
 
@@ -10,10 +11,18 @@ import numpy as np
 import pytest
 from program import process
 
-from run_settings import record_of
+from run_settings import record_of, run_settings
+from small_models import PENDULUM
 from swim2real.calibration import RunFolder
 from swim2real.calibration.convergence import still_falling
 from swim2real.calibration.file_models import RecordedEvaluation
+from swim2real.cli.options import word
+from swim2real.errors import RunError
+from swim2real.parameters import write_parameters
+from swim2real.rl.training_run import TrainingRun
+from swim2real.robots import load_robot
+from swim2real.robots.fish import FISH
+from swim2real.simulation import Engine
 from swim2real.tracking.camera_file import CameraFile, Length, write_camera
 from swim2real.trials import load_reference
 from swim2real.video import VideoWriter
@@ -62,19 +71,6 @@ def test_identify_leaves_values_that_other_commands_take(program, calibrated, tm
     assert model.joint("elbow").damping[0] == pytest.approx(values["parameters"]["elbow_damping"], rel=1e-5)
 
 
-@pytest.mark.slow
-def test_a_parameters_file_that_has_left_its_robot_file_is_named_with_what_to_do(program, calibrated, tmp_path):
-    run, _ = calibrated
-    copy = Path(shutil.copy(run / "best.json", tmp_path))
-    assert program("export-model", copy, "--out", tmp_path / "model.xml").sentence(2) == (
-        f"parameters file '{copy}': its robot file '../pendulum.toml', looked up from the folder of the parameters "
-        f"file, is not there; give its place with --robot, or as the parameters file's 'robot_file'"
-    )
-    content = {**json.loads(copy.read_text()), "robot_file": str(run.parent / "pendulum.toml")}
-    copy.write_text(json.dumps(content))
-    program("export-model", copy, "--out", tmp_path / "model.xml").done()
-
-
 def test_tracking_and_its_check_take_a_robot_file_that_calibrate_refuses(program, pendulum_folder, clip, tmp_path):
     shutil.copytree(pendulum_folder, tmp_path, dirs_exist_ok=True)
     robot, tracks = tmp_path / "pendulum.toml", tmp_path / "tracks"
@@ -113,3 +109,153 @@ def test_a_film_of_tags_becomes_a_trial_without_a_click(program, pendulum_folder
     np.testing.assert_allclose(pixels[5], corners[[2, 0, 1]] + 17 + [15, 5], atol=0.3)  # 2, 4, 9
     program(*command[:6], "--tags", "APRILTAG_16h5", *command[8:])
     assert "the first frame shows 0 tags of APRILTAG_16h5 (none); there must be 3" in program.err
+
+
+@pytest.fixture
+def moved(pendulum_folder, tmp_path):
+    """What is there of a run whose robot file isn't where it says, the folder of that file, and the reference."""
+    elsewhere, run = tmp_path / "elsewhere", tmp_path / "run"
+    elsewhere.mkdir()
+    run.mkdir()
+    for name in ("pendulum.toml", "pendulum.xml"):
+        shutil.copy(pendulum_folder / name, elsewhere)
+    other = (elsewhere / "pendulum.toml").read_text().replace('"pendulum"', '"other"', 1)
+    (elsewhere / "other.toml").write_text(other)
+    robot = load_robot(elsewhere / "pendulum.toml")
+    gone, engine = tmp_path / "pendulum.toml", Engine.of(robot)
+    write_parameters(run / "best.json", robot.name, robot.space.published, engine.name, engine.as_dict(), gone)
+    RunFolder(run).begin(run_settings(robot=robot.name, robot_file="../pendulum.toml"))
+    return run, elsewhere, pendulum_folder / "tracks"
+
+
+@pytest.mark.parametrize("command", ["evaluate", "export-model"])
+def test_a_robot_file_that_has_moved_is_given(program, moved, tmp_path, command):
+    run, elsewhere, tracks = moved
+    more = {"evaluate": ("--reference", tracks, "--horizon", 0.2), "export-model": ("--out", tmp_path / "m.xml")}
+    words = (command, run, *more[command])
+    told = program(*words)
+    assert told.code in (1, 2)
+    assert "is not there; give its place with --robot" in told.err
+    program(*words, "--robot", elsewhere / "pendulum.toml").done()
+    assert program(*words, "--robot", elsewhere / "other.toml").code in (1, 2)
+    assert "not 'other'; give" in program.err
+    if command == "evaluate":
+        program(command, "published", *words[2:], "--robot", elsewhere / "pendulum.toml", "--json").done()
+        assert 0 < program.json["loss"] < 0.1
+
+
+def test_a_policy_takes_its_robot_from_where_it_is_now(moved, tmp_path):
+    _, elsewhere, _ = moved
+    settings = {
+        "kind": "training", "task": "forward", "robot": "pendulum", "robot_file": "gone.toml", "seed": 0,
+        "env_steps": 1, "exploration": 1, "parameters": [{}], "disturbances": {},
+    }  # fmt: skip
+    (tmp_path / "settings.json").write_text(json.dumps(settings))
+    with pytest.raises(RunError, match="is not there; give its place with --robot"):
+        _ = TrainingRun.open(tmp_path).robot
+    assert TrainingRun.open(tmp_path, robot=str(elsewhere / "pendulum.toml")).robot.name == "pendulum"
+    with pytest.raises(RunError, match="is of robot 'pendulum', not 'other'"):
+        _ = TrainingRun.open(tmp_path, robot=str(elsewhere / "other.toml")).robot
+
+
+ARM = """
+<mujoco><compiler meshdir="parts"/><asset><mesh name="m" file="m.obj"/></asset>
+<worldbody><body name="b"><joint name="j" axis="0 1 0" damping="0.1"/><geom type="mesh" mesh="m"/><site name="s"/>
+</body></worldbody></mujoco>"""
+MESH = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+FILE = """
+format = 1
+name = "arm"
+description = "An arm."
+model = "arm.xml"
+markers = ["s"]
+[recordings]
+[[parameters]]
+name = "damping"
+lower = 0.01
+upper = 1.0
+meaning = "Of the joint."
+targets = 'joint "j" damping'
+"""
+
+
+@pytest.mark.usefixtures("repeatable_swims")
+def test_the_published_fish_moves_alike(program, tmp_path):
+    out = tmp_path / "fish.xml"
+    said = program("export-model", "published", "--out", out)
+    assert said.code == 0
+    assert "fish.xml: robot 'fish', numbers read back within" in said.out
+    model, own = mujoco.MjModel.from_xml_path(str(out)), FISH.build(FISH.space.published).compile()
+    ends = []
+    for one in (model, own):
+        data = mujoco.MjData(one)
+        data.ctrl[:] = 6.0
+        mujoco.mj_step(one, data, 500)
+        ends.append(data.sensordata.copy())
+    np.testing.assert_allclose(*ends, atol=1e-4)  # m, half a second
+
+
+def test_a_robot_files_meshes_are_found_from_anywhere(program, tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "m.obj").write_text(MESH)
+    (tmp_path / "arm.xml").write_text(ARM)
+    (tmp_path / "arm.toml").write_text(FILE)
+    robot = load_robot(tmp_path / "arm.toml")
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    content = {"format": 1, "robot": "arm", "robot_file": "../arm.toml", "parameters": {"damping": 0.25}}
+    (folder / "best.json").write_text(json.dumps(content))
+    assert program("export-model", folder, "--out", folder / "out.xml").code == 0
+    model = mujoco.MjModel.from_xml_path(str(folder / "out.xml"))
+    assert model.joint("j").damping[0] == pytest.approx(0.25)
+    assert model.nmesh == robot.build({"damping": 0.25}).compile().nmesh == 1
+
+
+URDF = """
+<robot name="arm">
+  <link name="base"><inertial><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="upper"><inertial><origin xyz="0 0 -0.1"/><mass value="0.5"/>
+    <inertia ixx="0.002" iyy="0.002" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="5" velocity="3"/><dynamics damping="0.05"/></joint>
+</robot>
+"""
+
+
+def test_a_suggested_command_quotes_a_path_and_a_draft_has_no_name_of_a_built_in_robot(program, tmp_path):
+    model = tmp_path / "a fish.xml"
+    model.write_text(PENDULUM.replace('<mujoco model="pendulum"', '<mujoco model="fish"'))
+    told = program("init", model).done().out
+    assert shlex.split(told.partition("then: ")[2]) == ["swim2real", "check", str(model.with_suffix(".toml"))]
+    assert 'name = "my-fish"' in model.with_suffix(".toml").read_text()
+    assert word("a b") == "'a b'"
+
+
+@pytest.mark.slow
+def test_a_urdf_becomes_a_model_to_which_markers_are_added(program, tmp_path):
+    urdf = tmp_path / "an arm.urdf"
+    urdf.write_text(URDF)
+    told = program("init", urdf).done().out
+    out = urdf.with_suffix(".xml")
+    assert "the bodies upper and the joints shoulder" in told
+    assert '<site name="M0" pos="0 0 0"/>' in told
+    assert shlex.split(told.partition("Then: ")[2]) == ["swim2real", "init", str(out)]
+    assert f"'{out}' is there; --force writes" in program("init", urdf).sentence(2)
+    out.write_text(out.read_text().replace("</body>", '<site name="M0" pos="0 0 -0.2"/></body>', 1))
+    program("init", out).done()
+    assert "shoulder_damping" in out.with_suffix(".toml").read_text()
+
+
+def test_a_robot_with_the_name_of_a_built_in_one_is_told_of(program, caplog, pendulum_folder, tmp_path, monkeypatch):
+    robot = tmp_path / "fish.toml"
+    robot.write_text((pendulum_folder / "pendulum.toml").read_text().replace('name = "pendulum"', 'name = "fish"', 1))
+    shutil.copy(pendulum_folder / "pendulum.xml", tmp_path)
+    program("quality", pendulum_folder / "tracks", "--robot", robot).done()
+    (told,) = (record.getMessage() for record in caplog.records)
+    assert f"robot file '{robot}' has the name 'fish' of the robot that comes with swim2real" in told
+    assert "give it another 'name'" in told
+    caplog.clear()
+    monkeypatch.chdir(tmp_path)
+    program("quality", pendulum_folder / "tracks", "--robot", "fish")
+    assert "for your file say 'fish.toml'" in caplog.records[0].getMessage()

@@ -81,6 +81,7 @@ REFUSALS = [
     ("quality gone", 1, "reference 'gone' is not there"),
     ("quality empty", 1, "holds neither reference.json nor any .csv"),
     ("quality films/a.mp4", 1, "'films/a.mp4' is a film, not tracks"),
+    ("quality {POOL} --allow-lost 5", 2, "--allow-lost is 5", "within 0 and 1"),
     ("cut {TRACKS} --to {TRACKS} --from 1", 2, "is the reference itself"),
     ("cut {TRACKS} --to new --from 60", 1, "trial 'a' ends at"),
     ("report", 2, "no run was given", "give the folder of a run"),

@@ -1,4 +1,4 @@
-"""`identify` and `ensemble`, on a run of the fish."""
+"""`identify` and `ensemble` on a run of the fish, `calibrate --seeds`, and `report` of several runs."""
 
 import json
 import signal
@@ -7,6 +7,8 @@ import time
 import pytest
 from program import process
 
+from run_settings import record_of
+from swim2real.calibration import RunFolder
 from swim2real.identification.ensemble import read_ensemble
 from swim2real.robots.fish import FISH
 
@@ -56,3 +58,51 @@ def test_ctrl_c_leaves_a_study_that_goes_on(run_folder, pool_folder):
     again.send_signal(signal.SIGINT)
     again.communicate(timeout=60)
     assert not any("improving the fit" in line for line in stages)
+
+
+def words(folder, out, *more):
+    return ["calibrate", folder / "tracks", "--robot", folder / "pendulum.toml", "--out", out, "--budget", 2,
+            "--horizon", 0.3, "--method", "random", "--first", "random", *more]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_best_of_several_seeds_is_copied_and_goes_on(program, pendulum_folder, tmp_path):
+    out = tmp_path / "run"
+    program(*words(pendulum_folder, out, "--seeds", "3:5")).done()
+    runs = [RunFolder(tmp_path / f"run-seed-{seed}") for seed in (3, 4)]
+    losses = [min(entry["loss"] for entry in record_of(run)) for run in runs]
+    best = runs[losses.index(min(losses))]
+    assert RunFolder(out).settings() == best.settings()
+    assert f"the best is a copy of '{best.path}'" in program.err
+    assert f"seed 3: {1e3 * losses[0]:.2f} mm in '{runs[0].path}'" in program.err
+    assert (out / "report.html").is_file()
+    assert (
+        program(*words(pendulum_folder, out, "--seeds", "0:2")).sentence(1).startswith(f"'{out}' holds a run already")
+    )
+    program(*words(pendulum_folder, out, "--seeds", "3:6", "--resume", "--quiet")).done()
+    assert RunFolder(tmp_path / "run-seed-5").outcome() is not None
+    reference = json.loads((out / "settings.json").read_text())["reference"]
+    assert (out / reference / "reference.json").is_file()  # found from where the copy lies
+
+
+@pytest.mark.slow
+def test_the_page_of_two_runs_is_written_here_and_said(program, pendulum_folder, tmp_path, monkeypatch) -> None:
+    runs = [tmp_path / name for name in ("one", "two")]
+    for seed, run in enumerate(runs):
+        program(
+            "calibrate", pendulum_folder / "tracks", "--robot", pendulum_folder / "pendulum.toml", "--out", run,
+            "--method", "random", "--budget", 2, "--seed", seed, "--horizon", 0.5,
+        ).done()  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    program("report", *runs).done()
+    assert program.out.strip() == "runs.html"
+    assert "2 runs side by side" in (tmp_path / "runs.html").read_text(encoding="utf-8")
+    program("report", *runs, "--out", tmp_path / "both.html").done()
+    assert program.out.strip() == str(tmp_path / "both.html")
+    (tmp_path / "comparison").mkdir()
+    (tmp_path / "comparison" / "plan.json").write_text("{}")
+    assert (
+        program("report", runs[0], tmp_path / "comparison")
+        .sentence(2)
+        .startswith(f"'{tmp_path / 'comparison'}' is a comparison; ")
+    )

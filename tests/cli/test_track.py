@@ -1,17 +1,13 @@
 """Videos in, a reference folder out, as the program does it: `track`, and `pick` and `import-tracks` around it."""
 
 import json
-import os
 import re
-import signal
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
-from program import process
+from program import CTRL_C, interrupted
 
 from films import Shot, contents, named, parts, tables
 from swim2real.robots.fish import FISH
@@ -178,41 +174,24 @@ def test_a_bad_video_leaves_the_others_alone_and_leaves_with_1(program, clip, tm
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="no Ctrl-C to send")
+@CTRL_C
 def test_an_interruption_leaves_no_half_files_and_the_same_command_goes_on(program, shot, clip, tmp_path):
     one, other = named(shot, tmp_path, "one"), named(shot, tmp_path, "other")
     to = tmp_path / "reference"
     program(*words(clip, to=to)).done()
     command = [*words(one, other, to=to), "--workers", 2]
-    started = process(*command, start_new_session=True)
-    try:
-        deadline = time.monotonic() + 60
-        while len(parts(to)) < 2:
-            assert started.poll() is None, started.communicate()[1]
-            assert time.monotonic() < deadline, "the videos aren't begun"
-            time.sleep(0.01)
-        os.killpg(started.pid, signal.SIGINT)  # as a terminal does
-        out, err = started.communicate(timeout=60)
-    finally:
-        started.kill()
-        started.wait()
-    assert (started.returncode, out) == (1, "")
-    *lines, last = err.splitlines()
+    *lines, last = interrupted(command, lambda: len(parts(to)) >= 2, workers=2)
     assert last == "swim2real: interrupted; the same command goes on with the videos that aren't done"
     assert all(re.match(r"(one|other): (frame \d+ of 37, 0 markers lost|37 frames in )", line) for line in lines)
     assert parts(to) == []
-    before = load_reference(to).names
-    assert set(before) < {"f1_25", "one", "other"}
+    assert set(load_reference(to).names) < {"f1_25", "one", "other"}
     program(*command[:-1], 1).done()
     assert set(load_reference(to).names) == {"f1_25", "one", "other"}
     assert parts(to) == []
     assert tables(to)["one.csv"] == tables(to)["other.csv"]
 
 
-# bad input
-
-
-# pick and import-tracks
+# pick, import-tracks and the chessboard
 
 
 def test_pick_writes_a_page_and_says_what_to_do(program, clip, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from lab import Lab, Take
 
 from swim2real.errors import ArgumentError, TrackingError, TrialError
-from swim2real.pipeline import track_video, track_videos
+from swim2real.pipeline import track_video
 from swim2real.rendering.pool import PoolCamera
 from swim2real.robots import load_robot
 from swim2real.settings import TrackingSettings
@@ -16,7 +16,6 @@ from swim2real.trials import Signals, load_reference
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FINGER = load_robot(EXAMPLES / "finger" / "finger.toml")
-SNAKE = load_robot(EXAMPLES / "snake" / "snake.toml")
 CAMERA = PoolCamera(
     width=480, height=400, fps=30.0, view=0.32, camera_height=1.5, center=(0.035, -0.05), marker_radius=0.004,
     water_color=(150, 158, 150), caustics=0.0,
@@ -56,26 +55,6 @@ def test_it_holds_its_first_command_until_the_recording_begins():
     assert trial.track.times[0] == 0.0
     assert trial.sensors is not None
     assert trial.sensors.column("pull")[-1] > trial.sensors.column("pull")[0] > 0
-
-
-def test_lag_noise_and_heading_are_what_they_are_called():
-    straight, late = (lab(lag=lag).move([pull()], 100.0)[0].track.positions for lag in (0.0, 0.02))
-    moving = slice(14, 30)
-    assert np.all(late[moving, -1, 1] > straight[moving, -1, 1])  # it bends down, later
-    reading, noisy = (
-        trial.sensors.column("pull")
-        for trial in (lab(sensor_noise=noise).record([pull()])["pull"] for noise in ({}, {"pull": 0.5}))
-    )
-    assert np.std(noisy - reading) == pytest.approx(0.5, rel=0.5)
-    swim = [Take("f1_00", 0.2, frequency=1.0)]
-    ahead, aside = (lab(SNAKE, heading=angle).move(swim, 50.0)[0].track.positions for angle in (0.0, np.pi / 2))
-    np.testing.assert_allclose(aside, np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1), atol=1e-12)
-
-
-def test_the_same_seed_records_the_same():
-    first, again, other = (lab(seed=seed).record([pull()])["pull"].track.positions for seed in (0, 0, 1))
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
 
 
 def test_a_camera_without_a_center_and_a_robot_that_is_torn_apart_are_refused(tmp_path):
@@ -127,11 +106,3 @@ def test_markers_of_a_robot_that_bends_anyhow_are_picked(films, tmp_path):
         "the markers of robot 'finger' can't be found by themselves: that takes a straight swimmer, and its trials are "
         "recordings; pick the points with `swim2real pick`"
     )
-
-
-def test_tables_are_one_for_each_video(films, tmp_path):
-    with pytest.raises(ArgumentError, match="2 controls for 1 videos; give as many as videos"):
-        track_videos(
-            [films / "pull.mp4"], ["auto"], FINGER, TrackingSettings(), tmp_path,
-            controls=[films / "pull.controls.csv"] * 2,
-        )  # fmt: skip

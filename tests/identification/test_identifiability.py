@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 import toy
 
+from refused import refusal, says
 from swim2real.errors import RunError
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.gauss_newton import EvaluatedPoint, Evaluator, jacobian, refit
-from swim2real.identification.identifiability import IDENTIFIABILITY, IDENTIFIED, identify, most_evaluations, read_study
+from swim2real.identification.identifiability import IDENTIFIABILITY, IDENTIFIED, identify
 from swim2real.identification.neighborhood import autocorrelation, neighborhood
 from swim2real.identification.profile import ProfilePoint, profile, summarize
 from swim2real.parameters import read_parameters
@@ -97,13 +98,6 @@ def test_the_neighborhood_names_the_sloppy_pair_and_its_errors(studied):
     assert found["directions"][-1]["slope"] > 1e-2
 
 
-def test_the_cost_is_counted_and_bounded(studied):
-    found, told, folder = studied
-    assert told[-1].evaluations == found["evaluations"] <= most_evaluations(SETTINGS, 4) == told[0].most
-    assert [p.finished["name"] for p in told if p.finished] == list(NAMES)
-    assert read_study(folder / IDENTIFIABILITY) == found
-
-
 def test_the_lowest_point_is_a_parameters_file(studied):
     found, _, folder = studied
     kept = read_parameters(folder / IDENTIFIED, "toy", toy.SPACE)
@@ -114,34 +108,6 @@ def test_the_lowest_point_is_a_parameters_file(studied):
     assert best.pop("evaluation") >= 0
     assert written == {**best, "parameters": kept.values, "loss": lowest["loss"]}
     assert written["loss"] < best["loss"]
-
-
-@pytest.mark.slow
-def test_an_interrupted_study_goes_on_and_ends_the_same(run, run_path, reference, tmp_path):
-    shutil.copytree(run_path, tmp_path / "whole")
-    whole = identify(reopen(tmp_path / "whole", reference, toy.ROBOT, 2), QUICK)
-
-    def stop(progress):
-        if progress.finished and progress.finished["name"] == "damping_a":
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        identify(run, QUICK, on_progress=stop)
-    kept = read_study(run.folder.path / IDENTIFIABILITY)
-    assert list(kept["profiles"]) == ["mass", "damping_a"]
-    assert not kept["complete"]
-    part = json.loads((run.folder.path / IDENTIFIED).read_text())
-    assert part["loss"] == min(kept["fit"]["loss"], kept["lowest"]["loss"])
-    stages = []
-    found = identify(run, QUICK, on_progress=lambda p: stages.append(p.stage))
-    assert not {"improving the fit", "mass", "damping_a"} & set(stages)
-    for key in ("fit", "local", "profiles", "lowest"):
-        assert found[key] == whole[key]
-    ended = (run.folder.path / IDENTIFIED).read_bytes()
-    assert ended == (tmp_path / "whole" / IDENTIFIED).read_bytes()
-    (run.folder.path / IDENTIFIED).unlink()  # as after a study by an earlier version
-    identify(run, QUICK)
-    assert (run.folder.path / IDENTIFIED).read_bytes() == ended
 
 
 @pytest.mark.slow
@@ -170,26 +136,12 @@ def test_a_study_that_is_cut_anywhere_is_the_same_file(run_path, reference, tmp_
     assert cut == whole
 
 
-def test_a_finished_study_is_read_and_not_made_again(studied, reference):
-    told = []
-    again = identify(reopen(studied[2], reference, toy.ROBOT, 2), SETTINGS, on_progress=told.append)
-    assert again == studied[0]
-    assert not told
-
-
-def test_another_setting_is_refused(studied, reference):
-    run = reopen(studied[2], reference, toy.ROBOT, 2)
-    with pytest.raises(RunError, match=r"is a study with another settings: it was .*0\.1.* is now .*0\.2.*--again"):
-        identify(run, IdentifiabilitySettings(rise=0.2))
-
-
-def test_a_damaged_study_is_refused(run):
+def test_another_setting_and_a_damaged_study_are_refused(studied, reference, run):
+    finished = reopen(studied[2], reference, toy.ROBOT, 2)
+    said = refusal(RunError, identify, finished, IdentifiabilitySettings(rise=0.2))
+    assert says(said, "a study with another settings", "it was ", "0.1", "is now", "0.2", "--again")
     (run.folder.path / IDENTIFIABILITY).write_text("{")
-    with pytest.raises(RunError, match=r"identifiability\.json' can't be read: .*; begin anew with --again"):
-        identify(run, SETTINGS)
-    (run.folder.path / IDENTIFIABILITY).write_text('{"format": 7}')
-    with pytest.raises(RunError, match="'format' is 7; it must be 1"):
-        identify(run, SETTINGS)
+    assert says(refusal(RunError, identify, run, SETTINGS), IDENTIFIABILITY, "can't be read", "--again")
 
 
 def test_a_run_is_reopened_only_with_what_it_was_made_with(run, reference):
@@ -310,11 +262,8 @@ def test_verdicts(losses, verdict, interval):
     assert found["verdict"] == verdict
     assert found["interval"] == pytest.approx(interval)
     assert found["largest_rise"] == max(losses) - 10.0
-
-
-def test_who_makes_up_is_told_with_its_move():
-    found = summarize(_points((10.5, 10.1, 10.0, 10.1, 10.4)), 0, ("one", "other"), 1.0)
-    assert found["made_up_by"] == {"other": pytest.approx(0.5)}
+    if losses == (10.5, 10.1, 10.0, 10.1, 10.4):
+        assert found["made_up_by"] == {"other": pytest.approx(0.5)}
 
 
 def test_a_profile_keeps_the_lowest_loss_where_a_refit_lowers_the_misfit_alone(reference, run_path):

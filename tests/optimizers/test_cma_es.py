@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from driving import drive, lowest, notes, points
 
-from swim2real.optimizers import first_point, streams
+from swim2real.optimizers import streams
 from swim2real.optimizers.cma_es import CmaEs
 
 D = 6
@@ -38,12 +38,6 @@ def test_what_it_finds(seed, loss, count, found):
     assert lowest(told) < found
     fails = [one.loss == 1000.0 for one in told]
     assert loss is not failing or np.mean(fails[:24]) > np.mean(fails[-24:])
-
-
-def test_the_start_is_random_and_its_own():
-    told = points(drive(make(3), 12, bowl))
-    assert not np.any(np.all(told == first_point(D, 3), axis=1))
-    np.testing.assert_allclose(told.std(axis=0).mean(), 0.2, atol=0.08)
 
 
 def test_forty_evaluations_are_three_generations_and_four_candidates():

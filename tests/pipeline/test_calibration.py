@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pools import LOGARITHMIC, NAMES, film
+from refused import refusal, says
 from run_settings import record_of
 from swim2real.advisor import PhysicsAdvisor
 from swim2real.calibration import RunFolder
@@ -21,7 +22,6 @@ from swim2real.optimizers import (
     first_point,
 )
 from swim2real.optimizers.callback import CallbackSolver
-from swim2real.parameters import read_parameters
 from swim2real.pipeline import calibrate, make_optimizer
 from swim2real.robots.fish import FISH
 from swim2real.settings import CalibrationSettings
@@ -48,52 +48,32 @@ def without_seconds(path) -> list[dict]:
 
 
 @pytest.mark.parametrize(
-    ("changes", "says"),
+    ("changes", "parts"),
     [
-        ({"budget": 0}, "budget is 0; it must be at least 1"),
-        (
-            {"method": "guessing"},
-            "method is 'guessing'; there are line-search, random, cma-es, bayesopt, least-squares, "
-            "mujoco-sysid, staged",
-        ),
-        (
-            {"advisor": "oracle"},
-            "advisor is 'oracle'; there are physics, files, replay:RUN, google:MODEL, openai:MODEL, anthropic:MODEL",
-        ),
-        ({"protocol": "strict"}, "protocol is 'strict'; there are motion, aligned, paper, playback"),
-        ({"scale": "cubic"}, "scale is 'cubic'; there are auto, log, linear"),
-        ({"max_steps": 0}, "max_steps is 0; it must be at least 1"),
-        (
-            {"probes": 2, "method": "random"},
-            "probes is for method line-search, which has an advisor, not random",
-        ),
-        ({"horizon": -1.0}, "horizon is -1 s; it must be 0"),
-        ({"horizon": float("nan")}, "horizon is nan s; it must be 0"),
-        ({"horizon": float("inf")}, "horizon is inf s; it must be 0"),
-        ({"threads": -1}, "threads is -1; it must be 0"),
-        ({"seed": -1}, "seed is -1; it must be a whole number from 0 on"),
-        ({"seed": 1.5}, "seed is 1.5; it must be a whole number from 0 on"),
-        ({"seed": True}, "seed is True; it must be a whole number from 0 on"),
+        ({"budget": 0}, ("budget is 0", "at least 1")),
+        ({"method": "guessing"}, ("method is 'guessing'; there are line-search, random, cma-es, bayesopt,",)),
+        ({"advisor": "oracle"}, ("advisor is 'oracle'; there are physics, files, replay:RUN, google:MODEL,",)),
+        ({"protocol": "strict"}, ("protocol is 'strict'; there are motion, aligned, paper, playback",)),
+        ({"scale": "cubic"}, ("scale is 'cubic'; there are auto, log, linear",)),
+        ({"max_steps": 0}, ("max_steps is 0", "at least 1")),
+        ({"probes": 2, "method": "random"}, ("probes is for method line-search", "not random")),
+        ({"horizon": -1.0}, ("horizon is -1 s", "0")),
+        ({"horizon": float("nan")}, ("horizon is nan s", "0")),
+        ({"threads": -1}, ("threads is -1", "0")),
+        ({"seed": 1.5}, ("seed is 1.5", "a whole number from 0 on")),
+        ({"seed": True}, ("seed is True", "a whole number from 0 on")),
     ],
     ids=str,
 )
-def test_wrong_settings_are_named(changes, says):
-    with pytest.raises(ArgumentError) as caught:
-        CalibrationSettings(**changes)
-    assert says in str(caught.value)
+def test_wrong_settings_are_named(changes, parts):
+    assert says(refusal(ArgumentError, CalibrationSettings, **changes), *parts)
 
 
-@pytest.mark.parametrize(
-    ("protocol", "scale", "resolved"),
-    [
-        ("aligned", "auto", "log"),
-        ("paper", "auto", "linear"),
-        ("aligned", "linear", "linear"),
-        ("paper", "log", "log"),
-    ],
-)
-def test_the_paper_protocol_searches_the_linear_box_unless_told(protocol, scale, resolved):
-    assert CalibrationSettings(protocol=protocol, scale=scale).resolved_scale == resolved
+@pytest.mark.parametrize(("protocol", "resolved"), [("aligned", "log"), ("paper", "linear")])
+def test_the_paper_protocol_searches_the_linear_box_unless_told(protocol, resolved):
+    assert CalibrationSettings(protocol=protocol, scale="auto").resolved_scale == resolved
+    for scale in ("linear", "log"):
+        assert CalibrationSettings(protocol=protocol, scale=scale).resolved_scale == scale
 
 
 # optimizers
@@ -111,31 +91,12 @@ def test_each_method_has_its_optimizer_which_begins_at_the_first_point_of_the_se
 
 
 @pytest.mark.slow
-def test_a_run_says_what_it_was_made_of(pool, tmp_path):
-    chosen = CalibrationSettings(method="random", budget=2, seed=5)
-    outcome = calibrate(pool, FISH, chosen, tmp_path / "run", source="the pool").to_json()
-    settings = json.loads((tmp_path / "run" / "settings.json").read_text())
-    assert settings["robot"] == "fish"
-    assert (settings["method"], settings["budget"], settings["seed"]) == ("random", 2, 5)
-    assert (settings["protocol"], settings["scale"], settings["horizon"]) == ("motion", "log", 4.0)
-    assert settings["reference"] == "the pool"
-    assert settings["hold_out"] == []
-    assert settings["engine"]["name"].startswith("mujoco ")
-    assert {"swim2real", "python", "numpy", "mujoco"} <= set(settings["versions"])
-    assert len(settings["reference_fingerprint"]) == 64
-    best = read_parameters(tmp_path / "run", "fish", FISH.space).values
-    assert best == min(record(tmp_path / "run"), key=lambda entry: entry["loss"])["values"]
-    assert outcome["held_out"] is None
-    assert outcome["fit"]["loss"] == pytest.approx(min(entry["loss"] for entry in record(tmp_path / "run")), rel=1e-6)
-
-
-@pytest.mark.slow
 def test_stages_run_and_keep_their_plan(pool, tmp_path):
     calibrate(pool, FISH, CalibrationSettings(method="staged", budget=8, threads=2), tmp_path)
     sources = [entry["note"].get("stage") for entry in record(tmp_path)]
     assert sources[0] is None
     assert "stiffness" in sources
-    with pytest.raises(ArgumentError, match="budget was 8 and is now 9; stages are planned by the budget"):
+    with pytest.raises(ArgumentError, match=r"budget was 8 and is now 9; .*begun anew"):
         calibrate(pool, FISH, CalibrationSettings(method="staged", budget=9, threads=2), tmp_path, resume=True)
 
 
@@ -203,20 +164,3 @@ def test_a_run_is_begun_once_and_goes_on_with_its_own_reference(begun, pool):
         with pytest.raises(RunError, match=r"can't go on: reference_fingerprint was .* and is now"):
             calibrate(other, FISH, CalibrationSettings(method="random", budget=2), begun, resume=True)
     assert (begun / "record.jsonl").read_bytes() == before
-
-
-@pytest.mark.slow
-def test_the_effect_of_each_parameter_is_measured_outside_the_budget(pool, tmp_path, monkeypatch):
-    asked = []
-
-    def sensitivities(problem, space, values):
-        asked.append((space.scale, values))
-        return []
-
-    monkeypatch.setattr("swim2real.pipeline.calibration.sensitivities", sensitivities)
-    chosen = CalibrationSettings(method="random", budget=2)
-    outcome = calibrate(pool, FISH, chosen, tmp_path / "run", sensitivity=True).to_json()
-    best = min(record(tmp_path / "run"), key=lambda entry: entry["loss"])
-    assert asked == [("log", best["values"])]
-    assert outcome["sensitivity"] == []
-    assert len(record(tmp_path / "run")) == 2

@@ -139,26 +139,6 @@ def test_twins_are_one_parameter_only_where_they_have_one_value():
     assert {"left_joint_damping", "right_joint_damping", "joint_stiffness"} <= set(each)
 
 
-def test_names_of_parameters_differ():
-    xml = FINGER.replace('tendon name="x"', "").replace('"flexor"', '"knuckle0"')
-    found = suggested(xml)
-    assert [found[name].kind for name in ("knuckle_stiffness", "knuckle0_stiffness")] == ["joint", "tendon"]
-
-
-@pytest.mark.slow
-def test_ellipsoids_without_a_fluid_are_only_suggested(begun):
-    draft, _ = begun(snake().replace('density="1000" viscosity="0.001"', ""))
-    assert draft.aside["fluid_blunt_drag"] == "option density is 0, so there is no fluid"
-    assert "fluid_density" not in draft.candidates
-
-
-@pytest.mark.slow
-def test_a_bound_that_diverges_is_only_suggested(begun):
-    stiff = PENDULUM.replace('<joint name="elbow"', '<joint name="elbow" stiffness="60"')
-    draft, _ = begun(stiff)
-    assert draft.aside["elbow_stiffness"].startswith("at a bound the model can't be simulated; choose other bounds (")
-
-
 def test_a_file_may_stand_elsewhere(tmp_path):
     (tmp_path / "models").mkdir()
     (tmp_path / "robots").mkdir()

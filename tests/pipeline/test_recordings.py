@@ -74,17 +74,6 @@ def test_a_run_is_recorded_as_what_it_is(reference, tmp_path, capsys):
         assert phrase not in shown
 
 
-def test_figures_of_a_robot_that_goes_nowhere(tmp_path, capsys):
-    reference = pendulum_reference()
-    outcome = calibrate(reference, PENDULUM, settings("random", 1, horizon=0.5), tmp_path / "run", sensitivity=True)
-    assert outcome.fit.velocity_error is None
-    tables.figures(outcome.fit, "Fitted", PENDULUM.trials.sensors)
-    tables.sensitivities(outcome.sensitivity)
-    shown = capsys.readouterr().out
-    assert "gyro[1]" in shown
-    assert "elocity" not in shown
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_hidden_parameters_are_recovered(tmp_path, seed):
