@@ -1,5 +1,6 @@
 """The program as it is used: words in, files, text and an exit code out. What calibrates here is a pendulum."""
 
+import errno
 import json
 import os
 import re
@@ -111,6 +112,19 @@ def test_a_fault_of_ours_is_a_sentence_unless_debug_is_on(program, pool_folder, 
     assert program("quality", pool_folder).sentence(1) == "unexpected ValueError: no idea; --debug shows where"
     with pytest.raises(ValueError, match="no idea"):
         main(["quality", str(pool_folder), "--debug"])
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(OSError(errno.EIO, "Input/output error", "swims.csv"), "Input/output error: swims.csv"),
+     (KeyboardInterrupt(), "interrupted")],
+)  # fmt: skip
+def test_a_fault_of_the_disk_and_an_interruption_are_sentences(program, pool_folder, monkeypatch, error, said):
+    def fail(reference):
+        raise error
+
+    monkeypatch.setattr("swim2real.trials.load_reference", fail)
+    assert program("quality", pool_folder).sentence(1) == said
 
 
 def test_it_runs_as_a_module():

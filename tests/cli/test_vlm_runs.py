@@ -131,7 +131,6 @@ def test_a_reply_that_came_before_a_crash_is_not_paid_for_again(program, words, 
     assert record(tmp_path / "run") == whole
 
 
-@pytest.mark.slow
 def test_the_key_is_never_seen(program, words, vlm, tmp_path, monkeypatch, caplog):
     monkeypatch.setenv("MY_KEY", KEY)
     monkeypatch.setenv("OPENAI_API_KEY", KEY + "-own")

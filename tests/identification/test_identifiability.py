@@ -12,7 +12,7 @@ from refused import refusal, says
 from swim2real.errors import RunError
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.gauss_newton import EvaluatedPoint, Evaluator, jacobian, refit
-from swim2real.identification.identifiability import IDENTIFIABILITY, IDENTIFIED, identify
+from swim2real.identification.identifiability import IDENTIFIABILITY, IDENTIFIED, identify, read_study
 from swim2real.identification.neighborhood import autocorrelation, neighborhood
 from swim2real.identification.profile import ProfilePoint, profile, summarize
 from swim2real.parameters import read_parameters
@@ -134,6 +134,13 @@ def test_a_study_that_is_cut_anywhere_is_the_same_file(run_path, reference, tmp_
     stops = (2, batches // 3, batches // 2 + 2, batches - 1, batches + 3)
     _, *cut = study(tmp_path / "cut", stops)
     assert cut == whole
+
+
+def test_a_finished_study_is_read_and_not_made_again(studied, reference):
+    told = []
+    again = identify(reopen(studied[2], reference, toy.ROBOT, 2), SETTINGS, on_progress=told.append)
+    assert again == studied[0] == read_study(studied[2] / IDENTIFIABILITY)
+    assert not told
 
 
 def test_another_setting_and_a_damaged_study_are_refused(studied, reference, run):
