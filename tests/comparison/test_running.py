@@ -28,7 +28,8 @@ from swim2real.comparison import (
     read_results,
 )
 from swim2real.comparison.cluster import check_session, check_versions, dask_cluster, explain_failure, session
-from swim2real.comparison.jobs import PROBLEM, Work, run_job
+from swim2real.comparison.compare import Work, run_job
+from swim2real.comparison.plan import PROBLEM
 from swim2real.errors import ArgumentError, MissingExtraError, RunError
 from swim2real.pipeline import calibrate
 from swim2real.robots.fish import FISH

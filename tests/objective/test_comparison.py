@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pools import hidden_values
 from swim2real.calibration import Problem
-from swim2real.demo import SyntheticCamera, synthetic_reference
 from swim2real.errors import TrialError
 from swim2real.objective import FAILED_LOSS, Comparison, compare_steady, evidence, steady_target
 from swim2real.objective.figures import (
@@ -56,21 +54,16 @@ def pair():
 
 
 def test_every_figure_of_a_case_done_by_hand(pair):
-    figures = aligned(*pair).figures()
     ahead = (SIM_SPEED - REAL_SPEED) * pair[0].times
-    assert figures["progress_error"] == pytest.approx(ahead.mean())
-    assert figures["aligned_marker_error"] == pytest.approx(ahead.mean())
-    assert figures["shape_error"] == pytest.approx(0.0, abs=1e-9)
-    assert figures["static_offset"] == pytest.approx(OFFSET / 3)
-    assert figures["velocity_error"] == pytest.approx(SIM_SPEED - REAL_SPEED)
-    assert figures["marker_error"] == pytest.approx(np.mean([2 * ahead + np.hypot(ahead, OFFSET)]) / 3)
-    assert figures["left_out_share"] == 0.0
-    assert figures["unweighted_error"] == pytest.approx(ahead.mean())
-    assert figures["loss"] == figures["aligned_marker_error"]
-    trial = figures["trials"]["a"]
-    assert trial["velocity_real"] == pytest.approx(REAL_SPEED)
-    assert trial["velocity_simulated"] == pytest.approx(SIM_SPEED)
-    assert trial["frequency"] == FREQUENCY
+    expected = {
+        "progress_error": ahead.mean(), "aligned_marker_error": ahead.mean(), "unweighted_error": ahead.mean(),
+        "loss": ahead.mean(), "shape_error": 0.0, "static_offset": OFFSET / 3, "left_out_share": 0.0,
+        "marker_error": np.mean([2 * ahead + np.hypot(ahead, OFFSET)]) / 3, "velocity_error": SIM_SPEED - REAL_SPEED,
+    }  # fmt: skip
+    figures = aligned(*pair).figures()
+    assert {name: figures[name] for name in expected} == pytest.approx(expected, abs=1e-9)
+    of_trial = {"velocity_real": REAL_SPEED, "velocity_simulated": SIM_SPEED, "frequency": FREQUENCY, **expected}
+    assert {name: figures["trials"]["a"][name] for name in of_trial} == pytest.approx(of_trial, abs=1e-9)
 
 
 def test_a_shape_that_differs_is_all_shape_error():
@@ -82,13 +75,6 @@ def test_a_shape_that_differs_is_all_shape_error():
     expected = 0.03 * np.abs(np.cos(2 * np.pi * real.times)).mean() / 3  # one marker of three
     assert [wider.figure("shape_error"), wider.loss] == pytest.approx([expected] * 2, rel=0.01)
     assert wider.figure("progress_error") == pytest.approx(0.0, abs=1e-9)
-
-
-def test_swimming_tail_first_counts_against():
-    comparison = aligned(swim(REAL_SPEED, 4.0), swim(-REAL_SPEED, 5.5))
-    assert comparison.figure("velocity_simulated") == pytest.approx(-REAL_SPEED)
-    assert comparison.figure("velocity_error") == pytest.approx(2 * REAL_SPEED)
-    assert comparison.loss == pytest.approx(2 * REAL_SPEED * 2.0)  # 2 s is the mean time
 
 
 def test_lost_marker_frames_dont_count(pair):
@@ -116,7 +102,6 @@ def test_missing_marker_frames_are_left_out(pair):
     assert figures["left_out_share"] == pytest.approx((3 * 30 + 20) / 603)
     assert figures["velocity_error"] == pytest.approx(SIM_SPEED - REAL_SPEED, abs=1e-6)
     assert figures["shape_error"] == pytest.approx(0.0, abs=1e-9)
-    assert np.isfinite([value for value in figures.values() if isinstance(value, float)]).all()
 
 
 def test_the_horizon_cuts_errors_but_not_speeds(pair):
@@ -139,29 +124,21 @@ def test_the_papers_protocol_has_no_phase_no_registration_and_no_weights():
     assert trial.loss == trial.marker_error == pytest.approx(expected, rel=1e-3)
 
 
-def test_overall_figures_are_means_over_trials():
+def test_overall_figures_are_means_over_trials_and_a_diverged_one_costs_a_metre():
     reals = [swim(REAL_SPEED, 4.0), swim(0.2, 4.0)]
-    sims = (Trial("a", swim(0.12, 5.5)), Trial("b", swim(0.26, 5.5)))
-    trials = tuple(compared(real, sim, name=sim.name) for real, sim in zip(reals, sims, strict=True))
-    figures = Comparison(trials, "aligned", None).figures()
-    assert list(figures["trials"]) == ["a", "b"]
-    assert figures["velocity_error"] == pytest.approx((0.02 + 0.06) / 2)
-    assert figures["loss"] == pytest.approx((0.04 + 0.12) / 2)
-
-
-def test_a_diverged_simulation_costs_a_metre_and_is_no_nan():
-    reals = [swim(REAL_SPEED, 4.0), swim(0.2, 4.0)]
-    sims = (Trial("a", swim(0.1, 5.5)), Trial("b", swim(0.0, 1.0), divergence="it diverged 0.3 s after its start"))
-    for protocol in ("aligned", "paper"):
-        pairs = zip(reals, sims, strict=True)
+    good, bad = Trial("b", swim(0.26, 5.5)), Trial("b", swim(0.0, 1.0), divergence="it diverged")
+    for protocol, second in (("aligned", good), ("aligned", bad), ("paper", bad)):
+        pairs = zip(reals, (Trial("a", swim(0.12, 5.5)), second), strict=True)
         trials = tuple(compared(real, sim, protocol, horizon=4.0, name=sim.name) for real, sim in pairs)
         comparison = Comparison(trials, protocol, 4.0)
-        assert comparison.loss == FAILED_LOSS == 1.0
-        assert comparison.divergence == "trial 'b': it diverged 0.3 s after its start"
-        figures = comparison.figures()
-        assert figures["trials"]["b"]["marker_error"] == 1.0
-        assert figures["trials"]["a"]["aligned_marker_error"] < 1e-6
-        json.dumps(evidence(comparison), allow_nan=False)
+        found = json.loads(json.dumps(evidence(comparison), allow_nan=False))
+        assert list(found["trials"]) == ["a", "b"]
+        if second is good:
+            assert (comparison.figure("velocity_error"), comparison.loss) == pytest.approx((0.04, 0.08))
+        else:
+            assert comparison.loss == found["trials"]["b"]["marker_error"] == FAILED_LOSS == 1.0
+            assert comparison.divergence == "trial 'b': it diverged"
+            assert found["velocity_error"] is None
 
 
 def test_a_simulation_that_is_too_short_is_refused():
@@ -232,15 +209,6 @@ def test_the_whole_motion_sees_what_the_body_frame_hides(whole_motion, pool):
     for trial in figures["trials"].values():
         assert trial["yaw_error"] == abs(trial["yaw_simulated"] - trial["yaw_real"])
         assert trial["yaw_real_std"] < 0.1 * trial["yaw_real"]
-
-
-def test_a_swim_like_itself_has_no_motion_error(pool):
-    values = hidden_values()
-    reference = synthetic_reference(FISH, values, (1.2,), 4.0, SyntheticCamera(), 3)
-    perfect = Problem(FISH, reference, "motion").evaluate(values)
-    (trial,) = perfect.trials
-    assert trial.motion_error < 2e-3
-    assert abs(trial.head.simulated.yaw_beat.amplitude - trial.head.real.yaw_beat.amplitude) < 2e-3
 
 
 def test_tail_first_is_worse_than_anything_that_goes_forward_and_worse_the_faster(whole_motion):

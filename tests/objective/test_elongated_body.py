@@ -50,16 +50,6 @@ def test_thrust_and_drag_balance_below_the_wave_s_speed(lateral_speed, slope, fa
     assert motion.cruising_speed(ratio * (1 + factor)) < speed
 
 
-def test_the_speed_rises_with_frequency_and_amplitude():
-    def speed(**changes):
-        return tail_motion(swim(**changes), END).cruising_speed(4.0)
-
-    assert speed(frequency=2.4) == pytest.approx(2 * speed())  # the same shape: in proportion
-    assert speed(sweep=0.09) == pytest.approx(1.5 * speed())
-    assert speed(angle=0.6) < speed()
-    assert speed(sweep=0.0, angle=0.0) == pytest.approx(0.0, abs=1e-9)
-
-
 def test_lost_frames_and_noise_hardly_change_it():
     clean = swim()
     positions = clean.trial.track.positions + np.random.default_rng(0).normal(0, 5e-4, (300, 4, 2))

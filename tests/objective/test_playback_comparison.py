@@ -56,11 +56,9 @@ def test_a_recording_of_itself_has_no_error():
 
 
 def test_in_the_world_everything_counts():
-    found = compared(motion(), motion(at=(0.03, 0.04)))
-    assert found.figures() == {
-        "aligned_marker_error": pytest.approx(0.05), "loss": pytest.approx(0.05), "left_out_share": 0.0,
-        "unweighted_error": pytest.approx(0.05), "divergence": None,
-    }  # fmt: skip
+    expected = {"aligned_marker_error": 0.05, "loss": 0.05, "left_out_share": 0.0, "unweighted_error": 0.05}
+    found = compared(motion(), motion(at=(0.03, 0.04))).figures()
+    assert found == pytest.approx({**expected, "divergence": None})
 
 
 @pytest.mark.parametrize("frame", [(0, 1), (2, 0)])
@@ -132,8 +130,6 @@ def test_squares_of_the_residual_add_up_to_the_mean_squares(sensed):
     vector = sensed.residual_vector()
     assert vector.shape == (2 * 81 * 3 + 2 * 21,)
     assert np.sum(vector**2) == pytest.approx(0.05**2 + (0.02 * 0.5) ** 2 + 0.001**2)
-    both = Comparison((sensed, sensed), "playback", None).residual_vector()
-    assert np.sum(both**2) == pytest.approx(np.sum(vector**2))
 
 
 @pytest.mark.parametrize(
@@ -158,9 +154,10 @@ def test_sensors_that_cant_be_compared_are_named(more, says):
 
 
 def test_a_playback_has_the_recordings_times():
-    target = playback_target(trial(motion()), np.ones((81, 3)))
     with pytest.raises(TrialError, match="it wasn't simulated at the recording's time stamps"):
-        compare_playback(target, Trial("a", MarkerTrack(TIMES + 1, motion())))
+        compare_playback(
+            playback_target(trial(motion()), np.ones((81, 3))), Trial("a", MarkerTrack(TIMES + 1, motion()))
+        )
 
 
 # evidence

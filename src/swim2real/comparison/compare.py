@@ -1,29 +1,86 @@
-"""Runs a comparison: hands its jobs to processes or a cluster, follows them, and reads their results."""
+"""Runs a comparison: hands its jobs to processes or a cluster, follows them, and reads their results.
+
+A job reads what is finished and goes on with what isn't, wherever it is done.
+"""
 
 from __future__ import annotations
 
+import socket
 import time
+import traceback
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
-from swim2real.calibration.run_folder import RECORD
-from swim2real.comparison.cluster import SESSION, dask_cluster, explain_failure, session
-from swim2real.comparison.jobs import JobReport, Work, ended_job, failed_job, is_finished, run_job
-from swim2real.comparison.plan import RUNS, Job, Plan, read_plan
+from filelock import FileLock, Timeout
+
+from swim2real.calibration import Progress, RunFolder
+from swim2real.calibration.run_folder import RECORD, SETTINGS
+from swim2real.comparison.cluster import SESSION, SessionEnded, check_session, dask_cluster, explain_failure, session
+from swim2real.comparison.plan import PROBLEM, RUNS, Job, Plan, read_plan
 from swim2real.comparison.results import ComparisonResults, read_results, write_results
 from swim2real.errors import RunError, Swim2RealError
+from swim2real.pipeline import calibrate
 from swim2real.pipeline.methods import METHODS
 from swim2real.processes import ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess, asks_a_vlm
-from swim2real.store import locked, reason, remove_leftovers, source_from
+from swim2real.simulation import Engine
+from swim2real.store import LOCK, locked, reason, remove_leftovers, source_from, write_text
 from swim2real.trials import TrialSet
 
 _PROGRESS_INTERVAL = 1.0  # s
+_LOCK_TIMEOUT = 60.0  # s that a run folder is waited for, which a worker taken for lost may still hold
 _WRITTEN = ("plan.json", "results.json", "results.csv", SESSION)  # only by the process that has the comparison
+
+
+@dataclass(frozen=True)
+class Work:
+    """What all jobs of a session share.
+
+    Attributes:
+        root: Folder of the comparison.
+        token: Token of the session; jobs stop when it has ended.
+        plan: Plan of the comparison.
+        reference: The real trials.
+        robot: The robot that is calibrated.
+        source: Where the reference came from.
+        access: How VLMs are reached.
+    """
+
+    root: Path
+    token: str
+    plan: Plan
+    reference: TrialSet
+    robot: Robot
+    source: str = ""
+    access: VlmAccess = field(default_factory=VlmAccess)
+
+
+@dataclass(frozen=True)
+class JobReport:
+    """How a job ended.
+
+    Attributes:
+        key: Key of the job.
+        method: Label of its method.
+        state: `read` if it was finished before, `stopped` if its session has ended.
+        problem: Why it failed, in a sentence; None where it didn't.
+        best: Lowest loss [m]; None without one.
+        evaluations: Evaluations on record.
+        seconds: Time that it took here [s].
+    """
+
+    key: str
+    method: str
+    state: Literal["read", "done", "stopped", "failed"]
+    problem: str | None = None
+    best: float | None = None
+    evaluations: int = 0
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -115,9 +172,9 @@ def _run(
     for job in jobs:
         finished = False
         with suppress(Swim2RealError):  # which is said when the job is done
-            finished = is_finished(job, work.plan)
+            finished = job.is_finished(work.plan)
         if finished:
-            follower.report(ended_job(job, "read"))
+            follower.report(_ended(job, "read"))
         else:
             due.append(job)
     if not due:
@@ -136,7 +193,7 @@ def _run(
 
 def _report_of(future: Future[JobReport], job: Job) -> JobReport:
     error = CancelledError() if future.cancelled() else future.exception()
-    return future.result() if error is None else failed_job(job, explain_failure(error))
+    return future.result() if error is None else _failed(job, explain_failure(error))
 
 
 def _cost(job: Job) -> float:
@@ -178,3 +235,74 @@ class _Follower:
         self._on_progress(
             ComparisonProgress(self._ended, self._jobs, self._lines, self._budget, dict(self._best), left, finished)
         )
+
+
+def run_job(job: Job, work: Work) -> JobReport:
+    """Does a job in this process. Nothing that goes wrong in it is raised; the report says it."""
+    began = time.monotonic()
+    try:
+        check_session(work.root, work.token)
+        finished = job.is_finished(work.plan)
+        if not finished:
+            _continue(job, work)
+        (job.folder / PROBLEM).unlink(missing_ok=True)
+        report = _ended(job, "read" if finished else "done")
+    except SessionEnded:
+        report = JobReport(job.key, job.method, "stopped")
+    except Swim2RealError as error:
+        report = _failed(job, str(error))
+    except Exception as error:  # a fault of ours ends one job, not the comparison
+        report = _failed(job, f"unexpected {type(error).__name__}: {error}", traceback.format_exc())
+    return replace(report, seconds=round(time.monotonic() - began, 3))
+
+
+def _ended(job: Job, state: Literal["read", "done"]) -> JobReport:
+    """The report of a job whose run is finished."""
+    record = RunFolder(job.folder).record()
+    losses = [entry.loss for entry in record if not entry.failed]
+    return JobReport(job.key, job.method, state, None, min(losses, default=None), len(record))
+
+
+def _failed(job: Job, problem: str, trace: str = "") -> JobReport:
+    """The report of a job that failed; the problem is left in its run folder, too, as far as the disk allows."""
+    with suppress(OSError):
+        job.folder.mkdir(parents=True, exist_ok=True)
+        write_text(job.folder / PROBLEM, f"{problem}\n{trace}")
+    return JobReport(job.key, job.method, "failed", problem)
+
+
+def _continue(job: Job, work: Work) -> None:
+    """Runs a job from where its record ends."""
+    engine, wanted = Engine.of(work.robot), work.plan.engine
+    if engine != wanted:
+        raise RunError(
+            f"worker {socket.gethostname()} simulates with {engine.name}, whose physics differs from that of "
+            f"{wanted.name}, which the comparison was begun with; install the same on every worker"
+        )
+    with suppress(Timeout, OSError):  # a worker that was taken for lost may still hold it; the run says it in its words
+        _set_aside(job)
+
+    def check(progress: Progress) -> None:
+        if not progress.replayed:
+            check_session(work.root, work.token, timeout=1.0)
+
+    calibrate(
+        work.reference, work.robot, job.settings, job.folder, source=work.source,
+        resume=RunFolder(job.folder).exists, access=work.access, on_progress=check, on_warning=None,
+    )  # fmt: skip
+
+
+def _set_aside(job: Job) -> None:
+    """Sets a run aside that can't go on with another budget; waits for the folder of any other."""
+    run = RunFolder(job.folder)
+    if not job.folder.is_dir():
+        return
+    with FileLock(job.folder / LOCK, timeout=_LOCK_TIMEOUT):
+        planned = run.exists and METHODS[job.settings.method].planned_by_budget
+        if not planned or (before := run.settings().budget) == job.settings.budget:
+            return
+        aside = job.folder / f"budget-{before}"
+        aside.mkdir(exist_ok=True)
+        files = [file for file in job.folder.iterdir() if file.is_file() and file.name != LOCK]
+        for file in sorted(files, key=lambda file: file.name == SETTINGS):  # last, so that this can be done again
+            file.replace(aside / file.name)

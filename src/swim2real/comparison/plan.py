@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from swim2real import checking
-from swim2real.calibration import protocol_for, reference_fingerprint, versions
+from swim2real.calibration import RunFolder, protocol_for, reference_fingerprint, versions
 from swim2real.errors import ArgumentError, RunError
 from swim2real.names import quoted
 from swim2real.pipeline.methods import METHODS
@@ -37,6 +37,7 @@ from swim2real.trials import TrialSet
 
 FORMAT = 2
 PLAN, RUNS = "plan.json", "runs"
+PROBLEM = "problem.txt"  # in the run folder of a job that failed
 ABLATION = "no-line-search"
 NAMES: tuple[str, ...] = (*METHODS, ABLATION)
 _LONGEST = 1000  # characters of a name; an advisor may be the path of a run
@@ -126,6 +127,30 @@ class Job:
     def held_out(self) -> str | None:
         """Name of the trial that is left out of the fit, None where there is none."""
         return self.settings.hold_out[0] if self.settings.hold_out else None
+
+    def is_finished(self, plan: Plan) -> bool:
+        """Whether the run is finished, with these settings.
+
+        Raises:
+            RunError: It was made with others, or is damaged.
+        """
+        folder = RunFolder(self.folder)
+        if not folder.exists:
+            return False
+        recorded = folder.settings()
+        wanted = {
+            **vars(self.settings), "scale": self.settings.resolved_scale, "robot": plan.robot, "engine": plan.engine,
+            "robot_fingerprint": plan.robot_fingerprint, "reference_fingerprint": plan.reference,
+        }  # fmt: skip
+        if (differing := recorded.difference(replace(recorded, **wanted))) is not None:
+            name, before, now = differing
+            raise RunError(
+                f"'{self.folder}' was run with another setting of {name}: {before!r}, and now it is {now!r}; remove "
+                f"it, or use another folder for the comparison"
+            )
+        record, outcome = folder.record(), folder.outcome()
+        # the outcome may be of a smaller budget
+        return outcome is not None and outcome.evaluations == len(record) >= self.settings.budget
 
 
 @dataclass(frozen=True)

@@ -5,21 +5,20 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 
 from swim2real import checking
 from swim2real.advisor.vlm.transcript import Totals, Transcript, totals
 from swim2real.calibration import RunFolder
 from swim2real.calibration.file_models import RecordedEvaluation
-from swim2real.comparison.jobs import PROBLEM, is_finished
-from swim2real.comparison.plan import RUNS, Job, Plan, read_plan, writing
+from swim2real.comparison.plan import PROBLEM, RUNS, Job, Plan, read_plan, writing
 from swim2real.errors import RunError, Swim2RealError
 from swim2real.names import quoted
 from swim2real.objective.figures import FitFigures, figure_values
@@ -90,12 +89,6 @@ class RunResult:
     seconds: float
     folder: str
 
-    def as_dict(self) -> dict[str, Any]:
-        """Ready for JSON, with the curve of the best loss."""
-        held_out = None if self.held_out_fit is None else self.held_out_fit.model_dump(exclude_unset=True)
-        fits = {"fit": self.fit.model_dump(exclude_unset=True), "held_out_fit": held_out}
-        return {**asdict(self), **fits, "best": [float(loss) for loss in self.best]}
-
     @cached_property
     def best(self) -> Array:
         """Lowest loss so far after each evaluation, as the run's incumbent [m]. Shape (B,)."""
@@ -156,7 +149,10 @@ class ComparisonResults:
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON. Each run has its curve of the best loss in it, too."""
-        return {**asdict(replace(self, runs=())), "runs": [run.as_dict() for run in self.runs]}
+        content = TypeAdapter(ComparisonResults).dump_python(self, mode="json", exclude_unset=True)
+        for run, known in zip(content["runs"], self.runs, strict=True):
+            run["best"] = known.best.tolist()
+        return content
 
 
 def load_results(folder: str | Path) -> ComparisonResults:
@@ -204,7 +200,7 @@ def read_results(root: str | Path, plan: Plan | None = None) -> ComparisonResult
     missing: dict[str, str] = {}
     for job in plan.jobs(root):
         try:
-            if is_finished(job, plan):
+            if job.is_finished(plan):
                 runs.append(_read_run(job))
             else:
                 missing[job.key] = _why_missing(job)
