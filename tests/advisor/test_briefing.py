@@ -15,9 +15,8 @@ from worlds import SPACE, World
 from recorded import PENDULUM, PENDULUM_HIDDEN, pendulum_reference
 from swim2real.advisor import ProbingAdvisor
 from swim2real.advisor.briefing.facts import RoundFacts
-from swim2real.advisor.briefing.history import shortened
 from swim2real.advisor.briefing.prompt import TrialPromptBuilder, close_miss, describe
-from swim2real.advisor.briefing.texts import significant, table
+from swim2real.advisor.briefing.texts import shortened, significant, table
 from swim2real.advisor.vlm.advisor import repair_request
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.files import HOW_TO

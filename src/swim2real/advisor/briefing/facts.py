@@ -12,13 +12,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from swim2real.objective.figures import Figures, FitFigures, TrialFigures
 from swim2real.optimizers import Evaluation, Situation
 from swim2real.parameters import ParameterSpace
+from swim2real.robots.drives import Drive
 from swim2real.robots.robot import Robot, Sensor
 
 MOVING = 0.05  # of the widest real amplitude of a trial: below it a marker's amplitude is noise and has no ratio
@@ -216,9 +217,65 @@ class EvaluationFacts:
         readings = zip(*(trial.sensors for trial in self.trials), strict=True)
         return [SensorFacts(one[0].sensor, mean(reading.error for reading in one)) for one in readings]
 
+    @property
+    def worst_trial(self) -> TrialFacts | None:
+        return highest(self.trials, [trial.error for trial in self.trials])
+
+    @property
+    def worst_marker(self) -> MarkerFacts | None:
+        return highest(self.markers, [marker.error for marker in self.markers])
+
+    @property
+    def extremes(self) -> tuple[MarkerFacts, MarkerFacts] | None:
+        """The markers with the lowest and the highest ratio of amplitudes."""
+        ratios = [(marker.ratio, marker.name, i) for i, marker in enumerate(self.markers) if marker.ratio is not None]
+        return (self.markers[min(ratios)[2]], self.markers[max(ratios)[2]]) if ratios else None
+
+    @property
+    def halves(self) -> tuple[Known, Known]:
+        """How far markers are off in the first and in the second half of a trial, on average [m]."""
+        first, second = zip(*(trial.halves for trial in self.trials), strict=True)
+        return mean(first), mean(second)
+
+    @property
+    def with_speed(self) -> list[TrialFacts]:
+        """Trials that have a ratio of speeds."""
+        return [trial for trial in self.trials if trial.speed_ratio is not None]
+
+    @property
+    def other_way(self) -> list[TrialFacts]:
+        """Trials in which the simulated robot goes the other way."""
+        return [trial for trial in self.trials if (trial.speed_ratio or 0.0) < 0]
+
+    @property
+    def has_head(self) -> bool:
+        """Whether the motion of the head is compared."""
+        return any("yaw_real" in trial.figures.model_fields_set for trial in self.trials)
+
+    def ends(self, name: Ratio) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """A ratio and its frequency [Hz], the lowest and the highest one; None where fewer than two trials have it."""
+        pairs: list[tuple[Any, Any]] = [(getattr(trial, name), trial.frequency) for trial in self.trials]
+        known = [pair for pair in pairs if None not in pair]
+        return (known[0], known[-1]) if len(known) > 1 else None
+
     def mean_of(self, figure: str) -> Known:
         """Mean of a figure over trials."""
         return mean(getattr(trial.figures, figure) for trial in self.trials)
+
+
+@dataclass(frozen=True)
+class Axes:
+    """The axes of the frame of comparison in words.
+
+    Attributes:
+        directions: Of a difference of places.
+        ways: Of each axis, which way a positive and which way a negative difference leads.
+        picture: How a picture lies.
+    """
+
+    directions: str
+    ways: tuple[tuple[str, str], tuple[str, str]]
+    picture: str
 
 
 @dataclass(frozen=True)
@@ -247,6 +304,52 @@ class RoundFacts:
         """Whether the robot's trials have a steady beat."""
         return self.robot.trials.swims is not None
 
+    @property
+    def found(self) -> int:
+        """The round in which the best point was found; 0 for the first point."""
+        rounds = enumerate(self.situation.rounds, start=1)
+        return max((number for number, finished in rounds if finished.accepted), default=0)
+
+    @property
+    def axis(self) -> tuple[str, str] | None:
+        """The markers between which the frame of comparison has its x axis; None for the world."""
+        frame, names = self.robot.trials.frame, self.robot.marker_names
+        return None if frame is None else (names[frame[0]], names[frame[1]])
+
+    @property
+    def axes(self) -> Axes:
+        """The axes of the frame of comparison in words."""
+        if self.axis is None:
+            right, up = ("xyz"[axis] for axis in self.robot.plane)
+            directions = f"first to the right (the world's {right}), then up (the world's {up})"
+            return Axes(directions, (("to the right", "to the left"), ("up", "down")), f"{right} right, {up} up")
+        origin, ahead = self.axis
+        behind = " (being behind counts as well)" if self.robot.trials.score_progress else ""
+        return Axes(
+            f"first from {origin} toward {ahead}{behind}, then to the left of that line",
+            ((f"from {origin} toward {ahead}", f"from {ahead} toward {origin}"), ("to the left", "to the right")),
+            f"{origin} at the origin, {ahead} to its right",
+        )
+
+    @property
+    def drives(self) -> dict[str, list[str]]:
+        """What drives a playback in words, and the actuators that it drives."""
+        drives: dict[str, list[str]] = {}
+        for actuator, drive in self.robot.trials.controls.items():
+            drives.setdefault(_command(drive), []).append(actuator)
+        return drives
+
+    @property
+    def from_rest_ways(self) -> tuple[list[TrialFacts], list[TrialFacts]]:
+        """Trials in which the simulated robot goes forward and backward when it is started at rest."""
+        speeds = [(trial, self.from_rest.get(trial.name)) for trial in self.here.trials]
+        forward = [trial for trial, speed in speeds if speed is not None and speed > 0]
+        return forward, [trial for trial, speed in speeds if speed is not None and speed <= 0]
+
+    def all_backward_from_rest(self, trials: Sequence[TrialFacts]) -> bool:
+        """Whether the simulated robot goes backward in all of these trials when it is started at rest."""
+        return all((self.from_rest.get(trial.name) or 0.0) < 0 for trial in trials)
+
 
 def mean(values: Iterable[Known]) -> Known:
     """Mean of those that are known; None where none is."""
@@ -264,6 +367,17 @@ def highest(things: Iterable[T], values: Iterable[Known]) -> T | None:
     """The first of the things whose value is highest; None where none is known."""
     known = [(thing, value) for thing, value in zip(things, values, strict=True) if value is not None]
     return max(known, key=lambda pair: pair[1])[0] if known else None
+
+
+def _command(drive: Drive) -> str:
+    if drive.table:
+        return "as recorded"
+    if drive.speed:
+        return "a steady speed at the trial's own rate"
+    if drive.amplitude:
+        around = f" around {drive.offset:g}" if drive.offset else ""
+        return f"a sine of {drive.amplitude:g}{around} at the trial's own rate"
+    return f"always {drive.offset:g}"
 
 
 def _trial(name: str, found: TrialFigures, protocol: str, robot: Robot) -> TrialFacts:

@@ -9,14 +9,11 @@ from functools import cached_property
 from numpy.typing import ArrayLike
 
 from swim2real.advisor.briefing.facts import EvaluationFacts, Known, RoundFacts
-from swim2real.advisor.briefing.texts import mm, number, reading, significant, table
-from swim2real.errors import ArgumentError
+from swim2real.advisor.briefing.texts import mm, number, reading, shortened, significant, table
 from swim2real.objective.figures import FitFigures
-from swim2real.optimizers import Evaluation, Proposal, Round, Step
+from swim2real.optimizers import Evaluation, Proposal, Round
 from swim2real.parameters import ParameterSpace
 
-LONGEST = 280  # characters of a diagnosis
-_NAMED, _LISTED = 3, 8  # changes that are named of an older and of a recent round
 _DIGITS = 3  # of a value: what they show alike is no change
 _LONGEST_LIST = 300  # characters of a list of names
 # notes of a proposal that its author should hear of
@@ -25,55 +22,10 @@ _CORRECTED = {
     "ignored": "no parameters of this simulator, so ignored",
 }
 _PARTS = ("shape", "recoil")
-_MEASURED = (
-    "A row a measurement: what was changed from the best point of its time, all else the same, and by how much other "
-    "figures then differed from that point's. Such a change costs an evaluation and says more than a guess; effects of "
-    "small changes add up, those of large ones don't."
-)
 
 
-def describe_history(facts: RoundFacts, numbers: bool = True, rounds: int | None = None) -> str:
-    """The section on earlier rounds.
-
-    Args:
-        facts: Facts of the round.
-        numbers: Whether losses and diagnoses are told; a diagnosis may quote what was measured.
-        rounds: How many of the last rounds are told in full. None for all.
-
-    Raises:
-        ArgumentError: The number of rounds is negative.
-    """
-    if rounds is not None and rounds < 0:
-        raise ArgumentError(f"rounds is {rounds}; it must be at least 0, or None for all")
-    every, begun = list(enumerate(facts.situation.rounds, start=1)), facts.situation.first
-    older = 0 if rounds is None else max(len(every) - rounds, 0)
-    first = f" The first point of the run: {_loss(begun)}{_effects(begun, facts)}." if numbers else ""
-    lines = ["## What was tried"]
-    if not every:
-        return "\n\n".join([*lines, f"Nothing yet: this is the first round.{first}"])
-    lines.append(_how_told(facts, numbers) + first)
-    for nth, finished in every[:older]:
-        lines.append(f"{_verdict(nth, finished, numbers)}. {_changes(finished, facts.space, _NAMED)}")
-    lines.extend(_in_full(nth, finished, facts, numbers) for nth, finished in every[older:])
-    since = len(every) - max((nth for nth, finished in every if finished.accepted), default=0)
-    if since:
-        many = "round was" if since == 1 else f"{since} rounds were"
-        lines.append(
-            f"The last {many} rejected: what was proposed there from the current point leads the wrong way, or changes "
-            "too much at once. Propose something else."
-        )
-    return "\n\n".join(lines)
-
-
-def _how_told(facts: RoundFacts, numbers: bool) -> str:
-    steps = (
-        "A step of 1 tries the proposal itself, a step of 0.5 a point halfway to it, and so on; the first step that "
-        "improves on the best point so far is kept, the others are rejected. Changes are listed as value before → "
-        "proposed value, the largest first, with the value that was kept where a smaller step was accepted; what isn't "
-        "listed stayed as it was."
-    )
-    if not numbers:
-        return steps
+def told_of_steps(facts: RoundFacts) -> str:
+    """What is told of each step."""
     parts = ["its loss, the change from the loss before the round"]
     if facts.here.sensors:
         parts.append("what the markers have of it, the mean error of each sensor")
@@ -83,30 +35,10 @@ def _how_told(facts: RoundFacts, numbers: bool) -> str:
     known = facts.here.figures.model_fields_set
     parts += [f"the error in {part}, in mm" for part in _PARTS if f"{part}_error" in known]
     last = f" of {facts.robot.marker_names[-1]}" if facts.beats else ""
-    parts.append(f"the ratio of amplitudes{last} (simulated / real)")
-    return f"{steps} A step tells {', '.join(parts[:-1])} and {parts[-1]}: learn from it what a change does."
+    return f"{', '.join(parts)} and the ratio of amplitudes{last} (simulated / real)"
 
 
-def _in_full(nth: int, finished: Round, facts: RoundFacts, numbers: bool) -> str:
-    proposal = finished.proposal
-    parts = [f"**{_verdict(nth, finished, numbers)}**"]
-    if numbers and proposal.diagnosis.split():
-        parts.append(f"- Diagnosis: {shortened(proposal.diagnosis, LONGEST)}")
-    parts.append(f"- Proposed: {_changes(finished, facts.space, _LISTED)}")
-    parts.append(f"- Steps: {'; '.join(_step(step, finished, facts, numbers) for step in finished.steps)}")
-    return "\n".join([*parts, *_corrections(proposal)])
-
-
-def _verdict(nth: int, finished: Round, numbers: bool) -> str:
-    if not finished.accepted:
-        return f"Round {nth}: rejected"
-    before, last = finished.incumbent, finished.steps[-1]
-    began = "failed" if before.failed else mm(before.loss)
-    loss = f", loss {began} → {mm(last.evaluation.loss)} mm" if numbers else ""
-    return f"Round {nth}: accepted at step {last.step_size:.3g}{loss}"
-
-
-def _changes(finished: Round, space: ParameterSpace, most: int) -> str:
+def changes(finished: Round, space: ParameterSpace, most: int) -> str:
     """What the proposal changed, the largest change first, and the value that was kept where it is another one."""
     start, end = finished.incumbent.candidate.point, finished.proposal.point
     before, after = (_short_values(space, point) for point in (start, end))
@@ -128,17 +60,7 @@ def _short_values(space: ParameterSpace, point: ArrayLike) -> dict[str, str]:
     return {name: significant(value, _DIGITS) for name, value in space.to_values(point).items()}
 
 
-def _step(step: Step, finished: Round, facts: RoundFacts, numbers: bool) -> str:
-    size, evaluation, before = f"{step.step_size:.3g}", step.evaluation, finished.incumbent
-    if not numbers:
-        accepted = finished.accepted and step is finished.steps[-1]
-        return f"{size} {'failed' if evaluation.failed else 'accepted' if accepted else 'rejected'}"
-    known = not (evaluation.failed or before.failed)
-    change = f" ({mm(evaluation.loss - before.loss, signed=True)})" if known else ""
-    return f"{size}: {_loss(evaluation)}{change}{_effects(evaluation, facts)}"
-
-
-def _effects(evaluation: Evaluation, facts: RoundFacts) -> str:
+def effects(evaluation: Evaluation, facts: RoundFacts) -> str:
     """What else an evaluation did, in few words after its loss; empty where nothing is known."""
     if evaluation.failed:
         return ""
@@ -159,15 +81,13 @@ def _effects(evaluation: Evaluation, facts: RoundFacts) -> str:
     return "".join(f", {part}" for part in parts)
 
 
-def _loss(evaluation: Evaluation) -> str:
-    if not evaluation.failed:
-        return f"{mm(evaluation.loss)} mm"
+def first_divergence(evaluation: Evaluation) -> str | None:
+    """What diverged first, in a sentence."""
     trials = FitFigures.model_validate(evaluation.detail or {}).trials.items()
-    reasons = (f"trial '{name}': {trial.divergence}" for name, trial in trials if trial.divergence)
-    return f"the simulation diverged ({next(reasons, 'no reason on record')})"
+    return next((f"trial '{name}': {trial.divergence}" for name, trial in trials if trial.divergence), None)
 
 
-def _corrections(proposal: Proposal) -> list[str]:
+def corrections(proposal: Proposal) -> list[str]:
     """What its author should hear of."""
     lines: list[str] = []
     for name, said in _CORRECTED.items():
@@ -175,12 +95,12 @@ def _corrections(proposal: Proposal) -> list[str]:
         if isinstance(found, Mapping):
             found = [f"{key} ({significant(given)} was given)" for key, given in found.items()]
         if found:
-            lines.append(f"- {shortened(', '.join(found), _LONGEST_LIST)}: {said}.")
+            lines.append(f"{shortened(', '.join(found), _LONGEST_LIST)}: {said}.")
     return lines
 
 
 @dataclass(frozen=True)
-class _Measurement:
+class Measured:
     """A measurement against the best point of its time.
 
     Attributes:
@@ -220,11 +140,9 @@ class _Measurement:
         return _less(*(known.mean_of(figure) for known in reversed(self.facts)))
 
 
-def describe_measured(facts: RoundFacts) -> str | None:
-    """The section on measurements, None without any."""
-    rows = _measurements(facts)
-    if not rows:
-        return None
+def measured_table(facts: RoundFacts) -> str:
+    """A row per measurement."""
+    rows = measurements(facts)
     beats, speeds = facts.beats, facts.robot.trials.score_progress
     named = max(len(row.by_trial) for row in rows)
     names = [f"{t.frequency:.2f} Hz" if beats else t.name for t in facts.here.trials][:named]
@@ -246,19 +164,19 @@ def describe_measured(facts: RoundFacts) -> str | None:
         ][: len(columns)]
         for row, yaw in zip(rows, yaws, strict=True)
     ]
-    return f"## What was measured\n\n{_MEASURED}\n\n{table(columns, cells)}"
+    return table(columns, cells)
 
 
-def _measurements(facts: RoundFacts) -> list[_Measurement]:
+def measurements(facts: RoundFacts) -> list[Measured]:
     """Every measurement of the run, in order."""
-    situation, rows = facts.situation, list[_Measurement]()
+    situation, rows = facts.situation, list[Measured]()
     best = situation.first
     for measurements, steps in (
         *((finished.measurements, finished.steps) for finished in situation.rounds), (situation.measurements, ())
     ):  # fmt: skip
         for one in measurements:
             known = EvaluationFacts.of(best, facts.robot), EvaluationFacts.of(one, facts.robot)
-            rows.append(_Measurement(best, one, known))
+            rows.append(Measured(best, one, known))
             best = min(best, one, key=_rank)
         best = min((best, *(step.evaluation for step in steps)), key=_rank)
     return rows
@@ -274,12 +192,3 @@ def _wider(change: Known) -> str:
 
 def _less(new: Known, old: Known) -> Known:
     return None if new is None or old is None else new - old
-
-
-def shortened(text: str, longest: int) -> str:
-    """A text on one line, cut at a word."""
-    line = " ".join(text.split())
-    if len(line) <= longest:
-        return line
-    cut = line[: longest - 1]
-    return cut[: cut.rfind(" ")].rstrip(" ,;:") + "…" if " " in cut else cut + "…"
