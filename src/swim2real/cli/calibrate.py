@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from swim2real.cli.progress import RunCallbacks
     from swim2real.robots.robot import Sensor
 
-MOST_LINES = 10  # on lost tracks, before they are told in a line for each trial
+MOST_LINES = 10  # on lost tracks, before they are reported in a line per trial
 
 
 def calibrate(
@@ -156,7 +156,7 @@ def demo(
 
 
 def _watched(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path, quiet: bool) -> Outcome | None:
-    """Does the work of a run with its progress shown; None when it is interrupted, which is told."""
+    """Does the work of a run with its progress shown; None when it is interrupted, which is reported."""
     from swim2real.calibration import RunFolder
     from swim2real.cli.progress import run_shown
 

@@ -16,7 +16,7 @@ from swim2real.errors import ArgumentError, Swim2RealError
 Named = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN[:UNIT] ...")]
 NamedPairs = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=XCOLUMN,YCOLUMN[:UNIT] ...")]
 From = Annotated[tuple[float, ...], tyro.conf.arg(name="from")]  # which Python doesn't take as a name
-_MOST_GAPS = 3  # that are told of a log
+_MOST_GAPS = 3  # that are reported of a log
 
 
 def import_recording(
