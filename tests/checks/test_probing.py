@@ -8,7 +8,7 @@ from recorded import PENDULUM as RECORDED
 from recorded import pendulum_reference
 from refused import refusal, says
 from small_models import PENDULUM
-from swim2real.checks.probing import NOISE, SECONDS, excitation, moved, probe
+from swim2real.checks.probing import NOISE, excitation, moved, probe
 from swim2real.checks.reference import misfits, misplaced, other_units
 from swim2real.errors import EngineError
 from swim2real.robots import load_robot
@@ -94,24 +94,6 @@ def test_sensors_count_by_their_worth(robot_of):
     none, some, more = (probe(one, threads=1)[0].upper.distance for one in (sensors, plain, worth))
     assert more - none == pytest.approx(11 * (some - none), rel=1e-6)
     assert some > none
-
-
-def test_an_excitation_stays_within_ranges(robot_of):
-    model = ARM.replace('name="torque"', 'name="torque" ctrlrange="0 4" ctrllimited="true"')
-    robot = robot_of(parameter("'joint \"link0\" damping'"), start="markers", model=model)
-    trial = excitation(robot, 1.0)
-    controls = trial.controls
-    assert controls.names == ("servo", "torque")
-    assert np.ptp(controls.column("servo")) == pytest.approx(1.0, rel=1e-2)
-    assert controls.column("torque").min() == pytest.approx(1.0, abs=1e-2)
-    assert controls.column("torque").max() == pytest.approx(3.0, abs=1e-2)
-    low, high = np.deg2rad([-30, 60])
-    assert low < trial.start["link0"] < high
-    assert trial.start["link1"] == pytest.approx(0.3)
-    assert trial.track.duration == pytest.approx(SECONDS)
-    still = excitation(robot, 0.0)
-    assert np.ptp(still.controls.values, axis=0).max() == 0
-    assert all(value == 0 for value in still.start_velocities.values())
 
 
 def recorded(robot, **changes) -> TrialSet:

@@ -1,6 +1,5 @@
 """The fish with parameters beyond the paper's 16, and robots by name."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,11 +7,7 @@ import pytest
 
 from swim2real.calibration import Problem
 from swim2real.demo.synthetic import SyntheticCamera, synthetic_reference
-from swim2real.errors import ParameterError
-from swim2real.parameters import read_parameters
-from swim2real.pipeline import calibrate
 from swim2real.robots.fish import FISH, FISH_EXTENDED
-from swim2real.settings import CalibrationSettings
 from swim2real.simulation import Simulator, Swim
 from swim2real.simulation.fast_step import FastStep, disagreement
 from swim2real.simulation.stepper import Stepper
@@ -29,16 +24,12 @@ def test_the_sixteen_come_first_and_stay_as_they_are():
     assert [FISH_EXTENDED.space[name].published for name in EXTRA] == [0.0, 0.0]
 
 
-def test_the_published_extended_fish_swims_as_the_published_fish_to_the_last_bit():
-    models = (FISH_EXTENDED.build(PUBLISHED).compile(), FISH.build(FISH.space.published).compile())
-    ours, plain = (Stepper(model, FISH, 0.1, 9.0, 0.0).run(300).markers for model in models)
-    np.testing.assert_array_equal(ours, plain)
-
-
 @pytest.mark.parametrize("name", EXTRA)
-def test_every_extra_parameter_changes_the_swim(name):
-    models = [FISH_EXTENDED.build({**PUBLISHED, name: value}).compile() for value in (0.0, 1.0)]
-    before, after = (Stepper(model, FISH_EXTENDED, 0.1, 9.0, 0.0).run(300).markers for model in models)
+def test_every_extra_parameter_changes_the_swim_that_is_the_plain_fishs_without(name):
+    values = (PUBLISHED, {**PUBLISHED, name: 1.0})
+    models = [FISH.build(FISH.space.published).compile(), *(FISH_EXTENDED.build(one).compile() for one in values)]
+    plain, before, after = (Stepper(model, FISH_EXTENDED, 0.1, 9.0, 0.0).run(300).markers for model in models)
+    np.testing.assert_array_equal(plain, before)
     assert np.linalg.norm(after - before, axis=2).max() > 1e-5
 
 
@@ -85,26 +76,6 @@ FREQUENCIES, HIDDEN = (0.6, 1.0, 1.4), {"hull_added_mass": 1.0, "surface_damping
 def damped_swims():
     """Swims of the published fish with water to accelerate and damping at the surface, seen without noise."""
     return synthetic_reference(FISH_EXTENDED, {**PUBLISHED, **HIDDEN}, FREQUENCIES, 3.0, SyntheticCamera(), seed=0)
-
-
-@pytest.mark.slow
-def test_a_calibration_of_the_extended_fish_is_one_like_any_other(damped_swims, tmp_path):
-    settings = CalibrationSettings(budget=5, seed=0, threads=1)
-    outcome = calibrate(damped_swims, FISH_EXTENDED, settings, tmp_path / "run", sensitivity=True)
-    assert [one.name for one in outcome.sensitivity][-len(EXTRA) :] == list(EXTRA)
-    written = json.loads((tmp_path / "run" / "best.json").read_text())
-    assert written["robot"] == "fish-extended"
-    best = read_parameters(tmp_path / "run", "fish-extended", FISH_EXTENDED.space)
-    assert list(best.values) == list(FISH_EXTENDED.space.names)
-    record = [json.loads(line) for line in (tmp_path / "run" / "record.jsonl").read_text().splitlines()]
-    assert len(record) == 5
-    losses = [entry["loss"] for entry in record]
-    assert min(losses) < losses[0]  # the advisor finds a better one
-    with pytest.raises(ParameterError, match="is for robot 'fish-extended', not 'fish'"):
-        read_parameters(tmp_path / "run", "fish", FISH.space)
-    # going on with more budget takes the record up again
-    more = calibrate(damped_swims, FISH_EXTENDED, replace(settings, budget=6), tmp_path / "run", resume=True)
-    assert more.fit.motion_error <= min(losses) * (1 + 1e-8)  # an outcome has nine digits
 
 
 @pytest.mark.slow

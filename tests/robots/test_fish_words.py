@@ -4,11 +4,8 @@ import re
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from swim2real.calibration.from_rest import from_rest
 from swim2real.robots.fish import FISH, FISH_EXTENDED
-from swim2real.simulation import Simulator
 
 SPACE = replace(FISH.space, scale="log")
 STEP = 0.1  # of a parameter's range
@@ -63,16 +60,3 @@ def test_the_words_have_the_signs_of_the_learned_response():
     assert sure.sum() >= 15
     np.testing.assert_array_equal(np.sign(said[sure]), np.sign(expected[sure]))
     assert np.abs(expected[~sure]).max() < 6  # what is called weak is weak
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["fluid_blunt_drag", "fluid_kutta_lift"])
-def test_the_largest_effects_on_speed_are_there_in_a_simulation(name):
-    i, simulator = SPACE.names.index(name), Simulator(FISH)
-    middle = SPACE.to_cube(FISH.space.published)
-    frequencies = {str(f): float(f) for f in FREQUENCIES}
-    sides = []
-    for way in (-1, 1):
-        point = np.clip(middle + way * STEP / 2 * np.eye(len(SPACE))[i], 0, 1)
-        sides.append([one.speed for one in from_rest(simulator, SPACE.to_values(point), frequencies).values()])
-    assert (np.sign(np.array(sides[1]) - np.array(sides[0])) == np.sign(told(FISH)[name][0])).all()

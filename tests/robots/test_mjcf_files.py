@@ -4,7 +4,6 @@ import os
 import pickle
 import time
 import zipfile
-from contextlib import suppress
 from pathlib import Path
 
 import mujoco
@@ -141,13 +140,6 @@ def test_an_allowed_file_is_read_by_other_processes(folder, monkeypatch):
     assert pickle.loads(sent).build({"damping": 0.1}).compile().nu == 5
 
 
-def test_the_folder_of_a_linked_model_is_that_of_the_model_itself(folder, tmp_path):
-    (folder / "model.xml").write_text(meshed("t.obj"))
-    link = tmp_path / "elsewhere" / "model.xml"
-    link.symlink_to(folder / "model.xml")
-    assert read_mjcf(link).compile().nmesh == 1
-
-
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 def test_a_pipe_in_the_folder_is_refused_and_not_waited_for(folder):
     os.mkfifo(folder / "pipe.obj")
@@ -185,30 +177,6 @@ def test_a_text_of_one_piece_repeated_is_taken_apart_in_linear_time(folder, piec
     begin = time.perf_counter()
     assert outside(folder / "model.xml") is None
     assert time.perf_counter() - begin < 3
-
-
-def test_entities_that_grow_stay_as_they_are(folder):
-    entities = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 12))
-    laughs = f'<!DOCTYPE m [<!ENTITY a0 "ha">{entities}]>\n'
-    place = made(folder, ROBOT, RECORDINGS, DAMPING)
-    model = place.with_suffix(".xml")
-    text = model.read_text().replace('"arm"', '"&a11;"')
-    model.write_text(text)
-    without = fingerprint(place)
-    model.write_text(laughs + text)
-    assert fingerprint(place) != without
-    with suppress(RobotError):  # a sentence, if MuJoCo doesn't like it
-        read_mjcf(model)
-
-
-def test_what_mujoco_reads_in_spite_of_xml_has_a_fingerprint(folder):
-    place = made(folder, ROBOT, RECORDINGS, DAMPING)
-    model = place.with_suffix(".xml")
-    model.write_text(model.read_text().replace("<worldbody>", "<!-- a -- b --><worldbody>"))
-    assert load_robot(place).name == "arm"
-    before = fingerprint(place)
-    model.write_text(model.read_text().replace('kp="5"', 'kp="6"'))
-    assert fingerprint(place) != before
 
 
 def test_the_forms_of_the_last_cases_are_read_by_mujoco(folder):

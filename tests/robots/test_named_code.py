@@ -150,17 +150,6 @@ def test_what_a_process_was_allowed_goes_with_the_robot_to_others(place, monkeyp
         pickle.loads(sent)
 
 
-@pytest.mark.parametrize(
-    "content", ["", "[]", "{}", '{"format": 2, "allowed": {}}', '{"format": 1, "allowed": 3}', "\0"]
-)
-def test_a_damaged_memory_counts_as_none(place, content):
-    consent.folder().mkdir(parents=True)
-    (consent.folder() / consent.FILE).write_text(content)
-    asked(place)
-    load_robot(place, allow_code=True)
-    load_robot(place)
-
-
 def test_code_of_this_program_needs_no_consent_and_others_that_begin_like_it_do(tmp_path):
     load_robot("fish-extended")
     place = made(tmp_path, ROBOT.replace("arm.xml", "python:swim2real.cli.main:main"), RECORDINGS, DAMPING)

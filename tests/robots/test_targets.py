@@ -5,8 +5,8 @@ import pytest
 from made_robots import ARM
 from refused import refusal, says
 from swim2real.errors import RobotError
-from swim2real.robots.compiled import numbers, same
-from swim2real.robots.targets import Target, attribute, attribute_names, class_name
+from swim2real.robots.compiled import same
+from swim2real.robots.targets import Target, attribute, attribute_names
 
 
 @pytest.fixture
@@ -119,15 +119,6 @@ def test_a_negative_number_has_no_sense_everywhere(spec):
     Target('joint "link0" damping', offset=3.0).check_bound(spec, -2.0)
 
 
-def test_models_are_the_same_only_with_the_same_numbers(spec):
-    first = spec.copy().compile()
-    assert same(first, spec.copy().compile())
-    spec.option.timestep = 0.001
-    assert not same(first, spec.copy().compile())
-    names = [name for name, _ in numbers(first)]
-    assert {"dof_damping", "geom_fluid", "opt.timestep", "opt.gravity", "body_mass"} <= set(names)
-
-
 # numbers of elements
 
 KINDS = ("bodies", "joints", "geoms", "sites", "tendons", "actuators", "equalities")
@@ -186,11 +177,3 @@ def test_other_actuators_have_no_servo_gains(spec):
         assert attribute(spec.actuator(name), "kv") is None
         assert "kp" not in attribute_names(spec.actuator(name))
     assert number(spec.actuator("torque"), "gear") == 2.0
-
-
-def test_the_default_class_of_every_kind_of_element(spec):
-    assert class_name(spec.geom("rod1")) == "wet"
-    assert class_name(spec.joint("link0")) == "soft"
-    assert class_name(spec.joint("link1")) == "main"
-    assert class_name(spec.tendon("cable")) == "soft"
-    assert class_name(spec.actuator("servo")) == "main"

@@ -257,35 +257,3 @@ def test_each_step_may_have_its_own_control():
         engine.ctrl[:] = row
         mujoco.mj_step(model, engine)
     np.testing.assert_allclose(ours.qvel, engine.qvel, atol=1e-8)
-
-
-@pytest.mark.slow
-def test_four_seconds_of_the_reference_fishes_are_the_engines(shared):
-    """To 1 µm, but for swims that the engine itself takes elsewhere when it starts 1e-16 off."""
-    path = shared / "reference" / "fish_rollouts.npz"
-    if not path.is_file():
-        pytest.skip(f"no reference rollouts at {path}")
-    with np.load(path) as rollouts:
-        sets, frequencies = rollouts["parameters"], rollouts["frequencies"]
-    steady = 0
-    for parameters in sets:
-        model = FISH.build(dict(zip(FISH.space.names, map(float, parameters), strict=True))).compile()
-        fast = FastStep(model)
-        for frequency in frequencies:
-            ours, engine = (swim(model, step, frequency, 4001).markers for step in (fast, None))
-            gap = np.abs(ours - engine).max()
-            if gap < 1e-6:
-                steady += 1
-                continue
-            assert gap < 100 * self_disagreement(model, frequency, engine), (parameters, frequency)
-    assert steady >= 12
-
-
-def self_disagreement(model, frequency, markers) -> float:
-    """How far the engine's own swim ends up from itself, started a rounding error off [m]."""
-    worst = 0.0
-    for offset in (1e-16, -1e-16, 3e-16):
-        stepper = Stepper(model, FISH, 0.1, 2 * np.pi * frequency, 0.0)
-        stepper._data.qpos[[0, 7]] += offset
-        worst = max(worst, float(np.abs(stepper.run(4001).markers - markers).max()))
-    return worst

@@ -7,7 +7,6 @@ from scipy.interpolate import CubicSpline
 
 from refused import says
 from swim2real.calibration import Problem
-from swim2real.errors import EngineError
 from swim2real.robots import load_robot
 from swim2real.robots.drives import Drive
 from swim2real.robots.fish import FISH
@@ -128,24 +127,6 @@ def test_a_motor_too_weak_to_turn_makes_a_diverged_trial():
     (trial,) = Simulator(rebuilt(weaken), 1).simulate(PUBLISHED, [Swim("stuck", Actuation(2.0, 0.0, 0.1), 1.0)])
     assert (trial.divergence or "").startswith("the motor is stuck: ")
     assert np.isfinite(trial.track.positions).all()
-
-
-@pytest.mark.parametrize("threads", [0, -2])
-def test_no_threads_are_refused(threads):
-    with pytest.raises(EngineError, match=f"threads is {threads}; it must be at least 1"):
-        Simulator(FISH, threads=threads)
-
-
-def test_pushing_and_running_on_are_one_motion():
-    model = FISH.build(PUBLISHED).compile()
-    whole = Stepper(model, FISH, 0.1, 6.0, 0.0).run(200)
-    parts = Stepper(model, FISH, 0.1, 6.0, 0.0)
-    joined = parts.run(120).then(parts.run(80))
-    np.testing.assert_allclose(joined.markers, whole.markers, atol=1e-9)
-    np.testing.assert_allclose(joined.turns, whole.turns, atol=1e-9)
-    pushed = Stepper(model, FISH, 0.0, 6.0, 0.0)
-    pushed.push(np.array([-0.1, 0.0]))
-    np.testing.assert_allclose(pushed.run(200).markers, whole.markers, atol=1e-9)
 
 
 SERVO_XML = """

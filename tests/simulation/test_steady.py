@@ -91,17 +91,3 @@ def test_unrolling_goes_on_in_place_and_heading(turn):
     np.testing.assert_allclose(times, np.arange(5 * 64 + 1) * 0.8 / 64)
     expected = at(times / 0.8)
     np.testing.assert_allclose(markers, expected - expected[0, :2].mean(axis=0), atol=1e-12)
-
-
-def test_unrolling_a_real_swim_has_no_seams():
-    cycle = found_cycle(FISH.space.published, 1.0)
-    body = frames.to_body(cycle.markers)  # it ends as it began
-    assert np.linalg.norm(body[-1] - body[0], axis=1).mean() < 1e-3
-    assert np.ptp(body[:, 8, 1]) > 0.1
-    times, markers = cycle.unroll(3)
-    step = np.linalg.norm(np.diff(markers, axis=0), axis=2).max(axis=1)
-    per_cycle = len(cycle.markers) - 1
-    seams = step[[per_cycle - 1, per_cycle, 2 * per_cycle - 1, 2 * per_cycle]]
-    assert seams.max() < 1.2 * step[:per_cycle].max()
-    assert times[-1] == pytest.approx(3.0)
-    assert frames.slope(times, frames.progress(times, markers)) == pytest.approx(speed_of(cycle.markers, 1.0), rel=0.02)

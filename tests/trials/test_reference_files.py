@@ -238,14 +238,6 @@ def test_ordinary_names_are_read_in_either_form_and_found_by_the_other(tmp_path,
     assert load_reference(tmp_path).names == (again.name,)
 
 
-def test_two_trials_whose_names_are_one_to_some_system_arent_written(tmp_path, trials):
-    upper = replace(trials.trials[0], name="SLOW")
-    assert "choose another name" in refused(save_reference, TrialSet((*trials.trials, upper)), tmp_path)
-    assert "two trials are named" in refused(
-        TrialSet, (replace(upper, name="\xfc"), replace(upper, name="u\u0308"))
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("change", "parts"),
     [
