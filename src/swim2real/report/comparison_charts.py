@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from swim2real.comparison.results import RunResult
 from swim2real.comparison.statistics import MethodStatistics, Speeds, marker_errors, speeds, step_statistics
 from swim2real.comparison.tables import THEORY, spread_cell
 from swim2real.report.style import (
@@ -38,48 +37,34 @@ Styles = Mapping[str, MethodStyle]
 
 _ACCEPTED = ("#00416a", "#2f7fb8", "#85bce0", "#c3dff1", "#e0eff8")  # dark to light with the step getting smaller
 _REJECTED = "#eceef0"
+_LEAST_SHARE = 3.5  # %, of a bar with room for its number
 _BESIDE = 16  # characters of a name that stands beside others on an axis
 
 
 def convergence(methods: Sequence[MethodStatistics], styles: Styles, width: float = COLUMN) -> Figure:
-    """Mean of the best loss so far of each method, every seed thin, and a dot where a seed ends.
-
-    The dots of each method stand in a column of their own, right of the last evaluation. Width in inches.
-    """
+    """Mean of the best loss so far of each method, and every seed thin. Width in inches."""
     height = 2.4 + 0.24 * (width - COLUMN)
     figure = new_figure(width, height + 0.14 * legend_rows([stats.method for stats in methods], width))
     axes: Any = figure.subplots()
-    ordered = sorted(methods, key=lambda stats: stats.mean("final"))
     budget = methods[0].curves.shape[1]
-    evaluations = np.arange(1, budget + 1)
-    spacing = 0.028 * budget * COLUMN / width
-    alpha = 0.4 if len(methods) <= MANY else 0.18
+    evaluations = np.append(np.arange(1, budget + 1), 1.04 * budget)  # so that the last step is seen
     handles: list[Any] = []
-    for i, stats in enumerate(ordered):
+    for stats in sorted(methods, key=lambda stats: stats.mean("final")):
         style = styles[stats.method]
+        thin = {"color": style.light, "linewidth": 0.4, "alpha": 0.4 if len(methods) <= MANY else 0.18}
         for seed, curve in zip(stats.seeds, stats.curves, strict=True):
-            (line,) = axes.step(evaluations, 1e3 * curve, where="post", color=style.light, linewidth=0.4, alpha=alpha)
+            (line,) = axes.step(evaluations, 1e3 * np.append(curve, curve[-1]), where="post", **thin)
             titled(line, f"{stats.method}, seed {seed}")
-        mean = 1e3 * stats.curves.mean(axis=0)
-        (line,) = axes.step(
-            evaluations, mean, where="post", color=style.light, linewidth=1.5, zorder=3, **style.pattern
-        )
+        mean, bold = 1e3 * stats.curves.mean(axis=0), {"color": style.light, "linewidth": 1.5, "zorder": 3}
+        (line,) = axes.step(evaluations, np.append(mean, mean[-1]), where="post", **bold, **style.pattern)
         titled(line, f"{stats.method}, mean of {len(stats.seeds)}")
-        place = np.full(len(stats.runs), budget + (i + 1) * spacing)
-        axes.plot(
-            place, 1e3 * stats.final.to_numpy(), style.mark, color=style.light, markersize=3, markeredgewidth=0,
-            alpha=0.85, clip_on=False, zorder=4,
-        )  # fmt: skip
         handles.append(handle(label=stats.method, linewidth=1.5, **style.line))
     curves = 1e3 * np.concatenate([stats.curves for stats in methods])
     log_axis(axes.yaxis, 0.85 * float(curves.min()), 1.12 * float(curves.max()))
-    end = budget + (len(ordered) + 0.8) * spacing
-    axes.axvline(budget + 0.45 * spacing, color=LIGHT["muted"], linewidth=0.5, linestyle=(0, (1, 2)))
-    axes.set_xlim(1, end)
+    axes.set_xlim(1, evaluations[-1])
     step = next(n for n in (1, 2, 5, 10, 20, 50, 100, 200, 500, 10**4) if budget <= 10 * n)
-    axes.set_xticks([1, *range(step, budget + 1, step)] if step > 1 else evaluations)
+    axes.set_xticks([1, *range(step, budget + 1, step)] if step > 1 else range(1, budget + 1))
     axes.set_xlabel("evaluations")
-    axes.xaxis.set_label_coords(0.5 * budget / end, -0.11 * 2.4 / height)
     axes.set_ylabel(f"best {methods[0].description.loss} so far (mm)")
     legend_above(figure, handles, width)
     return figure
@@ -220,85 +205,31 @@ def markers(
 
 
 def line_search(methods: Sequence[MethodStatistics], styles: Styles) -> Figure | None:
-    """Shares of the step sizes and of rejected rounds on the left, the losses of a typical run on the right.
-
-    The run is that with the median loss of the first method that tries more than one step. None without rounds.
-    """
-    counted = [
-        (stats, steps) for stats in methods if (steps := step_statistics(stats.runs)) is not None and steps.rounds
-    ]
+    """At which step proposals are accepted: shares of the step sizes and of rejected rounds. None without rounds."""
+    counted = {stats.method: steps for stats in methods if (steps := step_statistics(stats.runs)) and steps.rounds}
     if not counted:
         return None
-    figure = new_figure(DOUBLE, 2.5)
-    left, right = figure.subplots(1, 2, width_ratios=[1, 1.35])
-    sizes = sorted({size for _, steps in counted for size in steps.by_size}, reverse=True)
+    figure = new_figure(COLUMN, 1.3 + 0.4 * len(counted))
+    axes: Any = figure.subplots()
+    sizes = sorted({size for steps in counted.values() for size in steps.by_size}, reverse=True)
     shades = [_ACCEPTED[min(i, len(_ACCEPTED) - 1)] for i in range(len(sizes))]
-    left.grid(visible=False)
-    for row, (_, steps) in enumerate(counted):
-        start = 0.0
-        for i, (size, shade) in enumerate(zip(sizes, shades, strict=True)):
-            share = 100 * steps.by_size.get(size, 0) / steps.rounds
-            left.barh(row, share, left=start, height=0.56, color=shade, edgecolor="white", linewidth=0.6)
-            if share >= 3.5:
-                ink = "white" if i < 2 else LIGHT["text"]
-                left.text(start + share / 2, row, f"{share:.0f}", ha="center", va="center", color=ink, fontsize=7)
-            start += share
-        left.barh(row, 100 - start, left=start, height=0.56, color=_REJECTED, edgecolor="white", linewidth=0.6)
-        left.text(
-            100, row - 0.33, f"{steps.accepted} of {steps.rounds} accepted ({100 * steps.accept_rate:.0f} %)",
-            ha="right", va="bottom", fontsize=7,
-        )  # fmt: skip
-    left.set_yticks(range(len(counted)), [chart_name(stats.method) for stats, _ in counted])
-    left.tick_params(axis="y", length=0)
-    left.spines["left"].set_visible(False)
-    left.set(ylim=(len(counted) - 0.45, -0.85), xlim=(0, 100), xlabel="share of the rounds (%)")
-    panel_title(left, "(a) step at which a proposal is accepted")
+    axes.grid(visible=False)
+    for row, steps in enumerate(counted.values()):
+        shares = np.array([100 * steps.by_size.get(size, 0) / steps.rounds for size in sizes])
+        ends = np.cumsum(shares)
+        bars = zip([*shares, 100 - ends[-1]], [*(ends - shares), ends[-1]], [*shades, _REJECTED], strict=True)
+        for i, (share, start, shade) in enumerate(bars):
+            axes.barh(row, share, left=start, height=0.56, color=shade, edgecolor="white", linewidth=0.6)
+            if share >= _LEAST_SHARE and shade != _REJECTED:
+                look = {"ha": "center", "va": "center", "fontsize": 7, "color": "white" if i < 2 else LIGHT["text"]}
+                axes.text(start + share / 2, row, f"{share:.0f}", **look)
+        accepted = f"{steps.accepted} of {steps.rounds} accepted ({100 * steps.accept_rate:.0f} %)"
+        axes.text(100, row - 0.33, accepted, ha="right", va="bottom", fontsize=7)
+    axes.set_yticks(range(len(counted)), [chart_name(method) for method in counted])
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.set(ylim=(len(counted) - 0.45, -0.85), xlim=(0, 100), xlabel="share of the rounds (%)")
     patches = [Patch(facecolor=shade, label=f"step {size:g}") for shade, size in zip(shades, sizes, strict=True)]
-    _legend_below(left, [*patches, Patch(facecolor=_REJECTED, label="rejected")], 1.0)
-    many = next((stats for stats, steps in counted if len(steps.by_size) > 1), counted[0][0])
-    run = many.typical_run()
-    _draw_run(right, run, styles[many.method].light)
-    panel_title(right, f"(b) {chart_name(many.method)}, seed {run.seed}")
-    right.set_ylabel(f"{many.description.loss} (mm)")
+    patches.append(Patch(facecolor=_REJECTED, label="rejected"))
+    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), handlelength=1.0, columnspacing=0.9)
     return figure
-
-
-def _legend_below(axes: Any, handles: Sequence[Any], length: float) -> None:
-    axes.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=len(handles), handlelength=length,
-        columnspacing=0.9, handletextpad=0.4, borderaxespad=0.2,
-    )  # fmt: skip
-
-
-def _draw_run(axes: Any, run: RunResult, color: str) -> None:
-    """Every step of a run: filled where it was accepted, open where not; rounds on bands; the incumbent as a line."""
-    losses = [1e3 * loss for loss in run.losses]
-    known = [loss for loss, failed in zip(losses, run.failed, strict=True) if not failed] or losses
-    top = 1.15 * max(known)
-    for number, proposal in enumerate(run.rounds):
-        first = proposal.begin + 1
-        if number % 2:
-            axes.axvspan(first - 0.5, first + len(proposal.sizes) - 0.5, color="#f1f3f5", linewidth=0, zorder=0)
-        steps = range(proposal.begin, proposal.begin + len(proposal.sizes))
-        axes.plot(
-            [i + 1 for i in steps], [min(losses[i], top) for i in steps], color=LIGHT["muted"], linewidth=0.6, zorder=2
-        )
-    axes.step(range(1, len(losses) + 1), 1e3 * run.best, where="post", color=color, linewidth=1.3, zorder=3)
-    accepted = {proposal.begin + len(proposal.sizes) - 1 for proposal in run.rounds if proposal.accepted} | {0}
-    for i, loss in enumerate(losses):
-        good, failed = i in accepted, run.failed[i]
-        axes.plot(
-            i + 1, top * 0.97 if failed else loss, "x" if failed else "o", color=color if good else LIGHT["muted"],
-            markerfacecolor=color if good else "white", markersize=3.8 if good else 3.4, markeredgewidth=0.7, zorder=4,
-        )  # fmt: skip
-    log_axis(axes.yaxis, 0.85 * min(known), top)
-    axes.set(xlim=(0.2, len(losses) + 0.8), xlabel="evaluation (bands: rounds)")
-    dot: dict[str, Any] = {"linestyle": "none", "marker": "o", "markeredgewidth": 0.7}
-    handles = [
-        handle(color=color, label="accepted", **dot),
-        handle(color=LIGHT["muted"], markerfacecolor="white", label="not accepted", **dot),
-        handle(color=color, label="best so far"),
-    ]
-    if any(run.failed):
-        handles.append(handle(color=LIGHT["muted"], linestyle="none", marker="x", label="diverged"))
-    _legend_below(axes, handles, 1.6)

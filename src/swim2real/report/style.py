@@ -7,9 +7,11 @@ style sheet, so that they follow the reader's theme. Hence no two roles share a 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -41,72 +43,22 @@ COLORS: dict[str, tuple[str, str]] = {
 }
 LIGHT = {role: light for role, (light, _) in COLORS.items()}
 
-_SHARED: Any = {
-    "font.size": 8,
-    "axes.labelsize": 8,
-    "axes.titlesize": 8.5,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
-    "legend.fontsize": 7.5,
-    "legend.frameon": False,
-    "legend.handlelength": 2.4,
-    "legend.columnspacing": 1.2,
-    "legend.labelspacing": 0.35,
-    "axes.linewidth": 0.6,
-    "axes.edgecolor": LIGHT["muted"],
-    "axes.labelcolor": LIGHT["text"],
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "text.color": LIGHT["text"],
-    "xtick.color": LIGHT["muted"],
-    "ytick.color": LIGHT["muted"],
-    "xtick.labelcolor": LIGHT["text"],
-    "ytick.labelcolor": LIGHT["text"],
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
-    "lines.linewidth": 1.2,
-    "lines.markersize": 3.6,
-    "axes.grid": True,
-    "axes.grid.axis": "y",
-    "grid.color": LIGHT["grid"],
-    "grid.linewidth": 0.5,
-    "axes.unicode_minus": True,
-    "text.usetex": False,
-    "text.parse_math": False,  # names may hold a dollar sign
-}
-_PAPER: Any = {
-    "font.family": ["STIXGeneral", "DejaVu Sans"],  # both come with matplotlib, so every machine has them
-    "pdf.fonttype": 42,  # letters stay letters, embedded
-    "ps.fonttype": 42,
-    "svg.hashsalt": "swim2real",  # the same names in a file each time
-    "savefig.facecolor": "white",
-}
-_PAGE: Any = {
-    "font.family": ["DejaVu Sans"],  # for measuring alone: the page's own font takes its place, and is narrower
-    "axes.grid.axis": "both",
-    "figure.facecolor": "none",
-    "axes.facecolor": "none",
-    "savefig.facecolor": "none",
-    "path.simplify_threshold": 0.15,  # points
-    "svg.fonttype": "none",
-}
+_STYLES = Path(__file__).parent / "styles"
 
 
-@contextmanager
-def paper_style() -> Generator[None]:
+def paper_style() -> AbstractContextManager[None]:
     """Settings for figures of a paper, for drawing and for saving; those of the caller come back after."""
-    with mpl.rc_context({**_SHARED, **_PAPER}):
-        yield
+    return mpl.rc_context(_settings("charts") | _settings("paper"))
 
 
-@contextmanager
-def page_style() -> Generator[None]:
+def page_style() -> AbstractContextManager[None]:
     """Settings for charts of a page, for drawing and for saving; those of the caller come back after."""
-    with mpl.rc_context({**_SHARED, **_PAGE}):
-        yield
+    return mpl.rc_context(_settings("charts") | _settings("page"))
+
+
+@cache
+def _settings(name: str) -> Any:
+    return dict(mpl.rc_params_from_file(_STYLES / f"{name}.mplstyle", use_default_template=False))
 
 
 def new_figure(width: float, height: float) -> Figure:
