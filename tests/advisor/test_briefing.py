@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from playbacks import ARM, CART, Swing, compared, evaluated
-from waves import EEL_SPACE, Wave, after, compared_waves, eel, evaluate, fish_situation, start
-from worlds import SPACE, World
+from waves import EEL_SPACE, Wave, after, compared_waves, eel, evaluate, start
+from worlds import SPACE, World, situation
 
-from recorded import PENDULUM, PENDULUM_HIDDEN, pendulum_reference
+from recorded import PENDULUM, pendulum_reference
 from swim2real.advisor import ProbingAdvisor
 from swim2real.advisor.briefing.facts import RoundFacts
 from swim2real.advisor.briefing.prompt import TrialPromptBuilder, close_miss, describe
@@ -20,7 +20,6 @@ from swim2real.advisor.briefing.texts import shortened, significant, table
 from swim2real.advisor.vlm.advisor import repair_request
 from swim2real.advisor.vlm.exchange import Request
 from swim2real.advisor.vlm.files import HOW_TO
-from swim2real.calibration import Problem
 from swim2real.errors import ArgumentError, WaitingForReply
 from swim2real.optimizers import BacktrackingLineSearch, Candidate, Evaluation, Measurement, Proposal, ScriptedAdvisor
 from swim2real.pipeline import calibrate
@@ -92,28 +91,6 @@ def test_tables_of_swims_have_their_speeds_amplitudes_and_lags():
     assert list(spring.values()) == ["spring", "N·m/rad", "0.1", "5", "2.55", "2.55", "0.50", meaning]
 
 
-def test_trials_come_by_frequency_with_what_changes_over_it():
-    text = swims([(Wave(f), Wave(f, speed=s)) for f, s in ((1.5, 0.11), (0.5, 0.1), (1.0, 0.3))])
-    assert [line[0] for line in next(one for one in tables(text) if one[0][0] == "trial")] == [
-        "trial", "swim1", "swim2", "swim0",
-    ]  # fmt: skip
-    assert "The worst trial is swim2 (1.00 Hz)" in text
-    text = swims([(Wave(f, 0.1 * f), Wave(f, 0.1 * f**2)) for f in (0.5, 1.0, 2.0)])
-    assert "median ratio 1.00, 0.50 at 0.50 Hz, 2.00 at 2.00 Hz (rising)" in text
-    assert "to the power 2.00, the real one to the power 1.00: so it rises too steeply" in text
-
-
-@pytest.mark.parametrize("behind", [130, 250])
-def test_a_lag_may_be_long_as_long_as_neighbors_are_close(behind):
-    wave = Wave(behind=(0.0, 0.0, 0.0, behind / 2, behind))
-    assert row(swims([(wave, wave)]), "swim0", "trial")["sim deg"] == str(behind)
-
-
-def test_the_wave_is_followed_from_where_its_phase_is_clear():
-    faint = replace(REAL, amplitudes=(0.0, 0.0, 0.005, 0.06, 0.1))
-    assert "runs as a wave from P3 to P4" in swims([(faint, faint)])
-
-
 @pytest.mark.parametrize("seen", [0.0, 0.05])
 def test_a_marker_that_is_hardly_seen_is_known_by_the_other_trials_alone(seen):
     lost = (4,) if not seen else ()
@@ -147,20 +124,6 @@ def test_under_the_papers_protocol_a_real_beat_at_another_frequency_isnt_mistake
     assert "phase deg" not in last  # nobody knows where the real motor stood
 
 
-def test_the_head_has_a_table_of_its_own():
-    real = [Wave(f, yaw=0.1) for f in (0.5, 1.0)]
-    evaluation = evaluate(MIDDLE, [(one, replace(one, yaw=0.15)) for one in real], "motion")
-    text = told(start(evaluation), from_rest={"swim0": -0.02, "swim1": 0.1})
-    assert re.search(r"\| swim0 \| 0\.50 \| 5\.7 \| 8\.6 \| \+?-?0 \|", text)
-    for part in (
-        "head yaws 50 % wider than in reality", "forward in swim1 (1.00 Hz), and backward, last marker first, in swim0",
-        "in the recoil of the head", "500 mm are added",
-    ):  # fmt: skip
-        assert part in text
-    forward = told(start(evaluation), from_rest={"swim0": 0.02, "swim1": 0.1})
-    assert "Started at rest, the simulated robot goes forward in all trials." in forward
-
-
 def test_tables_of_recordings_have_what_there_is():
     text = recordings()
     trial = row(text, "wild", "trial", "s", "error mm")
@@ -172,7 +135,6 @@ def test_tables_of_recordings_have_what_there_is():
     wild = text[text.index("Trial wild:") :]
     assert list(row(wild, "force N", "marker", "1.00 to 1.50 s").values())[1:] == ["+0.5"] * 8
     assert list(row(recordings(BESIDE), "base", "marker", "1.00 to 1.50 s").values())[1:] == ["+30, -40"] * 8
-    assert row(recordings({"a": (Swing(), Swing(drift=0.1))}), "a", "trial")["most off at s"] == "4.50 to 5.00"
     assert "mm/s" not in text
     assert "heading" not in text
     travels = row(recordings(TRAVELS, CART), "a", "trial", "s", "error mm", "progress mm", "shape mm", "heading deg")
@@ -182,104 +144,88 @@ def test_tables_of_recordings_have_what_there_is():
 def test_only_the_worst_of_many_trials_are_told_in_detail():
     many = {f"t{k}": (Swing(), Swing(at=(0.01 * k, 0.0))) for k in range(10)}
     text = recordings(many)
-    assert [line[0] for line in next(one for one in tables(text) if one[0][0] == "trial")[1:]] == list(many)
+    assert re.findall(r"^\| (t\d) \| 4\.00 ", text, re.MULTILINE) == list(many)
     assert list(row(text, "marker", "marker", "t2"))[1:] == [f"t{k}" for k in range(2, 10)]
     assert re.findall(r"^Trial (t\d):$", text, re.MULTILINE) == ["t7", "t8", "t9"]
 
 
 # words
 
-BACK = [(Wave(f), Wave(f, speed)) for f, speed in ((0.5, -0.05), (1.0, 0.1))]
-HALF_FAST = [(Wave(f, 0.1 * f), Wave(f, s)) for f, s in ((0.5, 0.1), (1.0, 0.1), (2.0, 0.15))]
-EXACT = [(Wave(f, 0.1 * f), Wave(f, 0.1 * f)) for f in (0.5, 1.0, 2.0)]
-SAID = {
-    "in short": (
-        lambda: swims([(REAL, WIDER)]),
-        ["worst trial is swim0 (1.00 Hz):", "too fast in all trials: median ratio 1.50.", "beats 20 % wider",
-         "30 deg of a beat behind in simulation and 50 deg in reality, so the simulated wave runs too fast",
-         "Nothing yet: this is the first round.", "the loss doesn't count it", "A swimming chain of links."],
-        ["Motion of the head", "Started at rest"],
-    ),
-    "too fast and too slow": (
-        lambda: swims(HALF_FAST),
-        ["too fast in swim0 (0.50 Hz) and too slow in swim2 (2.00 Hz), else right", "rises too little", "(falling)"],
-        [],
-    ),
-    "perfect": (
-        lambda: swims(EXACT), ["about right everywhere", "about as wide as in reality", "which fits"], ["too fast"],
-    ),
-    "all backward": (
-        lambda: swims([(REAL, Wave(speed=-0.05))]), ["goes the other way, last marker first, in all trials."], [],
-    ),
-    "one backward": (lambda: swims(BACK), ["first, in swim0 (0.50 Hz)."], ["to the power"]),
-    "much too wide": (
-        lambda: swims([(REAL, replace(REAL, amplitudes=(0.0, 0.0, 0.03, 0.06, 0.25)))]),
-        ["beats 2.5 times as wide as in reality"], [],
-    ),
-    "end lost": (
-        lambda: swims([(replace(REAL, lost=(4,)), WIDER)]), ["beat of the last marker, P4, can't be compared"], [],
-    ),
-    "failed": (
-        lambda: swims([(REAL, WIDER), (Wave(1.5), "it diverged after 1.20 s")]),
-        ["failed, so it has no loss", "- swim1 (1.50 Hz): diverged. it diverged after 1.20 s"],
-        ["**The loss is", "1000"],  # the loss that stands in for a failure
-    ),
-    "paper": (
-        lambda: swims([(REAL, WIDER)], "paper"),
-        ["from rest at motor angle 0", "no phase is compared", "Ratio of amplitudes by marker", "the loss counts it",
-         "Error by marker and trial"],
-        ["Phase by marker"],
-    ),
-    "three markers": (
-        lambda: swims(
-            [tuple(replace(w, amplitudes=(0.0, 0.0, 0.1), behind=(0.0, 0.0, 30.0)) for w in (REAL, WIDER))],
-            robot=eel(3),
-        ),
-        ["Markers, head first: P0, P1, P2."], ["runs as a wave"],
-    ),
-    "no evidence": (
-        lambda: told(start(Evaluation(Candidate(np.array(MIDDLE)), 0.1))), ["There are no numbers of this point."], [],
-    ),
-    "recordings": (
-        recordings,
-        ["worst trial is wild: ", "farthest off is hand: ", "it is there all the time.", "move 10 % wider",
-         "force is off by 0.25 N on average, which adds 2.5 mm", "in the world.", "1 N of force as 10 mm",
-         "(torque: as recorded). It starts at rest in the model's own pose", "join base to elbow, elbow to hand",
-         "The pictures have x right, z up.", "to the right (the world's x), then up (the world's z)"],
-        ["Much of that"],
-    ),
-    "constant": (lambda: recordings(BESIDE), ["is off by 30.0 mm to the right and 40.0 mm down."], []),
-    "grows": (lambda: recordings({"a": (Swing(), Swing(drift=0.1))}), ["it grows with time."], []),
-    "fades": (lambda: recordings({"a": (Swing(), Swing(fade=0.1))}), ["it fades with time"], []),
-    "perfect recording": (
-        lambda: recordings({"a": (Swing(), Swing())}), ["about as wide as in reality: median ratio 1.00"],
-        ["are off by"],
-    ),
-    "travels": (
-        lambda: recordings(TRAVELS, CART),
-        ["fixed to base, with its x axis toward elbow.", "forward is from elbow to base.", "(wheel: always 2)",
-         "that its first frames show", "last marker first, in b.", "base at the origin, elbow to its right",
-         "from base toward elbow (being behind counts as well)"], [],
-    ),
-    "driven": (
-        lambda: recordings({"a": (Swing(), Swing())}, DRIVEN),
-        ["(a: a steady speed at the trial's own rate; b: a sine of 0.5 around 0.1 at the trial's own rate)",
-         "in the model's pose 'raised'"], [],
-    ),
-    "playback diverged": (
-        lambda: recordings(DIVERGED),
-        ["These trials have no simulated motion:\n- wild: diverged. the simulation diverged 1.200 s"], ["1000"],
-    ),
-    "all markers lost": (lambda: recordings(lost=(0, 1, 2)), ["In short"], []),  # the sensor is there
-}  # fmt: skip
+
+def waves(real=(), simulated=(), frequencies=(0.5, 1.0, 2.0), protocol="aligned", from_rest=None, **more) -> str:
+    """What is told of swims at these speeds [m/s]."""
+    speeds = real or [0.1 * frequency for frequency in frequencies]
+    pairs = [(Wave(f, v, **more), Wave(f, u, **more)) for f, v, u in zip(frequencies, speeds, simulated, strict=True)]
+    return swims(pairs, protocol, from_rest)
 
 
-@pytest.mark.parametrize("name", SAID)
-def test_what_is_said(name):
-    make, parts, absent = SAID[name]
+def yawing(from_rest) -> str:
+    real = [Wave(f, yaw=0.1) for f in (0.5, 1.0)]
+    return swims([(one, replace(one, yaw=0.15)) for one in real], "motion", from_rest)
+
+
+def lagging(*behind: float, third: float = 0.03) -> str:
+    return swims([(replace(REAL, behind=(0.0, 0.0, 0.0, *behind), amplitudes=(0.0, 0.0, third, 0.06, 0.1)),) * 2])
+
+
+SAID = [  # who says what, and with an exclamation mark what not
+    (lambda: swims([(REAL, WIDER)]),
+     ["worst trial is swim0 (1.00 Hz):", "too fast in all trials: median ratio 1.50.", "beats 20 % wider",
+      "30 deg of a beat behind in simulation and 50 deg in reality, so the simulated wave runs too fast",
+      "this is the first round.", "the loss doesn't count it", "A swimming chain of links.", "!Motion of the head",
+      "!Started at rest"]),
+    (lambda: waves(simulated=(0.1, 0.1, 0.15)),
+     ["too fast in swim0 (0.50 Hz) and too slow in swim2 (2.00 Hz), else right", "rises too little", "(falling)"]),
+    (lambda: waves(simulated=(0.025, 0.1, 0.4)),
+     ["median ratio 1.00, 0.50 at 0.50 Hz, 2.00 at 2.00 Hz (rising)",
+      "to the power 2.00, the real one to the power 1.00: so it rises too steeply"]),
+    (lambda: waves((0.1,) * 3, (0.11, 0.1, 0.3), (1.5, 0.5, 1.0)), ["The worst trial is swim2 (1.00 Hz)"]),
+    (lambda: waves(simulated=(0.05, 0.1, 0.2)),
+     ["about right everywhere", "about as wide as in reality", "which fits", "!too fast"]),
+    (lambda: waves(simulated=(-0.05,) * 3), ["goes the other way, last marker first, in all trials."]),
+    (lambda: waves(simulated=(-0.05, 0.1, 0.2)), ["first, in swim0 (0.50 Hz)."]),
+    (lambda: swims([(REAL, replace(REAL, amplitudes=(0.0, 0.0, 0.03, 0.06, 0.25)))]), ["2.5 times as wide"]),
+    (lambda: swims([(replace(REAL, lost=(4,)), WIDER)]), ["beat of the last marker, P4, can't be compared"]),
+    (lambda: lagging(65.0, 130.0), ["P4 is 130 deg of a beat behind"]),
+    (lambda: lagging(125.0, 250.0), ["P4 is 250 deg of a beat behind"]),  # neighbors are close
+    (lambda: lagging(20.0, 50.0, third=0.005), ["runs as a wave from P3 to P4"]),  # from where its phase is clear
+    (lambda: swims([(REAL, WIDER), (Wave(1.5), "it diverged after 1.20 s")]),
+     ["failed, so it has no loss", "- swim1 (1.50 Hz): diverged. it diverged after 1.20 s", "!**The loss", "!1000"]),
+    (lambda: swims([(REAL, WIDER)], "paper"),
+     ["from rest at motor angle 0", "no phase is compared", "Ratio of amplitudes by marker", "the loss counts it",
+      "Error by marker and trial", "!Phase by marker"]),
+    (lambda: swims([(Wave(amplitudes=(0.0, 0.0, 0.1), behind=(0.0,) * 3),) * 2], robot=eel(3)),
+     ["Markers, head first: P0, P1, P2.", "!runs as a wave"]),
+    (lambda: yawing({"swim0": -0.02, "swim1": 0.1}),
+     ["| swim0 | 0.50 | 5.7 | 8.6 |", "yaws 50 % wider than", "in the recoil of the head", "500 mm are added",
+      "goes forward in swim1 (1.00 Hz), and backward, last marker first, in swim0"]),
+    (lambda: yawing({"swim0": 0.02, "swim1": 0.1}), ["at rest, the simulated robot goes forward in all trials."]),
+    (lambda: told(start(Evaluation(Candidate(np.array(MIDDLE)), 0.1))), ["There are no numbers of this point."]),
+    (recordings,
+     ["worst trial is wild: ", "farthest off is hand: ", "it is there all the time.", "move 10 % wider",
+      "force is off by 0.25 N on average, which adds 2.5 mm", "in the world.", "1 N of force as 10 mm",
+      "(torque: as recorded). It starts at rest in the model's own pose", "join base to elbow, elbow to hand",
+      "have x right, z up.", "to the right (the world's x), then up (the world's z)", "!Much of that"]),
+    (lambda: recordings(BESIDE), ["is off by 30.0 mm to the right and 40.0 mm down."]),
+    (lambda: recordings({"a": (Swing(), Swing(drift=0.1))}), ["it grows with time.", "4.50 to 5.00"]),
+    (lambda: recordings({"a": (Swing(), Swing(fade=0.1))}), ["it fades with time"]),
+    (lambda: recordings({"a": (Swing(), Swing())}), ["as wide as in reality: median ratio 1.00", "!are off by"]),
+    (lambda: recordings(TRAVELS, CART),
+     ["fixed to base, with its x axis toward elbow.", "forward is from elbow to base.", "(wheel: always 2)",
+      "that its first frames show", "last marker first, in b.", "base at the origin, elbow to its right",
+      "from base toward elbow (being behind counts as well)"]),
+    (lambda: recordings({"a": (Swing(), Swing())}, DRIVEN),
+     ["(a: a steady speed at the trial's own rate; b: a sine of 0.5 around 0.1 at the trial's own rate)",
+      "in the model's pose 'raised'"]),
+    (lambda: recordings(DIVERGED), ["no simulated motion:\n- wild: diverged. the simulation diverged 1.2", "!1000"]),
+    (lambda: recordings(lost=(0, 1, 2)), ["In short"]),  # the sensor is there
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "parts"), SAID)
+def test_what_is_said(make, parts):
     text = make()
-    assert [part for part in parts if part not in text] == []
-    assert [part for part in absent if part in text] == []
+    assert [part for part in parts if (part.removeprefix("!") in text) == part.startswith("!")] == []
     assert not re.search(r"\b(nan|inf|None)\b", text)
 
 
@@ -315,8 +261,7 @@ def test_a_small_change_that_is_seen_is_told_and_a_smaller_one_is_not():
     first, tried = (replace(evaluate(place, [(REAL, WIDER)]), loss=0.1 + i) for i, place in enumerate(places))
     text = told(after(first, (Proposal(places[1]), [tried])), space=FISH.space)
     assert "- Proposed: motor_arm_length 0.0379 → 0.0383." in text
-    hardly = told(after(step(0.1), (Proposal(np.array([0.7501, 0.5])), [step(0.2)])))
-    assert "- Proposed: hardly any change." in hardly
+    assert "hardly any change." in told(after(step(0.1), (Proposal(np.array([0.7501, 0.5])), [step(0.2)])))
 
 
 def test_a_step_tells_the_speed_of_each_trial_its_shape_and_its_recoil():
@@ -352,16 +297,12 @@ def test_rejected_rounds_say_not_to_do_it_again():
     assert "found in round 2" in several
     assert "The last 2 rounds were rejected" in several
     assert "rejected: what was" not in told(after(step(0.1), BAD, GOOD))
-
-
-def test_a_step_that_diverged_says_so():
-    broken = evaluate([0.7, 0.7], [(REAL, "no acceleration is finite")])
-    text = told(after(step(0.1), (Proposal(np.array([0.9, 0.9])), [step(0.3), broken])))
-    assert "; 0.5: the simulation diverged (trial 'swim0': no acceleration is finite)" in text
+    broken = Proposal(np.array([0.9, 0.9])), [step(0.3), evaluate([0.7, 0.7], [(REAL, "nothing is finite")])]
+    assert "; 0.5: the simulation diverged (trial 'swim0': nothing is finite)" in told(after(step(0.1), broken))
 
 
 def test_older_rounds_are_told_in_a_line():
-    known = RoundFacts(fish_situation(World(), 6), FISH, SPACE, {})
+    known = RoundFacts(situation(World(), 6), FISH, SPACE, {})
     everything, some, none = (describe(known, rounds=count) for count in (None, 2, 0))
     assert [text.count("- Diagnosis:") for text in (everything, some, none)] == [6, 2, 0]
     assert re.findall(r"^\*\*Round (\d)", some, re.MULTILINE) == ["5", "6"]
@@ -445,7 +386,7 @@ def test_the_page_is_a_pure_function_with_whole_tables_and_nothing_undefined(
     rounds, seed, sign, failed, numbers, lost, scale
 ):
     world = World(sign=sign, lost=lost)
-    shown = start(world.evaluate(np.full(16, 0.5), failed=True)) if failed else fish_situation(world, rounds, seed)
+    shown = start(world.evaluate(np.full(16, 0.5), failed=True)) if failed else situation(world, rounds, seed)
     before = json.dumps([one.detail for one in shown.evaluations])
     text, again = (told(shown, FISH, replace(SPACE, scale=scale), numbers=numbers) for _ in range(2))
     assert text == again
@@ -456,41 +397,26 @@ def test_the_page_is_a_pure_function_with_whole_tables_and_nothing_undefined(
     assert "\n\n\n" not in text
 
 
-@pytest.mark.slow
 @given(st.integers(0, 4), st.integers(0, 5), st.floats(1.01, 5.0))
-@settings(max_examples=5)
+@settings(max_examples=4)
 def test_without_numbers_the_text_doesnt_depend_on_anything_measured(rounds, seed, factor):
     def other(evaluation: Evaluation) -> Evaluation:
         return replace(evaluation, loss=factor * evaluation.loss, detail=World(sign=-1).evidence(np.full(16, 0.3)))
 
-    shown = fish_situation(World(), rounds, seed)
-    changed_rounds = tuple(
-        replace(
-            one, incumbent=other(one.incumbent), proposal=replace(one.proposal, diagnosis=f"{factor}"),
-            steps=tuple(replace(tried, evaluation=other(tried.evaluation)) for tried in one.steps),
-        )
-        for one in shown.rounds
-    )  # fmt: skip
-    changed = replace(
-        shown, incumbent=other(shown.incumbent), first=other(shown.first), rounds=changed_rounds
-    )  # fmt: skip
+    shown = situation(World(), rounds, seed)
+    changed_rounds = []
+    for one in shown.rounds:
+        steps = tuple(replace(tried, evaluation=other(tried.evaluation)) for tried in one.steps)
+        proposal = replace(one.proposal, diagnosis=f"{factor}")
+        changed_rounds.append(replace(one, incumbent=other(one.incumbent), proposal=proposal, steps=steps))
+    changed = replace(shown, incumbent=other(shown.incumbent), first=other(shown.first), rounds=tuple(changed_rounds))
     assert told(shown, FISH, SPACE, numbers=False) == told(changed, FISH, SPACE, numbers=False)
     assert told(shown, FISH, SPACE) != told(changed, FISH, SPACE)
 
 
-def test_without_numbers_no_section_on_trials_and_no_loss_is_left():
-    situation = fish_situation(World(), 5)
-    text = told(situation, FISH, SPACE, numbers=False, rounds=3)
-    assert "27.31" not in text  # that a diagnosis quotes
-    assert not re.search(r"\bmm\b|loss \d|mm/s|## Simulated and real", text)
-    assert "1 rejected; 0.5 rejected" in text
-    arm = told(start(evaluated(compared(CALM_AND_WILD))), ARM, ARM.space, numbers=False)
-    assert not re.search(r"\bmm\b|\d N\b|## Simulated and real", arm)
-
-
 @pytest.mark.parametrize("trials", [6, 8])
 def test_it_is_short_even_after_many_rounds(trials):
-    known = RoundFacts(fish_situation(World(tuple(np.linspace(0.5, 2.0, 8))[:trials]), 12), FISH, SPACE, {})
+    known = RoundFacts(situation(World(tuple(np.linspace(0.5, 2.0, 8))[:trials]), 12), FISH, SPACE, {})
     assert len(describe(known, rounds=3)) < 18_000
     assert len(describe(known)) < 30_000
 
@@ -580,15 +506,6 @@ def test_a_robot_that_swims_is_no_fish_unless_it_says_so(takes_video, film, burn
     assert "at which frequencies" in request.instructions
 
 
-def test_only_the_fishs_own_words_speak_of_one(burned_in):
-    amplitudes, behind = tuple(0.01 * np.arange(9)), tuple(10.0 * np.arange(9))
-    pairs = [(Wave(amplitudes=amplitudes, behind=behind), Wave(speed=0.2, amplitudes=amplitudes, behind=behind))]
-    request = asked(FISH, SPACE, compared_waves(pairs), evaluate(np.full(16, 0.5), pairs))
-    text = "\n".join([everything(request), *burned_in])
-    assert re.search(FISH_WORDS, text)
-    assert not re.search(FISH_WORDS, without(text, FISH).replace("Name: fish.", ""), re.IGNORECASE)
-
-
 def test_a_rejected_step_that_came_close_is_shown():
     pairs = [(Wave(f), Wave(f, 0.15)) for f in (0.8, 1.6)]
     evaluation = evaluate([0.5, 0.5], pairs)
@@ -616,25 +533,6 @@ def test_recordings_know_neither_fish_nor_swims(robot, takes_video, film, burned
     assert "distance of the markers, simulated to real" in text
     assert "with trial, marker and time" in text
     assert not re.search(SWIM_WORDS, without(text, robot), re.IGNORECASE)
-
-
-def test_a_playback_that_diverged_is_asked_about_in_the_same_words(burned_in):
-    comparison = compared(DIVERGED, CART)
-    text = "\n".join([everything(asked(CART, CART.space, comparison, evaluated(comparison, CART))), *burned_in])
-    assert "First of all it must run stably." in text
-    assert "simulation diverged" in burned_in
-    assert not re.search(SWIM_WORDS, without(text, CART), re.IGNORECASE)
-
-
-def test_a_simulated_pendulum_is_briefed_from_its_robot_alone(burned_in):
-    problem = Problem(PENDULUM, pendulum_reference(noise=1e-3), threads=2)
-    comparison = problem.evaluate(PENDULUM.space.published)
-    request = asked(PENDULUM, PENDULUM.space, comparison, evaluated(comparison, PENDULUM))
-    text = "\n".join([everything(request), *burned_in])
-    assert not re.search(SWIM_WORDS, without(text, PENDULUM), re.IGNORECASE)
-    for said in ("pivot", "middle", "end", "gyro[1]", "rad/s", *PENDULUM_HIDDEN, "x right, z up", "2.500 s"):
-        assert said in text
-    assert f"**The loss is {500 * comparison.loss:.1f} mm**" in text  # of the last step, which halved it
 
 
 @pytest.mark.slow

@@ -149,10 +149,10 @@ def test_rejected_rounds_change_the_next_proposal():
     world = World()
     first = world.evaluate(MIDDLE)
     proposal = advisor().propose(at(first))
-    steps = tuple(
-        Step(size, replace(world.evaluate(MIDDLE + size * (proposal.point - MIDDLE)), loss=first.loss + 0.1))
-        for size in (1.0, 0.5, 0.25)
-    )
+    points = [MIDDLE + size * (proposal.point - MIDDLE) for size in (1.0, 0.5)]
+    tried = [replace(world.evaluate(point), loss=first.loss + 0.1) for point in points]
+    tried.append(world.evaluate(np.full(16, 0.9), failed=True))  # which is no evidence
+    steps = tuple(Step(0.5**k, one) for k, one in enumerate(tried))
     rejected = Situation(first, (Round(proposal, first, steps, False),), first)
     after = advisor().propose(rejected)
     assert np.abs(after.point - proposal.point).max() > 0.01
@@ -198,13 +198,9 @@ def test_odd_trials_are_no_obstacle(name, rounds):
     assert rounds or said in proposal.diagnosis
 
 
-@pytest.mark.parametrize("corner", [0.0, 1.0])
-def test_a_start_in_a_corner_is_no_obstacle(corner):
-    point = np.full(16, corner)
-    assert_sound(advisor().propose(start(World(), point)), point)
-
-
-def test_odd_evidence_is_no_obstacle():
+def test_corners_and_odd_evidence_are_no_obstacle():
+    for point in (np.zeros(16), np.ones(16)):
+        assert_sound(advisor().propose(start(World(), point)), point)
     still, whole, backward = start(World(), simulated=0.0), start(World()), start(World(), FORWARD)
     whole.incumbent.detail["horizon"] = None  # all of each trial
     backward.incumbent.detail["trials"]["f2"]["velocity_simulated"] *= -1
@@ -227,12 +223,6 @@ def test_after_a_diverged_first_simulation_it_proposes_around_the_middle():
         failed = tuple(Step(0.5**k, World().evaluate(corner, failed=True)) for k in range(3))
         rounds = (*rounds, Round(proposal, first, failed, False))
     assert len(set(proposed)) == 4  # another one each time
-
-
-def test_a_diverged_step_is_no_evidence():
-    first, failed = World().evaluate(MIDDLE), World().evaluate(np.full(16, 0.9), failed=True)
-    rejected = Round(Proposal(np.full(16, 0.9)), first, (Step(1.0, failed),), False)
-    assert_sound(advisor().propose(Situation(first, (rejected,), first)), MIDDLE)
 
 
 # success
@@ -283,13 +273,10 @@ def test_trust_grows_with_full_steps_and_shrinks_with_shorter_ones_and_rejection
     assert rejected <= quarter < half < begin < full
     assert trust_radius((REJECTED, REJECTED)) < rejected < trust_radius((REJECTED, FULL))
     assert trust_radius((FULL,) * 50) == trust_radius((FULL,) * 51) <= 1
-
-
-def test_trust_that_is_smallest_and_in_vain_begins_anew():
     radii = [trust_radius((REJECTED,) * count) for count in range(20)]
     smallest = int(np.argmin(radii))
     assert radii[smallest] == 0.08
-    assert radii[smallest + 1] == radii[0]
+    assert radii[smallest + 1] == radii[0]  # what is smallest and in vain begins anew
     assert np.all(np.diff(radii[: smallest + 1]) < 0)
 
 
@@ -400,23 +387,6 @@ def test_an_excess_is_what_features_do_not_explain_of_a_loss():
 # the learned response
 
 
-def test_the_response_is_finite_over_the_whole_box():
-    rng = np.random.default_rng(0)
-    points = np.vstack([np.zeros(16), np.ones(16), rng.integers(0, 2, (98, 16)), rng.random((300, 16))])
-    frequencies = np.array([0.05, 0.4, 1.0, 3.0, 8.0])
-    response = fish_response()
-    for whole_motion in (False, True):
-        beats = response.beats(points, frequencies, whole_motion)
-        assert beats.shape == (400, 5, 18)
-        assert np.isfinite(beats).all()
-        if not whole_motion:
-            np.testing.assert_allclose(beats[..., -1], 0.0, atol=1e-6)  # turned to the last marker's phase
-    speeds, forward = response.speeds(points, frequencies)
-    assert speeds.shape == (400, 5)
-    assert np.isfinite(speeds).all()
-    np.testing.assert_array_equal(np.sign(speeds), np.sign(forward))
-
-
 @pytest.mark.slow
 def test_it_expects_what_fish_that_it_never_saw_do_from_rest():
     """The published fish and one near it, neither of which it was conditioned on."""
@@ -436,13 +406,12 @@ def test_it_expects_what_fish_that_it_never_saw_do_from_rest():
             np.testing.assert_allclose(np.hypot(expected_beat[:9], expected_beat[9:]), seen, rtol=0.3, atol=4e-3)
 
 
-def test_the_beat_between_measured_frequencies_is_between_theirs():
-    response = fish_response()
-    points = hidden_point()[None]
-    beyond, ends = (response.beats(points, f)[0] for f in (np.array([1e-3, 1e3]), response.frequencies[[0, -1]]))
-    np.testing.assert_allclose(beyond, ends, atol=1e-12)
-    low, high = response.frequencies[1:3]
-    beats = response.beats(points, np.array([low, np.sqrt(low * high), high]))[0]
-    amplitudes = np.hypot(beats[:, :9], beats[:, 9:])
-    assert np.all(amplitudes[1] <= amplitudes[[0, 2]].max(axis=0) + 1e-3)
-    assert np.all(amplitudes[1] >= amplitudes[[0, 2]].min(axis=0) - 1e-3)
+def test_the_response_is_finite_over_the_whole_box():
+    rng = np.random.default_rng(0)
+    points = np.vstack([np.zeros(16), np.ones(16), rng.integers(0, 2, (98, 16)), rng.random((300, 16))])
+    frequencies = np.array([0.05, 0.4, 1.0, 3.0, 8.0])
+    for whole_motion in (False, True):
+        assert np.isfinite(fish_response().beats(points, frequencies, whole_motion)).all()
+    speeds, forward = fish_response().speeds(points, frequencies)
+    assert np.isfinite(speeds).all()
+    np.testing.assert_array_equal(np.sign(speeds), np.sign(forward))

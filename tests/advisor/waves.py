@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from worlds import World, search
 
 from swim2real.objective import Comparison, compare_steady, evidence, steady_target
-from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, ScriptedAdvisor, Situation, Step
+from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, Situation, Step
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots.fish import FISH
 from swim2real.trials import MarkerTrack, Trial, frames
@@ -106,11 +105,3 @@ def after(first: Evaluation, *rounds: tuple[Proposal, Sequence[Evaluation]]) -> 
         done.append(Round(proposal, incumbent, tried, better))
         incumbent = steps[-1] if better else incumbent
     return Situation(incumbent, tuple(done), first)
-
-
-def fish_situation(world: World, rounds: int, seed: int = 0) -> Situation:
-    """The situation of a fish after so many rounds of random proposals with an advisor's words."""
-    rng = np.random.default_rng(seed)
-    points = 0.5 + 0.3 * (rng.random((3 * rounds + 2, 16)) - 0.5)
-    script = ScriptedAdvisor([Proposal(point, "It is 27.31 mm too slow. " * 20) for point in points])
-    return search(world, script, np.full(16, 0.5), 3 * rounds + 2)[1].situations[rounds]

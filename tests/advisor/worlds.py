@@ -132,8 +132,8 @@ def search(world: World, advisor: Advisor, first: np.ndarray, budget: int) -> tu
 
 
 def situation(world: World, rounds: int = 0, seed: int = 0) -> Situation:
-    """What an advisor is shown after so many rounds with random proposals."""
+    """What an advisor is shown after so many rounds with random proposals, in an advisor's words."""
     rng = np.random.default_rng(seed)
-    points = list(0.5 + 0.2 * (rng.random((3 * rounds + 2, 16)) - 0.5))  # a round may take one step only
-    watched = search(world, ScriptedAdvisor([*points]), np.full(16, 0.5), 1 + 3 * rounds + 1)[1]
-    return watched.situations[rounds]
+    points = 0.5 + 0.3 * (rng.random((3 * rounds + 2, 16)) - 0.5)  # a round may take one step only
+    script = ScriptedAdvisor([Proposal(point, "It is 27.31 mm too slow. " * 20) for point in points])
+    return search(world, script, np.full(16, 0.5), 3 * rounds + 2)[1].situations[rounds]
