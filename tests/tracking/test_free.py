@@ -5,6 +5,7 @@ import pytest
 from test_bodies import HEIGHT, MIDDLE, RADIUS, SHEET, WIDTH, drawn, errors, followed, silent
 
 from swim2real.tracking.free import _Flow as Flow
+from swim2real.tracking.looks import Looks, squares
 from swim2real.tracking.markers import MarkerTracker
 
 GROUND = np.random.default_rng(3).normal(0, 1, (HEIGHT // 6, WIDTH // 6)).repeat(6, 0).repeat(6, 1)
@@ -44,6 +45,17 @@ def test_a_marker_that_changes_is_followed(radius, color):
     off, confidence = errors(MarkerTracker(range(2)), wandering, 50, picture=picture)
     assert silent(off, confidence) == []
     assert (confidence >= 0.5).mean() > 0.95
+
+
+def test_one_that_is_lit_more_brightly_keeps_its_spot():
+    """Its linear light is 1.4 times as much, its contrast with the ground almost twice."""
+    level = 200 * np.array([1.0, 1.4 ** (1 / 2.2)])
+    picture = painted(wandering, lambda k: 7, lambda k: np.full(3, level[k]))
+    looks = Looks(picture(0), wandering(0))
+    spots = looks.find(picture(1), squares(wandering(1), 15.0))
+    near = np.linalg.norm(spots.centers[:, None] - wandering(1), axis=2)
+    np.testing.assert_allclose(spots.areas[near.argmin(axis=0)], np.pi * 49, rtol=0.2)
+    assert near.min(axis=0).max() < 0.3
 
 
 def test_one_that_was_hidden_for_long_stays_doubtful():

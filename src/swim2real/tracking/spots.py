@@ -18,6 +18,7 @@ from swim2real.tracking.tracker import Array, Image, Mask
 
 LEAST_COVERAGE = 0.2  # of a pixel that belongs to a spot
 MOST_ASIDE = 0.4  # of the difference of the two colors by which a pixel may be off the way between them
+BRIGHTER = 1.6  # coverage up to which a pixel is the marker's, lit more brightly
 LEAST_AREA, MOST_AREA = 0.5, 1.6  # of the smallest marker's of a kind, and of the largest
 LEAST_FILL = 0.45  # of the coverage that a streak of this length should have
 MOST_MARKERS = 12  # in one spot; what is larger is no marker
@@ -232,8 +233,9 @@ def _coverage(image: Image, row: int, column: int, block: int, around: Array, wa
     covered = (red * way[0] + green * way[1] + blue * way[2]) / square
     if covered < LEAST_COVERAGE:
         return 0.0
+    bright = min(covered, BRIGHTER)
+    aside = (red - bright * way[0]) ** 2 + (green - bright * way[1]) ** 2 + (blue - bright * way[2]) ** 2
     covered = min(covered, 1.0)
-    aside = (red - covered * way[0]) ** 2 + (green - covered * way[1]) ** 2 + (blue - covered * way[2]) ** 2
     return covered if aside < MOST_ASIDE**2 * square else 0.0
 
 
