@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from program import process
+from program import process, until
 
 from swim2real.cli import main
 from swim2real.rl.assessment import Wave
@@ -128,10 +128,7 @@ def test_no_policy_is_trained_in_what_swims_backward_from_rest_unless_asked_for(
 def test_ctrl_c_leaves_a_checkpoint_to_go_on_from(tmp_path):
     long = ("--parameters", "published", "--env-steps", 40000, "--exploration", 200, "--updates", 1)
     started = process("train", "forward", *long, "--out", tmp_path / "run")
-    for _ in range(600):
-        if (tmp_path / "run/settings.json").exists():
-            break
-        time.sleep(0.1)
+    until((tmp_path / "run/settings.json").exists, started)
     time.sleep(3)
     os.kill(started.pid, signal.SIGINT)
     _, err = started.communicate(timeout=60)
@@ -157,10 +154,7 @@ def test_several_seeds_are_trained_in_folders_of_their_own(tmp_path):
 def test_ctrl_c_leaves_checkpoints_of_several_seeds(tmp_path):
     long = ("--parameters", "published", "--env-steps", 40000, "--exploration", 200, "--updates", 1)
     started = process("train", "forward", *long, "--seeds", "0:3", "--workers", 2, "--out", tmp_path)
-    for _ in range(900):
-        if all((tmp_path / f"seed-{k}/settings.json").exists() for k in (0, 1)):
-            break
-        time.sleep(0.1)
+    until(lambda: all((tmp_path / f"seed-{k}/settings.json").exists() for k in (0, 1)), started)
     time.sleep(3)
     os.kill(started.pid, signal.SIGINT)
     _, err = started.communicate(timeout=60)

@@ -51,7 +51,6 @@ class PreparedTrial:
         trial: The real trial.
         target: Its side of the comparison.
         request: What is asked of the simulator.
-        cost: Something that grows with the time that its simulation takes.
         examination: What was found in the trial, ready for JSON: quality (`usable`, `findings`, …) and what drove it.
         start_is_seen: Whether a playback starts as the first frames, or joint sensors, show.
     """
@@ -59,7 +58,6 @@ class PreparedTrial:
     trial: Trial
     target: Target
     request: Any
-    cost: float
     examination: Mapping[str, Any]
     start_is_seen: bool = False
 
@@ -197,7 +195,7 @@ class _Steady(Protocol[Simulator]):
             trial, swim.quality.weights, actuation.frequency, swim.beat.frequency, horizon, self.whole_motion
         )
         request = simulator.request(trial, actuation, lead)
-        return PreparedTrial(trial, target, request, actuation.period, swim.summary(robot.marker_names))
+        return PreparedTrial(trial, target, request, swim.summary(robot.marker_names))
 
 
 @dataclass(frozen=True)
@@ -292,7 +290,7 @@ class Playback(Protocol[PlaybackSimulator]):
         if request.first is not None and request.stretch is None:
             summary["findings"] += too_fast(cut, weights)
         seen = bool(request.pieces) or request.first is not None or request.stretch is not None
-        return PreparedTrial(trial, target, request, cut.track.duration, summary, seen)
+        return PreparedTrial(trial, target, request, summary, seen)
 
 
 def protocol_for(

@@ -9,7 +9,7 @@ from swim2real.settings import CalibrationSettings, asks_a_vlm
 from swim2real.simulation import Engine
 
 FORMAT = 1
-FREE = ("budget", "threads")  # may differ when a run goes on
+_FREE = ("budget", "threads")  # may differ when a run goes on
 _ORIGIN = ("robot_file", "reference", "versions", "commit", "created")  # decide nothing
 
 
@@ -44,6 +44,6 @@ class RunSettings(CalibrationSettings):
         unused = () if asks_a_vlm(self.advisor) else ("briefing",)
         for name in (each.name for each in fields(self)):
             here, there = getattr(self, name), getattr(other, name)
-            if name not in (*FREE, *_ORIGIN, *unused) and here != there:
+            if name not in (*_FREE, *_ORIGIN, *unused) and here != there:
                 return name, here, there
         return None

@@ -92,10 +92,9 @@ def calibrate(
             folder.resume(resolved)
         else:
             folder.begin(resolved)
-        # advice on record isn't asked for again
-        recorded = recorded_advice(entry.model_dump(exclude_unset=True) for entry in folder.record())
-        if advisor is not None and recorded:
-            advisor = ScriptedAdvisor(recorded, then=advisor)
+        if advisor is not None:  # advice on record isn't asked for again
+            notes = (entry.model_dump(include={"point", "note"}, exclude_unset=True) for entry in folder.record())
+            advisor = ScriptedAdvisor(recorded_advice(notes), then=advisor)
         optimizer = make_optimizer(resolved, robot, space, advisor)
         prior = space.to_cube(space.published) if resolved.first == "model" else None
         best = minimize(problem, space, optimizer, resolved.budget, folder, on_progress, prior)
