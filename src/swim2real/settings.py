@@ -17,7 +17,7 @@ from typing import Literal, get_args
 from swim2real.errors import ArgumentError
 
 Method = Literal[
-    "line-search", "random", "cma-es", "bayesopt", "least-squares", "mujoco-sysid", "staged"
+    "line-search", "random", "cma-es", "bayesopt", "least-squares", "multi-start", "mujoco-sysid", "staged"
 ]  # fmt: skip
 METHODS: tuple[Method, ...] = get_args(Method)
 ProtocolName = Literal["motion", "aligned", "paper", "playback"]
@@ -148,7 +148,8 @@ class CalibrationSettings(EvaluationSettings):
 
     Attributes:
         method: line-search: an advisor's proposals with backtracking. cma-es: pycma. bayesopt: scikit-optimize.
-            least-squares: Levenberg-Marquardt with finite differences. mujoco-sysid: the least squares of MuJoCo's own
+            least-squares: Levenberg-Marquardt with finite differences. multi-start: the same from several starts, first
+            on the shape of the motion, for budgets from 400 on. mujoco-sysid: the least squares of MuJoCo's own
             toolbox. staged: the prior work's manual stages.
         advisor: What proposes parameters. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a
             VLM, key from GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window.
@@ -209,10 +210,10 @@ class ComparisonSettings:
     """Which methods are compared, and under which conditions.
 
     Attributes:
-        methods: random, cma-es, bayesopt, least-squares, mujoco-sysid, staged, line-search (with the physics advisor),
-            no-line-search (its ablation); line-search@ADVISOR and no-line-search@ADVISOR for other advisors, as in
-            line-search@google:MODEL or line-search@replay:RUN. By default all except mujoco-sysid, and except staged
-            for a robot without stages.
+        methods: random, cma-es, bayesopt, least-squares, multi-start, mujoco-sysid, staged, line-search (with the
+            physics advisor), no-line-search (its ablation); line-search@ADVISOR and no-line-search@ADVISOR for other
+            advisors, as in line-search@google:MODEL or line-search@replay:RUN. By default all except multi-start and
+            mujoco-sysid, and except staged for a robot without stages.
         seeds: Numbers, and ranges without their end: 0:5 is 0 1 2 3 4.
         budget: Simulation evaluations per run, the first included.
         protocols: As for calibrate; by default all that apply to the robot's trials.

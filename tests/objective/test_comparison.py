@@ -240,6 +240,24 @@ def test_the_residual_vector_holds_what_the_loss_measures(pool, protocol):
     assert np.sum(failed.residual_vector() ** 2) == pytest.approx(FAILED_LOSS**2)
 
 
+@pytest.mark.parametrize("protocol", ["motion", "aligned", "paper"])
+def test_stages_of_the_residual_begin_with_the_shape_and_end_with_everything(pool, protocol):
+    found = Problem(FISH, pool, protocol).evaluate(FISH.space.published)
+    stages = found.residual_stages()
+    np.testing.assert_array_equal(stages[-1], found.residual_vector())
+    assert len(stages) == (1 if protocol == "paper" else 3)
+    if protocol == "paper":
+        return
+    squares = [np.mean(np.square(t.shape_residual[t.weights > 0]).sum(axis=1)) for t in found.trials]
+    assert np.sum(stages[0] ** 2) == pytest.approx(np.mean(squares))
+    far = [replace(t.progress, simulated=t.progress.simulated + 50.0) for t in found.trials]
+    trials = tuple(replace(t, progress=way) for t, way in zip(found.trials, far, strict=True))
+    moved = replace(found, trials=trials).residual_stages()
+    np.testing.assert_array_equal(moved[0], stages[0])
+    added = float(np.linalg.norm(moved[1]) - np.linalg.norm(stages[1]))
+    assert 0.02 < added < 0.01 * np.log1p(60 / 0.01)  # of 50 m
+
+
 def test_figures_are_shown_in_their_units(whole_motion):
     recorded = FitFigures.model_validate(evidence(whole_motion))
     first = recorded.trials[whole_motion.trials[0].name]

@@ -31,7 +31,9 @@ def drive(
         value = np.atleast_1d(loss(candidate.point))
         if failed(i):
             return Evaluation(candidate, worst, True, residual=np.ones(value.size))
-        return Evaluation(candidate, float(value[0] if value.size == 1 else np.linalg.norm(value)), residual=value)
+        return Evaluation(
+            candidate, float(value[0] if value.size == 1 else np.linalg.norm(value)), residual=value, stages=(value,)
+        )
 
     return answered(optimizer, count, answer)
 

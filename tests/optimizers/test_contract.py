@@ -16,6 +16,7 @@ from swim2real.optimizers import (
     CmaEs,
     Evaluation,
     LeastSquares,
+    MultiStart,
     Optimizer,
     RandomSearch,
     ScriptedAdvisor,
@@ -49,6 +50,10 @@ def least_squares(seed: int, **settings) -> Optimizer:
     return LeastSquares(first_point(D, seed), streams(seed)[1], **settings)
 
 
+def multi_start(seed: int) -> Optimizer:
+    return MultiStart([first_point(D, seed), np.full(D, 0.5)], streams(seed)[1])
+
+
 def callback_solver(seed: int) -> Optimizer:
     def solve(first, residuals) -> None:
         scipys(lambda x: residuals(x[None])[0], first, bounds=(0, 1), max_nfev=5)
@@ -65,7 +70,7 @@ def cma_es(seed: int, **settings) -> Optimizer:
     return CmaEs(**{"dimension": D, "rng": streams(seed)[1], **settings})
 
 
-MAKERS = [random_search, line_search, bayesopt, least_squares, callback_solver, staged]
+MAKERS = [random_search, line_search, bayesopt, least_squares, multi_start, callback_solver, staged]
 marks = {bayesopt: pytest.mark.slow}
 every = pytest.mark.parametrize(
     "make", [pytest.param(make, id=make.__name__, marks=marks.get(make, ())) for make in (*MAKERS, cma_es)]
@@ -85,7 +90,8 @@ def test_asking_and_telling_take_turns(make):
     assert says(refusal(OptimizerError, optimizer.ask), "ask() was called twice", "tell()")
     other = Evaluation(Candidate(cube_point(1 - candidate.point)), 0.1)
     assert says(refusal(OptimizerError, optimizer.tell, other), "another candidate than the one that was asked last")
-    right = Evaluation(candidate, 0.5, residual=residual(candidate.point))
+    vector = residual(candidate.point)
+    right = Evaluation(candidate, 0.5, residual=vector, stages=(vector,))
     optimizer.tell(right)
     assert says(refusal(OptimizerError, optimizer.tell, right), "without a candidate")
     optimizer.ask()
@@ -127,13 +133,13 @@ def test_failed_evaluations_are_lived_with(make, failed):
     assert points(drive(make(0), 25, residual, failed)).shape == (25, D)
 
 
-@pytest.mark.parametrize("make", [least_squares, callback_solver])
+@pytest.mark.parametrize("make", [least_squares, multi_start, callback_solver])
 def test_methods_that_need_residuals_say_so(make):
     optimizer = make(0)
     assert optimizer.needs_residual
     said = refusal(OptimizerError, optimizer.tell, Evaluation(optimizer.ask(), 0.1))
-    assert says(said, "without a residual, which ", " needs")
-    if make is least_squares:
+    assert says(said, "without ", " residual, which ", " needs")
+    if make is not callback_solver:
         optimizer = make(0)
         optimizer.tell(Evaluation(optimizer.ask(), 1.0, failed=True))  # one that failed needs none
         assert optimizer.ask().note == {"source": "start", "start": 2}

@@ -17,6 +17,7 @@ from swim2real.optimizers import (
     BayesianOptimization,
     CmaEs,
     LeastSquares,
+    MultiStart,
     RandomSearch,
     Staged,
     first_point,
@@ -31,7 +32,8 @@ PHYSICS = PhysicsAdvisor(FISH, LOGARITHMIC, 0)
 
 KINDS = {
     "line-search": BacktrackingLineSearch, "random": RandomSearch, "cma-es": CmaEs,
-    "bayesopt": BayesianOptimization, "least-squares": LeastSquares, "mujoco-sysid": CallbackSolver,
+    "bayesopt": BayesianOptimization, "least-squares": LeastSquares, "multi-start": MultiStart,
+    "mujoco-sysid": CallbackSolver,
     "staged": Staged,
 }  # fmt: skip
 

@@ -107,8 +107,9 @@ def minimize(
         if residual is not None and prior is not None:
             scale = scale or (_PRIOR * float(np.linalg.norm(residual)) if not entry.failed else None)
             residual = np.concatenate([residual, (scale or 0.0) * (candidate.point - prior)])
+        stages = () if residual is None or comparison is None or entry.failed else comparison.residual_stages()
         figures = entry.evidence.model_dump(exclude_unset=True)
-        optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual))
+        optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages))
         left = (time.monotonic() - started) / max(fresh, 1) * (budget - index - 1)
         on_progress(Progress(index + 1, budget, entry.loss, best.loss, candidate.note, improved, left, replayed))
     if best is None:

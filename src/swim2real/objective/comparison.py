@@ -58,6 +58,16 @@ class Comparison:
         parts = [trial.residual_vector() for trial in self.trials]
         return np.concatenate(parts) / np.sqrt(len(parts))
 
+    def residual_stages(self) -> tuple[Array, ...]:
+        """Residuals in the order in which they are lowered best, as each trial gives them; one where all are the same.
+
+        The last is the residual vector. Shapes (n_k,).
+        """
+        if all(trial.progress is None or trial.loss_figure == "marker_error" for trial in self.trials):
+            return (self.residual_vector(),)
+        stages = zip(*(trial.residual_stages() for trial in self.trials), strict=True)
+        return tuple(np.concatenate(parts) / np.sqrt(len(parts)) for parts in stages)
+
     def figure(self, name: str) -> float:
         """One overall figure."""
         return float(np.mean([trial.figures()[name] for trial in self.trials]))

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 LossFigure = Literal["motion_error", "aligned_marker_error", "marker_error"]
 
 FAILED_LOSS = 1.0  # m, the loss of a simulation that diverged: finite and of physical size
+PROGRESS_SCALE = 0.01  # m, of a difference in progress; beyond it only its logarithm counts in a search's middle stage
 TAIL_FIRST_LOSS = 0.5  # m, more than the loss of anything that goes forward, whatever it is
 
 
@@ -234,18 +235,46 @@ class ComparedTrial:
             residual = self.motion_residual
         elif self.loss_figure == "marker_error" and self.beat is not None:
             residual, weights = self.beat.swim_residual, np.ones_like(self.weights)
+        return np.concatenate([self._weighted(residual, weights), *self._sensor_residuals()])
+
+    def residual_stages(self) -> tuple[Array, Array, Array]:
+        """The residual in the stages in which a search lowers it best [m].
+
+        The shape alone, which changes smoothly whichever way the robot goes; shape, recoil and the difference in
+        progress, whose length q counts as `PROGRESS_SCALE` log(1 + q / `PROGRESS_SCALE`), so that a trial that goes the
+        wrong way hides nothing else; and the residual vector. Sensors are in all of them. A trial whose progress isn't
+        scored has the residual vector in each.
+        """
+        whole = self.residual_vector()
+        if self.progress is None or self.loss_figure == "marker_error":
+            return whole, whole, whole
+        sensors = self._sensor_residuals()
+        shape = self._weighted(self.shape_residual, self.weights)
+        recoil = [] if self.head is None else [self._weighted(self.recoil_residual, self.weights)]
+        behind = self.progress.real - self.progress.simulated
+        bounded = np.sign(behind) * PROGRESS_SCALE * np.log1p(np.abs(behind) / PROGRESS_SCALE)
+        along = np.stack([bounded, np.zeros_like(bounded)], axis=1)[:, None] + np.zeros_like(self.real)
+        eased = [shape, *recoil, self._weighted(along, self.weights)]
+        return np.concatenate([shape, *sensors]), np.concatenate([*eased, *sensors]), whole
+
+    def _weighted(self, residual: Array, weights: Array) -> Array:
+        """Distances of the markers in a row, weighted such that the squares add up to the mean square [m]."""
         if self.divergence is None:
             weights = np.where(np.isfinite(residual).all(axis=2), weights, 0.0)
             vectors = np.nan_to_num(residual)
         else:
             vectors = np.full(residual.shape, FAILED_LOSS / np.sqrt(2))
         share = weights / max(float(weights.sum()), 1e-12)
-        parts = [(np.sqrt(share)[:, :, None] * vectors).ravel()]
+        return (np.sqrt(share)[:, :, None] * vectors).ravel()
+
+    def _sensor_residuals(self) -> list[Array]:
+        """Residuals of each sensor, weighted in the same way [m]."""
+        parts: list[Array] = []
         for sensor in self.sensors:
             known = np.isfinite(sensor.residual)
             readings = np.where(known, sensor.residual, 0.0)
             parts.append(sensor.meters_per_unit * readings / np.sqrt(max(known.sum(), 1)))
-        return np.concatenate(parts)
+        return parts
 
     @cached_property
     def marker_error(self) -> float:

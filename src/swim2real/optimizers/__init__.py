@@ -16,6 +16,7 @@ from swim2real.optimizers.cma_es import CmaEs
 from swim2real.optimizers.contract import Candidate, Evaluation, Optimizer, RandomSearch, first_point, streams
 from swim2real.optimizers.least_squares import LeastSquares
 from swim2real.optimizers.line_search import BacktrackingLineSearch
+from swim2real.optimizers.multi_start import MultiStart
 from swim2real.optimizers.staged import Stage, Staged
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "Evaluation",
     "LeastSquares",
     "Measurement",
+    "MultiStart",
     "Optimizer",
     "Proposal",
     "RandomSearch",

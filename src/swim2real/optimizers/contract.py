@@ -72,6 +72,8 @@ class Evaluation:
         detail: Further results, for advisors that can read them.
         residual: What a least-squares method drives to zero, for optimizers that ask for it; its squared norm is the
             mean over trials of the weighted mean squared distance. Shape (n,), the same n for all of a run.
+        stages: The residual in the stages in which it can be lowered, the whole of it last; empty where the evaluation
+            failed or nobody asked. Shapes (n_k,).
     """
 
     candidate: Candidate
@@ -79,6 +81,7 @@ class Evaluation:
     failed: bool = False
     detail: Any = None
     residual: Array | None = None
+    stages: tuple[Array, ...] = ()
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.loss):

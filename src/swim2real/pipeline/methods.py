@@ -15,6 +15,7 @@ from swim2real.optimizers import (
     BayesianOptimization,
     CmaEs,
     LeastSquares,
+    MultiStart,
     Optimizer,
     RandomSearch,
     Stage,
@@ -31,6 +32,7 @@ from swim2real.settings import CalibrationSettings, Method
 Array = NDArray[np.float64]
 
 _INSIDE = 0.02  # of a parameter's range
+_STARTS_PER_PARAMETER = 2.5  # of method multi-start
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,11 @@ def _line_search(start: _Start) -> Optimizer:
     )  # fmt: skip
 
 
+def _multi_start(start: _Start) -> Optimizer:
+    count = round(_STARTS_PER_PARAMETER * len(start.space))
+    return MultiStart([start.first, *_spread(len(start.space), count - 1, start.rng)], start.rng)
+
+
 def _spread(dimension: int, count: int, rng: np.random.Generator) -> list[Array]:
     """Points that share each parameter's range evenly: a Latin hypercube. Shapes (d,)."""
     layers = rng.permuted(np.tile(np.arange(count), (dimension, 1)), axis=1).T
@@ -144,6 +151,7 @@ METHODS: dict[Method, MethodEntry] = {
     "cma-es": MethodEntry(lambda start: CmaEs(len(start.space), start.rng)),
     "bayesopt": MethodEntry(lambda start: BayesianOptimization(len(start.space), start.rng, start.first), cost=3.0),
     "least-squares": MethodEntry(lambda start: LeastSquares(start.first, start.rng)),
+    "multi-start": MethodEntry(_multi_start, by_default=False),
     "mujoco-sysid": MethodEntry(
         lambda start: CallbackSolver(start.first, start.rng, least_squares(start.space), "mujoco.sysid"),
         by_default=False,

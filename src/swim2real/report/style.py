@@ -138,6 +138,7 @@ _KNOWN = {
     "random": MethodStyle("#636a73", "#7d8794", "X", _DOT),
     "staged": MethodStyle("#e69f00", "#ffc44d", "P", _LONGDASH),
     "least-squares": MethodStyle("#332288", "#8f83ff", "p", _DASHDOT),
+    "multi-start": MethodStyle("#661100", "#d98a6a", "h", _DASHDOT),
 }
 # for advisors and scales beyond those: told apart by pattern and mark once the colors repeat
 _OTHERS = (
