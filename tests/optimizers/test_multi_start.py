@@ -45,7 +45,7 @@ def test_curved_valleys_are_followed():
 
     told = drive(MultiStart([np.array([0.2, 0.7, 0.4])], streams(0)[1]), 1 + 20 * ITERATION, rosenbrock)
     assert told[0].loss > 10
-    assert lowest(told) < 0.2
+    assert lowest(told) < 0.5
 
 
 def test_the_start_that_is_best_in_the_last_but_one_stage_goes_first():

@@ -15,7 +15,8 @@ from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimize
 
 _DIFFERENCE = 0.01  # of a parameter's range, of the forward differences
 _PULL, _PULL_SHARE = 2e-3, 0.2  # per range, toward the middle; and no more than this share of the residual's length
-_DAMPINGS, _SHARES = (1 / 30, 1 / 3, 3.0, 30.0), (1.0, 0.4)  # of the last damping, and of each step, that are tried
+_DAMPINGS = (1 / 30, 1 / 3, 3.0, 30.0)  # multiples of the last damping that are tried
+_STEPS = ((1.0, 1.0), (0.5, 0.1))  # length and pull of the steps that are tried with each damping
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 0.1, 1e-5, 1e3
 _RADIUS = 0.5  # of the range, the farthest that a parameter goes in one step
 _STEEP = 4.0  # a difference that raises the squares by this factor may have crossed a border: the other side is tried
@@ -32,8 +33,8 @@ class MultiStart(Optimizer):
     recoil and a bounded share of the way that it has come, then everything. All starts are evaluated first and ranked
     by the last but one stage, in which a trial gone the wrong way hides nothing. Each iteration takes a Jacobian by
     differences, on the other side where one is steep, and tries eight steps: four dampings, each at full length and at
-    0.4 of it. A weak pull to the middle of the cube keeps parameters that the trials don't tell off their bounds. When
-    no start is left, new ones are random.
+    half of it. A weak pull to the middle of the cube, nearly none at half length, keeps parameters that the trials
+    don't tell off their bounds. When no start is left, new ones are random.
     """
 
     needs_residual = True
@@ -87,11 +88,13 @@ class MultiStart(Optimizer):
             base = yield from self._stage(base, stage, start)
 
     def _stage(self, base: Evaluation, stage: int, start: int) -> Generator[Candidate, Evaluation, Evaluation]:
-        last, damping = stage == len(base.stages) - 1, _FIRST_DAMPING
+        last, damping, poor = stage == len(base.stages) - 1, _FIRST_DAMPING, 0
         for _ in range(_LAST_ITERATIONS if last else _ITERATIONS):
             before = _squares(base, stage)
             base, damping = yield from self._iteration(base, stage, damping, start)
-            if np.sqrt(_squares(base, stage)) > (1 - (_LAST_GAIN if last else _GAIN)) * np.sqrt(before):
+            gained = 1 - np.sqrt(_squares(base, stage) / before)
+            poor = poor + 1 if gained < (_LAST_GAIN if last else _GAIN) else 0
+            if poor > last:  # the last stage has a second try, with more damping
                 break
         return base
 
@@ -119,9 +122,9 @@ class MultiStart(Optimizer):
             gradients[k] = _slope(sides, base, stage)
         pull, found = min(_PULL, _PULL_SHARE * float(np.sqrt(squares))), damping
         for factor in _DAMPINGS:
-            step = damped_step(gradients, residual, here, factor * damping, pull)
-            for share in _SHARES:
-                point = cube_point(np.clip(here + share * step, 0.0, 1.0))
+            for length, share in _STEPS:
+                step = damped_step(gradients, residual, here, factor * damping, share * pull)
+                point = cube_point(np.clip(here + length * step, 0.0, 1.0))
                 evaluation = yield Candidate(point, {"source": "step", "damping": factor * damping, **note})
                 if not evaluation.failed and _squares(evaluation, stage) < _squares(best, stage):
                     best, found = evaluation, factor * damping
