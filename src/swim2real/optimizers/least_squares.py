@@ -175,8 +175,19 @@ def box_step(gradients: Array, residual: Array, point: Array, radius: float, dam
     damping = damping * float(np.trace(curvature)) / point.size
     if damping == 0:
         return np.zeros(point.size), 0.0
-    root = np.linalg.cholesky(curvature + damping * np.eye(point.size))
     bounds = (np.maximum(-point, -radius), np.minimum(1 - point, radius))
-    solution = lsq_linear(root.T, -np.linalg.solve(root, slope), bounds, method="bvls")
-    step = np.clip(solution.x, *bounds)
+    step = lowest_within(curvature + damping * np.eye(point.size), slope, bounds)
     return step, -float(2 * slope @ step + step @ curvature @ step)
+
+
+def lowest_within(curvature: Array, slope: Array, bounds: tuple[Array, Array]) -> Array:
+    """The step within bounds at which 2 slope · step + step · curvature · step is lowest. Shape (d,).
+
+    Args:
+        curvature: Positive definite. Shape (d, d).
+        slope: Shape (d,).
+        bounds: Lowest and highest step of each coordinate. Shapes (d,).
+    """
+    root = np.linalg.cholesky(curvature)
+    solution = lsq_linear(root.T, -np.linalg.solve(root, slope), bounds, method="bvls")
+    return np.clip(solution.x, *bounds)

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from swim2real.errors import OptimizerError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
+from swim2real.optimizers.least_squares import lowest_within
 
 _DIFFERENCE = 0.01  # of a parameter's range, of the forward differences
 _PULL, _PULL_SHARE = 2e-3, 0.2  # per range, toward the middle; and no more than this share of the residual's length
@@ -149,12 +149,9 @@ def damped_step(gradients: Array, residual: Array, point: Array, damping: float,
     scale = float(diagonal.sum()) / dimension
     if scale == 0:
         return np.zeros(dimension)
-    root = np.linalg.cholesky(
-        curvature + damping * np.diag(diagonal + 1e-6 * scale) + 1e-12 * scale * np.eye(dimension)
-    )
-    lowest, highest = np.maximum(-point, -_RADIUS) - 1e-12, np.minimum(1 - point, _RADIUS) + 1e-12
-    solution = lsq_linear(root.T, -np.linalg.solve(root, slope), bounds=(lowest, highest), method="bvls")
-    return np.clip(solution.x, lowest, highest)
+    damped = curvature + damping * np.diag(diagonal + 1e-6 * scale) + 1e-12 * scale * np.eye(dimension)
+    bounds = (np.maximum(-point, -_RADIUS) - 1e-12, np.minimum(1 - point, _RADIUS) + 1e-12)
+    return lowest_within(damped, slope, bounds)
 
 
 def _slope(sides: Sequence[tuple[float, Evaluation]], base: Evaluation, stage: int) -> Array:
