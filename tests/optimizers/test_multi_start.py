@@ -70,7 +70,7 @@ def test_a_slope_is_taken_on_the_side_that_is_not_across_a_border_or_on_both():
 
     told = searched(1 + ITERATION + 1, border)
     asked = points(told)[1 : D + 2] - MIDDLE
-    np.testing.assert_allclose(asked, [[0.01, 0, 0], [0, 0.01, 0], [0, -0.01, 0], [0, 0, 0.01]], atol=1e-12)
+    np.testing.assert_allclose(asked, [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01], [0, -0.01, 0]], atol=1e-12)
     straight = searched(1 + ITERATION, lambda p: (linear(p),))
     np.testing.assert_allclose(points(told)[-8:-6], points(straight)[-8:-6], atol=1e-9)
     narrow = searched(1 + ITERATION + 1, lambda p: ((p - 0.501) * [1.0, 100.0, 1.0],))
@@ -78,7 +78,7 @@ def test_a_slope_is_taken_on_the_side_that_is_not_across_a_border_or_on_both():
 
 
 def test_nothing_is_learned_from_a_parameter_whose_differences_failed():
-    told = searched(1 + ITERATION + 1, lambda p: (linear(p),), failed=(2, 3).__contains__)
+    told = searched(1 + ITERATION + 1, lambda p: (linear(p),), failed=(2, 4).__contains__)
     steps = points(told)[2 + D :] - MIDDLE
     np.testing.assert_allclose(steps[:, 1], 0.0, atol=1e-12)
     assert np.abs(steps[:, 0]).max() > 0.05
@@ -95,6 +95,18 @@ def test_what_has_no_effect_is_pulled_to_the_middle():
     step = damped_step(gradients, np.array([0.1, 0.0]), np.array([0.5, 0.9]), damping=1e-6, pull=1e-3)
     np.testing.assert_allclose(step, [-0.1, -0.4], atol=0.02)
     np.testing.assert_array_equal(damped_step(0 * gradients, np.zeros(2), np.full(2, 0.9), 0.1, pull=0.0), 0.0)
+
+
+def test_what_comes_next_whatever_the_evaluations_are_is_known():
+    optimizer = MultiStart([MIDDLE, np.full(D, 0.2)], streams(0)[1])
+    told = answered(optimizer, 2, lambda i, one: Evaluation(one, 1.0, stages=(linear(one.point),)))
+    assert optimizer.upcoming() == ()
+    first = optimizer.ask()
+    ahead = optimizer.upcoming()
+    assert len(told) == 2
+    assert [one.note["parameter"] for one in (first, *ahead)] == [0, 1, 2]
+    optimizer.tell(Evaluation(first, 1.0, True))
+    assert optimizer.ask() is ahead[0]
 
 
 def test_a_start_is_needed():

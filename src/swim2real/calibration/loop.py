@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -82,7 +83,7 @@ def minimize(
     folder.drop_cut_line()
     best: RecordedEvaluation | None = None
     started, fresh = time.monotonic(), 0
-    recorded, scale = folder.record(), None
+    recorded, scale, ahead = folder.record(), None, _Ahead(problem, space, optimizer)
     for index in range(max(budget, len(recorded))):
         replayed = index < len(recorded)
         candidate = optimizer.ask()
@@ -91,9 +92,12 @@ def minimize(
             entry = recorded[index]
             _check_replay(entry, candidate, index, folder, space)
             if optimizer.needs_residual:
-                comparison = problem.evaluate(space.to_values(candidate.point))
+                comparison = ahead.comparison(candidate, max(budget, len(recorded)) - index)
         else:
-            content, comparison = _evaluate(problem, space, candidate, index)
+            began = time.monotonic()
+            comparison = ahead.comparison(candidate, budget - index)
+            content = _entry(index, candidate, space, comparison)
+            content["seconds"] = round(time.monotonic() - began, 3)
             folder.append(content)
             entry = RecordedEvaluation.model_validate(content)
             fresh += 1
@@ -117,24 +121,35 @@ def minimize(
     return best
 
 
-def _evaluate(
-    problem: Problem, space: ParameterSpace, candidate: Candidate, index: int
-) -> tuple[dict[str, Any], Comparison]:
-    began = time.monotonic()
-    values = space.to_values(candidate.point)
-    comparison = problem.evaluate(values)
-    entry = {
+class _Ahead:
+    """Evaluates a candidate together with those that the optimizer will ask next whatever comes of it."""
+
+    def __init__(self, problem: Problem, space: ParameterSpace, optimizer: Optimizer) -> None:
+        self._problem, self._space, self._optimizer = problem, space, optimizer
+        self._coming: deque[Candidate] = deque()
+        self._comparisons: Iterator[Comparison] = iter(())
+
+    def comparison(self, candidate: Candidate, most: int) -> Comparison:
+        """The comparison of the candidate that was asked last; no more than so many are made at a time."""
+        if not self._coming:
+            self._coming.extend([candidate, *self._optimizer.upcoming()][:most])
+            values = [self._space.to_values(one.point) for one in self._coming]
+            self._comparisons = self._problem.evaluate_each(values)
+        self._coming.popleft()
+        return next(self._comparisons)
+
+
+def _entry(index: int, candidate: Candidate, space: ParameterSpace, comparison: Comparison) -> dict[str, Any]:
+    return {
         "index": index,
         "loss": comparison.loss,
         "failed": comparison.divergence is not None,
         "reason": comparison.divergence,
         "point": [float(x) for x in candidate.point],
-        "values": values,
+        "values": space.to_values(candidate.point),
         "note": dict(candidate.note),
         "evidence": evidence(comparison),
-        "seconds": round(time.monotonic() - began, 3),
     }
-    return entry, comparison
 
 
 def _check_replay(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from swim2real.calibration.protocols import Protocol, protocol_for
@@ -12,6 +13,7 @@ from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import HORIZON, EvaluationSettings, ProtocolName, Start
 from swim2real.simulation import Engine, ForwardModel
+from swim2real.simulation.forward_model import thread_count
 from swim2real.trials import Trial, TrialSet
 
 
@@ -51,7 +53,7 @@ class Problem:
         """
         if horizon is not None and not horizon > 0:
             raise TrialError(f"horizon is {horizon} s; it must be above 0")
-        self.robot, self.horizon = robot, horizon
+        self.robot, self.horizon, self._threads = robot, horizon, thread_count(threads)
         self.protocol: Protocol[Any] = (
             protocol_for(robot, protocol, start, pieces) if isinstance(protocol, str) else protocol
         )
@@ -74,7 +76,9 @@ class Problem:
 
     def of(self, reference: TrialSet) -> Problem:
         """The same problem with other trials."""
-        return Problem(self.robot, reference, self.protocol, self.horizon, simulator=self.simulator)
+        return Problem(
+            self.robot, reference, self.protocol, self.horizon, threads=self._threads, simulator=self.simulator
+        )
 
     @property
     def trials(self) -> tuple[Trial, ...]:
@@ -88,12 +92,19 @@ class Problem:
 
     def evaluate(self, values: Values) -> Comparison:
         """Simulates all trials with a candidate's parameter values and compares them with the real ones."""
-        return self.evaluate_many([values])[0]
+        return self._compared(self.simulator.simulate(values, self._requests))
 
     def evaluate_many(self, candidates: Sequence[Values]) -> list[Comparison]:
         """The same for several candidates in one batch."""
-        requests = [prepared.request for prepared in self.prepared]
-        return [self._compared(trials) for trials in self.simulator.simulate_many(candidates, requests)]
+        return list(self.evaluate_each(candidates))
+
+    def evaluate_each(self, candidates: Sequence[Values]) -> Iterator[Comparison]:
+        """The same for several candidates in their order, each as soon as it is there, some at a time."""
+        if len(candidates) == 1:
+            yield self.evaluate(candidates[0])
+            return
+        with ThreadPoolExecutor(self._threads) as pool:
+            yield from pool.map(self.evaluate, candidates)
 
     def blocks(self) -> list[tuple[int, int]]:
         """Rows, in time, and columns of each block of numbers that a comparison's residual vector consists of."""
@@ -118,6 +129,10 @@ class Problem:
         Empty for a robot whose trials have no beat.
         """
         return {name: swim["speed"] for name, swim in self.check_fit(values).get("from_rest", {}).items()}
+
+    @property
+    def _requests(self) -> list[Any]:
+        return [prepared.request for prepared in self.prepared]
 
     def _compared(self, simulated: TrialSet) -> Comparison:
         pairs = zip(self.prepared, simulated, strict=True)

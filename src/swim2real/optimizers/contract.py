@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral
 from typing import Any
@@ -126,6 +126,10 @@ class Optimizer(ABC):
             raise OptimizerError("tell() got the evaluation of another candidate than the one that was asked last")
         self._pending = None
         self._learn(evaluation)
+
+    def upcoming(self) -> Sequence[Candidate]:
+        """The candidates that come after the last one whatever its evaluation is, so that they may be made ahead."""
+        return ()
 
     @abstractmethod
     def _next(self) -> Candidate: ...

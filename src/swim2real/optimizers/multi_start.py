@@ -5,7 +5,9 @@ Sums over the residual avoid BLAS, whose order of summation hangs on the number 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections import deque
+from collections.abc import Generator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +25,7 @@ _STEEP = 4.0  # a difference that raises the squares by this factor may have cro
 _GAIN, _LAST_GAIN = 0.03, 0.01  # share of the residual's length below which a stage has ended; of the last stage
 _ITERATIONS, _LAST_ITERATIONS = 6, 20  # of a stage, at most
 
-Search = Generator[Candidate, Evaluation, None]
+Search = Generator[list[Candidate], list[Evaluation], None]
 
 
 class MultiStart(Optimizer):
@@ -54,21 +56,27 @@ class MultiStart(Optimizer):
         super().__init__(len(starts[0]))
         self._starts, self._rng = [cube_point(start, self.dimension) for start in starts], rng
         self._search = self._run()
-        self._last: Evaluation | None = None
+        self._batch: deque[Candidate] = deque()
+        self._told: list[Evaluation] = []
+
+    def upcoming(self) -> Sequence[Candidate]:
+        return tuple(self._batch)
 
     def _next(self) -> Candidate:
-        return next(self._search) if self._last is None else self._search.send(self._last)
+        if not self._batch:
+            self._batch.extend(self._search.send(self._told) if self._told else next(self._search))
+            self._told = []
+        return self._batch.popleft()
 
     def _learn(self, evaluation: Evaluation) -> None:
         if not evaluation.stages and not evaluation.failed:
             raise OptimizerError("tell() got an evaluation without stages of its residual, which multi-start needs")
-        self._last = evaluation
+        self._told.append(evaluation)
 
     def _run(self) -> Search:
-        begun: list[Evaluation] = []
-        for number, point in enumerate(self._starts, 1):
-            note = {"source": "start", "start": number} if number > 1 else {"source": "first point"}
-            begun.append((yield Candidate(point, note)))
+        first, *others = self._starts
+        starts = [Candidate(point, {"source": "start", "start": number}) for number, point in enumerate(others, 2)]
+        begun = yield [Candidate(first, {"source": "first point"}), *starts]
         ranked = sorted(
             (number for number, one in enumerate(begun) if not one.failed),
             key=lambda number: _squares(begun[number], max(len(begun[number].stages) - 2, 0)),
@@ -79,7 +87,7 @@ class MultiStart(Optimizer):
         while True:
             number += 1
             point = cube_point(self._rng.random(self.dimension))
-            evaluation = yield Candidate(point, {"source": "start", "start": number})
+            (evaluation,) = yield [Candidate(point, {"source": "start", "start": number})]
             if not evaluation.failed:
                 yield from self._descend(evaluation, number)
 
@@ -87,7 +95,9 @@ class MultiStart(Optimizer):
         for stage in range(len(base.stages)):
             base = yield from self._stage(base, stage, start)
 
-    def _stage(self, base: Evaluation, stage: int, start: int) -> Generator[Candidate, Evaluation, Evaluation]:
+    def _stage(
+        self, base: Evaluation, stage: int, start: int
+    ) -> Generator[list[Candidate], list[Evaluation], Evaluation]:
         last, damping, poor = stage == len(base.stages) - 1, _FIRST_DAMPING, 0
         for _ in range(_LAST_ITERATIONS if last else _ITERATIONS):
             before = _squares(base, stage)
@@ -100,36 +110,38 @@ class MultiStart(Optimizer):
 
     def _iteration(
         self, base: Evaluation, stage: int, damping: float, start: int
-    ) -> Generator[Candidate, Evaluation, tuple[Evaluation, float]]:
+    ) -> Generator[list[Candidate], list[Evaluation], tuple[Evaluation, float]]:
         """The best of the differences and steps from a point, or the point itself, and the damping to go on with."""
         here, residual, squares = base.candidate.point, base.stages[stage], _squares(base, stage)
         note = {"start": start, "stage": stage + 1}
-        gradients, best = np.zeros((self.dimension, residual.size)), base
-        for k in range(self.dimension):
-            inward = _DIFFERENCE if here[k] <= 0.5 else -_DIFFERENCE
-            sides: list[tuple[float, Evaluation]] = []
-            for change in (inward, -inward):
-                if not 0 <= here[k] + change <= 1:
-                    continue
-                point = np.array(here)
-                point[k] += change
-                evaluation = yield Candidate(cube_point(point), {"source": "difference", "parameter": k, **note})
-                if not evaluation.failed:
-                    sides.append((change, evaluation))
-                    best = min(best, evaluation, key=lambda one: _squares(one, stage))
-                    if _squares(evaluation, stage) < _STEEP * squares:
-                        break
-            gradients[k] = _slope(sides, base, stage)
-        pull, found = min(_PULL, _PULL_SHARE * float(np.sqrt(squares))), damping
-        for factor in _DAMPINGS:
-            for length, share in _STEPS:
-                step = damped_step(gradients, residual, here, factor * damping, share * pull)
-                point = cube_point(np.clip(here + length * step, 0.0, 1.0))
-                evaluation = yield Candidate(point, {"source": "step", "damping": factor * damping, **note})
-                if not evaluation.failed and _squares(evaluation, stage) < _squares(best, stage):
-                    best, found = evaluation, factor * damping
-        damping = 10 * damping if best is base else found
+        inward = np.where(here <= 0.5, _DIFFERENCE, -_DIFFERENCE)
+        there = yield [_shifted(here, k, inward[k], note) for k in range(self.dimension)]
+        steep = [k for k, one in enumerate(there) if one.failed or _squares(one, stage) >= _STEEP * squares]
+        steep = [k for k in steep if 0 <= here[k] - inward[k] <= 1]
+        back = (yield [_shifted(here, k, -inward[k], note) for k in steep]) if steep else []
+        other_side = dict(zip(steep, back, strict=True))
+        gradients = np.array([_slope(base, [one, other_side.get(k)], k, stage) for k, one in enumerate(there)])
+        pull, dampings = min(_PULL, _PULL_SHARE * float(np.sqrt(squares))), [factor * damping for factor in _DAMPINGS]
+        tried = [
+            (damped_step(gradients, residual, here, one, share * pull), length, one)
+            for one in dampings
+            for length, share in _STEPS
+        ]
+        steps = yield [
+            Candidate(cube_point(np.clip(here + length * step, 0.0, 1.0)), {"source": "step", "damping": one, **note})
+            for step, length, one in tried
+        ]
+        best = min(
+            (one for one in [base, *there, *back, *steps] if not one.failed), key=lambda one: _squares(one, stage)
+        )
+        damping = 10 * damping if best is base else best.candidate.note.get("damping", damping)
         return best, float(np.clip(damping, _LEAST_DAMPING, _MOST_DAMPING))
+
+
+def _shifted(point: Array, k: int, change: float, note: Mapping[str, Any]) -> Candidate:
+    moved = np.array(point)
+    moved[k] += change
+    return Candidate(cube_point(moved), {"source": "difference", "parameter": k, **note})
 
 
 def damped_step(gradients: Array, residual: Array, point: Array, damping: float, pull: float) -> Array:
@@ -154,15 +166,16 @@ def damped_step(gradients: Array, residual: Array, point: Array, damping: float,
     return lowest_within(damped, slope, bounds)
 
 
-def _slope(sides: Sequence[tuple[float, Evaluation]], base: Evaluation, stage: int) -> Array:
+def _slope(base: Evaluation, sides: Sequence[Evaluation | None], k: int, stage: int) -> Array:
     """Change of the residual with a parameter: from the side that is not steep, or from both where both are. (n,)."""
-    if not sides:
+    known = [one for one in sides if one is not None and not one.failed]
+    if not known:
         return np.zeros_like(base.stages[stage])
-    change, evaluation = sides[-1]
-    if len(sides) == 1 or _squares(evaluation, stage) < _STEEP * _squares(base, stage):
-        return (evaluation.stages[stage] - base.stages[stage]) / change
-    other_change, other = sides[0]
-    return (evaluation.stages[stage] - other.stages[stage]) / (change - other_change)
+    last, other = known[-1], base
+    if len(known) == 2 and _squares(last, stage) >= _STEEP * _squares(base, stage):
+        other = known[0]
+    change = float(last.candidate.point[k] - other.candidate.point[k])
+    return (last.stages[stage] - other.stages[stage]) / change
 
 
 def _squares(evaluation: Evaluation, stage: int) -> float:

@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from threading import Lock
 from typing import Any, Protocol, TypeVar
 
 import mujoco
@@ -111,6 +112,9 @@ class ForwardModel(Protocol[Request_contra]):
 
 
 T = TypeVar("T")
+
+BUILDING = Lock()
+"""Held while a robot is built and compiled: a robot file's code needn't know of threads."""
 
 
 def thread_count(threads: int | None) -> int:

@@ -16,7 +16,7 @@ from swim2real.parameters import Values
 from swim2real.robots.drives import TABLE, commands
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import Delays
-from swim2real.simulation.forward_model import Engine, all_of, thread_count
+from swim2real.simulation.forward_model import BUILDING, Engine, all_of, thread_count
 from swim2real.simulation.pose import PoseFit
 from swim2real.simulation.start import (
     FITTED,
@@ -168,7 +168,8 @@ class PlaybackSimulator:
     def _model(self, values: Values) -> mujoco.MjModel | str:
         """The compiled robot, or why there is none."""
         try:
-            return self.robot.build(values).compile()
+            with BUILDING:
+                return self.robot.build(values).compile()
         except (ValueError, mujoco.FatalError) as error:
             return f"the model can't be made: {' '.join(str(error).split())}"
 

@@ -17,7 +17,7 @@ from swim2real.errors import EngineError
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.fast_step import FastStep, disagreement
-from swim2real.simulation.forward_model import Engine, all_of, thread_count
+from swim2real.simulation.forward_model import BUILDING, Engine, all_of, thread_count
 from swim2real.simulation.stepper import Chunk, Stepper
 from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet, frames
 
@@ -120,8 +120,9 @@ class Simulator:
         Returns:
             One set a candidate. World frame [m]; the head starts at the origin and points to -x.
         """
-        models = [self.robot.build(values).compile() for values in candidates]
-        steps = [self._planned(model) if self.step == "fast" else None for model in models]
+        with BUILDING:
+            models = [self.robot.build(values).compile() for values in candidates]
+            steps = [self._planned(model) if self.step == "fast" else None for model in models]
         jobs = [
             partial(self._swim, model, fast, swim) for model, fast in zip(models, steps, strict=True) for swim in swims
         ]
