@@ -22,12 +22,13 @@ SECONDS = 5.0
 LEAST_SPEED = 0.02  # m/s
 
 
-def hidden(number):
+def hidden(number, frequencies=FREQUENCIES, seconds=SECONDS, camera=SyntheticCamera()):  # noqa: B008
+    """A hidden fish that swims: its point of the unit cube, and its swims as a camera sees them."""
     rng = np.random.default_rng([7, number])
     while True:
         point = rng.random(len(FISH.space))
         values = FISH.space.to_values(point)
-        reference = synthetic_reference(FISH, values, FREQUENCIES, SECONDS, SyntheticCamera(), number)
+        reference = synthetic_reference(FISH, values, frequencies, seconds, camera, number)
         speeds = [trial.track.speed for trial in reference]
         if speeds[-1] > LEAST_SPEED and min(speeds) > 0:
             return point, reference
