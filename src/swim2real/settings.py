@@ -31,6 +31,8 @@ DetailName = Literal["low", "medium", "high"]
 TrackerName = Literal["detection", "csrt", "aruco"]
 
 HORIZON = 4.0  # s of each trial that are compared
+PAPER_BUDGET = 40  # evaluations
+MINUTES = 5.0  # of a search without a budget
 REPLY_TOKENS = 16_384  # thinking included
 PAPER_STEPS = 5_000_000  # of a training
 PAPER_EXPLORATION = 50_000
@@ -144,17 +146,22 @@ class EvaluationSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationSettings(EvaluationSettings):
-    """What decides the result of a calibration. On resume only `threads` may change, and the budget may be raised.
+    """What decides the result of a calibration.
+
+    On resume `threads` and `minutes` may change, and the budget may be raised; without a budget, a run that had one is
+    finished with multi-start from where it stands.
 
     Attributes:
-        method: line-search: an advisor's proposals with backtracking. cma-es: pycma. bayesopt: scikit-optimize.
-            least-squares: Levenberg-Marquardt with finite differences. multi-start: the same from several starts, first
-            on the shape of the motion, for budgets from 400 on. mujoco-sysid: the least squares of MuJoCo's own
-            toolbox. staged: the prior work's manual stages.
+        method: multi-start: least squares from several starts, first on the shape of the motion; the default without
+            --budget and --advisor. line-search: an advisor's proposals with backtracking; the default with one of them.
+            cma-es: pycma. bayesopt: scikit-optimize. least-squares: Levenberg-Marquardt with finite differences.
+            mujoco-sysid: the least squares of MuJoCo's own toolbox. staged: the prior work's manual stages.
         advisor: What proposes parameters. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a
             VLM, key from GOOGLE_API_KEY, OPENAI_API_KEY or ANTHROPIC_API_KEY. files: you, or any chat window.
             replay:RUN: an earlier run's replies, without a network; settings that aren't given are that run's.
-        budget: Simulation evaluations, the first included.
+        budget: Simulation evaluations, the first included. By default multi-start searches until it is done, and other
+            methods make the paper's 40.
+        minutes: Longest search without --budget; by default 5. A search that it cuts off goes on with --resume.
         seed: Decides the first point and every random choice.
         first: First point. model: the values of the robot's model. random: anywhere within the bounds, by the seed.
             auto: model for recordings with seed 0 or several starts, else random.
@@ -168,9 +175,10 @@ class CalibrationSettings(EvaluationSettings):
         hold_out: Trials to leave out of the fit and to evaluate at the end.
     """
 
-    method: Method = "line-search"
+    method: Method | None = None
     advisor: str = PHYSICS
-    budget: int = 40
+    budget: int | None = None
+    minutes: float | None = None
     seed: int = 0
     first: First = "auto"
     starts: int | None = None
@@ -182,9 +190,22 @@ class CalibrationSettings(EvaluationSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _choice("method", self.method, METHODS)
         check_advisor(self.advisor)
-        _least("budget", self.budget, 1)
+        if self.method is None:
+            advised = self.budget is not None or self.advisor != PHYSICS or self.probes or (self.starts or 1) > 1
+            object.__setattr__(self, "method", "line-search" if advised else "multi-start")
+        _choice("method", self.method, METHODS)
+        if self.budget is None and self.method != "multi-start":
+            object.__setattr__(self, "budget", PAPER_BUDGET)
+        if self.budget is not None:
+            _least("budget", self.budget, 1)
+        if self.minutes is not None:
+            _finite("minutes", self.minutes, above=0.0, unit=" min")
+            if self.budget is not None:
+                raise ArgumentError(
+                    f"minutes is {self.minutes:g}, which is for a search until it is done; this one ends after a "
+                    f"budget of {self.budget} evaluations: leave out minutes, or the budget and the method"
+                )
         _seed(self.seed)
         _choice("first", self.first, get_args(First))
         if self.starts is not None:
@@ -196,6 +217,11 @@ class CalibrationSettings(EvaluationSettings):
         _least("probes", self.probes, 0)
         if self.probes and self.method != "line-search":
             raise ArgumentError(f"probes is for method line-search, which has an advisor, not {self.method}")
+
+    @property
+    def chosen_method(self) -> Method:
+        """The method, chosen by the budget and the advisor where none is given."""
+        return self.method or "multi-start"
 
     @property
     def resolved_scale(self) -> Scale:

@@ -74,4 +74,4 @@ def run(
             folder.resume(settings)
         else:
             folder.begin(settings)
-        return minimize(problem, ROBOT.space, make_optimizer(method, seed), budget, folder, on_progress)
+        return minimize(problem, ROBOT.space, make_optimizer(method, seed), budget, folder, on_progress)[0]

@@ -129,7 +129,7 @@ def test_a_diverged_simulation_is_recorded_and_not_the_best(reference, tmp_path,
     search = small_run.BacktrackingLineSearch(advisor, high, max_steps=1)
     folder = RunFolder(tmp_path / "run")
     folder.path.mkdir()
-    best = minimize(problem, robot.space, search, 3, folder)
+    best, _ = minimize(problem, robot.space, search, 3, folder)
     entries = record_of(folder)
     assert [entry["failed"] for entry in entries] == [True, True, False]
     assert [entry["loss"] for entry in entries[:2]] == [1.0, 1.0]

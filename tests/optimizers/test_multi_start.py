@@ -1,4 +1,4 @@
-"""Least squares in stages: order of starts and stages, differences across a border, the pull to the middle."""
+"""Least squares in stages: order of starts and stages, differences across a border, the pull, the end."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,12 @@ from driving import answered, drive, lowest, notes, points
 
 from swim2real.errors import OptimizerError
 from swim2real.optimizers import Evaluation, MultiStart, streams
-from swim2real.optimizers.multi_start import damped_step
+from swim2real.optimizers.multi_start import agreeing, damped_step
 
 D = 3
 GOAL = np.array([0.3, 0.8, 0.55])
 MIDDLE = np.full(D, 0.5)
-ITERATION = D + 8  # differences, and four dampings at two lengths
+ITERATION = D + 6  # differences, and three dampings at two lengths
 
 
 def linear(point: np.ndarray) -> np.ndarray:
@@ -32,7 +32,7 @@ def searched(count, stages, starts=(MIDDLE,), failed=lambda i: False) -> list[Ev
 
 def test_a_linear_residual_is_solved_in_two_iterations():
     told = drive(MultiStart([MIDDLE], streams(0)[1]), 1 + 2 * ITERATION + D, linear)
-    assert notes(told[: 2 + ITERATION], "source") == ["first point"] + ["difference"] * D + ["step"] * 8 + [
+    assert notes(told[: 2 + ITERATION], "source") == ["first point"] + ["difference"] * D + ["step"] * 6 + [
         "difference"
     ]
     assert lowest(told) < 0.02 * told[0].loss
@@ -72,7 +72,7 @@ def test_a_slope_is_taken_on_the_side_that_is_not_across_a_border_or_on_both():
     asked = points(told)[1 : D + 2] - MIDDLE
     np.testing.assert_allclose(asked, [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01], [0, -0.01, 0]], atol=1e-12)
     straight = searched(1 + ITERATION, lambda p: (linear(p),))
-    np.testing.assert_allclose(points(told)[-8:-6], points(straight)[-8:-6], atol=1e-9)
+    np.testing.assert_allclose(points(told)[-6:-4], points(straight)[-6:-4], atol=1e-9)
     narrow = searched(1 + ITERATION + 1, lambda p: ((p - 0.501) * [1.0, 100.0, 1.0],))
     assert lowest(narrow) < 0.1 * narrow[0].loss
 
@@ -112,3 +112,24 @@ def test_what_comes_next_whatever_the_evaluations_are_is_known():
 def test_a_start_is_needed():
     with pytest.raises(OptimizerError, match="starts is empty; give one point at least"):
         MultiStart([], streams(0)[1])
+
+
+def test_it_is_done_when_two_descents_agree_or_six_have_ended():
+    optimizer = MultiStart([MIDDLE, np.full(D, 0.2)], streams(0)[1])
+    assert not optimizer.done
+    offset = np.full(1, 0.01)
+
+    def answer(i, one):
+        residual = np.concatenate([linear(one.point), offset])
+        return Evaluation(one, float(np.linalg.norm(residual)), stages=(residual,))
+
+    asked = 0
+    while not optimizer.done:
+        one = optimizer.ask()
+        optimizer.tell(answer(asked, one))
+        asked += 1
+        assert asked < 2000
+    assert agreeing([0.010, 0.0109, 0.02]) == 2
+    begun = {note.get("start") for note in notes(answered(MultiStart([MIDDLE], streams(0)[1]), asked, answer))}
+    assert {1, 2} <= begun
+    assert len(begun) <= 7

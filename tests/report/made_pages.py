@@ -86,7 +86,8 @@ class Evaluated(Problem):
         self.result, self.robot, self.protocol = result, ROBOT, Aligned()
         self.prepared = tuple(
             SimpleNamespace(
-                trial=SimpleNamespace(name=trial.name), examination={},
+                trial=SimpleNamespace(name=trial.name, track=Swimmer(trial.frequency, 0.1, duration=2.0).track()),
+                examination={},
                 request=Swim(trial.name, Actuation(trial.frequency), 2.0),
             )
             for trial in result.trials

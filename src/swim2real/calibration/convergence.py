@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from swim2real.calibration.file_models import RecordedEvaluation
+import numpy as np
+
+from swim2real.calibration.file_models import Outcome, RecordedEvaluation
+from swim2real.calibration.run_settings import RunSettings
+from swim2real.optimizers.multi_start import AGREEMENT, agreeing
+from swim2real.parameters import ParameterSpace
 from swim2real.settings import CalibrationSettings
+from swim2real.trials import MarkerTrack
 
 _FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
 _FEW = 10  # evaluations of which nothing is said
+_LATELY = 60.0  # s
+_ON_BOUND = 0.005  # of the range
+_UNEXPLAINED = 4.0  # times the noise of the markers, from which a search that is done has not explained the trials
+_PARTS = ("shape_error", "recoil_error", "progress_error")
 _SPREAD = ("first point", "start", "initial")  # sources of points that no search has proposed
 
 
@@ -34,7 +44,7 @@ def still_falling(entries: Sequence[RecordedEvaluation], settings: CalibrationSe
         None for a run that converged, hasn't spent its budget, or is shorter than four evaluations.
     """
     budget = settings.budget
-    if budget < 4 or len(entries) < budget:
+    if budget is None or budget < 4 or len(entries) < budget:
         return None
     losses = best_losses(entries)
     before, end = losses[len(losses) - len(losses) // 4 - 1], losses[-1]
@@ -57,7 +67,7 @@ def never_beaten(entries: Sequence[RecordedEvaluation], settings: CalibrationSet
         None for a run that did, hasn't spent its budget, or is shorter than ten evaluations.
     """
     budget = settings.budget
-    if settings.method == "random" or budget < _FEW or len(entries) < budget:
+    if budget is None or settings.method == "random" or budget < _FEW or len(entries) < budget:
         return None
     best = min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
     if best is None or best.note.source not in _SPREAD:
@@ -67,3 +77,85 @@ def never_beaten(entries: Sequence[RecordedEvaluation], settings: CalibrationSet
         f"which no search proposed; run several seeds (--seeds 0:3) or another method (--method bayesopt), and look "
         f"whether the bounds are as wide as they must be"
     )
+
+
+def marker_noise(tracks: Sequence[MarkerTrack]) -> float | None:
+    """How far a marker is off where it was seen, from frame to frame [m]; median over markers, mean over tracks.
+
+    Third differences in time leave little of the motion: those of white noise have 20 times its variance.
+    """
+    found: list[float] = []
+    for track in tracks:
+        thirds = np.diff(track.positions, n=3, axis=0)
+        thirds = np.abs(thirds - np.nanmedian(thirds, axis=0)) if len(thirds) else thirds
+        if np.isfinite(thirds).any():
+            one_axis = 1.4826 * np.nanmedian(thirds, axis=0) / np.sqrt(20)
+            found.append(float(np.sqrt(2) * np.nanmedian(one_axis)))
+    return float(np.mean(found)) if found else None
+
+
+def standing(
+    entries: Sequence[RecordedEvaluation], settings: RunSettings, outcome: Outcome | None, space: ParameterSpace
+) -> tuple[str, ...]:
+    """Where a search without a budget stands, in sentences; none for a run that a budget ends.
+
+    Args:
+        entries: Evaluations on record.
+        settings: Settings of the run.
+        outcome: What it found; None for one that was interrupted.
+        space: Parameters, on the run's scale.
+    """
+    best = min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
+    if best is None or (settings.budget is not None and not settings.finish):
+        return ()
+    ends = _ends(entries)
+    done = outcome is not None and outcome.ending == "done" and outcome.evaluations == len(entries)
+    if not done:
+        ends = ends[:-1]  # the last start may go on
+    near = agreeing([best.loss, *ends]) - 1
+    last = _gain_lately(entries)
+    state, more = ("is done", "") if done else ("was cut off", "; --resume goes on with it")
+    ended = f"of {len(ends)} descents from different starts {near} ended within {100 * AGREEMENT:.0f} % of that"
+    gained = f"lowered the loss by {100 * last:.0f} %" if last >= 0.005 else "gained nothing"
+    said = [
+        f"the search {state} after {len(entries)} evaluations, at {1e3 * best.loss:.2f} mm{more}",
+        ended if ends else "no descent has come to its end",
+        f"the last minute {gained}",
+    ]
+    noise = None if outcome is None else outcome.noise
+    if noise:
+        said.append(f"the best loss is {best.loss / noise:.1f} times the noise of the markers ({1e3 * noise:.2f} mm)")
+    places = dict(zip(space.names, space.to_cube(best.values), strict=True))
+    bound = [name for name, place in places.items() if not _ON_BOUND < place < 1 - _ON_BOUND]
+    if bound:
+        said.append(f"at a bound: {', '.join(bound)}; widen the bounds if the robot may lie beyond")
+    if noise and near > 1 and best.loss > _UNEXPLAINED * noise:
+        errors = {
+            (name, part): getattr(trial, part, None) or 0.0
+            for name, trial in best.evidence.trials.items() for part in _PARTS
+        }  # fmt: skip
+        (name, part), error = max(errors.items(), key=lambda item: item[1])
+        said.append(
+            f"no parameters of this robot explain the trials: {near} descents agree so far above the noise; worst is "
+            f"the {part.removesuffix('_error')} of trial '{name}', {1e3 * error:.1f} mm off"
+        )
+    return tuple(said)
+
+
+def _ends(entries: Sequence[RecordedEvaluation]) -> list[float]:
+    """Lowest loss of each start that was gone down from, in order [m]."""
+    ends: dict[int, float] = {}
+    for entry in entries:
+        start = entry.note.start
+        if start is not None and entry.note.stage is not None and not entry.failed:
+            ends[start] = min(entry.loss, ends.get(start, entry.loss))
+    return list(ends.values())
+
+
+def _gain_lately(entries: Sequence[RecordedEvaluation]) -> float:
+    """Share by which the last minute of evaluations lowered the best loss."""
+    losses, seconds, index = best_losses(entries), 0.0, len(entries) - 1
+    while index > 0 and seconds < _LATELY:
+        seconds += entries[index].seconds or 0.0
+        index -= 1
+    return 1 - losses[-1] / losses[index]

@@ -35,6 +35,8 @@ class Note(_Part):
     """How a candidate came about."""
 
     source: Text | None = None
+    start: Whole | None = None
+    stage: Whole | None = None
     round: Whole | None = None
     step_size: Number | None = None
     parameter: Text | Whole | None = None  # a name, or an index of the cube
@@ -92,6 +94,8 @@ class Outcome(_Part):
         engine: Name and fingerprint of the physics engine.
         marker_names: Names of the markers.
         evaluations: Number of evaluations on record.
+        ending: What ended the search: done, minutes or budget.
+        noise: Noise of the markers of the fitted trials [m].
     """
 
     fit: FitFigures
@@ -102,6 +106,8 @@ class Outcome(_Part):
     engine: dict[str, Any] = {}
     marker_names: list[Text] = []
     evaluations: Whole = 0
+    ending: Text = "budget"
+    noise: Number | None = None
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""

@@ -7,13 +7,15 @@ for every recorded candidate, and a mismatch is refused.
 
 from __future__ import annotations
 
+import itertools
 import math
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +27,10 @@ from swim2real.errors import RunError
 from swim2real.objective import Comparison, evidence
 from swim2real.optimizers import Candidate, Evaluation, Optimizer
 from swim2real.parameters import ParameterSpace, Values, write_parameters
+from swim2real.settings import MINUTES
 from swim2real.store import reason
+
+Ending = Literal["done", "minutes", "budget"]
 
 _PRIOR = 0.01  # of the first residual's length: what the way over a parameter's whole range adds
 
@@ -36,17 +41,17 @@ class Progress:
 
     Attributes:
         done: Evaluations so far.
-        budget: Evaluations in all.
+        budget: Evaluations in all; None for a search that ends when it is done.
         loss: Loss of this evaluation [m].
         best: Lowest loss so far [m].
         note: The optimizer's note on the candidate.
         improved: Whether this one is the new incumbent.
-        seconds_left: Estimate [s].
+        seconds_left: Estimate [s]; at most, where there is no budget.
         replayed: True for an evaluation that was read from the record.
     """
 
     done: int
-    budget: int
+    budget: int | None
     loss: float
     best: float
     note: Mapping[str, Any]
@@ -56,46 +61,61 @@ class Progress:
 
 
 def minimize(
-    problem: Problem, space: ParameterSpace, optimizer: Optimizer, budget: int, folder: RunFolder,
+    problem: Problem, space: ParameterSpace, optimizer: Optimizer, budget: int | None, folder: RunFolder,
     on_progress: Callable[[Progress], None] = lambda progress: None, prior: NDArray[np.float64] | None = None,
-) -> RecordedEvaluation:  # fmt: skip
-    """Runs or goes on with a calibration until the budget is spent.
+    minutes: float = MINUTES,
+) -> tuple[RecordedEvaluation, Ending]:  # fmt: skip
+    """Runs or goes on with a calibration until the budget is spent, or without one until the optimizer is done.
 
     Args:
         problem: What evaluates a candidate.
         space: Maps the unit cube to values.
         optimizer: Fresh: recorded evaluations are replayed into it.
-        budget: Simulation evaluations, those on record included.
+        budget: Simulation evaluations, those on record included; None to search until the optimizer is done.
         folder: Locked by the caller, with settings written.
         on_progress: Called after every evaluation.
         prior: Point of the unit cube near which parameters that the trials don't tell are to stay: optimizers that take
             residuals are told the way from it as well, a whole range as a hundredth of the first residual. Losses
             don't know of it. Shape (d,).
+        minutes: Longest search without a budget, evaluations on record apart.
 
     Returns:
-        The record's entry of the incumbent.
+        The record's entry of the incumbent, and what ended the search.
 
     Raises:
         RunError: The record doesn't fit the optimizer, or the disk failed.
     """
-    if budget < 1:
+    if budget is not None and budget < 1:
         raise RunError(f"budget is {budget}; it must be at least 1")
     folder.drop_cut_line()
     best: RecordedEvaluation | None = None
     started, fresh = time.monotonic(), 0
+    ending: Ending = "budget"
     recorded, scale, ahead = folder.record(), None, _Ahead(problem, space, optimizer)
-    for index in range(max(budget, len(recorded))):
+    most = sys.maxsize if budget is None else max(budget, len(recorded))
+    for index in itertools.count():
         replayed = index < len(recorded)
+        if index == len(recorded):
+            started = time.monotonic()
+        if not replayed:
+            if budget is not None and index >= budget:
+                break
+            if budget is None and optimizer.done:
+                ending = "done"
+                break
+            if budget is None and time.monotonic() - started > 60 * minutes:
+                ending = "minutes"
+                break
         candidate = optimizer.ask()
         comparison = None
         if replayed:
             entry = recorded[index]
             _check_replay(entry, candidate, index, folder, space)
             if optimizer.needs_residual:
-                comparison = ahead.comparison(candidate, max(budget, len(recorded)) - index)
+                comparison = ahead.comparison(candidate, most - index)
         else:
             began = time.monotonic()
-            comparison = ahead.comparison(candidate, budget - index)
+            comparison = ahead.comparison(candidate, most - index)
             content = _entry(index, candidate, space, comparison)
             content["seconds"] = round(time.monotonic() - began, 3)
             folder.append(content)
@@ -114,11 +134,12 @@ def minimize(
         stages = () if residual is None or comparison is None or entry.failed else comparison.residual_stages()
         figures = entry.evidence.model_dump(exclude_unset=True)
         optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages))
-        left = (time.monotonic() - started) / max(fresh, 1) * (budget - index - 1)
+        elapsed = time.monotonic() - started
+        left = 60 * minutes - elapsed if budget is None else elapsed / max(fresh, 1) * (budget - index - 1)
         on_progress(Progress(index + 1, budget, entry.loss, best.loss, candidate.note, improved, left, replayed))
     if best is None:
         raise RunError("nothing was evaluated")
-    return best
+    return best, ending
 
 
 class _Ahead:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from swim2real.calibration.convergence import marker_noise
 from swim2real.calibration.file_models import Outcome
+from swim2real.calibration.loop import Ending
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import OUTCOME, RunFolder
 from swim2real.calibration.saved_trials import save_trials
@@ -17,7 +19,7 @@ from swim2real.parameters import Values
 
 def conclude(
     folder: RunFolder, problem: Problem, held_out: Problem | None, values: Values,
-    sensitivity: Sequence[Sensitivity] | None = None,
+    sensitivity: Sequence[Sensitivity] | None = None, ending: Ending = "budget",
 ) -> Outcome:  # fmt: skip
     """Simulates the best parameters once more, on held-out trials too, and writes figures and trials.
 
@@ -27,6 +29,7 @@ def conclude(
         held_out: The held-out trials; None without any.
         values: The best parameters.
         sensitivity: Effect of each parameter on the loss, where it was measured.
+        ending: What ended the search.
 
     Raises:
         RunError: The folder can't be written.
@@ -42,6 +45,8 @@ def conclude(
         "engine": problem.engine.as_dict(),
         "marker_names": list(problem.robot.marker_names),
         "evaluations": len(folder.record()),
+        "ending": ending,
+        "noise": rounded(marker_noise([trial.track for trial in problem.trials])),
     }
     save_trials(folder, fit, on_held_out)
     folder.write_json(OUTCOME, content)

@@ -72,7 +72,7 @@ class RunFolder:
         self._write_settings(settings)
 
     def resume(self, settings: RunSettings) -> None:
-        """Checks that a run can go on with these settings, and takes over a higher budget.
+        """Checks that a run can go on with these settings; takes over a higher budget, or that it is to be finished.
 
         Raises:
             RunError: A setting that decides the result differs.
@@ -84,8 +84,9 @@ class RunFolder:
                 f"run '{self.path}' can't go on: {name} was {shown(before)} and is now {shown(now)}; "
                 f"use the same settings and reference, or begin a new run"
             )
-        if settings.budget > recorded.budget:
-            self._write_settings(replace(recorded, budget=settings.budget))
+        budget = max(settings.budget, recorded.budget) if settings.budget and recorded.budget else recorded.budget
+        if (budget, settings.finish) != (recorded.budget, recorded.finish):
+            self._write_settings(replace(recorded, budget=budget, finish=settings.finish))
 
     def settings(self) -> RunSettings:
         """The recorded settings.

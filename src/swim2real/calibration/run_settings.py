@@ -9,7 +9,7 @@ from swim2real.settings import CalibrationSettings, asks_a_vlm
 from swim2real.simulation import Engine
 
 FORMAT = 1
-_FREE = ("budget", "threads")  # may differ when a run goes on
+_FREE = ("budget", "minutes", "threads", "finish")  # may differ when a run goes on
 _ORIGIN = ("robot_file", "reference", "versions", "commit", "created")  # decide nothing
 
 
@@ -27,6 +27,7 @@ class RunSettings(CalibrationSettings):
         versions: Versions of what the numbers depend on.
         commit: Commit of the checkout; None where swim2real was installed otherwise.
         created: When the run was begun.
+        finish: Whether multi-start goes on, until it is done, when the budget is spent.
     """
 
     robot: str
@@ -38,6 +39,7 @@ class RunSettings(CalibrationSettings):
     versions: dict[str, str] = field(default_factory=dict[str, str])
     commit: str | None = None
     created: str = ""
+    finish: bool = False
 
     def difference(self, other: RunSettings) -> tuple[str, Any, Any] | None:
         """The first setting that decides the result and differs: its name, its value here, the other's."""

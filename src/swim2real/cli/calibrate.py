@@ -105,7 +105,7 @@ def _best_of(
 
 
 def demo(
-    *, out: Path = Path("demo-out"), budget: int = 30, seed: int = 0, full: bool = False, resume: bool = False,
+    *, out: Path = Path("demo-out"), budget: int | None = None, seed: int = 0, full: bool = False, resume: bool = False,
     quiet: bool = False,
 ) -> int:  # fmt: skip
     """Run the whole pipeline on an embedded example: no data, no network, no key.
@@ -115,7 +115,7 @@ def demo(
 
     Args:
         out: Folder to write.
-        budget: Simulation evaluations.
+        budget: Simulation evaluations; by default it searches until it is done, for a minute at most.
         seed: Decides the first point and every random choice.
         full: Film all eight frequencies instead of four.
         resume: Continue an interrupted demo.
@@ -155,7 +155,7 @@ def demo(
     return code
 
 
-def _watched(work: Callable[[RunCallbacks], Outcome], budget: int, folder: Path, quiet: bool) -> Outcome | None:
+def _watched(work: Callable[[RunCallbacks], Outcome], budget: int | None, folder: Path, quiet: bool) -> Outcome | None:
     """Does the work of a run with its progress shown; None when it is interrupted, which is reported."""
     from swim2real.calibration import RunFolder
     from swim2real.cli.progress import run_shown
@@ -181,6 +181,9 @@ def _told(outcome: Outcome, folder: Path, quiet: bool, as_json: bool) -> int:
         say_json(outcome.to_json())
     elif not quiet:
         _print(outcome, reported.robot.trials.sensors)
+    if not as_json and not quiet:
+        for line in reported.standing:
+            say(f"{line[0].upper()}{line[1:]}.")
     for warning in warnings(reported):
         tell(f"warning: {warning}")
     page = write_report(folder, reported.robot)

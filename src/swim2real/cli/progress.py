@@ -50,7 +50,7 @@ class RunCallbacks:
 
 
 @contextmanager
-def run_shown(budget: int, quiet: bool) -> Generator[RunCallbacks]:
+def run_shown(budget: int | None, quiet: bool) -> Generator[RunCallbacks]:
     """Gives the callbacks that show the progress of a run. Warnings are shown even when quiet.
 
     Ctrl-C ends the run between two evaluations, when all is on the disk; a second Ctrl-C ends it at once. While a VLM
@@ -72,7 +72,7 @@ def run_shown(budget: int, quiet: bool) -> Generator[RunCallbacks]:
 
 
 @contextmanager
-def _run_lines(budget: int, quiet: bool) -> Generator[RunCallbacks]:
+def _run_lines(budget: int | None, quiet: bool) -> Generator[RunCallbacks]:
     console = progress_console()
     if quiet or not console.is_terminal:
 
@@ -80,15 +80,20 @@ def _run_lines(budget: int, quiet: bool) -> Generator[RunCallbacks]:
             if event.kind != "received" and (event.kind == "warning" or not quiet):
                 console.print(_event_line(event))
 
-        yield RunCallbacks(lambda p: None if quiet else console.print(_run_line(p)), print_event)
+        def print_line(p: Progress) -> None:
+            if not quiet and (p.budget is not None or p.improved):
+                console.print(_run_line(p))
+
+        yield RunCallbacks(print_line, print_event)
         return
     columns = (_Words("calibrating"), BarColumn(), MofNCompleteColumn(), _Words("{task.fields[text]}"))
     with Bar(*columns, console=console) as bar:
         task = bar.add_task("", total=budget, text="first evaluation")
 
         def update(p: Progress) -> None:
-            text = f"best {1e3 * p.best:.1f} mm, {_clock(p.seconds_left)} left"
-            bar.update(task, completed=p.done, total=max(p.budget, p.done), text=text)
+            start = f", start {p.note['start']}" if "start" in p.note else ""
+            text = f"best {1e3 * p.best:.1f} mm{start}, {_left_of(p)}"
+            bar.update(task, completed=p.done, total=None if p.budget is None else max(p.budget, p.done), text=text)
             if p.improved and not p.replayed:
                 bar.console.print(_run_line(p))
 
@@ -103,14 +108,20 @@ def _run_lines(budget: int, quiet: bool) -> Generator[RunCallbacks]:
 
 def _run_line(p: Progress) -> str:
     how = str(p.note.get("source", ""))
+    if "start" in p.note:
+        how += f" of start {p.note['start']}" if "stage" in p.note else f" {p.note['start']}"
     if "round" in p.note:
         how = f"round {p.note['round']}, step {p.note['step_size']:g}"
     kind = "read" if p.replayed else "best" if p.improved else "    "
     loss = f"{1e3 * p.loss:.1f}"
     return (
-        f"{p.done:4d}/{p.budget} {kind} {loss:>7} mm  (best {1e3 * p.best:.1f} mm, {how}, "
-        f"{_clock(p.seconds_left)} left)"
+        f"{p.done:4d}{f'/{p.budget}' if p.budget else ''} {kind} {loss:>7} mm  (best {1e3 * p.best:.1f} mm, {how}, "
+        f"{_left_of(p)})"
     )
+
+
+def _left_of(p: Progress) -> str:
+    return f"{'' if p.budget else 'at most '}{_clock(max(p.seconds_left, 0.0))} left"
 
 
 def _event_line(event: AdvisorEvent) -> str:

@@ -199,7 +199,7 @@ def _report_of(future: Future[JobReport], job: Job) -> JobReport:
 def _cost(job: Job) -> float:
     """Roughly how long a job takes: the longest are begun first, so that no worker is left with one at the end."""
     settings = job.settings
-    method = 4.0 if asks_a_vlm(settings.advisor) else METHODS[settings.method].cost
+    method = 4.0 if asks_a_vlm(settings.advisor) else METHODS[settings.chosen_method].cost
     return method * (0.8 if settings.hold_out else 1.0)
 
 
@@ -208,7 +208,7 @@ class _Follower:
 
     def __init__(self, jobs: Sequence[Job], on_progress: Callable[[ComparisonProgress], None]) -> None:
         self._on_progress = on_progress
-        self._ended, self._jobs, self._budget = 0, len(jobs), sum(job.settings.budget for job in jobs)
+        self._ended, self._jobs, self._budget = 0, len(jobs), sum(job.settings.budget or 0 for job in jobs)
         self._best: dict[str, float] = {}
         self._read = {job.key: 0 for job in jobs}  # bytes
         self._lines = 0
@@ -298,7 +298,7 @@ def _set_aside(job: Job) -> None:
     if not job.folder.is_dir():
         return
     with FileLock(job.folder / LOCK, timeout=_LOCK_TIMEOUT):
-        planned = run.exists and METHODS[job.settings.method].planned_by_budget
+        planned = run.exists and METHODS[job.settings.chosen_method].planned_by_budget
         if not planned or (before := run.settings().budget) == job.settings.budget:
             return
         aside = job.folder / f"budget-{before}"

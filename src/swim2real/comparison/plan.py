@@ -150,7 +150,7 @@ class Job:
             )
         record, outcome = folder.record(), folder.outcome()
         # the outcome may be of a smaller budget
-        return outcome is not None and outcome.evaluations == len(record) >= self.settings.budget
+        return outcome is not None and outcome.evaluations == len(record) >= (self.settings.budget or 0)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from swim2real.trials import TrialSet, load_reference
 DEMO_FREQUENCIES = (0.5, 0.75, 1.0, 1.25)
 FULL_FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25)
 HELD_OUT = "f0_75"
+_MINUTES = 1.0  # of search
 _HIDDEN_SEED = 2026
 SECONDS = 4.0
 CAMERA = PoolCamera(width=1280, height=720, view=2.4, camera_height=3.5, glints=3.0)
@@ -45,13 +46,14 @@ def hidden_values() -> dict[str, float]:
     return replace(FISH.space, scale="log").to_values(point)
 
 
-def demo_settings(budget: int = 30, seed: int = 0, workers: int | None = None) -> CalibrationSettings:
+def demo_settings(budget: int | None = None, seed: int = 0, workers: int | None = None) -> CalibrationSettings:
     """Settings of the demo's calibration.
 
     Raises:
         ArgumentError: A value is outside what is allowed.
     """
-    return CalibrationSettings(budget=budget, seed=seed, hold_out=(HELD_OUT,), threads=workers)
+    minutes = _MINUTES if budget is None else None
+    return CalibrationSettings(budget=budget, minutes=minutes, seed=seed, hold_out=(HELD_OUT,), threads=workers)
 
 
 def film_and_track(

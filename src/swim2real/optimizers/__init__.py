@@ -17,6 +17,7 @@ from swim2real.optimizers.contract import Candidate, Evaluation, Optimizer, Rand
 from swim2real.optimizers.least_squares import LeastSquares
 from swim2real.optimizers.line_search import BacktrackingLineSearch
 from swim2real.optimizers.multi_start import MultiStart
+from swim2real.optimizers.sequel import Sequel
 from swim2real.optimizers.staged import Stage, Staged
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "RandomSearch",
     "Round",
     "ScriptedAdvisor",
+    "Sequel",
     "Situation",
     "Stage",
     "Staged",

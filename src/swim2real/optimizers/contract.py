@@ -93,9 +93,11 @@ class Optimizer(ABC):
 
     Attributes:
         needs_residual: Whether it must be told residuals. They aren't on record, so a resumed run simulates again.
+        done: Whether it expects to find nothing better; evaluations alone decide it, never time.
     """
 
     needs_residual: bool = False
+    done: bool = False
 
     def __init__(self, dimension: int) -> None:
         self.dimension = dimension

@@ -13,17 +13,21 @@ import numpy as np
 
 from swim2real.errors import OptimizerError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
+from swim2real.optimizers.interpolated_descent import descend
 from swim2real.optimizers.least_squares import lowest_within
 
 _DIFFERENCE = 0.01  # of a parameter's range, of the forward differences
 _PULL, _PULL_SHARE = 2e-3, 0.2  # per range, toward the middle; and no more than this share of the residual's length
-_DAMPINGS = (1 / 30, 1 / 3, 3.0, 30.0)  # multiples of the last damping that are tried
+_DAMPINGS = (0.1, 1.0, 10.0)  # multiples of the last damping that are tried
 _STEPS = ((1.0, 1.0), (0.5, 0.1))  # length and pull of the steps that are tried with each damping
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 0.1, 1e-5, 1e3
 _RADIUS = 0.5  # of the range, the farthest that a parameter goes in one step
 _STEEP = 4.0  # a difference that raises the squares by this factor may have crossed a border: the other side is tried
-_GAIN, _LAST_GAIN = 0.03, 0.01  # share of the residual's length below which a stage has ended; of the last stage
-_ITERATIONS, _LAST_ITERATIONS = 6, 20  # of a stage, at most
+_GAIN = 0.03  # share of the residual's length below which a stage has ended
+_ITERATIONS = 6  # of a stage, at most
+
+_AGREEING, _MOST_ENDS = 2, 6  # ends that agree with the best, and descents in all, after which a search is done
+AGREEMENT = 0.1  # of the lowest loss, within which ends agree
 
 Search = Generator[list[Candidate], list[Evaluation], None]
 
@@ -55,7 +59,7 @@ class MultiStart(Optimizer):
             raise OptimizerError("starts is empty; give one point at least")
         super().__init__(len(starts[0]))
         self._starts, self._rng = [cube_point(start, self.dimension) for start in starts], rng
-        self._search = self._run()
+        self._search, self._ends = self._run(), list[float]()
         self._batch: deque[Candidate] = deque()
         self._told: list[Evaluation] = []
 
@@ -92,19 +96,21 @@ class MultiStart(Optimizer):
                 yield from self._descend(evaluation, number)
 
     def _descend(self, base: Evaluation, start: int) -> Search:
-        for stage in range(len(base.stages)):
+        last = len(base.stages) - 1
+        for stage in range(max(last, 1)):
             base = yield from self._stage(base, stage, start)
+        end = yield from descend(base, last, self._rng, {"start": start, "stage": last + 1})
+        self._ends.append(end.loss)
+        self.done = agreeing(self._ends) >= _AGREEING or len(self._ends) >= _MOST_ENDS
 
     def _stage(
         self, base: Evaluation, stage: int, start: int
     ) -> Generator[list[Candidate], list[Evaluation], Evaluation]:
-        last, damping, poor = stage == len(base.stages) - 1, _FIRST_DAMPING, 0
-        for _ in range(_LAST_ITERATIONS if last else _ITERATIONS):
+        damping = _FIRST_DAMPING
+        for _ in range(_ITERATIONS):
             before = _squares(base, stage)
             base, damping = yield from self._iteration(base, stage, damping, start)
-            gained = 1 - np.sqrt(_squares(base, stage) / before)
-            poor = poor + 1 if gained < (_LAST_GAIN if last else _GAIN) else 0
-            if poor > last:  # the last stage has a second try, with more damping
+            if _squares(base, stage) > (1 - _GAIN) ** 2 * before:
                 break
         return base
 
@@ -142,6 +148,11 @@ def _shifted(point: Array, k: int, change: float, note: Mapping[str, Any]) -> Ca
     moved = np.array(point)
     moved[k] += change
     return Candidate(cube_point(moved), {"source": "difference", "parameter": k, **note})
+
+
+def agreeing(ends: Sequence[float]) -> int:
+    """How many descents ended within a tenth of the best one's loss, that one included."""
+    return sum(end <= (1 + AGREEMENT) * min(ends) for end in ends)
 
 
 def damped_step(gradients: Array, residual: Array, point: Array, damping: float, pull: float) -> Array:

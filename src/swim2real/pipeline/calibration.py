@@ -28,7 +28,7 @@ from swim2real.optimizers import ScriptedAdvisor, recorded_advice
 from swim2real.pipeline.methods import METHODS, default_starts, make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
-from swim2real.settings import PHYSICS, CalibrationSettings, First, VlmAccess, replayed_run
+from swim2real.settings import MINUTES, PAPER_BUDGET, PHYSICS, CalibrationSettings, First, VlmAccess, replayed_run
 from swim2real.store import path_from, source_from
 from swim2real.trials import TrialSet
 
@@ -64,7 +64,10 @@ def calibrate(
         Swim2RealError: Something is wrong, which its sentence names.
     """
     folder = RunFolder(out)
-    begun = folder.settings() if resume else None
+    begun, minutes = folder.settings() if resume else None, settings.minutes or MINUTES
+    finish = begun is not None and begun.budget is not None and (settings.budget is None or begun.finish)
+    if begun is not None and finish:
+        settings = replace(settings, method=begun.method, budget=begun.budget, minutes=None)
     if on_warning is not None:
         for line in reference_warnings(robot, reference, settings):
             on_warning(line)
@@ -74,7 +77,7 @@ def calibrate(
     for name, found in problem.examinations().items():
         for doubt in found["doubts"]:
             _log.warning("trial '%s': %s", name, doubt)
-    resolved = _resolved(settings, problem, reference, folder.path, source, begun)
+    resolved = replace(_resolved(settings, problem, reference, folder.path, source, begun), finish=finish)
     _check_replay(resolved)
     space = replace(robot.space, scale=resolved.resolved_scale)
     # an advisor is shown films on the clock of their trials
@@ -84,7 +87,7 @@ def calibrate(
         on_advisor,
     )  # fmt: skip
     advisor = None
-    if METHODS[resolved.method].advised:
+    if METHODS[resolved.chosen_method].advised:
         advisor = make_advisor(resolved.advisor, robot, space, resolved.seed, context)
         advisor = ProbingAdvisor(advisor, space, resolved.probes) if resolved.probes else advisor
     with folder.locked():
@@ -95,11 +98,12 @@ def calibrate(
         if advisor is not None:  # advice on record isn't asked for again
             notes = (entry.model_dump(include={"point", "note"}, exclude_unset=True) for entry in folder.record())
             advisor = ScriptedAdvisor(recorded_advice(notes), then=advisor)
-        optimizer = make_optimizer(resolved, robot, space, advisor)
+        optimizer = make_optimizer(resolved, robot, space, advisor, resolved.finish)
         prior = space.to_cube(space.published) if resolved.first == "model" else None
-        best = minimize(problem, space, optimizer, resolved.budget, folder, on_progress, prior)
+        budget = None if resolved.finish else resolved.budget
+        best, ending = minimize(problem, space, optimizer, budget, folder, on_progress, prior, minutes)
         effects = sensitivities(problem, space, best.values) if sensitivity else None
-        return conclude(folder, problem, held_out, best.values, effects)
+        return conclude(folder, problem, held_out, best.values, effects, ending)
 
 
 def _resolved(
@@ -113,12 +117,12 @@ def _resolved(
     if starts is None and begun is not None:
         starts = begun.starts
     if starts is None:
-        starts = default_starts(len(robot.space), settings.budget) if unknown else 1
+        starts = default_starts(len(robot.space), settings.budget or PAPER_BUDGET) if unknown else 1
     if first == "auto" and begun is not None:
         first = begun.first
     if first == "auto":
         first: First = "model" if protocol == "playback" and (settings.seed == 0 or starts > 1) else "random"
-    if begun is not None and METHODS[settings.method].planned_by_budget and begun.budget != settings.budget:
+    if begun is not None and METHODS[settings.chosen_method].planned_by_budget and begun.budget != settings.budget:
         raise ArgumentError(
             f"budget was {begun.budget} and is now {settings.budget}; method {settings.method} plans by the budget, so "
             f"a run with another one must be begun anew"
@@ -150,7 +154,7 @@ def as_replayed(settings: CalibrationSettings) -> CalibrationSettings:
     source = replayed_run(settings.advisor)
     if source is None:
         return settings
-    there, default = RunFolder(source).settings(), CalibrationSettings()
+    there, default = RunFolder(source).settings(), CalibrationSettings(advisor=settings.advisor)
     names = [field.name for field in fields(default) if field.name not in ("advisor", "threads", "briefing")]
     taken = {name: getattr(there, name) for name in names if getattr(settings, name) == getattr(default, name)}
     return replace(settings, **taken)

@@ -18,6 +18,7 @@ from swim2real.optimizers import (
     MultiStart,
     Optimizer,
     RandomSearch,
+    Sequel,
     Stage,
     Staged,
     first_point,
@@ -27,7 +28,7 @@ from swim2real.optimizers.callback import CallbackSolver
 from swim2real.optimizers.mujoco_sysid import least_squares
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
-from swim2real.settings import CalibrationSettings, Method
+from swim2real.settings import PAPER_BUDGET, CalibrationSettings, Method
 
 Array = NDArray[np.float64]
 
@@ -76,8 +77,9 @@ class MethodEntry:
 
 
 def make_optimizer(
-    settings: CalibrationSettings, robot: Robot, space: ParameterSpace, advisor: Advisor | None = None
-) -> Optimizer:
+    settings: CalibrationSettings, robot: Robot, space: ParameterSpace, advisor: Advisor | None = None,
+    finish: bool = False,
+) -> Optimizer:  # fmt: skip
     """The optimizer of a run's settings, fresh.
 
     Args:
@@ -86,6 +88,7 @@ def make_optimizer(
         robot: Robot whose simulator is calibrated.
         space: The robot's parameters, on the run's scale.
         advisor: Who proposes, where the method is advised.
+        finish: Go on with multi-start when the budget is spent.
 
     Raises:
         ArgumentError: The method needs an advisor and there is none, or stages that the robot hasn't.
@@ -93,7 +96,13 @@ def make_optimizer(
     """
     first = _of_model(space) if settings.first == "model" else first_point(len(space), settings.seed)
     _, rng, _ = streams(settings.seed)
-    return METHODS[settings.method].make(_Start(robot, space, settings, first, rng, advisor))
+    budget = settings.budget
+    optimizer = METHODS[settings.chosen_method].make(_Start(robot, space, settings, first, rng, advisor))
+    if finish and budget is not None:
+        return Sequel(
+            optimizer, budget, lambda best: _spread_starts(best, np.random.default_rng([settings.seed, budget]))
+        )
+    return optimizer
 
 
 def default_starts(dimension: int, budget: int) -> int:
@@ -111,8 +120,12 @@ def _line_search(start: _Start) -> Optimizer:
 
 
 def _multi_start(start: _Start) -> Optimizer:
-    count = round(_STARTS_PER_PARAMETER * len(start.space))
-    return MultiStart([start.first, *_spread(len(start.space), count - 1, start.rng)], start.rng)
+    return _spread_starts(start.first, start.rng)
+
+
+def _spread_starts(first: Array, rng: np.random.Generator) -> MultiStart:
+    count = round(_STARTS_PER_PARAMETER * len(first))
+    return MultiStart([first, *_spread(len(first), count - 1, rng)], rng)
 
 
 def _spread(dimension: int, count: int, rng: np.random.Generator) -> list[Array]:
@@ -141,7 +154,7 @@ def _staged(start: _Start) -> Optimizer:
     ]  # fmt: skip
     held_point = space.to_cube({**space.to_values(start.first), **plan.held})
     held = {space.names.index(name): float(held_point[space.names.index(name)]) for name in plan.held}
-    return Staged(start.first, stages, start.settings.budget, BayesianOptimization, start.rng, held)
+    return Staged(start.first, stages, start.settings.budget or PAPER_BUDGET, BayesianOptimization, start.rng, held)
 
 
 METHODS: dict[Method, MethodEntry] = {

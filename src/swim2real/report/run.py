@@ -9,7 +9,7 @@ from pathlib import Path
 
 from swim2real.advisor.vlm.transcript import CALLS, Call, Transcript
 from swim2real.calibration import Outcome, RunFolder, RunSettings, SavedTrial, load_trials
-from swim2real.calibration.convergence import never_beaten, still_falling
+from swim2real.calibration.convergence import never_beaten, standing, still_falling
 from swim2real.calibration.file_models import RecordedEvaluation, TrialSummary
 from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.calibration.run_folder import TRIALS
@@ -109,8 +109,15 @@ class ReportedRun:
     def warnings(self) -> tuple[str, ...]:
         """What to know before the best parameters are used."""
         from_rest = {name: swim.as_dict() for name, swim in self.of_best.from_rest.items()}
-        found = (still_falling(self.entries, self.settings), never_beaten(self.entries, self.settings))
+        found = (
+            () if self.standing else tuple(told(self.entries, self.settings) for told in (still_falling, never_beaten))
+        )
         return tuple(warning for warning in (backward_from_rest(from_rest), *found) if warning)
+
+    @property
+    def standing(self) -> tuple[str, ...]:
+        """Where a search without a budget stands, in sentences."""
+        return standing(self.entries, self.settings, self.outcome, self.space)
 
     @property
     def loss(self) -> str:
@@ -178,7 +185,8 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
     )
     has_trials = (folder.path / TRIALS).is_file()
     saved = load_trials(folder) if is_current and has_trials else ()
-    on_record = f"{len(entries)} of {settings.budget} evaluations are on record"
+    of_all = f" of {settings.budget}" if settings.budget and not settings.finish else ""
+    on_record = f"{len(entries)}{of_all} evaluations are on record"
     unfinished = ""
     if outcome is None:
         unfinished = (

@@ -1,0 +1,81 @@
+"""A search without a budget: cut off by minutes, gone on with, and as the finish of a run that had a budget."""
+
+import json
+
+import pytest
+import small_run
+
+from swim2real.calibration import RunFolder
+from swim2real.calibration.convergence import marker_noise, standing
+from swim2real.errors import ArgumentError, RunError
+from swim2real.pipeline import calibrate
+from swim2real.settings import CalibrationSettings
+
+SECOND = 1 / 60  # min
+
+
+def search(reference, out, resume=False, **settings):
+    chosen = CalibrationSettings(protocol="aligned", **settings)
+    return calibrate(reference, small_run.ROBOT, chosen, out, resume=resume)
+
+
+def points(out):
+    return [entry.point for entry in RunFolder(out).record()]
+
+
+def test_a_run_with_a_budget_is_finished_and_a_search_that_was_cut_off_goes_on(reference, tmp_path):
+    search(reference, tmp_path / "run", budget=4, method="random")
+    begun = points(tmp_path / "run")
+    assert search(reference, tmp_path / "run", resume=True, minutes=SECOND).ending == "minutes"
+    first = points(tmp_path / "run")
+    assert search(reference, tmp_path / "run", resume=True, minutes=SECOND, threads=1).ending == "minutes"
+    both = points(tmp_path / "run")
+    assert both[: len(first)] == first
+    assert first[:4] == begun
+    assert len(both) > len(first) > 4
+    settings = RunFolder(tmp_path / "run").settings()
+    assert (settings.method, settings.budget, settings.finish) == ("random", 4, True)
+    notes = [entry.note for entry in RunFolder(tmp_path / "run").record()]
+    assert [note.source for note in notes[3:6]] == ["random", "first point", "start"]
+    best = min(RunFolder(tmp_path / "run").record()[:4], key=lambda entry: entry.loss)
+    assert both[4] == best.point
+
+
+def test_a_search_is_the_same_on_any_number_of_cores(reference, tmp_path):
+    for threads in (1, 2):
+        search(reference, tmp_path / str(threads), minutes=2 * SECOND, threads=threads)
+    one, two = (points(tmp_path / str(threads)) for threads in (1, 2))
+    common = min(len(one), len(two))
+    assert common > 12
+    assert one[:common] == two[:common]
+
+
+def test_what_a_search_knows_is_said(reference, tmp_path):
+    outcome = search(reference, tmp_path / "run", minutes=2 * SECOND)
+    run = RunFolder(tmp_path / "run")
+    said = standing(run.record(), run.settings(), outcome, small_run.ROBOT.space)
+    assert said[0].startswith(f"the search was cut off after {len(run.record())} evaluations, at ")
+    assert "--resume goes on" in said[0]
+    assert said[1] == "no descent has come to its end" or " descents from different starts " in said[1]
+    assert any("times the noise of the markers (" in line for line in said)
+    noise = marker_noise([trial.track for trial in reference])
+    assert noise == pytest.approx(0.5e-3 * 2**0.5, rel=0.1)
+    assert marker_noise([]) is None
+    done = outcome.model_copy(update={"ending": "done"})
+    assert standing(run.record(), run.settings(), done, small_run.ROBOT.space)[0].startswith("the search is done after")
+
+
+def test_what_ends_a_search_is_either_a_budget_or_minutes(reference, tmp_path):
+    assert CalibrationSettings().chosen_method == "multi-start"
+    assert (CalibrationSettings(budget=5).method, CalibrationSettings(method="cma-es").budget) == ("line-search", 40)
+    assert CalibrationSettings(advisor="files").budget == 40
+    with pytest.raises(
+        ArgumentError, match=r"minutes is 2, which is for a search until it is done; .* budget of 40 ev"
+    ):
+        CalibrationSettings(advisor="files", minutes=2)
+    with pytest.raises(ArgumentError, match="minutes is 0 min; it must be finite and above 0"):
+        CalibrationSettings(minutes=0)
+    search(reference, tmp_path / "run", minutes=SECOND / 2)
+    with pytest.raises(RunError, match=r"method was .multi-start. and is now .line-search."):
+        search(reference, tmp_path / "run", resume=True, budget=50)
+    assert json.loads((tmp_path / "run" / "settings.json").read_text())["budget"] is None
