@@ -298,7 +298,8 @@ def draw(runs, factors, path):
             if times.size:
                 share = 100 * np.arange(len(solved) + 1) / len(times)
                 at, style = [0.01, *solved, last], ("-", "--", ":")[number % 3]
-                panel.step(at, [*share, share[-1]], style, where="post", label=name, color=f"C{number % 10}")
+                color = f"C{number}" if number < 10 else "black"
+                panel.step(at, [*share, share[-1]], style, where="post", label=name, color=color)
         panel.set(xscale="log", xlim=(1, last), ylim=(-1, 101), title=f"loss ≤ {factor:g} × target")
         panel.set_xlabel("processor time [s]")
     np.atleast_1d(panels)[0].set_ylabel("problems solved [%]")
