@@ -21,8 +21,7 @@ _SHRINK, _TRUST_SHRINK = 0.9, 0.98
 _PULL, _PULL_SHARE = 2e-3, 0.1  # per range, toward the middle; and no more than this share of the residual's length
 _PATIENCE, _GAIN = 12, 0.02  # pairs of points in a row without this gain, as a share of the squares, before a hop
 _HOP, _SPREADS = 0.2, 3  # length of a hop in the cube; points that are spread anew after it
-_LOST = 4.0  # squares against the lowest, from which a hop begins at the lowest again
-_HOPS = 4  # in a row without a gain, before the descent ends
+_HOPS = 5  # in a row without a gain, before the descent ends
 
 Search = Generator[list[Candidate], list[Evaluation], Evaluation]
 
@@ -45,8 +44,6 @@ def descend(base: Evaluation, stage: int, rng: np.random.Generator, note: Mappin
         gained = points.squares_of(lowest) < (1 - _GAIN) * points.squares_of(best)
         vain = 0 if gained else vain + 1
         best = min(best, lowest, key=points.squares_of)
-        if points.squares_of(lowest) > _LOST * points.squares_of(best):
-            points.replace(points.farthest(), best)
         yield from _hop(points, rng, note)
     return best
 
