@@ -9,6 +9,7 @@ from swim2real.calibration import RunFolder
 from swim2real.calibration.convergence import marker_noise, standing
 from swim2real.errors import ArgumentError, RunError
 from swim2real.pipeline import calibrate
+from swim2real.report import write_report
 from swim2real.settings import CalibrationSettings
 
 SECOND = 1 / 60  # min
@@ -61,6 +62,9 @@ def test_what_a_search_knows_is_said(reference, tmp_path):
     noise = marker_noise([trial.track for trial in reference])
     assert noise == pytest.approx(0.5e-3 * 2**0.5, rel=0.1)
     assert marker_noise([]) is None
+    page = write_report(tmp_path / "run", small_run.ROBOT).read_text()
+    assert f"<b>{len(run.record())}</b> evaluations" in page
+    assert "The search was cut off after" in page
     done = outcome.model_copy(update={"ending": "done"})
     assert standing(run.record(), run.settings(), done, small_run.ROBOT.space)[0].startswith("the search is done after")
 

@@ -115,6 +115,11 @@ class ReportedRun:
         return tuple(warning for warning in (backward_from_rest(from_rest), *found) if warning)
 
     @property
+    def budget(self) -> int | None:
+        """Evaluations that end it; None for a search that ends when it is done."""
+        return None if self.settings.finish else self.settings.budget
+
+    @property
     def standing(self) -> tuple[str, ...]:
         """Where a search without a budget stands, in sentences."""
         return standing(self.entries, self.settings, self.outcome, self.space)
