@@ -31,11 +31,15 @@ def drive(
         value = np.atleast_1d(loss(candidate.point))
         if failed(i):
             return Evaluation(candidate, worst, True, residual=np.ones(value.size))
-        return Evaluation(
-            candidate, float(value[0] if value.size == 1 else np.linalg.norm(value)), residual=value, stages=(value,)
-        )
+        length = float(value[0] if value.size == 1 else np.linalg.norm(value))
+        return Evaluation(candidate, length, residual=value, stages=staged(value))
 
     return answered(optimizer, count, answer)
+
+
+def staged(*residuals: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Stages of a residual in which every entry counts the same."""
+    return tuple((one, np.ones_like(one)) for one in residuals)
 
 
 def feed(optimizer: Optimizer, losses: Sequence[float], failed: Collection[int] = ()) -> list[Evaluation]:

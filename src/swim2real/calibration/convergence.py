@@ -108,10 +108,8 @@ def standing(
     best = min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
     if best is None or (settings.budget is not None and not settings.finish):
         return ()
-    ends = _ends(entries)
     done = outcome is not None and outcome.ending == "done" and outcome.evaluations == len(entries)
-    if not done:
-        ends = ends[:-1]  # the last start may go on
+    ends = _ends(entries, None if done else entries[-1].note.start)
     near = agreeing([best.loss, *ends]) - 1
     last = _gain_lately(entries)
     state, more = ("is done", "") if done else ("was cut off", "; --resume goes on with it")
@@ -142,14 +140,17 @@ def standing(
     return tuple(said)
 
 
-def _ends(entries: Sequence[RecordedEvaluation]) -> list[float]:
-    """Lowest loss of each start that was gone down from, in order [m]."""
-    ends: dict[int, float] = {}
+def _ends(entries: Sequence[RecordedEvaluation], going: int | None) -> list[float]:
+    """Lowest loss of each start but the one that is going on that was followed to the last stage, in order [m]."""
+    stages: dict[int, int] = {}
+    lowest: dict[int, float] = {}
     for entry in entries:
-        start = entry.note.start
-        if start is not None and entry.note.stage is not None and not entry.failed:
-            ends[start] = min(entry.loss, ends.get(start, entry.loss))
-    return list(ends.values())
+        start, stage = entry.note.start, entry.note.stage
+        if start is not None and stage is not None and not entry.failed:
+            stages[start] = max(stage, stages.get(start, 0))
+            lowest[start] = min(entry.loss, lowest.get(start, entry.loss))
+    last = max(stages.values(), default=0)
+    return [loss for start, loss in lowest.items() if stages[start] == last and start != going]
 
 
 def _gain_lately(entries: Sequence[RecordedEvaluation]) -> float:

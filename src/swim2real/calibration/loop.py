@@ -12,7 +12,7 @@ import math
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -48,6 +48,9 @@ class Progress:
         improved: Whether this one is the new incumbent.
         seconds_left: Estimate [s]; at most, where there is no budget.
         replayed: True for an evaluation that was read from the record.
+        ends: Losses at which descents from independent starts ended [m].
+        gained: Share by which the last quarter of the evaluations, those on record included, lowered the best loss:
+            about what the next as many may gain.
     """
 
     done: int
@@ -58,6 +61,8 @@ class Progress:
     improved: bool
     seconds_left: float
     replayed: bool
+    ends: Sequence[float] = ()
+    gained: float = 1.0
 
 
 def minimize(
@@ -91,6 +96,7 @@ def minimize(
     best: RecordedEvaluation | None = None
     started, fresh = time.monotonic(), 0
     ending: Ending = "budget"
+    lowest: list[float] = []
     recorded, scale, ahead = folder.record(), None, _Ahead(problem, space, optimizer)
     most = sys.maxsize if budget is None else max(budget, len(recorded))
     for index in itertools.count():
@@ -136,7 +142,22 @@ def minimize(
         optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages))
         elapsed = time.monotonic() - started
         left = 60 * minutes - elapsed if budget is None else elapsed / max(fresh, 1) * (budget - index - 1)
-        on_progress(Progress(index + 1, budget, entry.loss, best.loss, candidate.note, improved, left, replayed))
+        lowest.append(best.loss)
+        gained = 1 - best.loss / lowest[3 * len(lowest) // 4 - 1] if index else 1.0
+        on_progress(
+            Progress(
+                index + 1,
+                budget,
+                entry.loss,
+                best.loss,
+                candidate.note,
+                improved,
+                left,
+                replayed,
+                optimizer.ends,
+                gained,
+            )
+        )
     if best is None:
         raise RunError("nothing was evaluated")
     return best, ending

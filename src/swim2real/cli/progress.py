@@ -91,8 +91,7 @@ def _run_lines(budget: int | None, quiet: bool) -> Generator[RunCallbacks]:
         task = bar.add_task("", total=budget, text="first evaluation")
 
         def update(p: Progress) -> None:
-            start = f", start {p.note['start']}" if "start" in p.note else ""
-            text = f"best {1e3 * p.best:.1f} mm{start}, {_left_of(p)}"
+            text = f"best {1e3 * p.best:.1f} mm, {_left_of(p)}"
             bar.update(task, completed=p.done, total=None if p.budget is None else max(p.budget, p.done), text=text)
             if p.improved and not p.replayed:
                 bar.console.print(_run_line(p))
@@ -121,7 +120,13 @@ def _run_line(p: Progress) -> str:
 
 
 def _left_of(p: Progress) -> str:
-    return f"{'' if p.budget else 'at most '}{_clock(max(p.seconds_left, 0.0))} left"
+    from swim2real.optimizers.multi_start import agreeing
+
+    left = f"{_clock(max(p.seconds_left, 0.0))} left"
+    if p.budget:
+        return left
+    near = f" ({agreeing(p.ends)} near the best)" if p.ends else ""
+    return f"{len(p.ends)} starts at their end{near}, last quarter gained {100 * p.gained:.0f} %, at most {left}"
 
 
 def _event_line(event: AdvisorEvent) -> str:

@@ -58,15 +58,17 @@ class Comparison:
         parts = [trial.residual_vector() for trial in self.trials]
         return np.concatenate(parts) / np.sqrt(len(parts))
 
-    def residual_stages(self) -> tuple[Array, ...]:
-        """Residuals in the order in which they are lowered best, as each trial gives them; one where all are the same.
+    def residual_stages(self) -> tuple[tuple[Array, Array], ...]:
+        """Residuals and weights in the order in which they are lowered best, as each trial gives them.
 
-        The last is the residual vector. Shapes (n_k,).
+        The last two are the residual vector, as it is and weighted such that its squares add up to the loss. Shapes
+        (n_k,) twice.
         """
-        if all(trial.progress is None or trial.loss_figure == "marker_error" for trial in self.trials):
-            return (self.residual_vector(),)
-        stages = zip(*(trial.residual_stages() for trial in self.trials), strict=True)
-        return tuple(np.concatenate(parts) / np.sqrt(len(parts)) for parts in stages)
+        stages: list[tuple[Array, Array]] = []
+        for parts in zip(*(trial.residual_stages() for trial in self.trials), strict=True):
+            residuals, weights = zip(*parts, strict=True)
+            stages.append((np.concatenate(residuals) / np.sqrt(len(parts)), np.concatenate(weights)))
+        return tuple(stages)
 
     def figure(self, name: str) -> float:
         """One overall figure."""

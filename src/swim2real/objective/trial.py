@@ -24,6 +24,7 @@ LossFigure = Literal["motion_error", "aligned_marker_error", "marker_error"]
 
 FAILED_LOSS = 1.0  # m, the loss of a simulation that diverged: finite and of physical size
 PROGRESS_SCALE = 0.01  # m, of a difference in progress; beyond it only its logarithm counts in a search's middle stage
+_LEAST_DISTANCE = 1e-3  # m, below which a distance counts by its square in a search's last stage
 TAIL_FIRST_LOSS = 0.5  # m, more than the loss of anything that goes forward, whatever it is
 
 
@@ -237,25 +238,40 @@ class ComparedTrial:
             residual, weights = self.beat.swim_residual, np.ones_like(self.weights)
         return np.concatenate([self._weighted(residual, weights), *self._sensor_residuals()])
 
-    def residual_stages(self) -> tuple[Array, Array, Array]:
-        """The residual in the stages in which a search lowers it best [m].
+    def residual_stages(self) -> tuple[tuple[Array, Array], ...]:
+        """The residual in the stages in which a search lowers it best [m], each with the weights that it has here.
 
-        The shape alone, which changes smoothly whichever way the robot goes; shape, recoil and the difference in
-        progress, whose length q counts as `PROGRESS_SCALE` log(1 + q / `PROGRESS_SCALE`), so that a trial that goes the
-        wrong way hides nothing else; and the residual vector. Sensors are in all of them. A trial whose progress isn't
-        scored has the residual vector in each.
+        Where progress is scored: what is without it, shape and recoil, which change smoothly whichever way the robot
+        goes; this and the difference in progress, weighted such that its length q counts as `PROGRESS_SCALE`
+        log(1 + q / `PROGRESS_SCALE`), so that a trial that goes the wrong way hides nothing else. Then, for every
+        trial, the residual vector, and the same weighted such that its squares add up to the trial's loss, as long as
+        it isn't tail first. Sensors are in all of them.
         """
         whole = self.residual_vector()
+        ends = ((whole, np.ones_like(whole)), (whole, self._root_weights(whole)))
         if self.progress is None or self.loss_figure == "marker_error":
-            return whole, whole, whole
-        sensors = self._sensor_residuals()
-        shape = self._weighted(self.shape_residual, self.weights)
+            return ends
         recoil = [] if self.head is None else [self._weighted(self.recoil_residual, self.weights)]
+        body = np.concatenate([self._weighted(self.shape_residual, self.weights), *recoil, *self._sensor_residuals()])
         behind = self.progress.real - self.progress.simulated
-        bounded = np.sign(behind) * PROGRESS_SCALE * np.log1p(np.abs(behind) / PROGRESS_SCALE)
-        along = np.stack([bounded, np.zeros_like(bounded)], axis=1)[:, None] + np.zeros_like(self.real)
-        eased = [shape, *recoil, self._weighted(along, self.weights)]
-        return np.concatenate([shape, *sensors]), np.concatenate([*eased, *sensors]), whole
+        along = self._weighted(behind[:, None, None], self.weights.sum(axis=1, keepdims=True))
+        length = float(np.linalg.norm(along))
+        easing = PROGRESS_SCALE / length * np.log1p(length / PROGRESS_SCALE) if length > 0 else 1.0
+        weights = np.concatenate([np.ones_like(body), np.full_like(along, easing)])
+        return (body, np.ones_like(body)), (np.concatenate([body, along]), weights), *ends
+
+    def _root_weights(self, whole: Array) -> Array:
+        """Weights of the residual vector with which its squares add up to mean distances."""
+        markers = 2 * self.weights.size
+        lengths = np.repeat(np.sqrt(np.square(whole[:markers].reshape(-1, 2)).sum(axis=1)), 2)
+        known = [np.isfinite(sensor.residual).sum() for sensor in self.sensors]
+        shares = [np.repeat(self.weights.ravel(), 2) / max(float(self.weights.sum()), 1e-12)]
+        shares += [
+            np.full(len(sensor.times), 1 / max(count, 1)) for sensor, count in zip(self.sensors, known, strict=True)
+        ]
+        lengths = np.concatenate([lengths, np.abs(whole[markers:])])
+        distances = lengths / np.sqrt(np.maximum(np.concatenate(shares), 1e-30))
+        return 1 / np.sqrt(np.maximum(distances, _LEAST_DISTANCE))
 
     def _weighted(self, residual: Array, weights: Array) -> Array:
         """Distances of the markers in a row, weighted such that the squares add up to the mean square [m]."""

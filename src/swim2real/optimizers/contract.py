@@ -72,8 +72,8 @@ class Evaluation:
         detail: Further results, for advisors that can read them.
         residual: What a least-squares method drives to zero, for optimizers that ask for it; its squared norm is the
             mean over trials of the weighted mean squared distance. Shape (n,), the same n for all of a run.
-        stages: The residual in the stages in which it can be lowered, the whole of it last; empty where the evaluation
-            failed or nobody asked. Shapes (n_k,).
+        stages: The residual in the stages in which it can be lowered, each with the weights of its entries as they are
+            here; empty where the evaluation failed or nobody asked. Shapes (n_k,) twice.
     """
 
     candidate: Candidate
@@ -81,7 +81,7 @@ class Evaluation:
     failed: bool = False
     detail: Any = None
     residual: Array | None = None
-    stages: tuple[Array, ...] = ()
+    stages: tuple[tuple[Array, Array], ...] = ()
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.loss):
@@ -128,6 +128,11 @@ class Optimizer(ABC):
             raise OptimizerError("tell() got the evaluation of another candidate than the one that was asked last")
         self._pending = None
         self._learn(evaluation)
+
+    @property
+    def ends(self) -> Sequence[float]:
+        """Losses at which descents from independent starts have come to their end."""
+        return ()
 
     def upcoming(self) -> Sequence[Candidate]:
         """The candidates that come after the last one whatever its evaluation is, so that they may be made ahead."""

@@ -1,14 +1,16 @@
-"""Descent on a linear model that interpolates the residual, wide enough for what is rough, with hops out of dead ends.
+"""Descent on a linear model that interpolates a weighted residual at points around the best one.
 
 The scheme of Cartis and Roberts, "A derivative-free Gauss-Newton method" (Math. Prog. Comp. 11, 2019): d + 1 evaluated
-points, a Gauss-Newton step of the linear model through them, and points that keep them well spread. As in their DFO-LS
-for noisy residuals the radius shrinks slowly, and a search that gains nothing leaves its best point. DFO-LS itself is
-under the GPL, and evaluates one point at a time. All sums over the residual are in one table of inner products.
+points, a Gauss-Newton step of the linear model through them, and points that keep them well spread. Weights are those
+at the best point (iteratively reweighted least squares). The points carry every stage of the residual, so another stage
+needs no new ones. DFO-LS, by the same authors, is under the GPL, has no weights, and evaluates one point at a time. All
+sums over the residual are in one table of inner products.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,42 +18,64 @@ import numpy as np
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, cube_point
 from swim2real.optimizers.least_squares import lowest_within
 
-_RADIUS, _LEAST_RADIUS, _MOST_TRUST = 0.1, 0.01, 0.5  # of a parameter's range
-_SHRINK, _TRUST_SHRINK = 0.9, 0.98
+_GAIN = 0.02  # share of the squares that counts as one
+_LEAST_SHARE, _MOST_TRUST = 0.1, 0.5  # of the first radius that it shrinks to, and of a parameter's range
 _PULL, _PULL_SHARE = 2e-3, 0.1  # per range, toward the middle; and no more than this share of the residual's length
-_PATIENCE, _GAIN = 12, 0.02  # pairs of points in a row without this gain, as a share of the squares, before a hop
-_HOP, _SPREADS = 0.2, 3  # length of a hop in the cube; points that are spread anew after it
-_HOPS = 5  # in a row without a gain, before the descent ends
 
 Search = Generator[list[Candidate], list[Evaluation], Evaluation]
 
 
-def descend(base: Evaluation, stage: int, rng: np.random.Generator, note: Mapping[str, Any]) -> Search:
-    """Goes down from a point until hops gain nothing, and returns the best evaluation.
+@dataclass(frozen=True)
+class Pace:
+    """How fast a descent gives up.
+
+    Attributes:
+        patience: Pairs of points in a row without a gain that end it.
+        shrink: Factor of the radius after a vain pair.
+        trust_shrink: That of the trust.
+    """
+
+    patience: int
+    shrink: float
+    trust_shrink: float
+
+
+PATIENT = Pace(12, 0.9, 0.98)  # on rough ground, where the lie of the land shows from afar only
+BRIEF = Pace(8, 0.9, 0.98)
+EXACT = Pace(6, 0.5, 0.7)  # to the bottom of what is smooth
+
+
+def surround(
+    base: Evaluation, radius: float, note: Mapping[str, Any]
+) -> Generator[list[Candidate], list[Evaluation], Surrounded]:
+    """Spreads points about one, each a share of one parameter's range away from it.
 
     Args:
-        base: Where to begin.
-        stage: Stage of the residual that is lowered.
-        rng: Generator of the hops.
+        base: Evaluation of the one.
+        radius: The share.
         note: What every candidate's note contains.
     """
     here = base.candidate.point
-    sides = np.where(here <= 0.5, _RADIUS, -_RADIUS) * np.eye(here.size)
+    sides = np.where(here <= 0.5, radius, -radius) * np.eye(here.size)
     around = yield [_candidate(here + side, "spread", note) for side in sides]
-    points, best, vain = _Points(base, around, stage), base, 0
-    while vain < _HOPS:
-        lowest = yield from _go_down(points, note)
-        gained = points.squares_of(lowest) < (1 - _GAIN) * points.squares_of(best)
-        vain = 0 if gained else vain + 1
-        best = min(best, lowest, key=points.squares_of)
-        yield from _hop(points, rng, note)
-    return best
+    return Surrounded(base, around, radius)
 
 
-def _go_down(points: _Points, note: Mapping[str, Any]) -> Search:
-    radius = trust = _RADIUS
-    lowest, waited = points.best, 0
-    while waited < _PATIENCE and radius >= _LEAST_RADIUS:
+def go_down(points: Surrounded, stage: int, pace: Pace, note: Mapping[str, Any], trust: float = 0.0) -> Search:
+    """Lowers one stage of the residual, and returns the best evaluation.
+
+    Args:
+        points: Where to begin; they move along.
+        stage: Index of the stage.
+        pace: How fast it gives up.
+        note: What every candidate's note contains.
+        trust: Longest first step, as a share of each parameter's range; at least the radius of the points.
+    """
+    points.turn_to(stage)
+    note, radius = {**note, "stage": stage + 1}, points.radius
+    trust, least = max(trust, radius), _LEAST_SHARE * radius
+    lowest, waited = points.squares[0], 0
+    while waited < pace.patience and radius >= least:
         model = points.model()
         step, promised = model.step(trust)
         far = model.distances.max() > 2 * trust
@@ -61,69 +85,67 @@ def _go_down(points: _Points, note: Mapping[str, Any]) -> Search:
         before, ratio = points.squares[0], -1.0
         for one in told:
             if not one.failed:
-                ratio = max(ratio, (before - points.squares_of(one)) / promised)
+                ratio = max(ratio, (before - squares(one, stage)) / promised)
                 spread = one is told[1] and far
                 points.replace(points.farthest() if spread else points.superfluous(one, trust), one)
         if ratio < 0.1:
-            trust = max(_TRUST_SHRINK * trust, radius)
+            trust = max(pace.trust_shrink * trust, radius)
             if not far and trust <= radius:
-                radius *= _SHRINK
+                radius *= pace.shrink
                 trust = max(0.95 * trust, radius)
         elif ratio < 0.7:
-            trust = max(_TRUST_SHRINK * trust, float(np.linalg.norm(step)), radius)
+            trust = max(pace.trust_shrink * trust, float(np.linalg.norm(step)), radius)
         else:
             trust = min(2 * trust, _MOST_TRUST)
-        gained = points.squares[0] < (1 - _GAIN) * points.squares_of(lowest)
-        lowest, waited = (points.best, 0) if gained else (lowest, waited + 1)
-    return min(lowest, points.best, key=points.squares_of)
+        gained = points.squares[0] < (1 - _GAIN) * lowest
+        lowest, waited = (points.squares[0], 0) if gained else (lowest, waited + 1)
+    return points.best
 
 
-def _hop(points: _Points, rng: np.random.Generator, note: Mapping[str, Any]) -> Generator[Any, Any, None]:
-    """Leaves the best point, the farther along a direction the less it changes the residual, and spreads points."""
-    model = points.model()
-    steepness, directions = np.linalg.eigh(model.curvature)
-    way = directions @ (rng.standard_normal(len(steepness)) / np.sqrt(steepness + 0.05 * steepness[-1]))
-    (told,) = yield [_candidate(model.center + _HOP * way / np.linalg.norm(way), "hop", note)]
-    if not told.failed:
-        points.replace(0, told)
-    for _ in range(_SPREADS):
-        way = points.model().spread(points.farthest(), _RADIUS)
-        (told,) = yield [_candidate(points.best.candidate.point + way, "spread", note)]
-        if not told.failed:
-            points.replace(points.farthest(), told)
+def squares(evaluation: Evaluation, stage: int) -> float:
+    """Sum of the weighted squares of a stage of an evaluation's residual."""
+    residual, weights = evaluation.stages[stage]
+    return float(np.einsum("n,n,n->", residual, residual, weights * weights))
 
 
 def _candidate(point: Array, source: str, note: Mapping[str, Any]) -> Candidate:
     return Candidate(cube_point(np.clip(point, 0.0, 1.0)), {"source": source, **note})
 
 
-class _Points:
-    """d + 1 points, the lowest first, with their residuals and the table of inner products of these.
+class Surrounded:
+    """d + 1 points, the lowest first, and the inner products of their residuals under the weights of the lowest.
 
     Attributes:
-        best: The first.
-        squares: Squared length of each residual, ascending. Shape (d + 1,).
+        radius: How far they were spread.
+        squares: Sum of squares of each under its own weights, ascending. Shape (d + 1,).
     """
 
-    def __init__(self, base: Evaluation, around: list[Evaluation], stage: int) -> None:
+    def __init__(self, base: Evaluation, around: list[Evaluation], radius: float) -> None:
+        self._members, self.radius = [base, *around], radius
+        self.turn_to(0)
+
+    def turn_to(self, stage: int) -> None:
+        """Sees one stage of the residual from now on."""
         self._stage = stage
-        self._members = [base, *around]
-        # a point that failed teaches nothing: it has the residual of the base
-        self._residuals = np.array([(base if one.failed else one).stages[stage] for one in self._members])
-        self._table = np.einsum("in,jn->ij", self._residuals, self._residuals)
-        self._sort()
+        known = [one for one in self._members if not one.failed]
+        self._instead = min(known, key=lambda one: squares(one, stage))  # of a point that failed, which teaches nothing
+        self.squares = np.array([squares(self._instead if one.failed else one, stage) for one in self._members])
+        self._weigh()
 
     @property
     def best(self) -> Evaluation:
-        return self._members[0]
+        return self._instead if self._members[0].failed else self._members[0]
 
-    @property
-    def squares(self) -> Array:
-        return np.diag(self._table)
+    def _weigh(self) -> None:
+        """Sorts, and takes all inner products under the weights of the lowest."""
+        order = np.argsort(self.squares, kind="stable")
+        self._members, self.squares = [self._members[i] for i in order], self.squares[order]
+        self._residuals = np.array([self._seen(one) for one in self._members])
+        self._table = np.einsum("in,jn->ij", self._residuals, self._residuals)
 
-    def squares_of(self, evaluation: Evaluation) -> float:
-        residual = evaluation.stages[self._stage]
-        return float(np.einsum("n,n->", residual, residual))
+    def _seen(self, evaluation: Evaluation) -> Array:
+        residual, _ = (self._instead if evaluation.failed else evaluation).stages[self._stage]
+        return residual * self.best.stages[self._stage][1]
 
     def model(self) -> _Model:
         places = np.array([one.candidate.point for one in self._members])
@@ -145,14 +167,12 @@ class _Points:
         return 1 + int(np.argmax(share * np.maximum(1.0, (model.distances / trust) ** 4)))
 
     def replace(self, index: int, new: Evaluation) -> None:
-        self._members[index], self._residuals[index] = new, new.stages[self._stage]
+        self._members[index], self.squares[index] = new, squares(new, self._stage)
+        if self.squares[index] < self.squares[0]:
+            self._weigh()
+            return
+        self._residuals[index] = self._seen(new)
         self._table[index] = self._table[:, index] = np.einsum("in,n->i", self._residuals, self._residuals[index])
-        self._sort()
-
-    def _sort(self) -> None:
-        order = np.argsort(self.squares, kind="stable")
-        self._members = [self._members[i] for i in order]
-        self._residuals, self._table = self._residuals[order], self._table[np.ix_(order, order)]
 
 
 class _Model:

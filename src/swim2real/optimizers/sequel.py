@@ -25,6 +25,10 @@ class Sequel(Optimizer):
         self._current, self._left, self._then = first, budget, then
         self._best: Evaluation | None = None
 
+    @property
+    def ends(self) -> Sequence[float]:
+        return self._current.ends
+
     def upcoming(self) -> Sequence[Candidate]:
         return () if self._left else self._current.upcoming()
 
