@@ -9,9 +9,9 @@ sums over the residual are in one table of inner products.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -22,7 +22,9 @@ _GAIN = 0.02  # share of the squares that counts as one
 _LEAST_SHARE, _MOST_TRUST = 0.1, 0.5  # of the first radius that it shrinks to, and of a parameter's range
 _PULL, _PULL_SHARE = 2e-3, 0.1  # per range, toward the middle; and no more than this share of the residual's length
 
-Search = Generator[list[Candidate], list[Evaluation], Evaluation]
+Result = TypeVar("Result")
+Search: TypeAlias = Generator[list[Candidate], list[Evaluation], Result]
+"""Yields candidates, is sent their evaluations, and returns what it found."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +47,24 @@ BRIEF = Pace(8, 0.9, 0.98)
 EXACT = Pace(6, 0.5, 0.7)  # to the bottom of what is smooth
 
 
-def surround(
-    base: Evaluation, radius: float, note: Mapping[str, Any]
-) -> Generator[list[Candidate], list[Evaluation], Surrounded]:
+def together(searches: Sequence[Search[Result]]) -> Search[list[Result]]:
+    """Several searches at the same time, so that more candidates are known at once: their results, in order."""
+    results: dict[int, Result] = {}
+    told: dict[int, list[Evaluation] | None] = dict.fromkeys(range(len(searches)))
+    while len(results) < len(searches):
+        asked: dict[int, list[Candidate]] = {}
+        for number, evaluations in told.items():
+            try:
+                asked[number] = searches[number].send(evaluations)  # pyright: ignore[reportArgumentType]
+            except StopIteration as end:
+                results[number] = end.value
+        if asked:
+            made = iter((yield [one for batch in asked.values() for one in batch]))
+            told = {number: [next(made) for _ in batch] for number, batch in asked.items()}
+    return [results[number] for number in range(len(searches))]
+
+
+def surround(base: Evaluation, radius: float, note: Mapping[str, Any]) -> Search[Surrounded]:
     """Spreads points about one, each a share of one parameter's range away from it.
 
     Args:
@@ -61,7 +78,9 @@ def surround(
     return Surrounded(base, around, radius)
 
 
-def go_down(points: Surrounded, stage: int, pace: Pace, note: Mapping[str, Any], trust: float = 0.0) -> Search:
+def go_down(
+    points: Surrounded, stage: int, pace: Pace, note: Mapping[str, Any], trust: float = 0.0
+) -> Search[Evaluation]:
     """Lowers one stage of the residual, and returns the best evaluation.
 
     Args:

@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from itertools import count
+from typing import TypeAlias
 
 import numpy as np
 
 from swim2real.errors import OptimizerError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
-from swim2real.optimizers.interpolated_descent import BRIEF, EXACT, PATIENT, Surrounded, go_down, squares, surround
+from swim2real.optimizers.interpolated_descent import (
+    BRIEF,
+    EXACT,
+    PATIENT,
+    Search,
+    Surrounded,
+    go_down,
+    squares,
+    surround,
+    together,
+)
 
-_GROUP = 4  # starts that are gone down from, before the best of them is followed to its end
+_EASED, _BODIES = 2, 3  # starts of a group that begin with the last eased stage, and with the first one
 _START_RADIUS, _WIDE_RADIUS, _CLOSE_RADIUS = 0.05, 0.1, 0.02  # of a parameter's range
-_ROUNDS = 2  # of points, by which the stage before the last eased one is lowered
+_ROUNDS = 2  # of points, by which the first stage is lowered
 _WORTHWHILE = 0.95  # share of the loss to which going the way from an end again must lower it, to be repeated
 _AGREEING, _MOST_ENDS = 3, 6  # ends that agree with the best, and ends in all, after which a search is done
 AGREEMENT = 0.1  # of the lowest loss, within which ends agree
 
-Search = Generator[list[Candidate], list[Evaluation], None]
+Start: TypeAlias = tuple[int, Evaluation]
 
 
 class MultiStart(Optimizer):
@@ -27,10 +38,11 @@ class MultiStart(Optimizer):
 
     A problem gives its residual in stages (`Comparison.residual_stages`). Those before the last two are eased: the
     motion of the body alone, then with a bounded share of the way that it has come, so that a trial gone the wrong way
-    hides nothing. All starts are evaluated first. Groups of them, the best first, go down through eased stages, in turn
-    through the last of these alone and from the one before on. The best of a group is followed to its end: the whole
-    residual on points far apart, which see past what is rough, then the last stage on points close together. From the
-    best end of all the way is gone again, as long as that lowers it. When no start is left, new ones are random.
+    hides nothing. All starts are evaluated first. A group of them, those that are lowest, goes down at the same time:
+    some through the last eased stage, others through the first one, of which only the best goes on. The best of a group
+    is followed to its end: the whole residual on points far apart, which see past what is rough, then the last stage on
+    points close together. From the best end of all the way is gone again, as long as that lowers it. When no start is
+    left, new ones are random.
     """
 
     needs_residual = True
@@ -49,6 +61,7 @@ class MultiStart(Optimizer):
             raise OptimizerError("starts is empty; give one point at least")
         super().__init__(len(starts[0]))
         self._starts, self._rng = [cube_point(start, self.dimension) for start in starts], rng
+        self._waiting, self._numbers = dict[int, Evaluation](), count()
         self._search, self._followed = self._run(), dict[int, Evaluation]()
         self._batch: deque[Candidate] = deque()
         self._told: list[Evaluation] = []
@@ -71,58 +84,76 @@ class MultiStart(Optimizer):
             raise OptimizerError("tell() got an evaluation without stages of its residual, which multi-start needs")
         self._told.append(evaluation)
 
-    def _run(self) -> Search:
+    def _run(self) -> Search[None]:
         first, *others = self._starts
         starts = [Candidate(point, {"source": "start", "start": number}) for number, point in enumerate(others, 2)]
         begun = yield [Candidate(first, {"source": "first point"}), *starts]
-        waiting, fresh = {number: one for number, one in enumerate(begun, 1) if not one.failed}, count(len(begun) + 1)
-        eased = 1
+        self._waiting = {number: one for number, one in enumerate(begun, 1) if not one.failed}
+        self._numbers = count(len(begun) + 1)
         while True:
-            followed: list[tuple[int, Surrounded]] = []
-            while len(followed) < _GROUP:
-                if not waiting:
-                    yield from self._random_start(next(fresh), waiting)
-                    continue
-                eased = max(len(next(iter(waiting.values())).stages) - 2, 1)
-                begin = max(eased - 1 - len(followed) % 2, 0)
-                number = min(waiting, key=lambda number: squares(waiting[number], begin))
-                base, note = waiting.pop(number), {"start": number}
-                for _ in range(begin, eased - 1):
-                    for _ in range(_ROUNDS):
-                        points = yield from surround(base, _START_RADIUS, note)
-                        base = yield from go_down(points, begin, EXACT, note, _WIDE_RADIUS)
-                points = yield from surround(base, _START_RADIUS, note)
-                yield from go_down(points, eased - 1, BRIEF, note, _WIDE_RADIUS)
-                followed.append((number, points))
-            number, points = min(followed, key=lambda one: one[1].squares[0])
+            number, points = yield from self._group()
             self._followed[number] = yield from self._to_the_end(points, number)
             yield from self._repeat()
             self.done = agreeing(self.ends) >= _AGREEING or len(self.ends) >= _MOST_ENDS
 
-    def _random_start(self, number: int, waiting: dict[int, Evaluation]) -> Search:
-        point = cube_point(self._rng.random(self.dimension))
-        (one,) = yield [Candidate(point, {"source": "start", "start": number})]
-        if not one.failed:
-            waiting[number] = one
+    def _group(self) -> Search[tuple[int, Surrounded]]:
+        """The best of several starts after the eased stages."""
+        begun = yield from self._taken(_EASED, first=False)
+        if _eased(begun[0][1]) > 0:
+            bodies = yield from self._taken(_BODIES, first=True)
+            formed = yield from together([self._form(*one) for one in bodies])
+            begun.append(min(formed, key=lambda one: squares(one[1], 0)))
+        reached = yield from together([self._ease(*one) for one in begun])
+        return min(reached, key=lambda one: one[1].squares[0])
 
-    def _to_the_end(self, points: Surrounded, number: int) -> Generator[list[Candidate], list[Evaluation], Evaluation]:
+    def _taken(self, count: int, first: bool) -> Search[list[Start]]:
+        """The starts that are lowest in the first or in the last eased stage, or random ones where none are left."""
+        taken: list[Start] = []
+        while len(taken) < count:
+            if not self._waiting:
+                number = next(self._numbers)
+                point = cube_point(self._rng.random(self.dimension))
+                (one,) = yield [Candidate(point, {"source": "start", "start": number})]
+                self._waiting.update({} if one.failed else {number: one})
+                continue
+            heights = {number: squares(one, 0 if first else _eased(one)) for number, one in self._waiting.items()}
+            number = min(heights, key=lambda number: heights[number])
+            taken.append((number, self._waiting.pop(number)))
+        return taken
+
+    def _form(self, number: int, base: Evaluation) -> Search[Start]:
+        for _ in range(_ROUNDS):
+            points = yield from surround(base, _START_RADIUS, {"start": number})
+            base = yield from go_down(points, 0, EXACT, {"start": number}, _WIDE_RADIUS)
+        return number, base
+
+    def _ease(self, number: int, base: Evaluation) -> Search[tuple[int, Surrounded]]:
+        points = yield from surround(base, _START_RADIUS, {"start": number})
+        yield from go_down(points, _eased(base), BRIEF, {"start": number}, _WIDE_RADIUS)
+        return number, points
+
+    def _to_the_end(self, points: Surrounded, number: int) -> Search[Evaluation]:
         note = {"start": number}
         whole = max(len(points.best.stages) - 2, 0)
         base = yield from go_down(points, whole, PATIENT, note)
         close = yield from surround(base, _CLOSE_RADIUS, note)
         return (yield from go_down(close, len(base.stages) - 1, EXACT, note, _WIDE_RADIUS))
 
-    def _repeat(self) -> Search:
+    def _repeat(self) -> Search[None]:
         """Goes all the way again from the best end, as long as that lowers it."""
         number, best = min(self._followed.items(), key=lambda one: one[1].loss)
         before, note = np.inf, {"start": number}
         while best.loss < _WORTHWHILE * before:
             before = best.loss
             points = yield from surround(best, _WIDE_RADIUS, note)
-            if (eased := len(best.stages) - 2) > 0:
-                yield from go_down(points, eased - 1, BRIEF, note)
+            yield from go_down(points, _eased(best), BRIEF, note)
             end = yield from self._to_the_end(points, number)
             best = self._followed[number] = min(best, end, key=lambda one: one.loss)
+
+
+def _eased(evaluation: Evaluation) -> int:
+    """Index of the last stage before the whole residual; of that where there is none."""
+    return max(len(evaluation.stages) - 3, 0)
 
 
 def agreeing(ends: Sequence[float]) -> int:
