@@ -109,15 +109,15 @@ def standing(
     if best is None or (settings.budget is not None and not settings.finish):
         return ()
     done = outcome is not None and outcome.ending == "done" and outcome.evaluations == len(entries)
-    ends = _ends(entries, None if done else entries[-1].note.start)
+    ends = _ends(entries, done)
     near = agreeing([best.loss, *ends]) - 1
     last = _gain_lately(entries)
     state, more = ("is done", "") if done else ("was cut off", "; --resume goes on with it")
-    ended = f"of {len(ends)} descents from different starts {near} ended within {100 * AGREEMENT:.0f} % of that"
+    ended = f"starts followed to their end: {len(ends)}, of which within {100 * AGREEMENT:.0f} % of that: {near}"
     gained = f"lowered the loss by {100 * last:.0f} %" if last >= 0.005 else "gained nothing"
     said = [
         f"the search {state} after {len(entries)} evaluations, at {1e3 * best.loss:.2f} mm{more}",
-        ended if ends else "no descent has come to its end",
+        ended if ends else "no start has been followed to its end",
         f"the last minute {gained}",
     ]
     noise = None if outcome is None else outcome.noise
@@ -140,17 +140,22 @@ def standing(
     return tuple(said)
 
 
-def _ends(entries: Sequence[RecordedEvaluation], going: int | None) -> list[float]:
-    """Lowest loss of each start but the one that is going on that was followed to the last stage, in order [m]."""
-    stages: dict[int, int] = {}
+def _ends(entries: Sequence[RecordedEvaluation], done: bool) -> list[float]:
+    """Lowest loss of each start that was followed to the end of the last stage, in order [m]."""
     lowest: dict[int, float] = {}
-    for entry in entries:
+    ended: dict[int, None] = {}
+    last = max((entry.note.stage or 0 for entry in entries), default=0)
+    for index, entry in enumerate(entries):
         start, stage = entry.note.start, entry.note.stage
-        if start is not None and stage is not None and not entry.failed:
-            stages[start] = max(stage, stages.get(start, 0))
+        if start is None or stage is None:
+            continue
+        if not entry.failed:
             lowest[start] = min(entry.loss, lowest.get(start, entry.loss))
-    last = max(stages.values(), default=0)
-    return [loss for start, loss in lowest.items() if stages[start] == last and start != going]
+        after = entries[index + 1].note if index + 1 < len(entries) else None
+        left = done if after is None else (after.start, after.stage) != (start, last)
+        if stage == last and left:
+            ended[start] = None
+    return [lowest[start] for start in ended if start in lowest]
 
 
 def _gain_lately(entries: Sequence[RecordedEvaluation]) -> float:
