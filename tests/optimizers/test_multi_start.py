@@ -60,6 +60,7 @@ def test_the_best_of_a_group_alone_goes_to_the_end():
     told = searched(700, walled, [np.full(D, share) for share in (0.1, 0.9, 0.4, 0.6, 0.25, 0.7)])
     steps = [(note["start"], note["stage"]) for note in notes(told) if note.get("source") == "step"]
     ended = [start for start, stage in steps if stage == 4]
+    assert {note["stage"] for note in notes(told) if note.get("last")} == {4}
     group = list(dict(steps))[:5]
     assert [start in ended for start in group].count(True) == 1
     assert lowest(told) < 0.01

@@ -144,16 +144,13 @@ def _ends(entries: Sequence[RecordedEvaluation], done: bool) -> list[float]:
     """Lowest loss of each start that was followed to the end of the last stage, in order [m]."""
     lowest: dict[int, float] = {}
     ended: dict[int, None] = {}
-    last = max((entry.note.stage or 0 for entry in entries), default=0)
     for index, entry in enumerate(entries):
-        start, stage = entry.note.start, entry.note.stage
-        if start is None or stage is None:
+        start = entry.note.start
+        if start is None or entry.note.stage is None:
             continue
         if not entry.failed:
             lowest[start] = min(entry.loss, lowest.get(start, entry.loss))
-        after = entries[index + 1].note if index + 1 < len(entries) else None
-        left = done if after is None else (after.start, after.stage) != (start, last)
-        if stage == last and left:
+        if entry.note.last and (done if index + 1 == len(entries) else not entries[index + 1].note.last):
             ended[start] = None
     return [lowest[start] for start in ended if start in lowest]
 

@@ -37,6 +37,7 @@ class Note(_Part):
     source: Text | None = None
     start: Whole | None = None
     stage: Whole | None = None
+    last: bool = False  # whether it is the last stage
     round: Whole | None = None
     step_size: Number | None = None
     parameter: Text | Whole | None = None  # a name, or an index of the cube

@@ -137,7 +137,7 @@ class MultiStart(Optimizer):
         whole = max(len(points.best.stages) - 2, 0)
         base = yield from go_down(points, whole, PATIENT, note)
         close = yield from surround(base, _CLOSE_RADIUS, note)
-        return (yield from go_down(close, len(base.stages) - 1, EXACT, note, _WIDE_RADIUS))
+        return (yield from go_down(close, len(base.stages) - 1, EXACT, {**note, "last": True}, _WIDE_RADIUS))
 
     def _repeat(self) -> Search[None]:
         """Goes all the way again from the best end, as long as that lowers it."""
