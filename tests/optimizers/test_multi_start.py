@@ -42,7 +42,7 @@ def test_a_linear_residual_is_solved_within_a_few_steps():
     assert lowest(told) < 0.02 * told[0].loss
 
 
-def test_a_group_has_the_lowest_starts_of_both_eased_stages_and_the_best_body_goes_on():
+def test_the_lowest_starts_of_the_last_eased_stage_go_first_and_one_of_them_to_the_end_then_bodies():
     starts = [np.full(D, share) for share in (0.1, 0.9, 0.4, 0.6, 0.25, 0.7)]
     told = searched(700, walled, starts)
     np.testing.assert_array_equal(points(told[:6]), starts)
@@ -50,19 +50,14 @@ def test_a_group_has_the_lowest_starts_of_both_eased_stages_and_the_best_body_go
     eased = set(np.argsort(lengths[:, 1])[:2] + 1)
     bodies = [number for number in np.argsort(lengths[:, 0]) + 1 if number not in eased][:3]
     steps = [(note["start"], note["stage"]) for note in notes(told) if note.get("source") == "step"]
-    group = steps[: next(k for k, (_, stage) in enumerate(steps) if stage == 3)]
-    assert {start for start, stage in group if stage == 1} == set(bodies)
-    went_on = {start for start, stage in group if stage == 2} - eased
-    assert (len(went_on), went_on < set(bodies)) == (1, True)
-
-
-def test_the_best_of_a_group_alone_goes_to_the_end():
-    told = searched(700, walled, [np.full(D, share) for share in (0.1, 0.9, 0.4, 0.6, 0.25, 0.7)])
-    steps = [(note["start"], note["stage"]) for note in notes(told) if note.get("source") == "step"]
-    ended = [start for start, stage in steps if stage == 4]
+    first = next(k for k, (_, stage) in enumerate(steps) if stage == 1)
+    assert {start for start, stage in steps[:first] if stage == 2} == eased
+    assert {stage for _, stage in steps[:first]} == {2, 3, 4}
+    assert len({start for start, stage in steps[:first] if stage == 4}) == 1
     assert {note["stage"] for note in notes(told) if note.get("last")} == {4}
-    group = list(dict(steps))[:5]
-    assert [start in ended for start in group].count(True) == 1
+    later = steps[first:]
+    assert {start for start, _ in later[: next(k for k, (_, stage) in enumerate(later) if stage == 2)]} == set(bodies)
+    assert len({start for start, stage in later if stage == 2} & set(bodies)) == 1
     assert lowest(told) < 0.01
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from itertools import count
+from itertools import count, cycle
 from typing import TypeAlias
 
 import numpy as np
@@ -23,7 +23,7 @@ from swim2real.optimizers.interpolated_descent import (
     together,
 )
 
-_EASED, _BODIES = 2, 3  # starts of a group that begin with the last eased stage, and with the first one
+_EASED, _BODIES = 2, 3  # starts of a group that begins with the last eased stage, and of one with the first
 _START_RADIUS, _WIDE_RADIUS, _CLOSE_RADIUS = 0.05, 0.1, 0.02  # of a parameter's range
 _ROUNDS = 2  # of points, by which the first stage is lowered
 _WORTHWHILE = 0.95  # share of the loss to which going the way from an end again must lower it, to be repeated
@@ -39,10 +39,10 @@ class MultiStart(Optimizer):
     A problem gives its residual in stages (`Comparison.residual_stages`). Those before the last two are eased: the
     motion of the body alone, then with a bounded share of the way that it has come, so that a trial gone the wrong way
     hides nothing. All starts are evaluated first. A group of them, those that are lowest, goes down at the same time:
-    some through the last eased stage, others through the first one, of which only the best goes on. The best of a group
-    is followed to its end: the whole residual on points far apart, which see past what is rough, then the last stage on
-    points close together. From the best end of all the way is gone again, as long as that lowers it. When no start is
-    left, new ones are random.
+    every other group through the last eased stage, the others through the first one, of which only the best goes on.
+    The best of a group is followed to its end: the whole residual on points far apart, which see past what is rough,
+    then the last stage on points close together. From the best end of all the way is gone again, as long as that lowers
+    it. When no start is left, new ones are random.
     """
 
     needs_residual = True
@@ -90,19 +90,18 @@ class MultiStart(Optimizer):
         begun = yield [Candidate(first, {"source": "first point"}), *starts]
         self._waiting = {number: one for number, one in enumerate(begun, 1) if not one.failed}
         self._numbers = count(len(begun) + 1)
-        while True:
-            number, points = yield from self._group()
+        for bodies in cycle((False, True)):
+            number, points = yield from self._group(bodies)
             self._followed[number] = yield from self._to_the_end(points, number)
             yield from self._repeat()
             self.done = agreeing(self.ends) >= _AGREEING or len(self.ends) >= _MOST_ENDS
 
-    def _group(self) -> Search[tuple[int, Surrounded]]:
-        """The best of several starts after the eased stages."""
-        begun = yield from self._taken(_EASED, first=False)
-        if _eased(begun[0][1]) > 0:
-            bodies = yield from self._taken(_BODIES, first=True)
-            formed = yield from together([self._form(*one) for one in bodies])
-            begun.append(min(formed, key=lambda one: squares(one[1], 0)))
+    def _group(self, bodies: bool) -> Search[tuple[int, Surrounded]]:
+        """The best of several starts after the eased stages; of some that begin without progress, where there is it."""
+        begun = yield from self._taken(_BODIES if bodies else _EASED, bodies)
+        if bodies and _eased(begun[0][1]) > 0:
+            formed = yield from together([self._form(*one) for one in begun])
+            begun = [min(formed, key=lambda one: squares(one[1], 0))]
         reached = yield from together([self._ease(*one) for one in begun])
         return min(reached, key=lambda one: one[1].squares[0])
 
