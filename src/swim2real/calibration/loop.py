@@ -13,7 +13,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -144,20 +144,8 @@ def minimize(
         left = 60 * minutes - elapsed if budget is None else elapsed / max(fresh, 1) * (budget - index - 1)
         lowest.append(best.loss)
         gained = 1 - best.loss / lowest[3 * len(lowest) // 4 - 1] if index else 1.0
-        on_progress(
-            Progress(
-                index + 1,
-                budget,
-                entry.loss,
-                best.loss,
-                candidate.note,
-                improved,
-                left,
-                replayed,
-                optimizer.ends,
-                gained,
-            )
-        )
+        progress = Progress(index + 1, budget, entry.loss, best.loss, candidate.note, improved, left, replayed)
+        on_progress(replace(progress, ends=optimizer.ends, gained=gained))
     if best is None:
         raise RunError("nothing was evaluated")
     return best, ending

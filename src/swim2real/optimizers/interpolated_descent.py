@@ -104,9 +104,9 @@ def go_down(
         before, ratio = points.squares[0], -1.0
         for one in told:
             if not one.failed:
-                ratio = max(ratio, (before - squares(one, stage)) / promised)
-                spread = one is told[1] and far
-                points.replace(points.farthest() if spread else points.superfluous(one, trust), one)
+                height, spread = squares(one, stage), one is told[1] and far
+                ratio = max(ratio, (before - height) / promised)
+                points.replace(points.farthest() if spread else points.superfluous(one, trust), one, height)
         if ratio < 0.1:
             trust = max(pace.trust_shrink * trust, radius)
             if not far and trust <= radius:
@@ -141,7 +141,6 @@ class Surrounded:
 
     def __init__(self, base: Evaluation, around: list[Evaluation], radius: float) -> None:
         self._members, self.radius = [base, *around], radius
-        self.turn_to(0)
 
     def turn_to(self, stage: int) -> None:
         """Sees one stage of the residual from now on."""
@@ -185,8 +184,8 @@ class Surrounded:
         share = np.abs(np.einsum("ij,i->j", model.inverse, new.candidate.point - model.center))
         return 1 + int(np.argmax(share * np.maximum(1.0, (model.distances / trust) ** 4)))
 
-    def replace(self, index: int, new: Evaluation) -> None:
-        self._members[index], self.squares[index] = new, squares(new, self._stage)
+    def replace(self, index: int, new: Evaluation, height: float) -> None:
+        self._members[index], self.squares[index] = new, height
         if self.squares[index] < self.squares[0]:
             self._weigh()
             return

@@ -105,10 +105,10 @@ class MultiStart(Optimizer):
         reached = yield from together([self._ease(*one) for one in begun])
         return min(reached, key=lambda one: one[1].squares[0])
 
-    def _taken(self, count: int, first: bool) -> Search[list[Start]]:
+    def _taken(self, wanted: int, first: bool) -> Search[list[Start]]:
         """The starts that are lowest in the first or in the last eased stage, or random ones where none are left."""
         taken: list[Start] = []
-        while len(taken) < count:
+        while len(taken) < wanted:
             if not self._waiting:
                 number = next(self._numbers)
                 point = cube_point(self._rng.random(self.dimension))
