@@ -248,6 +248,9 @@ def test_stages_of_the_residual_begin_without_progress_and_end_with_the_loss(poo
     np.testing.assert_array_equal(stages[-2][0], found.residual_vector())
     assert squares[-2] == pytest.approx(np.sum(found.residual_vector() ** 2))
     assert squares[-1] == pytest.approx(found.loss, rel=0.02)  # what is below 1 mm counts by its square
+    lost = replace(found, trials=tuple(replace(t, weights=t.weights * (np.arange(9) != 7)) for t in found.trials))
+    residual, weights = lost.residual_stages()[-1]
+    assert np.sum((residual * weights) ** 2) == pytest.approx(lost.loss, rel=0.02)
     assert len(stages) == (2 if protocol == "paper" else 4)
     if protocol == "paper":
         return

@@ -231,12 +231,16 @@ class ComparedTrial:
         Zero where nothing counts. When the simulation diverged the markers' part is of length `FAILED_LOSS` and the
         sensors' part zero. Shape (2 T M + sensors' rows,), the same for every candidate.
         """
-        residual, weights = self.residual, self.weights
+        return np.concatenate([self._weighted(*self._scored), *self._sensor_residuals()])
+
+    @property
+    def _scored(self) -> tuple[Array, Array]:
+        """Residual (T, M, 2) and weights (T, M) of the markers whose weighted mean distance is the loss [m]."""
         if self.loss_figure == "motion_error":
-            residual = self.motion_residual
-        elif self.loss_figure == "marker_error" and self.beat is not None:
-            residual, weights = self.beat.swim_residual, np.ones_like(self.weights)
-        return np.concatenate([self._weighted(residual, weights), *self._sensor_residuals()])
+            return self.motion_residual, self.weights
+        if self.loss_figure == "marker_error" and self.beat is not None:
+            return self.beat.swim_residual, np.ones_like(self.weights)
+        return self.residual, self.weights
 
     def residual_stages(self) -> tuple[tuple[Array, Array], ...]:
         """The residual in the stages in which a search lowers it best [m], each with the weights that it has here.
@@ -264,24 +268,24 @@ class ComparedTrial:
         """Weights of the residual vector with which its squares add up to mean distances."""
         markers = 2 * self.weights.size
         lengths = np.repeat(np.sqrt(np.square(whole[:markers].reshape(-1, 2)).sum(axis=1)), 2)
-        known = [np.isfinite(sensor.residual).sum() for sensor in self.sensors]
-        shares = [np.repeat(self.weights.ravel(), 2) / max(float(self.weights.sum()), 1e-12)]
-        shares += [
-            np.full(len(sensor.times), 1 / max(count, 1)) for sensor, count in zip(self.sensors, known, strict=True)
-        ]
         lengths = np.concatenate([lengths, np.abs(whole[markers:])])
+        known = [np.isfinite(sensor.residual).sum() for sensor in self.sensors]
+        shares = [np.repeat(self._shares(*self._scored).ravel(), 2)]
+        shares += [np.full(len(one.times), 1 / max(count, 1)) for one, count in zip(self.sensors, known, strict=True)]
         distances = lengths / np.sqrt(np.maximum(np.concatenate(shares), 1e-30))
         return 1 / np.sqrt(np.maximum(distances, _LEAST_DISTANCE))
 
     def _weighted(self, residual: Array, weights: Array) -> Array:
         """Distances of the markers in a row, weighted such that the squares add up to the mean square [m]."""
+        failed = np.full(residual.shape, FAILED_LOSS / np.sqrt(2))
+        vectors = np.nan_to_num(residual) if self.divergence is None else failed
+        return (np.sqrt(self._shares(residual, weights))[:, :, None] * vectors).ravel()
+
+    def _shares(self, residual: Array, weights: Array) -> Array:
+        """Share of each marker and frame in a weighted mean over what is known. Shape (T, M)."""
         if self.divergence is None:
             weights = np.where(np.isfinite(residual).all(axis=2), weights, 0.0)
-            vectors = np.nan_to_num(residual)
-        else:
-            vectors = np.full(residual.shape, FAILED_LOSS / np.sqrt(2))
-        share = weights / max(float(weights.sum()), 1e-12)
-        return (np.sqrt(share)[:, :, None] * vectors).ravel()
+        return weights / max(float(weights.sum()), 1e-12)
 
     def _sensor_residuals(self) -> list[Array]:
         """Residuals of each sensor, weighted in the same way [m]."""

@@ -18,6 +18,7 @@ import numpy as np
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, cube_point
 from swim2real.optimizers.least_squares import lowest_within
 
+_OPEN, _KNOWN = 0.3, 0.01  # per range: standard deviations of parameters that a stage doesn't tell, and at least
 _GAIN = 0.02  # share of the squares that counts as one
 _LEAST_SHARE, _MOST_TRUST = 0.1, 0.5  # of the first radius that it shrinks to, and of a parameter's range
 _PULL, _PULL_SHARE = 2e-3, 0.1  # per range, toward the middle; and no more than this share of the residual's length
@@ -174,6 +175,20 @@ class Surrounded:
         curvature = np.einsum("ij,jk,lk->il", inverse, changes, inverse)
         slope = np.einsum("ij,j->i", inverse, table[1:, 0] - table[0, 0])
         return _Model(places, inverse, _firm(curvature, pull), slope + pull * (places[0] - 0.5))
+
+    def alike(self, count: int, rng: np.random.Generator, note: Mapping[str, Any]) -> Search[list[Evaluation]]:
+        """Random points that the stage hardly tells from the best one: normal, as the linear model leaves them open.
+
+        Args:
+            count: Of points.
+            rng: Generator of the points.
+            note: What every candidate's note contains.
+        """
+        model, size = self.model(), len(self.squares) - 1
+        rest = max(float(self.squares[0]) / size, _KNOWN**2 * float(np.trace(model.curvature)) / size)
+        precision = model.curvature / rest + np.eye(size) / _OPEN**2
+        directions = np.linalg.solve(np.linalg.cholesky(precision).T, rng.standard_normal((size, count))).T
+        return (yield [_candidate(model.center + step, "alike", note) for step in directions])
 
     def farthest(self) -> int:
         return 1 + int(np.argmax(self.model().distances))

@@ -23,9 +23,11 @@ from swim2real.optimizers.interpolated_descent import (
     together,
 )
 
-_EASED, _BODIES = 2, 3  # starts of a group that begins with the last eased stage, and of one with the first
-_START_RADIUS, _WIDE_RADIUS, _CLOSE_RADIUS = 0.05, 0.1, 0.02  # of a parameter's range
-_ROUNDS = 2  # of points, by which the first stage is lowered
+_BODIES, _EASED = 4, 2  # starts of a group that begins with the first stage, and with the last eased one
+_ALIKE = 2  # per parameter: points that the first stage hardly tells apart
+_FORMING_RADII = (0.2, 0.05)  # of a parameter's range: far apart, points see past the bends that a body snaps into
+_FORMING_TRUST = 0.4  # of it, as all that follow
+_START_RADIUS, _WIDE_RADIUS, _CLOSE_RADIUS = 0.05, 0.1, 0.02
 _WORTHWHILE = 0.95  # share of the loss to which going the way from an end again must lower it, to be repeated
 _AGREEING, _MOST_ENDS = 3, 6  # ends that agree with the best, and ends in all, after which a search is done
 AGREEMENT = 0.1  # of the lowest loss, within which ends agree
@@ -38,11 +40,12 @@ class MultiStart(Optimizer):
 
     A problem gives its residual in stages (`Comparison.residual_stages`). Those before the last two are eased: the
     motion of the body alone, then with a bounded share of the way that it has come, so that a trial gone the wrong way
-    hides nothing. All starts are evaluated first. A group of them, those that are lowest, goes down at the same time:
-    every other group through the last eased stage, the others through the first one, of which only the best goes on.
-    The best of a group is followed to its end: the whole residual on points far apart, which see past what is rough,
-    then the last stage on points close together. From the best end of all the way is gone again, as long as that lowers
-    it. When no start is left, new ones are random.
+    hides nothing. All starts are evaluated first. A group of them, those that are lowest, goes down at the same time.
+    Every other group forms the body first, on points far apart; half of it on points closer together; and of random
+    points whose bodies are as near as the best one's, the one goes on that also swims best. The other groups begin with
+    the last eased stage, as all do where there is no other. The best of a group is followed to its end: the whole
+    residual on points far apart, which see past what is rough, then the last stage on points close together. From the
+    best end of all the way is gone again, as long as that lowers it. When no start is left, new ones are random.
     """
 
     needs_residual = True
@@ -62,6 +65,7 @@ class MultiStart(Optimizer):
         super().__init__(len(starts[0]))
         self._starts, self._rng = [cube_point(start, self.dimension) for start in starts], rng
         self._waiting, self._numbers = dict[int, Evaluation](), count()
+        self._eased = 0  # index of the last stage before the whole residual; of that where there is none
         self._search, self._followed = self._run(), dict[int, Evaluation]()
         self._batch: deque[Candidate] = deque()
         self._told: list[Evaluation] = []
@@ -82,6 +86,8 @@ class MultiStart(Optimizer):
     def _learn(self, evaluation: Evaluation) -> None:
         if not evaluation.stages and not evaluation.failed:
             raise OptimizerError("tell() got an evaluation without stages of its residual, which multi-start needs")
+        if evaluation.stages:
+            self._eased = max(len(evaluation.stages) - 3, 0)
         self._told.append(evaluation)
 
     def _run(self) -> Search[None]:
@@ -90,23 +96,34 @@ class MultiStart(Optimizer):
         begun = yield [Candidate(first, {"source": "first point"}), *starts]
         self._waiting = {number: one for number, one in enumerate(begun, 1) if not one.failed}
         self._numbers = count(len(begun) + 1)
-        for bodies in cycle((False, True)):
-            number, points = yield from self._group(bodies)
+        for bodies in cycle((True, False)):
+            number, points = yield from self._group(bodies and self._eased > 0)
             self._followed[number] = yield from self._to_the_end(points, number)
             yield from self._repeat()
             self.done = agreeing(self.ends) >= _AGREEING or len(self.ends) >= _MOST_ENDS
 
     def _group(self, bodies: bool) -> Search[tuple[int, Surrounded]]:
-        """The best of several starts after the eased stages; of some that begin without progress, where there is it."""
-        begun = yield from self._taken(_BODIES if bodies else _EASED, bodies)
-        if bodies and _eased(begun[0][1]) > 0:
-            formed = yield from together([self._form(*one) for one in begun])
-            begun = [min(formed, key=lambda one: squares(one[1], 0))]
+        """The best of several starts after the last eased stage, before which some go through the first one."""
+        begun = yield from self._taken(_BODIES if bodies else _EASED, 0 if bodies else self._eased)
+        if bodies:
+            begun = [(yield from self._formed(begun))]
         reached = yield from together([self._ease(*one) for one in begun])
         return min(reached, key=lambda one: one[1].squares[0])
 
-    def _taken(self, wanted: int, first: bool) -> Search[list[Start]]:
-        """The starts that are lowest in the first or in the last eased stage, or random ones where none are left."""
+    def _formed(self, begun: list[Start]) -> Search[Start]:
+        """The start whose body comes nearest, and of the points that are as near the one that also swims best."""
+        formed: list[tuple[int, Surrounded]] = []
+        for radius in _FORMING_RADII:
+            formed = yield from together([self._form(*one, radius) for one in begun])
+            formed = sorted(formed, key=lambda one: one[1].squares[0])[: max(len(formed) // 2, 1)]
+            begun = [(number, points.best) for number, points in formed]
+        number, points = formed[0]
+        alike = yield from points.alike(_ALIKE * self.dimension, self._rng, {"start": number})
+        known = [one for one in (points.best, *alike) if not one.failed]
+        return number, min(known, key=lambda one: squares(one, self._eased))
+
+    def _taken(self, wanted: int, stage: int) -> Search[list[Start]]:
+        """The starts that are lowest in a stage, or random ones where none are left."""
         taken: list[Start] = []
         while len(taken) < wanted:
             if not self._waiting:
@@ -115,20 +132,19 @@ class MultiStart(Optimizer):
                 (one,) = yield [Candidate(point, {"source": "start", "start": number})]
                 self._waiting.update({} if one.failed else {number: one})
                 continue
-            heights = {number: squares(one, 0 if first else _eased(one)) for number, one in self._waiting.items()}
+            heights = {number: squares(one, stage) for number, one in self._waiting.items()}
             number = min(heights, key=lambda number: heights[number])
             taken.append((number, self._waiting.pop(number)))
         return taken
 
-    def _form(self, number: int, base: Evaluation) -> Search[Start]:
-        for _ in range(_ROUNDS):
-            points = yield from surround(base, _START_RADIUS, {"start": number})
-            base = yield from go_down(points, 0, EXACT, {"start": number}, _WIDE_RADIUS)
-        return number, base
+    def _form(self, number: int, base: Evaluation, radius: float) -> Search[tuple[int, Surrounded]]:
+        points = yield from surround(base, radius, {"start": number})
+        yield from go_down(points, 0, EXACT, {"start": number}, _FORMING_TRUST)
+        return number, points
 
     def _ease(self, number: int, base: Evaluation) -> Search[tuple[int, Surrounded]]:
         points = yield from surround(base, _START_RADIUS, {"start": number})
-        yield from go_down(points, _eased(base), BRIEF, {"start": number}, _WIDE_RADIUS)
+        yield from go_down(points, self._eased, BRIEF, {"start": number}, _WIDE_RADIUS)
         return number, points
 
     def _to_the_end(self, points: Surrounded, number: int) -> Search[Evaluation]:
@@ -145,14 +161,9 @@ class MultiStart(Optimizer):
         while best.loss < _WORTHWHILE * before:
             before = best.loss
             points = yield from surround(best, _WIDE_RADIUS, note)
-            yield from go_down(points, _eased(best), BRIEF, note)
+            yield from go_down(points, self._eased, BRIEF, note)
             end = yield from self._to_the_end(points, number)
             best = self._followed[number] = min(best, end, key=lambda one: one.loss)
-
-
-def _eased(evaluation: Evaluation) -> int:
-    """Index of the last stage before the whole residual; of that where there is none."""
-    return max(len(evaluation.stages) - 3, 0)
 
 
 def agreeing(ends: Sequence[float]) -> int:
