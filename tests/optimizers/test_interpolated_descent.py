@@ -72,7 +72,7 @@ def test_a_residual_whose_weights_fall_with_its_length_is_stepped_along_not_past
 
     _, made = descended(lambda p: p - 0.6, (0.3, 0.3, 0.3), radius=0.05, weights=bounded)
     furthest = max(one.candidate.point.max() for one in made)
-    assert furthest < 0.62
+    assert furthest < 0.66
     assert min(one.loss for one in made) < 1e-6
 
 

@@ -1,6 +1,8 @@
 """Robots whose trials are recordings, from a reference to a finished run."""
 
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,13 +10,14 @@ import pytest
 from recorded import FLOATER, FLOATER_HIDDEN, PENDULUM, PENDULUM_HIDDEN, floater_reference, pendulum_reference
 from run_settings import record_of
 from swim2real.calibration import RunFolder, load_trials
+from swim2real.calibration.convergence import standing
 from swim2real.cli import tables
 from swim2real.optimizers import ScriptedAdvisor
 from swim2real.parameters import read_parameters
 from swim2real.pipeline import calibrate
 from swim2real.pipeline import calibration as room
 from swim2real.settings import CalibrationSettings
-from swim2real.trials import load_reference, save_reference
+from swim2real.trials import MarkerTrack, TrialSet, load_reference, save_reference
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +94,22 @@ def test_hidden_parameters_are_recovered_where_the_start_is_unknown(tmp_path, se
     )
     found = read_parameters(tmp_path / "run", PENDULUM.name, PENDULUM.space).values
     assert found == pytest.approx(PENDULUM_HIDDEN, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_film_of_what_the_robot_cannot_do_ends_by_saying_so_and_what_is_worst(tmp_path):
+    reference = pendulum_reference(5e-4)
+    first, second = reference
+    middle = second.track.positions.mean(axis=0)
+    wider = MarkerTrack(second.track.times, middle + 1.6 * (second.track.positions - middle))
+    calibrate(
+        TrialSet((first, replace(second, track=wider)), reference.marker_names), PENDULUM,
+        CalibrationSettings(threads=2, horizon=1.0, minutes=3), tmp_path / "run",
+    )  # fmt: skip
+    run = RunFolder(tmp_path / "run")
+    *_, last = standing(run.record(), run.settings(), run.outcome(), replace(PENDULUM.space, scale="log"))
+    assert last.startswith("no parameters of this robot explain the trials: 3 descents agree so far above the noise")
+    assert re.search(rf"worst is trial '{second.name}', most by its markers, \d+\.\d mm off", last)
 
 
 # where a run begins

@@ -18,7 +18,7 @@ _FEW = 10  # evaluations of which nothing is said
 _LATELY = 60.0  # s
 _ON_BOUND = 0.005  # of the range
 _UNEXPLAINED = 4.0  # times the noise of the markers, from which a search that is done has not explained the trials
-_PARTS = ("shape_error", "recoil_error", "progress_error")
+_PARTS = {"shape_error": "shape", "recoil_error": "recoil", "progress_error": "way", "aligned_marker_error": "markers"}
 _SPREAD = ("first point", "start", "initial")  # sources of points that no search has proposed
 
 
@@ -128,14 +128,13 @@ def standing(
     if bound:
         said.append(f"at a bound: {', '.join(bound)}; widen the bounds if the robot may lie beyond")
     if noise and near > 1 and best.loss > _UNEXPLAINED * noise:
-        errors = {
-            (name, part): getattr(trial, part, None) or 0.0
-            for name, trial in best.evidence.trials.items() for part in _PARTS
-        }  # fmt: skip
-        (name, part), error = max(errors.items(), key=lambda item: item[1])
+        name, trial = max(best.evidence.trials.items(), key=lambda item: item[1].loss or 0.0)
+        errors = {what: getattr(trial, figure, None) or 0.0 for figure, what in _PARTS.items()}
+        known = dict(list(errors.items())[:-1]) if errors["shape"] else errors  # of which the markers' error is made
+        part = max(known, key=lambda what: known[what])
         said.append(
             f"no parameters of this robot explain the trials: {near} descents agree so far above the noise; worst is "
-            f"the {part.removesuffix('_error')} of trial '{name}', {1e3 * error:.1f} mm off"
+            f"trial '{name}', most by its {part}, {1e3 * known[part]:.1f} mm off"
         )
     return tuple(said)
 

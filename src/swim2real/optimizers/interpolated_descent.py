@@ -20,6 +20,7 @@ from swim2real.optimizers.least_squares import lowest_within
 
 _OPEN, _KNOWN = 0.3, 0.01  # per range: standard deviations of parameters that a stage doesn't tell, and at least
 _GAIN = 0.02  # share of the squares that counts as one
+_APART = 0.01  # of the trust: steps nearer to each other than this are the same
 _LEAST_SHARE, _MOST_TRUST = 0.1, 0.5  # of the first radius that it shrinks to, and of a parameter's range
 _PULL, _PULL_SHARE = 2e-3, 0.1  # per range, toward the middle; and no more than this share of the residual's length
 
@@ -98,14 +99,16 @@ def go_down(
     while waited < pace.patience and radius >= least:
         model = points.model()
         step, promised = model.step(trust)
-        far = model.distances.max() > 2 * trust
-        second = model.spread(points.farthest(), max(trust / 2, radius)) if far else model.step(trust / 3)[0]
-        source = "spread" if far else "step"
+        far, second = model.distances.max() > 2 * trust, model.step(trust / 3)[0]
+        spreads = far or bool(np.abs(second - step).max() < _APART * trust)
+        if spreads:
+            second = model.spread(points.farthest(), max(trust / 2, radius) if far else radius)
+        source = "spread" if spreads else "step"
         told = yield [_candidate(model.center + step, "step", note), _candidate(model.center + second, source, note)]
         before, ratio = points.squares[0], -1.0
         for one in told:
             if not one.failed:
-                height, spread = squares(one, stage), one is told[1] and far
+                height, spread = squares(one, stage), one is told[1] and spreads
                 ratio = max(ratio, (before - height) / promised)
                 points.replace(points.farthest() if spread else points.superfluous(one, trust), one, height)
         if ratio < 0.1:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from itertools import count, cycle
+from itertools import count
 from typing import TypeAlias
 
 import numpy as np
@@ -42,10 +42,11 @@ class MultiStart(Optimizer):
     motion of the body alone, then with a bounded share of the way that it has come, so that a trial gone the wrong way
     hides nothing. All starts are evaluated first. A group of them, those that are lowest, goes down at the same time.
     Every other group forms the body first, on points far apart; half of it on points closer together; and of random
-    points whose bodies are as near as the best one's, the one goes on that also swims best. The other groups begin with
-    the last eased stage, as all do where there is no other. The best of a group is followed to its end: the whole
-    residual on points far apart, which see past what is rough, then the last stage on points close together. From the
-    best end of all the way is gone again, as long as that lowers it. When no start is left, new ones are random.
+    points whose bodies are as near as the best one's, the one goes on that also swims best. The other groups, which
+    choose first, begin with the last eased stage, as all do where there is no other. The best of a group is followed to
+    its end: the whole residual on points far apart, which see past what is rough, then the last stage on points close
+    together. From the best end of all the way is gone again, as long as that lowers it. When no start is left, new ones
+    are random.
     """
 
     needs_residual = True
@@ -96,19 +97,20 @@ class MultiStart(Optimizer):
         begun = yield [Candidate(first, {"source": "first point"}), *starts]
         self._waiting = {number: one for number, one in enumerate(begun, 1) if not one.failed}
         self._numbers = count(len(begun) + 1)
-        for bodies in cycle((True, False)):
-            number, points = yield from self._group(bodies and self._eased > 0)
-            self._followed[number] = yield from self._to_the_end(points, number)
-            yield from self._repeat()
-            self.done = agreeing(self.ends) >= _AGREEING or len(self.ends) >= _MOST_ENDS
+        while True:
+            swimming = yield from self._taken(_EASED, self._eased)
+            if self._eased > 0:
+                bodies = yield from self._taken(_BODIES, 0)
+                yield from self._follow([(yield from self._formed(bodies))])
+            yield from self._follow(swimming)
 
-    def _group(self, bodies: bool) -> Search[tuple[int, Surrounded]]:
-        """The best of several starts after the last eased stage, before which some go through the first one."""
-        begun = yield from self._taken(_BODIES if bodies else _EASED, 0 if bodies else self._eased)
-        if bodies:
-            begun = [(yield from self._formed(begun))]
+    def _follow(self, begun: list[Start]) -> Search[None]:
+        """Eases starts, and goes to the end with the best of them."""
         reached = yield from together([self._ease(*one) for one in begun])
-        return min(reached, key=lambda one: one[1].squares[0])
+        number, points = min(reached, key=lambda one: one[1].squares[0])
+        self._followed[number] = yield from self._to_the_end(points, number)
+        yield from self._repeat()
+        self.done = agreeing(self.ends) >= _AGREEING or len(self.ends) >= _MOST_ENDS
 
     def _formed(self, begun: list[Start]) -> Search[Start]:
         """The start whose body comes nearest, and of the points that are as near the one that also swims best."""
