@@ -1,96 +1,83 @@
-"""How often the intervals that `identify` gives hold the truth, with each kind of start.
+"""How often the intervals that `identify` gives hold the truth, on problems whose hidden values are known.
 
-    python experiments/interval_coverage.py --sets 10
+    python experiments/interval_coverage.py --problems demo hidden-0 hidden-1 finger snake --evaluations 500
 
-Robots: the double pendulum of recordings.py with three parameters, that swings from rest or is filmed in motion, with
-hidden values drawn within a factor of two of the model's and noise of 0.3 mm. Starts: given (the pose at rest is on
-record), markers (the pose of the first frames), fitted. Prints, for each start, how many of the parameters lie within
-one and two standard errors, and within the profile's interval.
+Searches each problem of `race_problems.py` with multi-start, begun at random, then draws the sets that fit as
+`swim2real identify` does. Prints, by problem and in all, how many hidden values lie within the 50 and the 95 %
+intervals, the widths of these, and the seconds of processor time for the search and for the sets. `--seeds` repeats
+both with other random choices.
 """
 
 import argparse
-import tempfile
-from dataclasses import replace
-from pathlib import Path
+import time
 
 import numpy as np
-from recordings import LINES, NOISE, PENDULUM, STARTS
+from race_problems import NAMES, Missing, load
 
-from swim2real.identification.finished_run import reopen
-from swim2real.identification.identifiability import identify
-from swim2real.pipeline import calibrate
-from swim2real.robots import load_robot
-from swim2real.settings import CalibrationSettings
-from swim2real.simulation import PlaybackSimulator
-from swim2real.simulation.playback import Rollout
-from swim2real.trials import MarkerTrack, Trial, TrialSet
-
-SITES = ("pivot", "middle", "end")
-PARAMETERS = ("shoulder_damping", "elbow_damping", "lower_mass")  # the upper mass is weighed
-SECONDS, FPS = 2.0, 60.0
+from swim2real.identification.evaluated import evaluated, independent_numbers
+from swim2real.identification.posterior import draw, first_points
+from swim2real.optimizers import Evaluation
+from swim2real.pipeline.methods import make_optimizer
+from swim2real.settings import CalibrationSettings, IdentifiabilitySettings
 
 
-def robot_with(start, folder):
-    (folder / "pendulum.xml").write_text(PENDULUM)
-    text = "format = 1\nname = 'pendulum'\ndescription = 'Swings down.'\nmodel = 'pendulum.xml'\ncamera = 'side'\n"
-    text += f"markers = {list(SITES)}\n[recordings]\nstart = '{start}'\n"
-    for key in PARAMETERS:
-        line, lower, upper = LINES["pendulum"][key]
-        text += f"[[parameters]]\nname = '{key}'\nlower = {lower}\nupper = {upper}\nscale = 'log'\nmeaning = '{key}'\n"
-        text += f"targets = '{line}'\n"
-    (folder / f"{start}.toml").write_text(text)
-    return load_robot(folder / f"{start}.toml")
+def searched(race, seed, count):
+    """Points that a search evaluates, with their losses."""
+    settings = CalibrationSettings(seed=seed, first="random")
+    optimizer, record = make_optimizer(settings, race.problem.robot, race.space), []
+    while len(record) < count and not optimizer.done:
+        candidate = optimizer.ask()
+        found = race.problem.evaluate(race.space.to_values(candidate.point))
+        failed = found.divergence is not None
+        stages = () if failed else found.residual_stages()
+        optimizer.tell(Evaluation(candidate, found.loss, failed, stages=stages))
+        record.append((candidate.point, found.loss))
+    return record
 
 
-def filmed(robot, hidden, rng, moving):
-    """Trials of the hidden pendulum; moving ones begin a little after it was let go."""
-    resting = replace(robot, trials=replace(robot.recordings, start="rest"))
-    times, trials = np.arange(0, SECONDS, 1 / FPS), []
-    for number, start in enumerate(STARTS["pendulum"]):
-        seen_at = times + (0.2567 if moving else 0.0)
-        stamps = seen_at if seen_at[0] == 0 else np.concatenate([[0.0], seen_at])
-        nowhere = np.full((len(stamps), len(SITES), 2), np.nan)
-        (made,) = PlaybackSimulator(resting).simulate(
-            hidden, [Rollout(Trial(f"{number}", MarkerTrack(stamps, nowhere), start=start))]
-        )
-        seen = made.track.positions[-len(times) :]
-        seen = seen + rng.normal(0, NOISE, seen.shape)
-        trials.append(Trial(f"{number}", MarkerTrack(times, seen), start={} if moving else start))
-    return TrialSet(tuple(trials), robot.marker_names)
+def covered(race, record, seed):
+    """Whether each hidden value is in its 50 and 95 % interval, and the widths. Shapes (d,)."""
+    blocks = race.problem.blocks()
+    posterior = draw(
+        lambda points: evaluated(race.problem, race.space, points),
+        first_points(record),
+        lambda residual: independent_numbers(residual, blocks),
+        IdentifiabilitySettings().rounds,
+        seed,
+    )
+    truth = race.space.to_cube(race.truth)
+    low, first, third, high = np.percentile(posterior.draws, (2.5, 25, 75, 97.5), axis=0)
+    return (first <= truth) & (truth <= third), (low <= truth) & (truth <= high), high - low
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sets", type=int, default=10)
-    parser.add_argument("--starts", nargs="+", default=["rest", "markers", "fitted"])
+    parser.add_argument("--problems", nargs="+", default=[name for name in NAMES if not name.startswith("fish")])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--evaluations", type=int, default=500)
+    parser.add_argument("--demo", help="folder `reference` of a demo that was filmed and tracked")
     a = parser.parse_args()
-    for start in a.starts:
-        within = np.zeros(3, dtype=int)
-        wrong = []
-        for number in range(a.sets):
-            with tempfile.TemporaryDirectory() as name:
-                folder, rng = Path(name), np.random.default_rng(number)
-                robot = robot_with(start, folder)
-                model = robot.space.published
-                hidden = {key: float(model[key] * 2 ** rng.uniform(-1, 1)) for key in PARAMETERS}
-                reference = filmed(robot, hidden, rng, moving=start != "rest")
-                settings = CalibrationSettings(budget=40, horizon=SECONDS, threads=1)
-                calibrate(reference, robot, settings, folder / "run")
-                study = identify(reopen(folder / "run", reference, robot, threads=1))
-                truth, fit = robot.space.to_cube(hidden), np.array(study["fit"]["point"])
-                for i, key in enumerate(PARAMETERS):
-                    error = study["local"]["standard_errors"][key]["cube"] or np.inf
-                    off = abs(fit[i] - truth[i])
-                    low, high = study["profiles"][key]["interval"]
-                    held = (off <= error, off <= 2 * error, low <= truth[i] <= high)
-                    within += held
-                    if not held[1]:
-                        wrong.append(
-                            f"{key} {100 * np.expm1(np.log(robot.space.to_values(fit)[key] / hidden[key])):+.1f} %"
-                        )
-        share = [f"{100 * count / (len(PARAMETERS) * a.sets):.0f} %" for count in within]
-        print(f"{start}: {share[0]} within one standard error, {share[1]} within two, {share[2]} in the interval")
-        print(f"  beyond two: {', '.join(wrong) or 'none'}", flush=True)
+    inside, within = [], []
+    for name in a.problems:
+        try:
+            race = load(name, threads=1, demo=a.demo)
+        except Missing as why:
+            print(f"{name}: left out, {why}", flush=True)
+            continue
+        for seed in a.seeds:
+            begun = time.process_time()
+            record = searched(race, seed, a.evaluations)
+            middle = time.process_time()
+            half, most, widths = covered(race, record, seed)
+            inside.extend(half)
+            within.extend(most)
+            print(
+                f"{name}, seed {seed}: {half.sum()} and {most.sum()} of {len(most)}; median width "
+                f"{100 * np.median(widths):.0f} %; search {1e3 * min(loss for _, loss in record):.2f} mm (hidden "
+                f"{1e3 * race.target:.2f}), {middle - begun:.0f} s, sets {time.process_time() - middle:.0f} s",
+                flush=True,
+            )
+    print(f"in all {100 * np.mean(inside):.0f} % in the 50 % intervals, {100 * np.mean(within):.0f} % in the 95 % ones")
 
 
 if __name__ == "__main__":

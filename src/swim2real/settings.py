@@ -396,20 +396,16 @@ class IdentifiabilitySettings:
     """What decides the result of a study of identifiability.
 
     Attributes:
-        rise: Rise of the loss that makes a parameter identified, as a share of the lowest loss.
-        steps: Steps of each refit, three evaluations each.
-        polish: Steps that first improve the run's best fit, twice, each time with a new Jacobian; 0 for none.
+        rounds: Rounds of 32 evaluations, after which the sets that fit are drawn again.
+        seed: Decides every random choice.
     """
 
-    rise: float = 0.05
-    steps: int = 2
-    polish: int = 4
+    rounds: int = 8
+    seed: int = 0
 
     def __post_init__(self) -> None:
-        if not 0 < self.rise < 1:
-            raise ArgumentError(f"rise is {self.rise:g}; it is a share of the loss and must lie between 0 and 1")
-        for name in ("steps", "polish"):
-            _least(name, getattr(self, name), 0)
+        _least("rounds", self.rounds, 1)
+        _least("seed", self.seed, 0)
 
 
 @dataclass(frozen=True)
@@ -419,22 +415,16 @@ class EnsembleSettings:
     Attributes:
         within: Highest loss of a member, as a multiple of the lowest.
         count: Members to keep, spread out.
-        evaluations: Evaluations to find more sets than the runs contain; 0 for none.
-        seed: Decides every random choice.
     """
 
     within: float = 1.1
     count: int = 20
-    evaluations: int = 200
-    seed: int = 0
 
     def __post_init__(self) -> None:
         if not 1 < self.within <= 10:
             raise ArgumentError(f"within is {self.within:g}; it is a multiple of the lowest loss, above 1 and up to 10")
         if self.count < 2:
             raise ArgumentError(f"count is {self.count}; an ensemble has at least 2 members")
-        for name in ("evaluations", "seed"):
-            _least(name, getattr(self, name), 0)
 
 
 def check_advisor(name: str) -> None:

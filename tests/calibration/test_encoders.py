@@ -112,5 +112,5 @@ def test_it_is_calibrated_reported_and_identified(reference, tmp_path):
     assert "encoder" in page
     assert "Paths, the first chart" not in page
     run = reopen(tmp_path / "run", reference, ROBOT, 2)
-    found = identify(run, IdentifiabilitySettings(steps=0, polish=1))
-    assert found["profiles"]["lower_mass"]["verdict"] == "identified"
+    found = identify(run, IdentifiabilitySettings(rounds=2))
+    assert found["parameters"]["lower_mass"]["verdict"] == "identified"

@@ -55,11 +55,10 @@ def made(folder: Path) -> Path:
     run(["calibrate", "tracks", "--robot", "pendulum.toml", "--out", "run", "--budget", "4", "--method", "line-search",
          "--sensitivity"], folder)  # fmt: skip
     robot = load_robot(str(folder / "pendulum.toml"))
-    content = make_ensemble([reopen(folder / "run", reference, robot)], EnsembleSettings(within=9.0, evaluations=0))
+    content = make_ensemble([reopen(folder / "run", reference, robot)], EnsembleSettings(within=9.0))
     (folder / "ensemble.json").write_text(json.dumps(content))
     point = {"point": [0.5] * len(robot.space), "loss": 0.01}
-    study = {"format": 1, "complete": True, "evaluations": 3, "recentered": 0, "start": point, "fit": point,
-             "lowest": point, "profiles": {name: {"points": [point]} for name in robot.space.names}}  # fmt: skip
+    study = {"format": 2, "complete": True, "evaluations": 3, "start": point, "lowest": point, "checked": [point]}
     conditions = reopen(folder / "run", reference, robot).conditions()
     (folder / "run" / "identifiability.json").write_text(json.dumps({**conditions, **study}))
     calls = folder / "run" / "advisor"
@@ -133,7 +132,7 @@ def _resumed(folder: Path) -> object:
 def _reopened(folder: Path) -> object:
     robot, reference = load_robot(str(folder / "pendulum.toml")), load_reference(folder / "tracks")
     again = reopen(folder / "run", reference, robot, threads=1)
-    return make_ensemble([again], EnsembleSettings(within=9.0, evaluations=0))
+    return make_ensemble([again], EnsembleSettings(within=9.0))
 
 
 def _commands(folder: Path) -> object:

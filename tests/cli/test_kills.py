@@ -150,7 +150,7 @@ def test_identify(pendulum_folder, tmp_path, monkeypatch):
         assert made.returncode == 0
 
     def words(out):
-        return ["identify", out, "--reference", pendulum_folder / "tracks", "--steps", 2, "--quiet"]
+        return ["identify", out, "--reference", pendulum_folder / "tracks", "--rounds", 2, "--quiet"]
 
     survives("identify", words, tmp_path, monkeypatch)
 

@@ -55,7 +55,7 @@ def test_a_run_that_has_not_converged_is_told_and_so_is_its_page(calibrated):
 @pytest.mark.slow
 def test_identify_leaves_values_that_other_commands_take(program, calibrated, tmp_path):
     run, _ = calibrated
-    words = ("identify", run, "--reference", run.parent / "tracks", "--steps", 0, "--polish", 1, "--quiet")
+    words = ("identify", run, "--reference", run.parent / "tracks", "--rounds", 1, "--quiet")
     program(*words).done()
     found = run / "identified.json"
     said = (

@@ -60,7 +60,7 @@ REFUSALS = [
     ("calibrate films --out new", 1, "`swim2real pick films/a.mp4 films/b.MOV`",
      "`swim2real track films/a.mp4 films/b.MOV --markers a.points.json b.points.json --to REFERENCE`"),
     ("identify empty --reference {POOL}", 2, "'empty' is no run folder"),
-    ("identify run --reference {POOL} --rise 2", 2, "rise is 2", "between 0 and 1"),
+    ("identify run --reference {POOL} --rounds 0", 2, "rounds is 0", "at least 1"),
     ("ensemble run --reference {POOL} --out gone/e.json", 2, "gone", "is not there, make it first"),
     # evaluate, simulate, export-model
     ("evaluate gone --reference {POOL}", 2, "'gone' is not there"),

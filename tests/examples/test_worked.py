@@ -14,8 +14,6 @@ import numpy as np
 import pytest
 
 from swim2real.calibration import Problem
-from swim2real.identification.gauss_newton import Evaluator, jacobian
-from swim2real.identification.neighborhood import neighborhood
 from swim2real.pipeline import calibrate
 from swim2real.settings import CalibrationSettings
 from swim2real.trials import TrialSet
@@ -67,18 +65,6 @@ def test_hidden_parameters_explain_the_recordings_but_for_what_the_model_lacks(e
 
 
 @pytest.mark.slow
-def test_what_the_trials_cant_tell_is_the_sloppiest_direction(example):
-    space = example.code.ROBOT.space
-    evaluate = Evaluator(example.problem, space)
-    (at,) = evaluate([space.to_cube(example.code.HIDDEN)])
-    sloppiest, next_one, *_ = neighborhood(jacobian(evaluate, at)[0], at.residual, example.problem.blocks()).directions(
-        space.names
-    )
-    assert set(sloppiest["parameters"]) == UNTOLD[example.name]
-    assert sloppiest["slope"] < next_one["slope"] / 20
-
-
-@pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_what_the_trials_tell_is_found_within_sixty_evaluations(example, tmp_path, seed):
@@ -114,10 +100,10 @@ def test_from_films_to_parameters_as_the_page_says(example, tmp_path):
     found = json.loads((folder / "best.json").read_text())
     assert len((folder / "record.jsonl").read_text().splitlines()) <= 60
     assert max(example.off(found["parameters"]).values()) < BAR
-    profiles = json.loads((folder / "identifiability.json").read_text())["profiles"]
-    assert {name for name, one in profiles.items() if one["verdict"] != "identified"} == UNTOLD[example.name]
-    for name in UNTOLD[example.name] if len(UNTOLD[example.name]) > 1 else ():
-        assert set(profiles[name]["made_up_by"]) == UNTOLD[example.name] - {name}
+    study = json.loads((folder / "identifiability.json").read_text())
+    verdicts = {name: one["verdict"] for name, one in study["parameters"].items()}
+    assert {name for name, verdict in verdicts.items() if verdict != "identified"} == UNTOLD[example.name]
+    assert set(study["directions"][-1]["parameters"]) == UNTOLD[example.name]
 
 
 def test_six_commands_lead_from_a_model_to_a_first_calibration():
@@ -154,5 +140,5 @@ def test_from_tables_to_parameters_as_the_page_says(tmp_path):
         assert abs(found[name] / hidden - 1) < (1 / 6 if name in WEAK else BAR), name
     outcome = json.loads((folder / "outcome.json").read_text())
     assert outcome["held_out"]["loss"] < 2e-3
-    profiles = json.loads((folder / "identifiability.json").read_text())["profiles"]
-    assert {one["verdict"] for one in profiles.values()} == {"identified"}
+    study = json.loads((folder / "identifiability.json").read_text())["parameters"]
+    assert {one["verdict"] for one in study.values()} == {"identified"}

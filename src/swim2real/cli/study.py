@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,20 +12,21 @@ from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings, all_cores
 
-_SLOPPY, _STIFF = 5, 2  # directions that are printed
+_DIRECTIONS = 4  # that are printed of the best determined ones, and of the others
 _NAMED = 3  # parameters that are named in a cell
+_FAR_ABOVE = 3.0  # times the noise of the markers, from which on intervals are said to be the model error's
 
 
 def identify(
     run: Positional[Path], settings: IdentifiabilitySettings, *, reference: Path, robot: str | None = None,
     again: bool = False, threads: int = 0, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
-    """Report which parameters the trials determine at a run's best fit, and which compensate for one another.
+    """Report which parameters, and combinations of them, the trials determine, with intervals.
 
-    Improves the fit by a few steps, measures its neighborhood, then fixes each parameter at values across its range and
-    refits the others. Reads a run folder and its reference; writes identifiability.json, and the values at the lowest
-    loss as identified.json, into the run folder. Takes up to about 1400 evaluations for the fish's 16 parameters,
-    mostly half of that: some minutes. Ctrl-C keeps finished work; the same command continues.
+    Draws parameter sets that fit as well as the noise allows, from all that the run came upon: Markov chains on an
+    emulator of the residual, which evaluations correct. Reads a run folder and its reference; writes
+    identifiability.json, and the values at the lowest loss as identified.json, into the run folder. Takes about 350
+    evaluations for the fish's 16 parameters, some two minutes. Ctrl-C keeps finished work; the same command continues.
 
     Args:
         run: Run folder.
@@ -48,11 +50,15 @@ def identify(
     console = progress_console()
     try:
         with Interruption() as interruption:
+            begun = time.monotonic()
 
             def show(progress: StudyProgress) -> None:
                 if not quiet:
-                    line = f"{progress.evaluations:5d} of at most {progress.most}  {progress.stage}"
-                    console.print(line if progress.finished is None else f"{line}: {progress.finished['verdict']}")
+                    left = (time.monotonic() - begun) / progress.evaluations * (progress.most - progress.evaluations)
+                    console.print(
+                        f"{progress.evaluations:5d}/{progress.most}  lowest {1e3 * progress.lowest:.2f} mm, about "
+                        f"{left:.0f} s left"
+                    )
                 interruption.check()
 
             content = study(opened, settings, again, show)
@@ -63,11 +69,6 @@ def identify(
         say_json(content)
     else:
         _print(content)
-        if content["local"].get("starts_left_out"):
-            say(
-                "The standard errors leave out that the start is taken from the frames, because playbacks diverge with "
-                "noise like the residual; they are too small, so go by the intervals."
-            )
         say(
             f"The values at the lowest loss: {run / IDENTIFIED}; export-model, evaluate and train take this file in "
             f"place of the run."
@@ -77,12 +78,12 @@ def identify(
 
 def ensemble(
     runs: Positional[tuple[Path, ...]], settings: EnsembleSettings, *, reference: Path, out: Path,
-    robot: str | None = None, threads: int = 0, json: bool = False, quiet: bool = False,
+    robot: str | None = None, json: bool = False,
 ) -> int:  # fmt: skip
     """Collect parameter sets that fit nearly as well as the best, as ranges for domain randomization.
 
-    Reads run folders (records, and studies by identify) and their reference; evaluates more sets around them; writes
-    one JSON file with the sets and each parameter's range. Takes --evaluations, and two more per parameter.
+    Reads run folders (records, and studies by identify, which finds more of them) and their reference; writes one JSON
+    file with the sets and each parameter's range.
 
     Args:
         runs: Run folders of one robot, protocol and reference.
@@ -90,40 +91,25 @@ def ensemble(
         reference: Folder with the real trials that the runs were made with.
         out: File to write.
         robot: Robot file, if it has moved since the runs were written.
-        threads: Swims simulated in parallel; 0 for all cores. Results don't depend on it.
         json: Print the file's content.
-        quiet: Print no progress.
     """
     from swim2real.cli import tables
     from swim2real.cli.subject import robot_for
     from swim2real.identification.ensemble import make_ensemble, write_ensemble
     from swim2real.identification.finished_run import reopen
-    from swim2real.interruption import Interruption
     from swim2real.trials import load_reference
 
     if not out.resolve().parent.is_dir():
         raise ArgumentError(f"--out is '{out}'; its folder is not there, make it first")
     trials = load_reference(reference)
-    opened = [reopen(path, trials, robot_for(path, robot), all_cores(threads)) for path in runs]
-    console = tables.progress_console()
-    try:
-        with Interruption() as interruption:
-
-            def show(evaluations: int, most: int, near_best: int) -> None:
-                if not quiet:
-                    console.print(f"{evaluations:5d}/{most}  {near_best} near-best sets")
-                interruption.check()
-
-            content = make_ensemble(opened, settings, show)
-    except KeyboardInterrupt:
-        tell("interrupted; nothing was written")
-        return 1
+    opened = [reopen(path, trials, robot_for(path, robot)) for path in runs]
+    content = make_ensemble(opened, settings)
     write_ensemble(out, content)
     members = content["members"]
     if len(members) < settings.count:
         tell(
             f"warning: only {len(members)} sets are within {settings.within:g} times the lowest loss; "
-            f"raise --evaluations or --within, or give more runs"
+            f"raise --within, run swim2real identify on the runs, or give more of them"
         )
     if json:
         say_json(content)
@@ -145,37 +131,29 @@ def _print(content: Mapping[str, Any]) -> None:
     """The verdicts of a study of identifiability."""
     from swim2real.cli import tables
 
-    start, fit, lowest = (1e3 * content[key]["loss"] for key in ("start", "fit", "lowest"))
-    say(
-        f"Loss: {start:.2f} mm at the run's best, {fit:.2f} mm after some more steps, {lowest:.2f} mm at the lowest "
-        f"that was seen; a rise of {1e3 * content['local']['rise']:.2f} mm counts."
-    )
-    rows: list[tuple[str, ...]] = []
-    errors = content["local"]["standard_errors"]
-    for name, profile in content["profiles"].items():
-        error = errors[name]["cube"]
-        low, high = profile["values"]
-        rows.append(
-            (
-                name, profile["verdict"], f"{low:.3g} to {high:.3g}",
-                f"{100 * (profile['interval'][1] - profile['interval'][0]):.0f} %",
-                "none" if error is None else "> 100 %" if error > 1 else f"{100 * error:.1f} %",
-                f"{1e3 * profile['largest_rise']:.1f}", _named(profile["made_up_by"]),
-            )
-        )  # fmt: skip
-    columns = ("parameter", "verdict", "interval", "of range", "std. error", "rise mm", "made up for by")
-    tables.table("Profiles: the others re-fitted", columns, rows)
-    if content["local"]["jumps"]:
+    start, lowest = (1e3 * content[key]["loss"] for key in ("start", "lowest"))
+    better = f"; the run's best was at {start:.2f} mm, and the lower one is taken over" if lowest < start else ""
+    say(f"Lowest loss: {lowest:.2f} mm{better}.")
+    if content["noise"] and content["misfit"] > _FAR_ABOVE * content["noise"]:
         say(
-            f"The motion changes into another kind within a step of {', '.join(content['local']['jumps'])}; slopes "
-            f"there are of the other side alone."
+            f"The residual, {1e3 * content['misfit']:.2f} mm (root mean square), is far above the markers' noise, "
+            f"{1e3 * content['noise']:.2f} mm: it is the model's error, and the intervals are as wide as it makes them."
         )
-    directions = content["local"]["directions"]
-    shown = directions[:_SLOPPY] + directions[_SLOPPY:][-_STIFF:]
+    rows = [
+        (
+            name, one["verdict"], f"{one['median']:.3g}", *(
+                f"{low:.3g} to {high:.3g}" for low, high in (one["interval_50"], one["interval_95"])
+            ), f"{100 * one['width']:.0f} %",
+        )
+        for name, one in content["parameters"].items()
+    ]  # fmt: skip
+    tables.table("Sets that fit", ("parameter", "verdict", "median", "50 %", "95 %", "of range"), rows)
+    found = content["directions"]
+    shown = found[:_DIRECTIONS] + found[_DIRECTIONS:][-_DIRECTIONS:]
     tables.table(
-        f"Directions, the sloppiest first (independent numbers: {content['local']['effective_count']:.0f})",
-        ("mm over the range", "parameters"),
-        [(f"{1e3 * direction['slope']:.2f}", _named(direction["parameters"])) for direction in shown],
+        f"Combinations, the best determined first ({content['determined']:.1f} of {len(rows)} are determined)",
+        ("spread, of the range", "parameters"),
+        [(f"{100 * direction['spread']:.1f} %", _named(direction["parameters"])) for direction in shown],
     )
 
 

@@ -1,13 +1,12 @@
 """Many parameter sets that fit nearly as well as the best: what a policy should be trained on instead of one fit.
 
-Sets come from the records of runs, from the re-fitted points of identifiability studies, and from a random walk through
-the region of low loss. The walk starts at all of them and takes long steps along sloppy directions, short ones along
-stiff ones. A spread-out subset is kept.
+Sets come from the records of runs and from what `identify` found to fit as well as the noise allows. A subset that is
+spread out is kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,7 +22,6 @@ from swim2real.calibration.provenance import commit, versions
 from swim2real.checking import read
 from swim2real.errors import ArgumentError, ParameterError, RunError
 from swim2real.identification.finished_run import FinishedRun
-from swim2real.identification.gauss_newton import Evaluator, jacobian
 from swim2real.identification.identifiability import IDENTIFIABILITY, read_study
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
@@ -32,9 +30,6 @@ from swim2real.settings import EnsembleSettings
 Array = NDArray[np.float64]
 
 FORMAT = 1
-_BATCH = 8
-_ACCEPTED = 0.3  # share of proposals that the length of the walk's steps is steered to
-_SPREAD = 12**-0.5  # of the range: standard deviation of a parameter that nothing determines
 
 
 @dataclass(frozen=True)
@@ -44,7 +39,7 @@ class Member:
     Attributes:
         point: Coordinates in the unit cube. Shape (d,).
         loss: Its loss [m].
-        source: Where it is from: `record`, `profile` or `walk`.
+        source: Where it is from: `record` or `identify`.
     """
 
     point: Array
@@ -52,16 +47,12 @@ class Member:
     source: str
 
 
-def make_ensemble(
-    runs: Sequence[FinishedRun], settings: EnsembleSettings | None = None,
-    on_progress: Callable[[int, int, int], None] = lambda evaluations, most, near_best: None,
-) -> dict[str, Any]:  # fmt: skip
-    """Gathers, samples and thins out near-best parameter sets.
+def make_ensemble(runs: Sequence[FinishedRun], settings: EnsembleSettings | None = None) -> dict[str, Any]:
+    """Gathers and thins out near-best parameter sets.
 
     Args:
         runs: Runs with the same robot, protocol, trials, reference and engine.
         settings: Settings of the ensemble.
-        on_progress: Called with the evaluations so far, those in all, and the near-best sets found.
 
     Returns:
         The content of the file: `members` with `parameters`, `loss` and `source`, the best first; `ranges` of each
@@ -75,14 +66,9 @@ def make_ensemble(
     first = runs[0]
     pool = [member for run in runs for member in _gathered(run)]
     best = min(pool, key=lambda member: member.loss)
-    pool = _near(pool, best.loss * wanted.within)
-    slopes_cost = 2 * len(first.space)
-    most = wanted.evaluations + (1 + slopes_cost if wanted.evaluations else 0)
-    evaluate = Evaluator(first.problem, first.space, lambda count: on_progress(count, most, len(pool)))
-    if wanted.evaluations:
-        best, pool = _walked(evaluate, best, pool, wanted)
     limit = best.loss * wanted.within
-    kept = spread_out(_near(pool, limit), wanted.count)
+    pool = _near(pool, limit)
+    kept = spread_out(pool, wanted.count)
     values = np.array([first.space.to_array(member.point) for member in kept])
     members = [
         {"parameters": first.space.to_values(m.point), "loss": m.loss, "source": m.source, "point": m.point.tolist()}
@@ -97,7 +83,6 @@ def make_ensemble(
         "best_loss": best.loss,
         "limit": limit,
         "candidates": len(pool),
-        "evaluations": evaluate.count,
         "ranges": _ranges(runs[0], values),
         "members": members,
         "versions": versions(),
@@ -169,7 +154,7 @@ def _common_conditions(runs: Sequence[FinishedRun]) -> dict[str, Any]:
 
 
 def _gathered(run: FinishedRun) -> list[Member]:
-    """The points that the run evaluated, and those that a study of it re-fitted."""
+    """The points that the run evaluated, and those that a study of it found to fit."""
     recorded = [Member(np.array(entry.point), entry.loss, "record") for entry in run.record]
     path = run.folder.path / IDENTIFIABILITY
     if not path.is_file():
@@ -177,15 +162,14 @@ def _gathered(run: FinishedRun) -> list[Member]:
     study = read_study(path)
     if any(study.get(key) != value for key, value in run.conditions().items()):
         return recorded
-    points = [study["fit"]] if "fit" in study else []
-    points += [point for profile in study.get("profiles", {}).values() for point in profile["points"]]
+    points = [study["lowest"], *study.get("checked", [])]
     for point in points:
         if len(point["point"]) != len(run.space):
             raise RunError(
                 f"'{path}': a point has {len(point['point'])} coordinates for {len(run.space)} parameters; study "
                 f"the run again with identify --again"
             )
-    return recorded + [Member(np.array(point["point"]), float(point["loss"]), "profile") for point in points]
+    return recorded + [Member(np.array(point["point"]), float(point["loss"]), "identify") for point in points]
 
 
 def _near(members: Sequence[Member], limit: float) -> list[Member]:
@@ -196,37 +180,6 @@ def _near(members: Sequence[Member], limit: float) -> list[Member]:
             seen.add(member.point.tobytes())
             kept.append(member)
     return kept
-
-
-def _walked(
-    evaluate: Evaluator, best: Member, pool: list[Member], settings: EnsembleSettings
-) -> tuple[Member, list[Member]]:
-    """A random walk of all members: uniform over the region of low loss if it were long."""
-    at = evaluate([best.point])[0]
-    slopes, _ = jacobian(evaluate, at)
-    allowed = (settings.within**2 - 1) * at.misfit**2  # growth of the mean square, were the model linear
-    values, vectors = np.linalg.eigh(slopes.T @ slopes / max(allowed, 1e-30) + np.eye(slopes.shape[1]) / _SPREAD**2)
-    step = vectors / np.sqrt(values)
-    rng = np.random.default_rng(np.random.SeedSequence(settings.seed))
-    length, spent = 1.0, 0
-    while spent < settings.evaluations:
-        count = min(_BATCH, settings.evaluations - spent)
-        starts = rng.integers(len(pool), size=count)
-        moves = rng.standard_normal((count, len(values))) @ step.T * length / np.sqrt(len(values))
-        points = [_reflected(pool[i].point + move) for i, move in zip(starts, moves, strict=True)]
-        walked = [Member(result.point, result.loss, "walk") for result in evaluate(points) if not result.failed]
-        spent += count
-        best = min((best, *walked), key=lambda member: member.loss)
-        accepted = sum(member.loss <= best.loss * settings.within for member in walked)
-        pool[:] = _near([*pool, *walked], best.loss * settings.within)
-        length *= float(np.exp(accepted / count - _ACCEPTED))
-    return best, pool
-
-
-def _reflected(point: Array) -> Array:
-    """A point mirrored at the faces of the cube until it is inside."""
-    folded = np.mod(point, 2.0)
-    return np.where(folded > 1.0, 2.0 - folded, folded)
 
 
 def _ranges(run: FinishedRun, values: Array) -> dict[str, dict[str, Any]]:

@@ -1,14 +1,14 @@
-"""Which parameters the trials determine at a run's best fit, and which make up for one another.
+"""Which parameters the trials determine: intervals and directions of the sets that fit as well as the noise allows.
 
-First the fit is improved, since profiles around a point that isn't a minimum say little. Then come its neighborhood and
-the profile of each parameter. When a profile comes upon a clearly better fit, the study begins again there. After each
-of these what is known is on the disk, so an interrupted study goes on there, to the same file and the same counts.
+The study draws sets (`posterior`), beginning with what the run came upon. After each batch of evaluations what is known
+is on the disk, so an interrupted study goes on there, to the same file and the same counts. Where it comes upon a lower
+loss than the run's, that point is taken over.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,23 +19,27 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, FiniteFloat, NonNegativeInt
 
 from swim2real import store
+from swim2real.calibration.convergence import marker_noise
 from swim2real.calibration.file_models import Share
 from swim2real.calibration.loop import write_fit
 from swim2real.calibration.provenance import commit, versions
 from swim2real.checking import check
 from swim2real.errors import RunError
+from swim2real.identification.evaluated import EvaluatedPoint, evaluated, independent_numbers
 from swim2real.identification.finished_run import FinishedRun
-from swim2real.identification.gauss_newton import STEP, EvaluatedPoint, Evaluator, jacobian, refit
-from swim2real.identification.neighborhood import DRAWS, neighborhood, pulls
-from swim2real.identification.profile import DISTANCES, ProfilePoint, profile, summarize
+from swim2real.identification.posterior import BATCH, Posterior, draw, first_points
 from swim2real.settings import IdentifiabilitySettings
 
-FORMAT = 1
+Array = NDArray[np.float64]
+
+FORMAT = 2
 IDENTIFIABILITY = "identifiability.json"
 IDENTIFIED = "identified.json"  # the parameters file of the lowest point that was seen
-_POLISH_ROUNDS = 2
-_RECENTERS = 3  # times that a study begins again at a clearly better fit that a profile came upon
-_BETTER = 0.5  # of the rise that counts, by which a fit is clearly better
+EVALUATED = "identifiability.npz"  # evaluated points with their residuals, from which an interrupted study goes on
+_SHARES = {"50": (25.0, 75.0), "95": (2.5, 97.5)}  # percentiles at the ends of each interval
+_KNOWN, _OPEN = 0.25, 0.8  # of the range: widest 95 % interval of an identified parameter, narrowest of an unknown one
+_NAMED = 0.8  # of a direction's square that its named parameters hold
+_KEPT = 200  # draws in the file
 
 
 class _Point(BaseModel):
@@ -45,23 +49,15 @@ class _Point(BaseModel):
     loss: FiniteFloat
 
 
-class _Profile(BaseModel):
-    """The profile of a parameter, as far as it is read again."""
-
-    points: list[_Point]
-
-
 class _Study(BaseModel):
     """The file of a study, as far as it is read again."""
 
-    format: Literal[1]
+    format: Literal[2]
     complete: bool
     evaluations: NonNegativeInt
-    recentered: NonNegativeInt
     start: _Point
-    fit: _Point | None = None
-    lowest: _Point | None = None
-    profiles: dict[str, _Profile] = {}
+    lowest: _Point
+    checked: list[_Point] = []
 
 
 @dataclass(frozen=True)
@@ -70,24 +66,22 @@ class StudyProgress:
 
     Attributes:
         evaluations: Number of evaluations so far.
-        most: An upper limit for their number; it grows when the study begins again at a better fit.
-        stage: What is being worked out.
-        finished: A profile that has just been finished, or None.
+        most: Their number when it is done.
+        lowest: Lowest loss so far [m].
     """
 
     evaluations: int
     most: int
-    stage: str
-    finished: dict[str, Any] | None = None
+    lowest: float
 
 
 def identify(
     run: FinishedRun, settings: IdentifiabilitySettings | None = None, again: bool = False,
     on_progress: Callable[[StudyProgress], None] = lambda progress: None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Studies a run's best fit, or goes on with the study that is there, into identifiability.json of its folder.
+    """Studies a run, or goes on with the study that is there, into identifiability.json of its folder.
 
-    The lowest point that is on record there is also a parameters file, identified.json.
+    The point with the lowest loss is also a parameters file, identified.json.
 
     Args:
         run: The run; its folder is locked meanwhile.
@@ -103,173 +97,152 @@ def identify(
         RunError: The study that is there was made with other settings, or the folder can't be written.
     """
     with run.folder.locked():
-        return _Profiling(run, settings or IdentifiabilitySettings(), on_progress).run(again)
+        return _Studying(run, settings or IdentifiabilitySettings(), on_progress).run(again)
 
 
-def most_evaluations(settings: IdentifiabilitySettings, dimension: int, starts_are_seen: bool = False) -> int:
-    """An upper limit for a study of this many parameters that needn't begin again."""
-    values = 2 * len(DISTANCES)
-    polish = _POLISH_ROUNDS * (2 * dimension + 3 * settings.polish) if settings.polish else 0
-    draws = 1 + DRAWS if starts_are_seen else 0
-    return 2 + polish + 2 * dimension + draws + dimension * values * (5 + 3 * settings.steps)
-
-
-class _Profiling:
+class _Studying:
     """A study as it goes on."""
 
     def __init__(
         self, run: FinishedRun, settings: IdentifiabilitySettings, on_progress: Callable[[StudyProgress], None]
     ) -> None:
         self._run, self._settings, self._tell = run, settings, on_progress
-        self._names = run.space.names
-        self._path = run.folder.path / IDENTIFIABILITY
-        self._starts_are_seen = any(trial.start_is_seen for trial in run.problem.prepared)
-        self._most_of_one = most_evaluations(settings, len(self._names), self._starts_are_seen)
-        self._most = self._most_of_one
-        self._stage = ""
-        self._before = 0
-        self._evaluate = Evaluator(run.problem, run.space, self._count)
-        self._begun = {
-            "format": FORMAT,
-            **run.conditions(),
-            "settings": asdict(settings),
-            "start": {"point": list(run.best.point), "loss": run.best.loss},
-        }
-
-    def _count(self, count: int) -> None:
-        self._tell(StudyProgress(self._before + count, self._most, self._stage))
+        self._first = first_points([(np.array(entry.point), entry.loss) for entry in run.record])
+        self._most = len(self._first) + BATCH * settings.rounds
+        self._evaluated: list[EvaluatedPoint] = []
+        self._given = 0
+        start = {"point": list(run.best.point), "loss": run.best.loss}
+        self._state: dict[str, Any] = {
+            "format": FORMAT, **run.conditions(), "settings": asdict(settings), "start": start, "lowest": start,
+            "complete": False, "evaluations": 0,
+        }  # fmt: skip
 
     def run(self, again: bool) -> dict[str, Any]:
-        earlier = None if again else self._earlier()
-        state: dict[str, Any] = earlier or {}
-        if earlier is None:
-            state = {**self._begun, "complete": False, "evaluations": 0, "recentered": 0}
-        if state["complete"]:
-            self._write_lowest(state)
-            return state
-        self._before = state["evaluations"]
-        if "fit" not in state:
-            self._fit(state, np.array(state["start"]["point"]))
-        while not self._profiled(state):
-            state["recentered"] += 1
-            self._most = state["evaluations"] + self._most_of_one
-            self._fit(state, np.array(state["lowest"]["point"]))
-        state["complete"] = True
-        state.update(versions=versions(), commit=commit(), created=datetime.now(UTC).isoformat(timespec="seconds"))
-        self._write(state)
-        return state
+        if not again:
+            earlier = self._earlier()
+            if earlier is not None and earlier["complete"]:
+                self._write(earlier)
+                return earlier
+        blocks = self._run.problem.blocks()
+        found = draw(
+            self._evaluate, self._first, lambda residual: independent_numbers(residual, blocks), self._settings.rounds,
+            self._settings.seed,
+        )  # fmt: skip
+        self._state |= self._content(found)
+        self._state |= {"complete": True, "versions": versions(), "commit": commit()}
+        self._state["created"] = datetime.now(UTC).isoformat(timespec="seconds")
+        self._write(self._state)
+        (self._run.folder.path / EVALUATED).unlink(missing_ok=True)
+        return self._state
 
-    def _fit(self, state: dict[str, Any], point: NDArray[np.float64]) -> None:
-        self._stage = "improving the fit"
-        best = self._polished(point)
-        state["fit"] = {"point": best.point.tolist(), "loss": best.loss}
-        state["profiles"] = {}
-        state.pop("local", None)
-        self._write(state)
+    def _evaluate(self, points: Sequence[Array]) -> list[EvaluatedPoint]:
+        """Evaluates points, those apart that an interrupted study evaluated before."""
+        for first in range(0, len(points), BATCH):
+            batch = points[first : first + BATCH]
+            if self._given + len(batch) > len(self._evaluated):
+                self._evaluated += evaluated(self._run.problem, self._run.space, batch)
+                self._keep()
+            self._given += len(batch)
+            self._tell(StudyProgress(self._given, self._most, self._state["lowest"]["loss"]))
+        return self._evaluated[self._given - len(points) : self._given]
 
-    def _profiled(self, state: dict[str, Any]) -> bool:
-        """Neighborhood and profiles around the fit; False when one came upon a clearly better fit."""
-        self._stage = "slopes"
-        counted, known = self._evaluate.count, "local" in state
-        best = self._evaluate([np.array(state["fit"]["point"])])[0]
-        slopes, jumps = jacobian(self._evaluate, best)
-        if known:  # the study goes on, and counted these before
-            self._before -= self._evaluate.count - counted
-        else:
-            state["local"] = self._local_content(best, slopes)
-            state["local"]["jumps"] = [self._names[i] for i in jumps]
-            self._write(state)
-        rise = self._settings.rise * best.loss
-        for index, name in enumerate(self._names):
-            if name not in state["profiles"]:
-                self._stage = name
-                points = profile(self._evaluate, best, slopes, index, rise, self._settings.steps)
-                state["profiles"][name] = self._summary(points, index, rise)
-                state["lowest"] = self._lowest(state)
-                self._write(state)
-                done = {"name": name, **state["profiles"][name]}
-                self._tell(StudyProgress(state["evaluations"], self._most, name, done))
-            if state["lowest"]["loss"] < best.loss - _BETTER * rise and state["recentered"] < _RECENTERS:
-                return False
-        return True
+    def _keep(self) -> None:
+        known = [one for one in self._evaluated if not one.failed]
+        lowest = min(known, key=lambda one: one.loss, default=None)
+        if lowest is not None and lowest.loss < self._state["lowest"]["loss"]:
+            self._state["lowest"] = {"point": lowest.point.tolist(), "loss": lowest.loss}
+        self._state["evaluations"] = len(self._evaluated)
+        arrays = {
+            "points": [one.point for one in self._evaluated], "losses": [one.loss for one in self._evaluated],
+            "residuals": [one.residual for one in self._evaluated], "failed": [one.failed for one in self._evaluated],
+        }  # fmt: skip
+        try:
+            store.write_arrays(self._run.folder.path / EVALUATED, arrays)
+        except OSError as error:
+            raise RunError(f"can't write '{EVALUATED}': {store.reason(error)}; the same command goes on") from error
+        self._write(self._state)
 
     def _earlier(self) -> dict[str, Any] | None:
-        """The study that is on the disk, None where there is none."""
-        if not self._path.is_file():
+        """The study that is on the disk, None where there is none; what it evaluated is taken over."""
+        path = self._run.folder.path / IDENTIFIABILITY
+        if not path.is_file():
             return None
-        study = read_study(self._path)
-        for key, value in self._begun.items():
-            if study.get(key) != value:
+        study = read_study(path)
+        for key in ("format", *self._run.conditions(), "settings", "start"):
+            if study.get(key) != self._state[key]:
                 raise RunError(
-                    f"'{self._path}' is a study with another {key}: it was {json.dumps(study.get(key))[:80]} and is "
-                    f"now {json.dumps(value)[:80]}; begin anew with --again"
+                    f"'{path}' is a study with another {key}: it was {json.dumps(study.get(key))[:80]} and is "
+                    f"now {json.dumps(self._state[key])[:80]}; begin anew with --again"
                 )
+        kept = self._run.folder.path / EVALUATED
+        if not study["complete"] and kept.is_file():
+            try:
+                tables = store.read_arrays(kept)
+                rows = zip(*(tables[name] for name in ("points", "losses", "residuals", "failed")), strict=True)
+                self._evaluated = [EvaluatedPoint(p, float(e), r, bool(f)) for p, e, r, f in rows]
+            except (OSError, ValueError, KeyError) as error:
+                raise RunError(f"'{kept}' can't be read: {error}; begin anew with --again") from error
+            self._state |= {"lowest": study["lowest"], "evaluations": study["evaluations"]}
         return study
 
-    def _polished(self, point: NDArray[np.float64]) -> EvaluatedPoint:
-        best = self._evaluate([point])[0]
-        free = np.ones(len(best.point), dtype=bool)
-        for _ in range(_POLISH_ROUNDS if self._settings.polish else 0):
-            slopes, _ = jacobian(self._evaluate, best)
-            refitted, _ = refit(self._evaluate, best, slopes, free, self._settings.polish)
-            best = min((best, refitted), key=lambda point: point.loss)
-        return best
-
-    def _local_content(self, best: EvaluatedPoint, slopes: NDArray[np.float64]) -> dict[str, Any]:
-        drawn = pulls(self._evaluate, best, slopes) if self._starts_are_seen else np.zeros((0, len(self._names)))
-        enough = 2 * len(drawn) >= DRAWS
-        around = neighborhood(slopes, best.residual, self._run.problem.blocks(), drawn if enough else None)
-        errors = around.standard_errors
-        values = [_around(self._run, best.point, i, float(e)) for i, e in enumerate(errors)]
+    def _content(self, found: Posterior) -> dict[str, Any]:
+        space, noise = self._run.space, marker_noise([trial.track for trial in self._run.problem.trials])
+        ends = {share: np.percentile(found.draws, at, axis=0) for share, at in _SHARES.items()}
+        values = {share: [space.to_array(end) for end in both] for share, both in ends.items()}
+        median = space.to_array(np.median(found.draws, axis=0))
+        parameters = {
+            name: {
+                "median": float(median[i]),
+                **{f"interval_{share}": [float(end[i]) for end in both] for share, both in values.items()},
+                "width": float(ends["95"][1][i] - ends["95"][0][i]),
+                "verdict": _verdict(float(ends["95"][1][i] - ends["95"][0][i])),
+            }
+            for i, name in enumerate(space.names)
+        }
+        kept = found.draws[np.linspace(0, len(found.draws) - 1, _KEPT).astype(int)]
         return {
-            "step": STEP,
-            "misfit": best.misfit,
-            "rise": self._settings.rise * best.loss,
-            "effective_count": around.effective_count,
-            "starts_left_out": self._starts_are_seen and not enough,
-            "standard_errors": {
-                name: {"cube": float(e) if np.isfinite(e) else None, "values": v}
-                for name, e, v in zip(self._names, errors, values, strict=True)
-            },
-            "correlations": around.correlations.tolist(),
-            "directions": around.directions(self._names),
-            "normal": around.normal.tolist(),
+            "parameters": parameters,
+            "directions": directions(found.draws, space.names),
+            "determined": found.determined,
+            "noise": noise,
+            "misfit": min(one.misfit for one in (*found.checked, found.lowest)),
+            "draws": np.round(kept, 6).tolist(),
+            "checked": [{"point": one.point.tolist(), "loss": one.loss} for one in found.checked],
         }
 
-    def _summary(self, points: list[ProfilePoint], index: int, rise: float) -> dict[str, Any]:
-        summary = summarize(points, index, self._names, rise)
-        ends = [_value(self._run, index, at) for at in summary["interval"]]
-        return {**summary, "values": ends, "points": [point.as_dict() for point in points]}
-
-    def _lowest(self, state: dict[str, Any]) -> dict[str, Any]:
-        points = [point for summary in state["profiles"].values() for point in summary["points"]]
-        lowest = min(points, key=lambda point: point["loss"])
-        return {"point": lowest["point"], "loss": lowest["loss"]}
-
     def _write(self, state: dict[str, Any]) -> None:
-        state["evaluations"] = self._before + self._evaluate.count
-        self._run.folder.write_json(self._path.name, state)
-        self._write_lowest(state)
-
-    def _write_lowest(self, state: dict[str, Any]) -> None:
-        known = [state[key] for key in ("start", "fit", "lowest") if key in state]
-        lowest = min(known, key=lambda point: point["loss"])
-        place = self._run.folder.path / IDENTIFIED
+        self._run.folder.write_json(IDENTIFIABILITY, state)
+        place, lowest = self._run.folder.path / IDENTIFIED, state["lowest"]
         try:
             write_fit(place, self._run.problem, self._run.space.to_values(lowest["point"]), loss=lowest["loss"])
         except OSError as error:
             raise RunError(f"can't write '{place}': {store.reason(error)}; the same command goes on") from error
 
 
-def _value(run: FinishedRun, index: int, at: float) -> float:
-    point = np.full(len(run.space), 0.5)
-    point[index] = at
-    return float(run.space.to_array(point)[index])
+def _verdict(width: float) -> str:
+    return "identified" if width <= _KNOWN else "not identified" if width >= _OPEN else "weak"
 
 
-def _around(run: FinishedRun, point: NDArray[np.float64], index: int, error: float) -> list[float]:
-    """Values a standard error below and above, cut at the bounds."""
-    return [_value(run, index, float(np.clip(point[index] + sign * error, 0.0, 1.0))) for sign in (-1.0, 1.0)]
+def directions(draws: Array, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Principal axes of sets, the one that is determined best first.
+
+    Args:
+        draws: Points of the unit cube. Shape (K, d).
+        names: Of the parameters.
+
+    Returns:
+        For each the `spread`, the standard deviation along it, relative to that of a parameter that nothing
+        determines, and the `parameters` that hold most of it with their shares of the vector, the largest first.
+    """
+    values, vectors = np.linalg.eigh(np.cov(draws.T))
+    found: list[dict[str, Any]] = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        order = np.argsort(-np.abs(vector))
+        count = int(np.searchsorted(np.cumsum(vector[order] ** 2), _NAMED)) + 1
+        sign = np.sign(vector[order[0]])
+        held = {names[i]: float(sign * vector[i]) for i in order[:count]}
+        found.append({"spread": float(np.sqrt(max(12 * value, 0.0))), "parameters": held})
+    return found
 
 
 def read_study(path: str | Path) -> dict[str, Any]:
