@@ -25,7 +25,7 @@ _CHAINS, _STEPS, _LAST_STEPS, _THINNED = 160, 400, 1600, 20
 _AROUND = 0.06  # per range: first points on both sides of the best one
 _NEAR, _APART, _MOST_NEAR = 2.5, 0.02, 64  # times the lowest loss; per range; points of a run that are taken
 _LEAST_SHARE = 0.2  # of the independent numbers, which count at least
-_SHARPNESS = 0.4
+_SHARPNESS = 0.1
 _UNIFORM = 1 / 12  # variance of a parameter that nothing determines
 
 
