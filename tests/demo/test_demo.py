@@ -251,7 +251,7 @@ def test_an_interrupted_demo_goes_on_with_what_is_missing(short_demo, tmp_path):
 def test_the_whole_demo_finds_the_hidden_fish(tmp_path, capsys):
     out = tmp_path / "out"
     with pytest.raises(SystemExit) as leaving:
-        main(["demo", "--out", str(out), "--quiet"])
+        main(["demo", "--out", str(out), "--budget", "30", "--seed", "0", "--quiet"])
     assert leaving.value.code == 0
     assert capsys.readouterr() == ("", "")
     assert (out / "run" / "report.html").is_file()

@@ -92,7 +92,6 @@ def test_each_method_has_its_optimizer_which_begins_at_the_first_point_of_the_se
 # runs
 
 
-@pytest.mark.slow
 def test_stages_run_and_keep_their_plan(pool, tmp_path):
     calibrate(pool, FISH, CalibrationSettings(method="staged", budget=8, threads=2), tmp_path)
     sources = [entry["note"].get("stage") for entry in record(tmp_path)]

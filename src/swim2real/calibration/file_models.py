@@ -36,7 +36,7 @@ class Note(_Part):
 
     source: Text | None = None
     start: Whole | None = None
-    stage: Whole | None = None
+    stage: Whole | Text | None = None  # of a descent, or its name in a plan of stages
     last: bool = False  # whether it is the last stage
     round: Whole | None = None
     step_size: Number | None = None

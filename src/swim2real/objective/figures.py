@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from swim2real.checking import Number, Positive
 from swim2real.formatting import number
@@ -235,10 +235,16 @@ class TrialFigures(Figures):
     beat_simulated: Beat | None = None
     path_beat_real: Beat | None = None
     path_beat_simulated: Beat | None = None
-    offset: list[list[Fact]] = []
+    offset: list[tuple[Fact, Fact]] = []
     amplitude_real: list[Fact] = []
     amplitude_simulated: list[Fact] = []
     windows: Windows | None = None
+
+    @model_validator(mode="after")
+    def _one_per_marker(self) -> Self:
+        if len(self.amplitude_real) != len(self.amplitude_simulated):
+            raise ValueError("'amplitude_real' and 'amplitude_simulated' differ in length; both have one per marker")
+        return self
 
 
 class FitFigures(Figures):

@@ -42,7 +42,8 @@ class Proposal:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Proposal:
-        return cls(cube_point(content["point"]), content["diagnosis"], content["reasoning"], content["notes"])
+        texts = content.get("diagnosis", ""), content.get("reasoning", "")
+        return cls(cube_point(content["point"]), *texts, content.get("notes", {}))
 
 
 @dataclass(frozen=True)

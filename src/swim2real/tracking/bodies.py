@@ -274,7 +274,8 @@ class BodyTracker:
         fast = seen & (steps > radii)
         if fast.sum() < 3:
             return np.zeros(len(seen), dtype=bool)
-        shutter = np.median(streaks[fast] / steps[fast])
+        seen_streaks = np.where(streaks > BLURRED * radii, streaks, 0.0)  # shorter ones are noise of the moments
+        shutter = np.median(seen_streaks[fast] / steps[fast])
         return fast & (np.abs(streaks - shutter * steps) > np.maximum(6.0, 0.6 * radii))
 
     def _confidence(self, found: _Found) -> Array:
