@@ -15,6 +15,7 @@ import numpy as np
 from race_problems import NAMES, Missing, load
 
 from swim2real.identification.evaluated import evaluated, independent_numbers
+from swim2real.identification.identifiability import interval
 from swim2real.identification.posterior import draw, first_points
 from swim2real.optimizers import Evaluation
 from swim2real.pipeline.methods import make_optimizer
@@ -46,7 +47,7 @@ def covered(race, record, seed):
         seed,
     )
     truth = race.space.to_cube(race.truth)
-    low, first, third, high = np.percentile(posterior.draws, (2.5, 25, 75, 97.5), axis=0)
+    (first, third), (low, high) = (interval(posterior.draws, share) for share in ("50", "95"))
     return (first <= truth) & (truth <= third), (low <= truth) & (truth <= high), high - low
 
 

@@ -113,4 +113,4 @@ def test_it_is_calibrated_reported_and_identified(reference, tmp_path):
     assert "Paths, the first chart" not in page
     run = reopen(tmp_path / "run", reference, ROBOT, 2)
     found = identify(run, IdentifiabilitySettings(rounds=2))
-    assert found["parameters"]["lower_mass"]["verdict"] == "identified"
+    assert found["intervals"]["lower_mass"]["verdict"] == "identified"

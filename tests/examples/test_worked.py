@@ -101,7 +101,7 @@ def test_from_films_to_parameters_as_the_page_says(example, tmp_path):
     assert len((folder / "record.jsonl").read_text().splitlines()) <= 60
     assert max(example.off(found["parameters"]).values()) < BAR
     study = json.loads((folder / "identifiability.json").read_text())
-    verdicts = {name: one["verdict"] for name, one in study["parameters"].items()}
+    verdicts = {name: one["verdict"] for name, one in study["intervals"].items()}
     assert {name for name, verdict in verdicts.items() if verdict != "identified"} == UNTOLD[example.name]
     assert set(study["directions"][-1]["parameters"]) == UNTOLD[example.name]
 
@@ -140,5 +140,5 @@ def test_from_tables_to_parameters_as_the_page_says(tmp_path):
         assert abs(found[name] / hidden - 1) < (1 / 6 if name in WEAK else BAR), name
     outcome = json.loads((folder / "outcome.json").read_text())
     assert outcome["held_out"]["loss"] < 2e-3
-    study = json.loads((folder / "identifiability.json").read_text())["parameters"]
+    study = json.loads((folder / "identifiability.json").read_text())["intervals"]
     assert {one["verdict"] for one in study.values()} == {"identified"}

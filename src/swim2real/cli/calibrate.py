@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from swim2real.cli.options import Positional, RobotOption
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import RunError
-from swim2real.settings import CalibrationSettings, VlmAccess, expand_seeds
+from swim2real.settings import CalibrationSettings, IdentifiabilitySettings, VlmAccess, expand_seeds
 
 if TYPE_CHECKING:
     from swim2real.calibration import Outcome
@@ -111,7 +111,7 @@ def demo(
     """Run the whole pipeline on an embedded example: no data, no network, no key.
 
     Films a 'real' fish with hidden parameters, a finer time step, misplaced markers and glare in a synthetic pool,
-    tracks its markers, calibrates, evaluates on a held-out trial, and writes the report.
+    tracks its markers, calibrates, evaluates on a held-out trial, draws intervals, and writes the report.
 
     Args:
         out: Folder to write.
@@ -124,6 +124,7 @@ def demo(
     from swim2real.api import open_run
     from swim2real.cli import tables
     from swim2real.cli.progress import films_shown
+    from swim2real.cli.study import study_shown
     from swim2real.demo import (
         DEMO_FREQUENCIES,
         FULL_FREQUENCIES,
@@ -133,6 +134,9 @@ def demo(
         fit,
         hidden_values,
     )
+    from swim2real.identification.finished_run import reopen
+    from swim2real.robots.fish import FISH
+    from swim2real.trials import load_reference
 
     began = time.monotonic()
     settings = demo_settings(budget, seed)
@@ -145,11 +149,14 @@ def demo(
         return fit(out, settings, callbacks.progress)
 
     outcome = _watched(work, budget, out / "run", quiet)
+    study = None
+    if outcome is not None:
+        opened = reopen(out / "run", load_reference(out / "reference"), FISH)
+        study = study_shown(opened, IdentifiabilitySettings(), True, quiet)
     code = 1 if outcome is None else _told(outcome, out / "run", quiet, False)
     if not quiet and code == 0:
-        run = open_run(out / "run")
-        effects = run.outcome.sensitivity if run.outcome is not None else None
-        tables.truth(run.values, hidden_values(), {one.name: one.verdict for one in effects or ()})
+        intervals = {name: one["interval_95"] for name, one in study["intervals"].items()} if study else {}
+        tables.truth(open_run(out / "run").values, hidden_values(), intervals)
     if not quiet:
         say(f"The demo took {time.monotonic() - began:.0f} s. Overlays: {out / 'reference' / 'tracks'}")
     return code

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from swim2real.cli.options import From, Positional
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
+from swim2real.parameters import Values
 from swim2real.settings import EvaluationSettings
 
 
@@ -126,6 +128,8 @@ def simulate(
     """Simulate swims and write the markers' paths.
 
     Writes an .npz with times (T,) s, frequencies (F,) Hz, markers (F, T, M, 2) m in the world frame and marker_names.
+    For a run that `identify` studied, speeds and markers of some of the sets that fit as well: markers_of_sets
+    (K, F, T, M, 2) m.
 
     Args:
         parameters: Run folder or parameters file; 'published' for the prior work's values.
@@ -141,25 +145,39 @@ def simulate(
     import numpy as np
 
     from swim2real import api
+    from swim2real.calibration import RunFolder
     from swim2real.cli import tables
     from swim2real.cli.subject import robot_for, values_for
+    from swim2real.errors import EngineError
+    from swim2real.identification.identifiability import sets_that_fit
     from swim2real.store import write_arrays
+    from swim2real.trials import TrialSet
 
     body = robot_for(parameters, robot)
-    values = values_for(parameters, body)
-    trials = api.simulate(
-        values, body, frequency, seconds=seconds, rate=rate, from_rest=from_rest, threads=threads
-    )  # fmt: skip
+
+    def swims(values: Values) -> TrialSet:
+        return api.simulate(values, body, frequency, seconds=seconds, rate=rate, from_rest=from_rest, threads=threads)
+
+    trials, others = swims(values_for(parameters, body)), list[TrialSet]()
+    for values in sets_that_fit(RunFolder(parameters), body) if parameters.is_dir() else ():
+        with suppress(EngineError):  # one of them diverged
+            others.append(swims(values))
     arrays = {
         "times": trials.trials[0].track.times, "frequencies": np.array(frequency),
         "markers": np.stack([trial.track.positions for trial in trials]),
         "marker_names": np.array(body.marker_names),
     }  # fmt: skip
+    speeds = np.array([[trial.track.speed for trial in made] for made in (others or [trials])])
+    spread = [f"{1e3 * low:.0f} to {1e3 * high:.0f}" for low, high in np.percentile(speeds, (5, 95), axis=0).T]
+    if others:
+        arrays["markers_of_sets"] = np.stack([[trial.track.positions for trial in made] for made in others])
     try:
         write_arrays(out, arrays)
     except OSError as error:
         raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
-    tables.table("Simulated", ("swim", "speed mm/s"), [(t.name, tables.millimeters(t.track.speed)) for t in trials])
+    rows = [(t.name, tables.millimeters(t.track.speed), *[ends] * bool(others))
+            for t, ends in zip(trials, spread, strict=True)]  # fmt: skip
+    tables.table("Simulated", ("swim", "speed mm/s", *["90 % of the sets that fit"] * bool(others)), rows)
     say(f"{out}: {len(trials)} swims of {trials.trials[0].track.frame_count} samples")
     return 0
 

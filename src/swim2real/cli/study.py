@@ -5,16 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from swim2real.cli.options import Positional
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings, all_cores
 
+if TYPE_CHECKING:
+    from swim2real.identification.finished_run import FinishedRun
+
 _DIRECTIONS = 4  # that are printed of the best determined ones, and of the others
 _NAMED = 3  # parameters that are named in a cell
-_FAR_ABOVE = 3.0  # times the noise of the markers, from which on intervals are said to be the model error's
 
 
 def identify(
@@ -39,31 +41,13 @@ def identify(
         quiet: Print no progress.
     """
     from swim2real.cli.subject import robot_for
-    from swim2real.cli.tables import progress_console
     from swim2real.identification.finished_run import reopen
-    from swim2real.identification.identifiability import IDENTIFIED, StudyProgress
-    from swim2real.identification.identifiability import identify as study
-    from swim2real.interruption import Interruption
+    from swim2real.identification.identifiability import IDENTIFIED
     from swim2real.trials import load_reference
 
     opened = reopen(run, load_reference(reference), robot_for(run, robot), all_cores(threads))
-    console = progress_console()
-    try:
-        with Interruption() as interruption:
-            begun = time.monotonic()
-
-            def show(progress: StudyProgress) -> None:
-                if not quiet:
-                    left = (time.monotonic() - begun) / progress.evaluations * (progress.most - progress.evaluations)
-                    console.print(
-                        f"{progress.evaluations:5d}/{progress.most}  lowest {1e3 * progress.lowest:.2f} mm, about "
-                        f"{left:.0f} s left"
-                    )
-                interruption.check()
-
-            content = study(opened, settings, again, show)
-    except KeyboardInterrupt:
-        tell(f"interrupted; what is done is kept in '{run}', the same command goes on")
+    content = study_shown(opened, settings, again, quiet)
+    if content is None:
         return 1
     if json:
         say_json(content)
@@ -74,6 +58,34 @@ def identify(
             f"place of the run."
         )
     return 0
+
+
+def study_shown(
+    run: FinishedRun, settings: IdentifiabilitySettings, again: bool, quiet: bool
+) -> dict[str, Any] | None:  # fmt: skip
+    """Studies a run with its progress shown; None when it is interrupted, which is reported."""
+    from swim2real.cli.tables import progress_console
+    from swim2real.identification.identifiability import StudyProgress
+    from swim2real.identification.identifiability import identify as study
+    from swim2real.interruption import Interruption
+
+    console, begun = progress_console(), time.monotonic()
+    try:
+        with Interruption() as interruption:
+
+            def show(progress: StudyProgress) -> None:
+                if not quiet:
+                    left = (time.monotonic() - begun) / progress.evaluations * (progress.most - progress.evaluations)
+                    console.print(
+                        f"{progress.evaluations:5d}/{progress.most}  intervals, lowest {1e3 * progress.lowest:.2f} mm, "
+                        f"about {left:.0f} s left"
+                    )
+                interruption.check()
+
+            return study(run, settings, again, show)
+    except KeyboardInterrupt:
+        tell(f"interrupted; what is done is kept in '{run.folder.path}', swim2real identify goes on with it")
+        return None
 
 
 def ensemble(
@@ -130,24 +142,23 @@ def ensemble(
 def _print(content: Mapping[str, Any]) -> None:
     """The verdicts of a study of identifiability."""
     from swim2real.cli import tables
+    from swim2real.identification.identifiability import EXPLAINED
 
     start, lowest = (1e3 * content[key]["loss"] for key in ("start", "lowest"))
     better = f"; the run's best was at {start:.2f} mm, and the lower one is taken over" if lowest < start else ""
     say(f"Lowest loss: {lowest:.2f} mm{better}.")
-    if content["noise"] and content["misfit"] > _FAR_ABOVE * content["noise"]:
+    if content["noise"] and content["misfit"] > EXPLAINED * content["noise"]:
         say(
-            f"The residual, {1e3 * content['misfit']:.2f} mm (root mean square), is far above the markers' noise, "
-            f"{1e3 * content['noise']:.2f} mm: it is the model's error, and the intervals are as wide as it makes them."
+            f"The residual's root mean square is {1e3 * content['misfit']:.2f} mm, far above the markers' noise of "
+            f"{1e3 * content['noise']:.2f} mm: the model is wrong, or a better fit wasn't found, so no parameter counts as "
+            f"identified. Intervals are as wide as the residual makes them; calibrate longer, with other seeds, or with "
+            f"a model that has more parameters, to narrow them."
         )
     rows = [
-        (
-            name, one["verdict"], f"{one['median']:.3g}", *(
-                f"{low:.3g} to {high:.3g}" for low, high in (one["interval_50"], one["interval_95"])
-            ), f"{100 * one['width']:.0f} %",
-        )
-        for name, one in content["parameters"].items()
+        (name, one["verdict"], "{:.3g} to {:.3g}".format(*one["interval_95"]), f"{100 * one['width']:.0f} %")
+        for name, one in content["intervals"].items()
     ]  # fmt: skip
-    tables.table("Sets that fit", ("parameter", "verdict", "median", "50 %", "95 %", "of range"), rows)
+    tables.table("Sets that fit", ("parameter", "determined", "95 % interval", "of range"), rows)
     found = content["directions"]
     shown = found[:_DIRECTIONS] + found[_DIRECTIONS:][-_DIRECTIONS:]
     tables.table(

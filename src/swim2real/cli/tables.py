@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -134,21 +135,16 @@ def marker_errors(content: FitFigures, names: Sequence[str]) -> None:
     by_marker("Aligned error per marker [mm]", names, ("trial",), (), rows, millimeters)
 
 
-def truth(found: Mapping[str, float], hidden: Mapping[str, float], verdicts: Mapping[str, str]) -> None:
-    """Prints the values that were found beside the ones that were hidden, and whether the loss sees them."""
-    words = {"identified": "yes", "weak": "weakly", "not identified": "no"}
-    table(
-        "Found, and what was hidden",
-        ("parameter", "found", "hidden", "off", "seen in the loss"),
-        [
-            (
-                name, f"{found[name]:.3g}", f"{value:.3g}", f"{100 * (found[name] / value - 1):+.0f} %",
-                words.get(verdicts.get(name, ""), "–"),
-            )
-            for name, value in hidden.items()
-        ],
-    )  # fmt: skip
-    say("What the loss doesn't see, or other values make up for, can be far off: `swim2real identify` tells which.")
+def truth(
+    found: Mapping[str, float], hidden: Mapping[str, float], intervals: Mapping[str, tuple[float, float]]
+) -> None:  # fmt: skip
+    """Prints the values that were found beside the ones that were hidden, and whether intervals hold these."""
+    rows: list[tuple[str, ...]] = []
+    for name, value in hidden.items():
+        low, high = intervals.get(name, (math.nan, math.nan))
+        interval = f"{low:.3g} to {high:.3g}{'' if low <= value <= high else ' (missed)'}" if name in intervals else "–"
+        rows.append((name, f"{found[name]:.3g}", f"{value:.3g}", interval))
+    table("Found, and what was hidden", ("parameter", "found", "hidden", "95 % interval"), rows)
 
 
 def sensitivities(found: Sequence[Sensitivity]) -> None:

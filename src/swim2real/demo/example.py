@@ -115,6 +115,6 @@ def fit(
     folder = Path(out)
     return calibrate(
         load_reference(folder / "reference"), FISH, settings or demo_settings(), folder / "run",
-        source=str(folder / "reference"), resume=(folder / "run" / "settings.json").exists(), sensitivity=True,
+        source=str(folder / "reference"), resume=(folder / "run" / "settings.json").exists(),
         on_progress=on_progress,
     )  # fmt: skip

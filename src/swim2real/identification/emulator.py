@@ -16,20 +16,21 @@ _COMPONENTS = 24
 _FAR = 3.0  # times the lowest misfit, from which on points count less in the choice of the components
 _LENGTHS = (0.05, 5.0)  # per range
 _STEPS = (1.5, 1.25, 1.1)  # factors by which the kernel's numbers are tried, one after the other
-_JITTER = 1e-8
+_JITTER, _RIDGE = 1e-8, 1e-6
 
 
 class Emulator:
     """Mean square of the residual that is to be expected anywhere, from points that were evaluated.
 
     The residual's difference to the best one's is written in its principal components. All have the same covariance, a
-    squared exponential and a linear part with one length per parameter and white noise, chosen by the evidence. The
-    variance of the prediction counts, so what is unknown looks bad, until it is evaluated. (Rasmussen and Williams,
-    Gaussian Processes for Machine Learning, 2006, sections 2.2 and 5.4; Conti and O'Hagan, J. Stat. Plan. Inference
-    140, 640 (2010), for many outputs with one covariance.)
+    squared exponential and a linear part with white noise, chosen by the evidence. It has one length for each of the
+    directions in which the residual changes the least, the next least and so on, since valleys run along combinations
+    of parameters. The variance of the prediction counts, so what is unknown looks bad, until it is evaluated.
+    (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, sections 2.2 and 5.4; Constantine, Active
+    Subspaces, 2015; Conti and O'Hagan, J. Stat. Plan. Inference 140, 640 (2010), for many outputs with one covariance.)
 
     Attributes:
-        kernel: Logarithms of the lengths, of the linear part's slope and of the noise. Shape (d + 2,).
+        kernel: Logarithms of the directions' lengths, of the linear part's slope and of the noise. Shape (d + 2,).
         lowest: Lowest misfit of the points [m].
     """
 
@@ -50,6 +51,7 @@ class Emulator:
         self._outputs = np.einsum("in,kn->ik", changes, basis)
         self._slope = 2 * np.einsum("kn,n->k", basis, best.residual)
         size = self._points.shape[1]
+        self._axes = _directions(self._points - self._center, self._outputs, near**2)
         self.kernel = self._chosen(np.append(np.zeros(size), [0.0, -3.0]) if kernel is None else kernel)
         self._factor = cho_factor(self._covariance(self.kernel), lower=True)
         self._weights = np.asarray(cho_solve(self._factor, self._outputs))
@@ -66,7 +68,7 @@ class Emulator:
     def _between(self, points: Array, kernel: Array) -> tuple[Array, Array]:
         """Covariance with the evaluated points (N, K), and the points' own variance (N,)."""
         lengths, linear = np.exp(kernel[:-2]), np.exp(2 * kernel[-2])
-        here, there = (points - self._center) / lengths, (self._points - self._center) / lengths
+        here, there = ((x - self._center) @ self._axes / lengths for x in (points, self._points))
         product, squares = np.einsum("ia,ja->ij", here, there), np.square(here).sum(axis=1)
         apart = squares[:, None] + np.square(there).sum(axis=1) - 2 * product
         return np.exp(-0.5 * np.maximum(apart, 0.0)) + linear * product, 1 + linear * squares
@@ -101,3 +103,12 @@ class Emulator:
                         kernel, highest = tried, evidence
                         break
         return kernel
+
+
+def _directions(away: Array, changes: Array, weights: Array) -> Array:
+    """Directions in which outputs change the least to the most, in the linear fit to their changes. Shape (d, d)."""
+    away, changes = away * weights[:, None], changes * weights[:, None]
+    square = np.einsum("ia,ib->ab", away, away)
+    ridge = _RIDGE * np.trace(square) * np.eye(len(square))
+    slopes = np.linalg.solve(square + ridge, np.einsum("ia,ik->ak", away, changes))
+    return np.linalg.eigh(np.einsum("ak,bk->ab", slopes, slopes))[1]

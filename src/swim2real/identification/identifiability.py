@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -23,12 +23,17 @@ from swim2real.calibration.convergence import marker_noise
 from swim2real.calibration.file_models import Share
 from swim2real.calibration.loop import write_fit
 from swim2real.calibration.provenance import commit, versions
+from swim2real.calibration.run_folder import RunFolder
 from swim2real.checking import check
 from swim2real.errors import RunError
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated, independent_numbers
 from swim2real.identification.finished_run import FinishedRun
 from swim2real.identification.posterior import BATCH, Posterior, draw, first_points
+from swim2real.parameters import Values
+from swim2real.robots.robot import Robot
 from swim2real.settings import IdentifiabilitySettings
+from swim2real.simulation import Simulator, Swim
+from swim2real.trials import Actuation
 
 Array = NDArray[np.float64]
 
@@ -36,10 +41,14 @@ FORMAT = 2
 IDENTIFIABILITY = "identifiability.json"
 IDENTIFIED = "identified.json"  # the parameters file of the lowest point that was seen
 EVALUATED = "identifiability.npz"  # evaluated points with their residuals, from which an interrupted study goes on
-_SHARES = {"50": (25.0, 75.0), "95": (2.5, 97.5)}  # percentiles at the ends of each interval
+_SHARES = {"50": (25.0, 75.0, 1.0), "95": (2.5, 97.5, 2.0)}  # percentiles of the draws at the ends of each interval,
+# and how many times as far from the median these are: by the coverage of experiments/interval_coverage.py
 _KNOWN, _OPEN = 0.25, 0.8  # of the range: widest 95 % interval of an identified parameter, narrowest of an unknown one
+EXPLAINED = 10.0  # times the noise of the markers, above which the residual is the model's, and nothing is identified
 _NAMED = 0.8  # of a direction's square that its named parameters hold
 _KEPT = 200  # draws in the file
+PREDICTING = 25  # sets whose swims are a prediction
+_FREQUENCIES, _SECONDS, _START_SPEED = 7, 4.0, 0.1  # of their swims; s; m/s, a first guess of the steady cycle
 
 
 class _Point(BaseModel):
@@ -49,15 +58,79 @@ class _Point(BaseModel):
     loss: FiniteFloat
 
 
-class _Study(BaseModel):
-    """The file of a study, as far as it is read again."""
+class Interval(BaseModel):
+    """What the sets that fit say of a parameter, in its unit.
+
+    Attributes:
+        median: Half of the sets have more.
+        interval_50: Holds the middle half of the sets.
+        interval_95: Is as wide as it takes to hold 95 % of known true values.
+        width: Of the latter, as a share of the parameter's range.
+        verdict: identified, weak or not identified.
+    """
+
+    median: FiniteFloat
+    interval_50: tuple[FiniteFloat, FiniteFloat]
+    interval_95: tuple[FiniteFloat, FiniteFloat]
+    width: FiniteFloat
+    verdict: Literal["identified", "weak", "not identified"]
+
+
+class Direction(BaseModel):
+    """A principal axis of the sets that fit.
+
+    Attributes:
+        spread: Standard deviation along it, relative to that of a parameter that nothing determines.
+        parameters: Those that hold most of it, with their shares of the unit vector, the largest first.
+    """
+
+    spread: FiniteFloat
+    parameters: dict[str, FiniteFloat]
+
+
+class PredictedSpeeds(BaseModel):
+    """Steady forward speed over the frequency of the motor, by the sets that fit.
+
+    Attributes:
+        frequencies: F frequencies [Hz].
+        speeds: Ends of the interval that holds 90 % of the sets, and their median [m/s]; F of each.
+    """
+
+    frequencies: list[FiniteFloat]
+    speeds: tuple[list[FiniteFloat], list[FiniteFloat], list[FiniteFloat]]
+
+
+class Study(BaseModel):
+    """The file of a study; what is found is there once it is complete.
+
+    Attributes:
+        complete: Whether it is done.
+        evaluations: Their number so far.
+        start: The run's best point.
+        lowest: The lowest point that run or study came upon.
+        intervals: By parameter.
+        directions: The best determined one first.
+        determined: Number of directions that the trials determine.
+        noise: Noise of the markers [m].
+        misfit: Root of the lowest mean square of the residual [m].
+        draws: Points of the unit cube, as likely as they fit.
+        checked: Points near which the last draws were, with the losses that they had.
+        speeds: What the sets predict, for robots whose trials have a beat.
+    """
 
     format: Literal[2]
     complete: bool
     evaluations: NonNegativeInt
     start: _Point
     lowest: _Point
+    intervals: dict[str, Interval] = {}
+    directions: list[Direction] = []
+    determined: FiniteFloat = 0.0
+    noise: FiniteFloat | None = None
+    misfit: FiniteFloat = 0.0
+    draws: list[list[Share]] = []
     checked: list[_Point] = []
+    speeds: PredictedSpeeds | None = None
 
 
 @dataclass(frozen=True)
@@ -187,28 +260,47 @@ class _Studying:
 
     def _content(self, found: Posterior) -> dict[str, Any]:
         space, noise = self._run.space, marker_noise([trial.track for trial in self._run.problem.trials])
-        ends = {share: np.percentile(found.draws, at, axis=0) for share, at in _SHARES.items()}
+        ends = {share: interval(found.draws, share) for share in _SHARES}
         values = {share: [space.to_array(end) for end in both] for share, both in ends.items()}
         median = space.to_array(np.median(found.draws, axis=0))
-        parameters = {
+        misfit = min(one.misfit for one in (*found.checked, found.lowest))
+        explained = noise is None or misfit <= EXPLAINED * noise
+        intervals = {
             name: {
                 "median": float(median[i]),
                 **{f"interval_{share}": [float(end[i]) for end in both] for share, both in values.items()},
                 "width": float(ends["95"][1][i] - ends["95"][0][i]),
-                "verdict": _verdict(float(ends["95"][1][i] - ends["95"][0][i])),
+                "verdict": _verdict(float(ends["95"][1][i] - ends["95"][0][i]), explained),
             }
             for i, name in enumerate(space.names)
         }
         kept = found.draws[np.linspace(0, len(found.draws) - 1, _KEPT).astype(int)]
         return {
-            "parameters": parameters,
+            "intervals": intervals,
             "directions": directions(found.draws, space.names),
             "determined": found.determined,
             "noise": noise,
-            "misfit": min(one.misfit for one in (*found.checked, found.lowest)),
+            "misfit": misfit,
             "draws": np.round(kept, 6).tolist(),
             "checked": [{"point": one.point.tolist(), "loss": one.loss} for one in found.checked],
+            "speeds": self._predicted(kept),
         }
+
+    def _predicted(self, draws: Array) -> dict[str, Any] | None:
+        """Speeds of steady swims that some of the sets predict, a third beyond the trials' frequencies."""
+        problem = self._run.problem
+        filmed = [trial.nominal_frequency for trial in problem.trials]
+        if not isinstance(problem.simulator, Simulator) or None in filmed:
+            return None
+        known = [frequency for frequency in filmed if frequency is not None]
+        frequencies = np.geomspace(min(known) / 1.3, max(known) * 1.3, _FREQUENCIES).round(3).tolist()
+        swims = [Swim(f"{f:g} Hz", Actuation(f, 0.0, _START_SPEED), _SECONDS) for f in frequencies]
+        sets = [self._run.space.to_values(draw) for draw in draws[:: len(draws) // PREDICTING]]
+        made = problem.simulator.simulate_many(sets, swims)
+        speeds = [[trial.track.speed for trial in trials] for trials in made if not any(t.divergence for t in trials)]
+        if not speeds:
+            return None
+        return {"frequencies": frequencies, "speeds": np.percentile(speeds, (5, 50, 95), axis=0).tolist()}
 
     def _write(self, state: dict[str, Any]) -> None:
         self._run.folder.write_json(IDENTIFIABILITY, state)
@@ -219,8 +311,23 @@ class _Studying:
             raise RunError(f"can't write '{place}': {store.reason(error)}; the same command goes on") from error
 
 
-def _verdict(width: float) -> str:
-    return "identified" if width <= _KNOWN else "not identified" if width >= _OPEN else "weak"
+def interval(draws: Array, share: str) -> Array:
+    """Interval of each parameter in the unit cube that holds that percentage of known true values.
+
+    Args:
+        draws: Points of the unit cube. Shape (K, d).
+        share: Percentage, `50` or `95`.
+
+    Returns:
+        Lower and upper ends. Shape (2, d).
+    """
+    low, high, wider = _SHARES[share]
+    median = np.median(draws, axis=0)
+    return np.clip(median + wider * (np.percentile(draws, (low, high), axis=0) - median), 0.0, 1.0)
+
+
+def _verdict(width: float, explained: bool) -> str:
+    return "not identified" if width >= _OPEN else "identified" if width <= _KNOWN and explained else "weak"
 
 
 def directions(draws: Array, names: Sequence[str]) -> list[dict[str, Any]]:
@@ -245,6 +352,23 @@ def directions(draws: Array, names: Sequence[str]) -> list[dict[str, Any]]:
     return found
 
 
+def sets_that_fit(folder: RunFolder, robot: Robot) -> list[Values]:
+    """Some of the sets that a run's study found to fit, for predictions; none where it wasn't studied.
+
+    Args:
+        folder: Of the run.
+        robot: That it calibrated.
+
+    Raises:
+        RunError: The study is damaged.
+    """
+    path = folder.path / IDENTIFIABILITY
+    if not path.is_file():
+        return []
+    space, draws = replace(robot.space, scale=folder.settings().resolved_scale), read_study(path).get("draws", [])
+    return [space.to_values(draw) for draw in draws[:: max(1, len(draws) // PREDICTING)]]
+
+
 def read_study(path: str | Path) -> dict[str, Any]:
     """The content of an identifiability.json, complete or not.
 
@@ -257,5 +381,5 @@ def read_study(path: str | Path) -> dict[str, Any]:
         raise RunError(f"'{path}' is not there; swim2real identify writes it") from None
     except (OSError, ValueError) as error:
         raise RunError(f"'{path}' can't be read: {error}; begin anew with --again") from error
-    check(_Study, content, f"'{path}'", RunError, "begin anew with --again")
+    check(Study, content, f"'{path}'", RunError, "begin anew with --again")
     return content

@@ -2,7 +2,8 @@
 
 A residual of N independent numbers of which k parameters were fitted has the likelihood exp(-(N - k) S / 2 S0), with
 the sum of squares S, and S0 the lowest one: the noise is what the best fit leaves, model error included, so intervals
-widen with it. N is far below the number of frames, since residuals hang together in time and between markers. Chains
+widen with it. N is far below the number of frames, since residuals hang together in time and between markers; only a
+tenth of it counts, since model error isn't noise, and lets chains cross the ridges between fits. Chains
 walk on an emulator of the residual (differential evolution: ter Braak, Statistics and Computing 16, 239 (2006)); some
 of the points where they are get evaluated, and the emulator is made anew, until it is right there.
 """
@@ -25,7 +26,7 @@ _CHAINS, _STEPS, _LAST_STEPS, _THINNED = 160, 400, 1600, 20
 _AROUND = 0.06  # per range: first points on both sides of the best one
 _NEAR, _APART, _MOST_NEAR = 2.5, 0.02, 64  # times the lowest loss; per range; points of a run that are taken
 _LEAST_SHARE = 0.2  # of the independent numbers, which count at least
-_SHARPNESS = 0.1
+SHARPNESS = 0.1  # share of the independent numbers that counts, by the coverage of experiments/interval_coverage.py
 _UNIFORM = 1 / 12  # variance of a parameter that nothing determines
 
 
@@ -79,11 +80,11 @@ def draw(
     evaluated = [one for one in evaluate(first) if not one.failed]
     size, kernel, checked = first[0].size, None, list[EvaluatedPoint]()
     chains = np.clip(_lowest(evaluated).point + 0.01 * rng.standard_normal((_CHAINS, size)), 0.0, 1.0)
-    determined = float(size)
+    determined, draws = float(size), chains
     for left in reversed(range(rounds + 1)):
         emulator = Emulator(evaluated, kernel)
         count = independent(_lowest(evaluated).residual)
-        weight = _SHARPNESS * max(count - determined, _LEAST_SHARE * count) / emulator.lowest**2
+        weight = SHARPNESS * max(count - determined, _LEAST_SHARE * count) / emulator.lowest**2
         chains, draws = _walk(emulator, weight, chains, _STEPS if left else _LAST_STEPS, rng)
         kernel, determined = emulator.kernel, _determined(draws)
         if left:

@@ -10,6 +10,7 @@ import numpy as np
 
 from swim2real.calibration import SavedTrial
 from swim2real.calibration.convergence import best_losses
+from swim2real.report.determined import Determined, determined
 from swim2real.report.errors import ErrorRow, MarkerErrors, error_rows, marker_errors, warnings
 from swim2real.report.film import Film, films
 from swim2real.report.pages import Charts, PageContext, write_page
@@ -33,6 +34,7 @@ class RunPage(PageContext):
     rows: tuple[ErrorRow, ...]
     errors: tuple[MarkerErrors, ...]
     parameters: tuple[ParameterRow, ...]
+    determined: Determined | None
     rounds: tuple[AdvisorRound, ...]
     calls: CallSection | None
     saved: tuple[SavedTrial, ...]
@@ -67,9 +69,10 @@ def page_context(run: ReportedRun) -> RunPage:
     if run.has_beat:
         charts["speeds"] = partial(speeds, run)
     charts |= {f"error-{one.key}": partial(by_marker, one, run.marker_names, order) for one in errors}
+    found, pairs = determined(run) or (None, {})
     return RunPage(
         title=run.name,
-        charts=charts | trial_charts([one.compared for one in saved], run),
+        charts=charts | pairs | trial_charts([one.compared for one in saved], run),
         run=run,
         warnings=warnings(run),
         everything_diverged=incumbent(run.entries) is None,
@@ -77,6 +80,7 @@ def page_context(run: ReportedRun) -> RunPage:
         rows=error_rows(run),
         errors=errors,
         parameters=parameter_rows(run),
+        determined=found,
         rounds=advisor_rounds(run),
         calls=call_section(run.calls),
         saved=saved,

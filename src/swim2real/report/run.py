@@ -15,6 +15,7 @@ from swim2real.calibration.from_rest import backward_from_rest
 from swim2real.calibration.run_folder import TRIALS
 from swim2real.errors import AdvisorError, RunError
 from swim2real.formatting import listed
+from swim2real.identification.identifiability import IDENTIFIABILITY, Study, read_study
 from swim2real.objective.figures import FitFigures, TrialFigures
 from swim2real.parameters import ParameterSpace
 from swim2real.robots.robot import Robot
@@ -75,6 +76,7 @@ class ReportedRun:
         saved: Trials at the best parameters by frequency and name; empty before a run ends.
         calls: Calls of the advisor; None for a run that made none.
         unfinished: What is missing and why, in sentences; empty for a run that ended.
+        study: What `identify` found of it; None where it wasn't studied.
     """
 
     name: str
@@ -87,6 +89,7 @@ class ReportedRun:
     saved: tuple[SavedTrial, ...]
     calls: RecordedCalls | None
     unfinished: str
+    study: Study | None = None
 
     @cached_property
     def best(self) -> RecordedEvaluation:
@@ -218,6 +221,7 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
         saved=tuple(sorted(saved, key=lambda trial: (trial.compared.frequency or 0.0, trial.compared.name))),
         calls=_read_calls(folder.path, settings, entries),
         unfinished=unfinished,
+        study=Study.model_validate(read_study(study)) if (study := folder.path / IDENTIFIABILITY).is_file() else None,
     )
 
 

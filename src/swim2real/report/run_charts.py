@@ -120,6 +120,12 @@ def by_marker(errors: MarkerErrors, markers: Sequence[str], order: str) -> Figur
 def speeds(run: ReportedRun) -> Figure:
     """Forward speed against the frequency of the beat, real and simulated; held-out trials are open."""
     figure, axes = new_chart(WIDE, 3.1, "frequency of the tail beat (Hz)", "forward speed (mm/s)", legend_rows=1)
+    if run.study is not None and run.study.speeds is not None:
+        ends = 1e3 * np.array(run.study.speeds.speeds)
+        axes.fill_between(
+            run.study.speeds.frequencies, ends[0], ends[2], color=LIGHT["simulated"], alpha=0.18, linewidth=0,
+            label="90 % of the sets that fit",
+        )  # fmt: skip
     first = [(one.frequency or 0.0, 1e3 * one.velocity_simulated)
              for one in run.entries[0].evidence.trials.values() if one.velocity_simulated is not None]  # fmt: skip
     if first and run.best is not run.entries[0]:
