@@ -167,7 +167,6 @@ def test_draws_of_a_linear_problem_have_the_covariance_of_least_squares():
     np.testing.assert_allclose(found.draws[:, :2].mean(axis=0), fit, atol=0.3 * np.sqrt(np.diag(covariance)).max())
     np.testing.assert_allclose(found.draws[:, :2].std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.25)
     assert found.draws[:, 2].std() == pytest.approx(12**-0.5, rel=0.15)
-    assert 1.5 < found.determined < 2.3
 
 
 def test_first_points_are_the_best_others_near_its_loss_and_both_sides():

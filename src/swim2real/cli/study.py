@@ -150,9 +150,9 @@ def _print(content: Mapping[str, Any]) -> None:
     if content["noise"] and content["misfit"] > EXPLAINED * content["noise"]:
         say(
             f"The residual's root mean square is {1e3 * content['misfit']:.2f} mm, far above the markers' noise of "
-            f"{1e3 * content['noise']:.2f} mm: the model is wrong, or a better fit wasn't found, so no parameter counts as "
-            f"identified. Intervals are as wide as the residual makes them; calibrate longer, with other seeds, or with "
-            f"a model that has more parameters, to narrow them."
+            f"{1e3 * content['noise']:.2f} mm: the model is wrong, or a better fit wasn't found, so no parameter "
+            f"counts as identified. Intervals are as wide as the residual makes them; calibrate longer, with other "
+            f"seeds, or with a model that has more parameters, to narrow them."
         )
     rows = [
         (name, one["verdict"], "{:.3g} to {:.3g}".format(*one["interval_95"]), f"{100 * one['width']:.0f} %")

@@ -41,10 +41,10 @@ FORMAT = 2
 IDENTIFIABILITY = "identifiability.json"
 IDENTIFIED = "identified.json"  # the parameters file of the lowest point that was seen
 EVALUATED = "identifiability.npz"  # evaluated points with their residuals, from which an interrupted study goes on
-_SHARES = {"50": (25.0, 75.0, 1.0), "95": (2.5, 97.5, 2.0)}  # percentiles of the draws at the ends of each interval,
-# and how many times as far from the median these are: by the coverage of experiments/interval_coverage.py
+_WIDER = 2.5  # times as wide as the draws' own, 95 % intervals hold 95 % of known truths (interval_coverage.py)
+_SHARES = {"50": (25.0, 75.0, 1.15), "95": (2.5, 97.5, _WIDER)}  # percentiles of the draws, and how much wider
 _KNOWN, _OPEN = 0.25, 0.8  # of the range: widest 95 % interval of an identified parameter, narrowest of an unknown one
-EXPLAINED = 10.0  # times the noise of the markers, above which the residual is the model's, and nothing is identified
+EXPLAINED = 25.0  # times the noise of the markers; residuals of true values are 8 to 20 times as large in the examples
 _NAMED = 0.8  # of a direction's square that its named parameters hold
 _KEPT = 200  # draws in the file
 PREDICTING = 25  # sets whose swims are a prediction
@@ -274,11 +274,12 @@ class _Studying:
             }
             for i, name in enumerate(space.names)
         }
+        axes = directions(found.draws, space.names)
         kept = found.draws[np.linspace(0, len(found.draws) - 1, _KEPT).astype(int)]
         return {
             "intervals": intervals,
-            "directions": directions(found.draws, space.names),
-            "determined": found.determined,
+            "directions": axes,
+            "determined": sum(1 - one["spread"] ** 2 for one in axes),
             "noise": noise,
             "misfit": misfit,
             "draws": np.round(kept, 6).tolist(),
@@ -338,8 +339,8 @@ def directions(draws: Array, names: Sequence[str]) -> list[dict[str, Any]]:
         names: Of the parameters.
 
     Returns:
-        For each the `spread`, the standard deviation along it, relative to that of a parameter that nothing
-        determines, and the `parameters` that hold most of it with their shares of the vector, the largest first.
+        For each the `spread`, the standard deviation along it, as much wider as 95 % intervals are and relative to that
+        of a parameter that nothing determines, and the `parameters` that hold most of it with their shares of the vector, the largest first.
     """
     values, vectors = np.linalg.eigh(np.cov(draws.T))
     found: list[dict[str, Any]] = []
@@ -348,7 +349,7 @@ def directions(draws: Array, names: Sequence[str]) -> list[dict[str, Any]]:
         count = int(np.searchsorted(np.cumsum(vector[order] ** 2), _NAMED)) + 1
         sign = np.sign(vector[order[0]])
         held = {names[i]: float(sign * vector[i]) for i in order[:count]}
-        found.append({"spread": float(np.sqrt(max(12 * value, 0.0))), "parameters": held})
+        found.append({"spread": float(np.sqrt(np.clip(12 * _WIDER**2 * value, 0.0, 1.0))), "parameters": held})
     return found
 
 

@@ -38,13 +38,11 @@ class Posterior:
         draws: Points of the unit cube, as likely as they fit. Shape (K, d).
         checked: Evaluated points among which the chains were in the last rounds.
         lowest: The evaluated point with the lowest loss.
-        determined: Number of parameters, or directions, that the trials determine.
     """
 
     draws: Array
     checked: tuple[EvaluatedPoint, ...]
     lowest: EvaluatedPoint
-    determined: float
 
 
 def first_points(record: Sequence[tuple[Array, float]]) -> list[Array]:
@@ -91,7 +89,7 @@ def draw(
             made = evaluate(list(chains[rng.choice(_CHAINS, BATCH, replace=False)]))
             checked = [one for one in made if not one.failed]
             evaluated += checked
-    return Posterior(draws, tuple(checked), min(evaluated, key=lambda one: one.loss), determined)
+    return Posterior(draws, tuple(checked), min(evaluated, key=lambda one: one.loss))
 
 
 def _lowest(evaluated: Sequence[EvaluatedPoint]) -> EvaluatedPoint:
