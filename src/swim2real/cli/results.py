@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from swim2real.cli.options import From, Positional
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
-from swim2real.parameters import Values
 from swim2real.settings import EvaluationSettings
+
+if TYPE_CHECKING:
+    from swim2real.parameters import Values
 
 
 def evaluate(

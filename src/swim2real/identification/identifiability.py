@@ -340,7 +340,8 @@ def directions(draws: Array, names: Sequence[str]) -> list[dict[str, Any]]:
 
     Returns:
         For each the `spread`, the standard deviation along it, as much wider as 95 % intervals are and relative to that
-        of a parameter that nothing determines, and the `parameters` that hold most of it with their shares of the vector, the largest first.
+        of a parameter that nothing determines, and the `parameters` that hold most of it with their shares of the
+        vector, the largest first.
     """
     values, vectors = np.linalg.eigh(np.cov(draws.T))
     found: list[dict[str, Any]] = []
