@@ -204,6 +204,7 @@ class _Studying:
             "parameters": parameters,
             "directions": directions(found.draws, space.names),
             "determined": found.determined,
+            "weight": found.weight / len(self._run.problem.trials),  # of the mean square of one trial [1/m²]
             "noise": noise,
             "misfit": min(one.misfit for one in (*found.checked, found.lowest)),
             "draws": np.round(kept, 6).tolist(),

@@ -38,12 +38,14 @@ class Posterior:
         checked: Evaluated points among which the chains were in the last rounds.
         lowest: The evaluated point with the lowest loss.
         determined: Number of parameters, or directions, that the trials determine.
+        weight: What the square of the misfit S counts: the likelihood is exp(-weight S² / 2) [1/m²].
     """
 
     draws: Array
     checked: tuple[EvaluatedPoint, ...]
     lowest: EvaluatedPoint
     determined: float
+    weight: float
 
 
 def first_points(record: Sequence[tuple[Array, float]]) -> list[Array]:
@@ -79,7 +81,7 @@ def draw(
     evaluated = [one for one in evaluate(first) if not one.failed]
     size, kernel, checked = first[0].size, None, list[EvaluatedPoint]()
     chains = np.clip(_lowest(evaluated).point + 0.01 * rng.standard_normal((_CHAINS, size)), 0.0, 1.0)
-    determined = float(size)
+    determined, weight = float(size), 0.0
     for left in reversed(range(rounds + 1)):
         emulator = Emulator(evaluated, kernel)
         count = independent(_lowest(evaluated).residual)
@@ -90,7 +92,7 @@ def draw(
             made = evaluate(list(chains[rng.choice(_CHAINS, BATCH, replace=False)]))
             checked = [one for one in made if not one.failed]
             evaluated += checked
-    return Posterior(draws, tuple(checked), min(evaluated, key=lambda one: one.loss), determined)
+    return Posterior(draws, tuple(checked), min(evaluated, key=lambda one: one.loss), determined, weight)
 
 
 def _lowest(evaluated: Sequence[EvaluatedPoint]) -> EvaluatedPoint:
