@@ -153,6 +153,7 @@ def next_trial(
     """
     from swim2real.cli.subject import robot_for
     from swim2real.cli.tables import progress_console
+    from swim2real.deployment.commands import FISH, read_table
     from swim2real.identification.finished_run import reopen
     from swim2real.identification.next_trial import COMMANDS, fitting_sets, judged_trials, write_next
     from swim2real.identification.possible_trials import possible_trials
@@ -164,7 +165,8 @@ def next_trial(
         raise ArgumentError(f"--seed is {seed}; it must be 0 or above")
     opened = reopen(run, load_reference(reference), robot_for(run, robot), all_cores(threads))
     sets, folder, console = fitting_sets(opened), out or run / "next", progress_console()
-    possible, judged = possible_trials(opened.problem, opened.space.to_values(sets.lowest)), list[JudgedTrial]()
+    possible = possible_trials(opened.problem, opened.space.to_values(sets.lowest))
+    judged: list[JudgedTrial] = []
     begun = time.monotonic()
     try:
         with Interruption() as interruption:
@@ -184,8 +186,8 @@ def next_trial(
         say_json(content)
         return 0
     _print_trials(judged)
-    table = folder / COMMANDS
-    say(f"Try its commands without the robot: swim2real deploy {word(table)} --dry-run")
+    motors = "" if FISH in read_table(folder / COMMANDS).columns else " --motors MOTORS.toml"
+    say(f"Its commands, without the robot first: swim2real deploy {word(folder / COMMANDS)}{motors} --dry-run")
     return 0
 
 

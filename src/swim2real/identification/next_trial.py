@@ -95,6 +95,7 @@ def fitting_sets(run: FinishedRun) -> FittingSets:
     study = read_study(path)
     if not study["complete"]:
         raise RunError(f"the study in '{path}' isn't complete; {first}, which goes on with it")
+    study["parameters"] = list(study.get("parameters", ()))  # names, or intervals by name
     for key, value in run.conditions().items():
         if study.get(key) != value:
             raise RunError(

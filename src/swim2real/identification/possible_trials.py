@@ -5,7 +5,7 @@ They ask for no more than the filmed ones did, or than the robot file allows a p
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -63,7 +63,7 @@ def possible_trials(problem: Problem, values: Values) -> list[PossibleTrial]:
     Raises:
         RunError: Nothing drives the robot, or its controls never changed.
     """
-    robot, filmed = problem.robot, problem.trials
+    robot = problem.robot
     repeats = [
         PossibleTrial(f"repeat {one.trial.name}", one.trial, one.request, _columns(robot, one.trial, _frequency(one)))
         for one in problem.prepared
@@ -76,10 +76,10 @@ def possible_trials(problem: Problem, values: Values) -> list[PossibleTrial]:
         new = []
     if not new:
         raise RunError(
-            f"nothing drives robot '{robot.name}' in its {len(filmed)} trials, or always in the same way, so there is "
+            f"nothing drives robot '{robot.name}' in its {len(repeats)} trials, or always in the same way, so there is "
             f"no other trial to command; film one that begins elsewhere"
         )
-    return [one for one in new if _allowed(robot, one.columns, [repeat.columns for repeat in repeats])] + repeats
+    return new + repeats
 
 
 def column_names(robot: Robot, actuators: Mapping[str, Array]) -> dict[str, Array]:
@@ -107,7 +107,7 @@ def _columns(robot: Robot, trial: Trial, frequency: float) -> dict[str, Array]:
     }
 
 
-def _allowed(robot: Robot, columns: Mapping[str, Array], filmed: list[Mapping[str, Array]]) -> bool:
+def _allowed(robot: Robot, columns: Mapping[str, Array], filmed: Sequence[Mapping[str, Array]]) -> bool:
     """Whether no command is beyond both the robot file's limits of a policy and what was filmed."""
     limits: Mapping[str, CommandLimits] = {} if robot.policy is None else robot.policy.actuators
     for name, limit in limits.items():
@@ -142,9 +142,12 @@ def _unit(robot: Robot, actuator: str) -> str:
 def _beats(problem: Problem, values: Values) -> Iterator[PossibleTrial]:
     """Beats at other frequencies."""
     first = problem.prepared[0]
-    trial, filmed = first.trial, [_frequency(one) for one in problem.prepared]
+    trial, filmed = first.trial, sorted(_frequency(one) for one in problem.prepared)
+    told = [_columns(problem.robot, trial, frequency) for frequency in filmed]
+    faster = np.geomspace(filmed[-1], _FASTER * filmed[-1], _FREQUENCIES)
+    highest = max(f for f in faster if _allowed(problem.robot, _columns(problem.robot, trial, f), told))
     track = _nowhere(trial)
-    for frequency in np.geomspace(_SLOWER * min(filmed), _FASTER * max(filmed), _FREQUENCIES):
+    for frequency in np.geomspace(_SLOWER * filmed[0], highest, _FREQUENCIES):
         asked = Trial(_NAME, track, float(frequency))
         if isinstance(first.request, Swim):
             request: Any = replace(first.request, actuation=replace(first.request.actuation, frequency=frequency))
