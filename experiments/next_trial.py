@@ -7,7 +7,8 @@ trial, made of the hidden values as the others were (camera, noise, and what the
 proposed one, some at random among the other new ones, and a repetition. Prints for each the volume of the sets, the
 product of their standard deviations along their principal axes, relative to that before: as expected, and as drawn.
 Also, how far the hidden values are from the sets' middle, as the root mean square over parameters, in shares of the
-ranges. As a trial's weight follows from what fits leave, it may change with the new trial, and the volume with it.
+ranges. A trial's weight follows from what fits leave, so it changes with a new trial that the model
+explains worse, and the volume with it; the third number is without that.
 """
 
 import argparse
@@ -85,7 +86,8 @@ def report(race, a):
         sharper = after.weight / len(more.trials) / sets.weight
         got = np.exp(volume(after.draws) - volume(before.draws))
         print(
-            f"{race.name}: {kind}, {one.possible.label}: expected {one.volume:.3g}, drawn {got:.3g} "
+            f"{race.name}: {kind}, {one.possible.label}: expected {one.volume:.3g}, drawn {got:.3g}, with the weight as "
+            f"before {got * sharper ** (after.determined / 2):.3g} "
             f"(a trial's weight {sharper:.2g} times that before; {after.determined:.1f} determined; off by "
             f"{off(after.draws, truth):.3f})",
             flush=True,

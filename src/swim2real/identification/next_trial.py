@@ -37,7 +37,8 @@ Array = NDArray[np.float64]
 
 FORMAT = 1
 NEXT, COMMANDS = "next.json", "next.csv"
-_SETS, _MORE = 40, 8  # sets that are compared; at least twice the parameters and so many more
+_FEWEST = 8  # sets, beyond twice the parameters
+_SETS, _EACH = 40, 5  # sets that are compared: so many, or so many times the parameters where that is more
 _BATCH = 8  # sets between two looks at whether to stop
 _MOST_FAILED = 1 / 3  # of the sets
 _FLOOR = 1e-6  # of the largest spread, below which a direction isn't one
@@ -104,9 +105,9 @@ def fitting_sets(run: FinishedRun) -> FittingSets:
             )
     fitting = check(_Fitting, study, f"'{path}'", RunError, f"{first}, with --again")
     size, points = len(run.space), [*fitting.draws, study["lowest"]["point"]]
-    if any(len(point) != size for point in points) or len(points) <= 2 * size + _MORE:
+    if any(len(point) != size for point in points) or len(points) <= 2 * size + _FEWEST:
         raise RunError(
-            f"'{path}' has {len(points) - 1} sets; there must be {2 * size + _MORE} or more, each of {size} numbers; "
+            f"'{path}' has {len(points) - 1} sets; there must be {2 * size + _FEWEST} or more, each of {size} numbers; "
             f"{first}, with --again"
         )
     return FittingSets(np.array(fitting.draws), np.array(points[-1]), fitting.weight)
@@ -125,7 +126,7 @@ def judged_trials(
         seed: Decides which of the sets are compared.
         pause: Called every few seconds; what it raises ends the judging.
     """
-    count = min(len(sets.draws), max(_SETS, 2 * len(run.space) + _MORE))
+    count = min(len(sets.draws), max(_SETS, _EACH * len(run.space)))
     spacing = len(sets.draws) / count
     places = (np.arange(count) + np.random.default_rng(seed).random()) * spacing
     chosen = list(sets.draws[places.astype(int)])
