@@ -55,7 +55,7 @@ COMMANDS = (
     "quality tracks --robot arm.toml", "calibrate tracks --robot arm.toml --out new", "evaluate run --reference tracks",
     "evaluate run/best.json --reference tracks", "overlay run --reference tracks --out o",
     "simulate run --frequency 1 --out s.npz", "report run", "view run --film v.mp4", "identify run --reference tracks",
-    "ensemble run --reference tracks --out e.json", "export-model run --out m.xml",
+    "ensemble run --reference tracks --out e.json", "next run --reference tracks", "export-model run --out m.xml",
     "train forward --parameters run --out new", "rollout robot-policy", "rollout task-policy",
     "export-commands robot-policy --seconds 1 --out c.csv", "export-commands task-policy --seconds 1 --out c.csv",
 )  # fmt: skip

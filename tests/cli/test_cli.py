@@ -26,7 +26,7 @@ from swim2real.simulation import Engine
 COMMANDS = (
     "board", "calibrate", "check", "compare", "cut", "demo", "deploy", "ensemble", "evaluate", "export-commands",
     "export-model", "fetch", "identify", "import-recording", "import-tracks", "init",
-    "overlay", "pick", "quality", "report", "rollout", "simulate", "track", "train", "view",
+    "next", "overlay", "pick", "quality", "report", "rollout", "simulate", "track", "train", "view",
 )  # fmt: skip
 FIGURES = {  # promised of `evaluate --json`
     "marker_error", "aligned_marker_error", "shape_error", "static_offset", "velocity_error", "left_out_share",

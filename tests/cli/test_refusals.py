@@ -45,7 +45,7 @@ REFUSALS = [
     ("chek", 2, "there is no command 'chek'; did you mean 'check'? There are "),
     ("import", 2, "did you mean 'import-tracks' or 'import-recording'?"),
     ("export_model", 2, "did you mean 'export-model'?"),
-    # calibrate, identify, ensemble
+    # calibrate, identify, next, ensemble
     ("calibrate {PENDULUM} --out new --budget 0", 2, "budget is 0", "at least 1"),
     ("calibrate {PENDULUM} --out new --seeds 5:5", 2, "seeds has '5:5'"),
     ("calibrate {PENDULUM} --out new --advisor openai:any", 2, "no key for 'openai:any'", "OPENAI_API_KEY"),
@@ -61,6 +61,8 @@ REFUSALS = [
      "`swim2real track films/a.mp4 films/b.MOV --markers a.points.json b.points.json --to REFERENCE`"),
     ("identify empty --reference {POOL}", 2, "'empty' is no run folder"),
     ("identify run --reference {POOL} --rounds 0", 2, "rounds is 0", "at least 1"),
+    ("next empty --reference {POOL}", 2, "'empty' is no run folder"),
+    ("next run --reference {POOL} --seed -1", 2, "--seed is -1", "0 or above"),
     ("ensemble run --reference {POOL} --out gone/e.json", 2, "gone", "is not there, make it first"),
     # evaluate, simulate, export-model
     ("evaluate gone --reference {POOL}", 2, "'gone' is not there"),

@@ -1,4 +1,4 @@
-"""`identify` and `ensemble` on a run of the fish, `calibrate --seeds`, and `report` of several runs."""
+"""`identify`, `ensemble` and `next` on a run of the fish, `calibrate --seeds`, and `report` of several runs."""
 
 import json
 import signal
@@ -76,6 +76,27 @@ def test_the_best_of_several_seeds_is_copied_and_goes_on(program, pendulum_folde
     assert RunFolder(tmp_path / "run-seed-5").outcome() is not None
     reference = json.loads((out / "settings.json").read_text())["reference"]
     assert (out / reference / "reference.json").is_file()  # found from where the copy lies
+
+
+@pytest.mark.slow
+def test_a_studied_run_gets_commands_a_chart_and_a_table_of_trials(program, pendulum_folder, tmp_path):
+    run, about = tmp_path / "run", ("--reference", pendulum_folder / "tracks", "--quiet")
+    program(*words(pendulum_folder, run, "--quiet")).done()
+    assert program("next", tmp_path, *about).sentence(2).startswith(f"'{tmp_path}' is no run folder")
+    assert f"run swim2real identify {run} first" in program("next", run, *about).sentence(1)
+    program("identify", run, "--rounds", 1, *about).done()
+    program("next", run, *about).done()
+    assert "What would be left" in program.out
+    assert f"swim2real deploy {run / 'next' / 'next.csv'} --motors" in program.out
+    assert sorted(path.name for path in (run / "next").iterdir()) == ["next.csv", "next.json", "next.png"]
+    assert program("next", run, "--json", "--out", tmp_path / "o", *about).done().json["candidates"][0]["volume"] < 1
+    begun = process("next", run, *about[:2])
+    next(line for line in begun.stderr if " s left" in line)
+    begun.send_signal(signal.SIGINT)
+    out, err = begun.communicate(timeout=60)
+    assert begun.returncode == 1
+    assert "trials; nothing is written" in err
+    assert "What would be left" in out
 
 
 @pytest.mark.slow

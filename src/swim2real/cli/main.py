@@ -26,7 +26,7 @@ from swim2real.cli.policy import export_commands, rollout, train
 from swim2real.cli.recording import import_recording
 from swim2real.cli.results import evaluate, overlay, report, simulate
 from swim2real.cli.robot import check, export_model, init
-from swim2real.cli.study import ensemble, identify
+from swim2real.cli.study import ensemble, identify, next_trial
 from swim2real.cli.terminal import LogLine, say, tell, warning_line
 from swim2real.cli.view import view
 from swim2real.errors import ArgumentError, Swim2RealError
@@ -44,7 +44,7 @@ COMMANDS: dict[str, dict[str, Command]] = {
     "Calibration": {"calibrate": calibrate, "compare": compare},
     "Results": {
         "view": view, "evaluate": evaluate, "overlay": overlay, "simulate": simulate, "report": report,
-        "identify": identify, "ensemble": ensemble, "export-model": export_model,
+        "identify": identify, "ensemble": ensemble, "next": next_trial, "export-model": export_model,
     },
     "Policies": {"train": train, "rollout": rollout, "export-commands": export_commands, "deploy": deploy},
 }  # fmt: skip

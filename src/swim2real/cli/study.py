@@ -1,19 +1,20 @@
-"""`identify` and `ensemble`: studies of runs."""
+"""`identify`, `ensemble` and `next`: studies of runs."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swim2real.cli.options import Positional
+from swim2real.cli.options import Positional, word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError
 from swim2real.settings import EnsembleSettings, IdentifiabilitySettings, all_cores
 
 if TYPE_CHECKING:
     from swim2real.identification.finished_run import FinishedRun
+    from swim2real.identification.next_trial import JudgedTrial
 
 _DIRECTIONS = 4  # that are printed of the best determined ones, and of the others
 _NAMED = 3  # parameters that are named in a cell
@@ -137,6 +138,85 @@ def ensemble(
     )
     say(f"Written: {out}")
     return 0
+
+
+def next_trial(
+    run: Positional[Path], *, reference: Path, robot: str | None = None, out: Path | None = None, threads: int = 0,
+    seed: int = 0, json: bool = False, quiet: bool = False,
+) -> int:  # fmt: skip
+    """Propose the trial to film next: the one that would narrow the sets that fit the most.
+
+    Reads a run folder that `identify` has studied, and its reference. Simulates each possible trial, another beat or
+    another motion of the actuators, with 40 or more of the sets: what differs between them is what the trial would
+    tell. Writes into --out next.json with all trials, next.csv with the commands of the proposed one for `deploy`, and
+    next.png. Takes a minute or two. Ctrl-C prints what is known so far and writes nothing.
+
+    Args:
+        run: Run folder with a study by `identify`.
+        reference: Folder with the real trials that the run was made with.
+        robot: Robot file, if it has moved since the run was written.
+        out: Folder to write; by default `next` in the run folder.
+        threads: Simulations in parallel; 0 for all cores. Results don't depend on it.
+        seed: Decides which of the sets are compared.
+        json: Print JSON.
+        quiet: Print no progress.
+    """
+    from swim2real.cli.subject import robot_for
+    from swim2real.cli.tables import progress_console
+    from swim2real.deployment.commands import FISH, read_table
+    from swim2real.identification.finished_run import reopen
+    from swim2real.identification.next_trial import COMMANDS, fitting_sets, judged_trials, write_next
+    from swim2real.identification.possible_trials import possible_trials
+    from swim2real.interruption import Interruption
+    from swim2real.report.next_chart import write_chart
+    from swim2real.trials import load_reference
+
+    if seed < 0:
+        raise ArgumentError(f"--seed is {seed}; it must be 0 or above")
+    opened = reopen(run, load_reference(reference), robot_for(run, robot), all_cores(threads))
+    sets, folder, console = fitting_sets(opened), out or run / "next", progress_console()
+    possible = possible_trials(opened.problem, opened.space.to_values(sets.lowest))
+    judged: list[JudgedTrial] = []
+    begun = time.monotonic()
+    try:
+        with Interruption() as interruption:
+            for one in judged_trials(opened, sets, possible, seed, interruption.check):
+                judged.append(one)
+                left = (time.monotonic() - begun) / len(judged) * (len(possible) - len(judged))
+                if not quiet:
+                    said = one.reason or f"{100 * one.volume:.0f} % of the volume"
+                    console.print(f"{len(judged):3d}/{len(possible)}  {one.possible.label}: {said}, {left:.0f} s left")
+    except KeyboardInterrupt:
+        _print_trials(judged)
+        tell(f"interrupted after {len(judged)} of {len(possible)} trials; nothing is written")
+        return 1
+    content = write_next(folder, opened, judged)
+    write_chart(folder, content["candidates"])
+    if json:
+        say_json(content)
+        return 0
+    _print_trials(judged)
+    motors = "" if FISH in read_table(folder / COMMANDS).columns else " --motors MOTORS.toml"
+    say(f"Its commands, without the robot first: swim2real deploy {word(folder / COMMANDS)}{motors} --dry-run")
+    return 0
+
+
+def _print_trials(judged: Sequence[JudgedTrial]) -> None:
+    """Possible trials, the one that tells the most first."""
+    from swim2real.cli import tables
+
+    def shrunk(widths: Mapping[str, float]) -> str:
+        most = sorted(widths, key=lambda name: widths[name])[:_NAMED]
+        return ", ".join(f"{name} {100 * widths[name]:.0f} %" for name in most)
+
+    told = sorted((one for one in judged if not one.reason), key=lambda one: one.volume)
+    rows = [(one.possible.label, f"{100 * one.volume:.0f} %", shrunk(one.widths)) for one in told]
+    if rows:
+        tables.table("What would be left", ("trial", "of the volume", "of the widths that shrink most"), rows)
+    left_out = [one for one in judged if one.reason]
+    if left_out:
+        names = ", ".join(one.possible.label for one in left_out)
+        say(f"Left out: {names}; of the first, {left_out[0].reason}.")
 
 
 def _print(content: Mapping[str, Any]) -> None:

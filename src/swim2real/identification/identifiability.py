@@ -113,6 +113,7 @@ class Study(BaseModel):
         determined: Number of directions that the trials determine.
         noise: Noise of the markers [m].
         misfit: Root of the lowest mean square of the residual [m].
+        weight: What the mean square of one trial's residual counts in the draws' likelihood [1/m²].
         draws: Points of the unit cube, as likely as they fit.
         checked: Points near which the last draws were, with the losses that they had.
         speeds: What the sets predict, for robots whose trials have a beat.
@@ -128,6 +129,7 @@ class Study(BaseModel):
     determined: FiniteFloat = 0.0
     noise: FiniteFloat | None = None
     misfit: FiniteFloat = 0.0
+    weight: FiniteFloat = 0.0
     draws: list[list[Share]] = []
     checked: list[_Point] = []
     speeds: PredictedSpeeds | None = None
@@ -280,6 +282,7 @@ class _Studying:
             "intervals": intervals,
             "directions": axes,
             "determined": sum(1 - one["spread"] ** 2 for one in axes),
+            "weight": found.weight / len(self._run.problem.trials),  # of the mean square of one trial [1/m²]
             "noise": noise,
             "misfit": misfit,
             "draws": np.round(kept, 6).tolist(),

@@ -38,11 +38,13 @@ class Posterior:
         draws: Points of the unit cube, as likely as they fit. Shape (K, d).
         checked: Evaluated points among which the chains were in the last rounds.
         lowest: The evaluated point with the lowest loss.
+        weight: What the square of the misfit S counts: the likelihood is exp(-weight S² / 2) [1/m²].
     """
 
     draws: Array
     checked: tuple[EvaluatedPoint, ...]
     lowest: EvaluatedPoint
+    weight: float
 
 
 def first_points(record: Sequence[tuple[Array, float]]) -> list[Array]:
@@ -78,7 +80,7 @@ def draw(
     evaluated = [one for one in evaluate(first) if not one.failed]
     size, kernel, checked = first[0].size, None, list[EvaluatedPoint]()
     chains = np.clip(_lowest(evaluated).point + 0.01 * rng.standard_normal((_CHAINS, size)), 0.0, 1.0)
-    determined, draws = float(size), chains
+    determined, draws, weight = float(size), chains, 0.0
     for left in reversed(range(rounds + 1)):
         emulator = Emulator(evaluated, kernel)
         count = independent(_lowest(evaluated).residual)
@@ -89,7 +91,7 @@ def draw(
             made = evaluate(list(chains[rng.choice(_CHAINS, BATCH, replace=False)]))
             checked = [one for one in made if not one.failed]
             evaluated += checked
-    return Posterior(draws, tuple(checked), min(evaluated, key=lambda one: one.loss))
+    return Posterior(draws, tuple(checked), min(evaluated, key=lambda one: one.loss), weight)
 
 
 def _lowest(evaluated: Sequence[EvaluatedPoint]) -> EvaluatedPoint:
