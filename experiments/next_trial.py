@@ -13,6 +13,7 @@ explains worse, and the volume with it; the third number is without that.
 
 import argparse
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -33,10 +34,7 @@ KEPT, AGAIN = 200, 48  # draws, as a study keeps them; those with which the sets
 def drawn(problem, space, first, rounds, seed):
     """Sets that fit."""
     blocks = problem.blocks()
-
-    def independent(residual):
-        return independent_numbers(residual, blocks)
-
+    independent = partial(independent_numbers, blocks=blocks)
     return draw(lambda points: evaluated(problem, space, points), first, independent, rounds, seed)
 
 
@@ -63,8 +61,9 @@ def report(race, a):
     problem, space, rng = race.problem, race.space, np.random.default_rng(a.seed)
     first = first_points(searched(race, a.seed, a.evaluations))
     before = drawn(problem, space, first, a.rounds, a.seed)
-    kept = before.draws[np.linspace(0, len(before.draws) - 1, KEPT).astype(int)]
-    sets = FittingSets(kept, before.lowest.point, before.weight / len(problem.trials))
+    sets = FittingSets(
+        before.draws[:: len(before.draws) // KEPT], before.lowest.point, before.weight / len(problem.trials)
+    )
     possible = possible_trials(problem, space.to_values(sets.lowest))
     run = SimpleNamespace(problem=problem, space=space)
     judged = [one for one in judged_trials(run, sets, possible, a.seed) if not one.reason]
@@ -74,22 +73,19 @@ def report(race, a):
     )
     chosen = [("proposed", ranked[0]), *(("random", new[i]) for i in rng.permutation(len(new))[: a.random])]
     chosen += [("repetition", repeats[rng.integers(len(repeats))])]
-    for one in ranked:
-        print(f"    {one.possible.label}: {one.volume:.3g}", flush=True)
+    print("; ".join(f"{one.possible.label}: {one.volume:.3g}" for one in ranked), flush=True)
     truth = space.to_cube(race.truth)
-    known = f"{before.determined:.1f} of {len(space)} determined; off by {off(before.draws, truth):.3f}"
-    print(f"{race.name}: {known}", flush=True)
+    print(f"{race.name}: {before.determined:.1f} of {len(space)} determined; off by {off(before.draws, truth):.3f}")
     for kind, one in chosen:
         more = enlarged(race, one.possible, 1000 + a.seed)
         again = [before.lowest.point, *before.draws[rng.choice(len(before.draws), AGAIN, replace=False)]]
         after = drawn(more, space, [*again, *first_points([(before.lowest.point, 1.0)])[1:]], a.again, a.seed)
         sharper = after.weight / len(more.trials) / sets.weight
         got = np.exp(volume(after.draws) - volume(before.draws))
+        same = got * sharper ** (after.determined / 2)
+        print(f"{race.name}: {kind}, {one.possible.label}: expected {one.volume:.3g}, drawn {got:.3g}, with the weight")
         print(
-            f"{race.name}: {kind}, {one.possible.label}: expected {one.volume:.3g}, drawn {got:.3g}, with the weight as "
-            f"before {got * sharper ** (after.determined / 2):.3g} "
-            f"(a trial's weight {sharper:.2g} times that before; {after.determined:.1f} determined; off by "
-            f"{off(after.draws, truth):.3f})",
+            f"    as before {same:.3g}; weight {sharper:.2f} of before, off by {off(after.draws, truth):.3f}",
             flush=True,
         )
 

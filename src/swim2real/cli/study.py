@@ -137,9 +137,9 @@ def next_trial(
     """Propose the trial to film next: the one that would narrow the sets that fit the most.
 
     Reads a run folder that `identify` has studied, and its reference. Simulates each possible trial, another beat or
-    another motion of the actuators, with 40 or more of the sets: what differs between them is what the trial would tell. Writes
-    into --out next.json with all trials, next.csv with the commands of the proposed one for `deploy`, and next.png.
-    Takes a minute or two. Ctrl-C prints what is known so far and writes nothing.
+    another motion of the actuators, with 40 or more of the sets: what differs between them is what the trial would
+    tell. Writes into --out next.json with all trials, next.csv with the commands of the proposed one for `deploy`, and
+    next.png. Takes a minute or two. Ctrl-C prints what is known so far and writes nothing.
 
     Args:
         run: Run folder with a study by `identify`.
