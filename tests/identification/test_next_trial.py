@@ -88,17 +88,14 @@ def test_of_a_pendulum_that_hung_still_a_new_motion_is_proposed_and_sent(studied
     possible = possible_trials(studied.problem, studied.space.to_values(sets.lowest))
     judged = list(judged_trials(studied, sets, possible))
     content = write_next(tmp_path / "next", studied, judged)
-    best, repeat = (
-        content["candidates"][0],
-        next(one for one in content["candidates"] if one["label"] == "repeat still"),
-    )
+    best = content["candidates"][0]
+    repeat = next(one for one in content["candidates"] if one["label"] == "repeat still")
     assert best["label"].startswith("torque: ")
     assert best["volume"] < 0.5 * repeat["volume"]
     assert 2 ** (-3 / 2) < 1.05 * repeat["volume"] < 0.8  # twice the same, for up to three parameters
     assert set(best["widths"]) == set(PENDULUM_SPACE.names)
     assert json.loads((tmp_path / "next" / "next.json").read_text()) == content
     table = read_table(tmp_path / "next" / "next.csv")
-    assert table.columns == ("torque_Nm",)
     chosen = next(one for one in possible if one.label == best["label"])
     np.testing.assert_allclose(table.column("torque_Nm"), chosen.columns["torque"])
     assert np.abs(table.column("torque_Nm")).max() <= 0.03
@@ -148,6 +145,5 @@ def test_beats_of_the_fish_are_sent_as_speeds(pool, tmp_path):
     possible = possible_trials(problem, FISH.space.published)
     judged = list(judged_trials(run, sets, possible[:1] + possible[-1:]))
     content = write_next(tmp_path, run, judged)
-    assert {one["label"][:6] for one in content["candidates"]} > {"repeat"}
     assert all(0 < one["volume"] < 1 for one in content["candidates"])
     assert read_table(tmp_path / "next.csv").columns == (COLUMN,)
