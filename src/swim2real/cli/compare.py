@@ -31,7 +31,7 @@ def compare(
         settings: What is compared.
         access: Access to VLMs, for --methods line-search@PROVIDER:MODEL and the like.
         out: Folder to write.
-        robot: As for calibrate: fish, fish-extended, or a robot file.
+        robot: As for calibrate: fish, fish-extended, fish-rolling, or a robot file.
         json: Print the results as JSON.
         quiet: Print no progress.
     """

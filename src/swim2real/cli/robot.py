@@ -76,7 +76,7 @@ def check(robot: Positional[str], *, reference: Path | None = None, out: Path | 
     changes nothing, the model doesn't compile at a bound, or the trials of --reference don't fit. Takes some seconds.
 
     Args:
-        robot: Robot file, or the name of a robot: fish, fish-extended.
+        robot: Robot file, or the name of a robot: fish, fish-extended, fish-rolling.
         reference: Folder with real trials, whose controls are used; by default the robot is moved by invented ones.
         out: Picture of the markers to write (PNG); by default beside the robot file.
         threads: Simulations in parallel; 0 for all cores. Results don't depend on it.

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ROBOTS", "load_robot", "recorded_robot", "robot_file"]
 
-ROBOTS = ("fish", "fish-extended")
+ROBOTS = ("fish", "fish-extended", "fish-rolling")
 _log = logging.getLogger(__name__)
 
 
@@ -36,9 +36,9 @@ def load_robot(
     if str(name) in ROBOTS:
         if Path(f"{name}.toml").is_file():
             _log.warning("'%s' is the robot that comes with swim2real; for your file say '%s.toml'", name, name)
-        from swim2real.robots.fish import FISH, FISH_EXTENDED  # MuJoCo takes a while to import
+        from swim2real.robots.fish import FISH, FISH_EXTENDED, FISH_ROLLING  # MuJoCo takes a while to import
 
-        return next(robot for robot in (FISH, FISH_EXTENDED) if robot.name == str(name))
+        return next(robot for robot in (FISH, FISH_EXTENDED, FISH_ROLLING) if robot.name == str(name))
     if Path(name).suffix != ".toml":
         raise ArgumentError(f"there is no robot '{name}'; there are {', '.join(ROBOTS)}, or give a robot file (.toml)")
     from swim2real.robots.file import robot_from_file

@@ -37,7 +37,8 @@ value = 1e-3                           by default what the model has
 targets = ['joint "knuckle" damping']  or {to = ..., factor = 1.0, offset = 0.0, relative = true}
 ```
 
-A file that says `extends = "OTHER.toml"` takes over what it doesn't say itself, and adds its parameters.
+A file that says `extends = "OTHER.toml"` takes over what it doesn't say itself, and adds its parameters; with these a
+`response` that was measured without them isn't taken over.
 """
 
 from __future__ import annotations
@@ -278,6 +279,8 @@ def read_content(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, An
             if isinstance(base.get(key), dict) and isinstance(content.get(key), dict):
                 merged[key] = {**base[key], **content[key]}
         lists = base.get("parameters", []), content.get("parameters", [])
+        if lists[1] and "response" not in content.get("swims", {}) and isinstance(merged.get("swims"), dict):
+            merged["swims"] = {key: value for key, value in merged["swims"].items() if key != "response"}
         if all(isinstance(parameters, list) for parameters in lists):
             merged["parameters"] = [*lists[0], *lists[1]]
         content = merged

@@ -66,15 +66,18 @@ _DORSAL_FIN_THICKNESS = 0.003
 _WET = "wet"  # default class of the parts that feel the water
 
 
-def fish_model() -> mujoco.MjSpec:
+def fish_model(hinges: str = "xyz") -> mujoco.MjSpec:
     """The fish with an arm of no length and without any parameter's value.
+
+    Args:
+        hinges: Order of the hinges on which the hull turns, the first about an axis of the world.
 
     Returns:
         A spec with bodies fish, motor and tail0 to tail4, a velocity actuator on the motor [rad/s], and sites M0 to M8.
     """
     spec = _world()
     spec.add_default(_WET, spec.default)
-    fish = _front(spec)
+    fish = _front(spec, hinges)
     _motor(spec, fish)
     _tail(spec, fish)
     _tendons(spec)
@@ -92,15 +95,33 @@ def fish_model() -> mujoco.MjSpec:
     return spec
 
 
-def extended_model() -> mujoco.MjSpec:
+def rolling_model() -> mujoco.MjSpec:
+    """The fish as `extended_model` makes it, free to roll about its own long axis.
+
+    Its hinges have the order z, y, x, so that roll stays roll when the course turns. Names of the tail's wet parts
+    begin with `wet_tail`, so that it can have coefficients of its own: MuJoCo's angular and slender drag grow with the
+    whole spin, and with the hull's coefficients the tail's yaw would damp the hull's roll.
+    """
+    spec = extended_model("zyx")
+    for i in range(len(_SEGMENTS)):
+        for k, geom in enumerate(spec.body(f"tail{i}").geoms):
+            if geom.fluid_ellipsoid:
+                geom.name = f"wet_tail{i}_{k}"
+    return spec
+
+
+def extended_model(hinges: str = "xyz") -> mujoco.MjSpec:
     """The fish with water at the middles of its two stiff plates that the hull accelerates, of no mass so far.
 
     MuJoCo's ellipsoid forces depend on velocities alone; a body in water also accelerates water with it.
 
+    Args:
+        hinges: As for `fish_model`.
+
     Returns:
         A spec as `fish_model` makes it, with geoms `water_head` and `water_body`.
     """
-    spec = fish_model()
+    spec = fish_model(hinges)
     for name, x in (("water_head", 0.0), ("water_body", 0.2005)):
         spec.body("fish").add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.002, 0, 0], pos=[x, 0, 0], mass=0.0, contype=0,
@@ -168,16 +189,16 @@ def _hinge(
         joint.range = [-limit, limit]
 
 
-def _front(spec: mujoco.MjSpec) -> mujoco.MjsBody:
+def _front(spec: mujoco.MjSpec, hinges: str) -> mujoco.MjsBody:
     """Head, electronics and rigid body, floating on the water."""
     wet = spec.find_default(_WET)
     fish = spec.worldbody.add_body(name="fish")
-    for kind, axes in (("slide", "xyz"), ("hinge", "xyz")):
-        for i, axis in enumerate(axes):
+    for kind, axes in (("slide", "xyz"), ("hinge", hinges)):
+        for axis in axes:
             held = {("slide", "z"): (500.0, 10.0), ("hinge", "x"): (10.0, 1.0), ("hinge", "y"): (10.0, 1.0)}
             stiffness, damping = held.get((kind, axis), (0.0, 0.0))
             _hinge(
-                fish, f"{kind}_{axis}", np.eye(3)[i], stiffness=stiffness, damping=damping,
+                fish, f"{kind}_{axis}", np.eye(3)["xyz".index(axis)], stiffness=stiffness, damping=damping,
                 slide=kind == "slide", pos=_ROOT_ANCHOR,
             )  # fmt: skip
     _box(fish, [0.077, 0.0025, 0.05], [0, 0, 0], wet, density=_ACRYLIC)  # head plate

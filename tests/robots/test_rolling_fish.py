@@ -1,0 +1,73 @@
+"""The fish that floats and rolls: `fish-rolling`."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from swim2real.objective.head import head_motion
+from swim2real.robots.fish import FISH_EXTENDED, FISH_ROLLING
+from swim2real.simulation import Simulator, Swim
+from swim2real.simulation.fast_step import FastStep, disagreement
+from swim2real.trials import Actuation
+
+PUBLISHED = FISH_ROLLING.space.published
+STIFF = {**PUBLISHED, "roll_stiffness": 1.0, "roll_damping": 0.1}
+
+
+def let_go(values, seconds=3.0):
+    """Roll of the hull that was let go at 0.1 rad without water [rad], and the times [s]."""
+    model = FISH_ROLLING.build(values).compile()
+    model.opt.density = model.opt.viscosity = 0.0
+    data = mujoco.MjData(model)
+    data.joint("hinge_x").qpos[0] = 0.1
+    roll = np.empty(int(seconds / model.opt.timestep))
+    for step in range(len(roll)):
+        mujoco.mj_step(model, data)
+        roll[step] = data.joint("hinge_x").qpos[0]
+    return model.opt.timestep * np.arange(1, len(roll) + 1), roll
+
+
+def test_it_is_the_extended_fish_with_roll():
+    assert FISH_ROLLING.space.parameters[:18] == FISH_EXTENDED.space.parameters
+    assert FISH_ROLLING.swims.response is None  # which was measured without roll
+    model = FISH_ROLLING.build(PUBLISHED).compile()
+    turning = [model.joint(i).name for i in range(model.njnt) if model.joint(i).name.startswith("hinge")]
+    assert turning == ["hinge_z", "hinge_y", "hinge_x"]
+    model = FISH_ROLLING.build({**PUBLISHED, "fluid_slender_drag": 2.5, "tail_slender_drag": 1.5}).compile()
+    wet = {
+        (model.geom(i).name.startswith("wet_tail"), float(model.geom_fluid[i][2]))
+        for i in np.flatnonzero(model.geom_fluid[:, 0])
+    }
+    assert wet == {(True, 1.5), (False, 2.5)}
+    assert model.site("M0").pos[2] == model.site("M1").pos[2] == PUBLISHED["head_marker_height"]
+
+
+def test_stiffness_and_inertia_set_the_frequency_of_the_roll():
+    free = {**PUBLISHED, "roll_damping": 0.0}
+    halves = []
+    for values in (free, {**free, "roll_stiffness": 4 * PUBLISHED["roll_stiffness"]}):
+        times, roll = let_go(values)
+        crossings = times[np.flatnonzero(np.diff(np.sign(roll)))]
+        halves.append(crossings[1] - crossings[0])
+    assert halves[0] == pytest.approx(2 * halves[1], rel=0.05)
+    assert np.abs(let_go(STIFF)[1][-500:]).max() < 0.02  # damped
+
+
+def test_the_fast_step_takes_it():
+    rough = {parameter.name: parameter.upper for parameter in FISH_ROLLING.space}
+    for values in (PUBLISHED, {**PUBLISHED, **{name: rough[name] for name in FISH_ROLLING.space.names[18:]}}):
+        assert disagreement(FastStep(FISH_ROLLING.build(values).compile())) < 1e-10
+
+
+def test_a_soft_roll_is_seen_in_the_heads_sway_by_the_height_of_its_markers():
+    def sway(values):
+        (trial,) = Simulator(FISH_ROLLING, threads=1).simulate(values, [Swim("slow", Actuation(0.6, 0.0, 0.1), 5.0)])
+        beat = head_motion(trial.track.times, trial.track.positions, 0.6).sway_beat
+        return beat.amplitude * np.exp(1j * beat.phase)
+
+    soft, stiff = (
+        abs(sway({**values, "head_marker_height": 0.15}) - sway({**values, "head_marker_height": 0.05}))
+        for values in (PUBLISHED, STIFF)
+    )
+    assert soft > 3e-3
+    assert soft > 3 * stiff
