@@ -127,7 +127,8 @@ def test_without_a_complete_study_of_this_run_it_is_refused(tmp_path, studied):
         ({"complete": False}, ("isn't complete", "identify")),
         ({"horizon": 0.1}, ("another horizon", "0.1", "--again")),
         ({"weight": None}, ("'weight' is null", "--again")),
-        ({"draws": [[0.5, 0.5]]}, ("1 sets", "14 or more", "3 numbers")),
+        ({"draws": [[0.5, 0.5, 0.5]]}, ("1 sets", "14 or more")),
+        ({"draws": [[0.5, 0.5]]}, ("another number of coordinates", "--again")),
     ):
         (run.folder.path / IDENTIFIABILITY).write_text(json.dumps(study | change))
         assert says(refusal(RunError, fitting_sets, run), IDENTIFIABILITY, *words)

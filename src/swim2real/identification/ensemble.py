@@ -163,12 +163,6 @@ def _gathered(run: FinishedRun) -> list[Member]:
     if any(study.get(key) != value for key, value in run.conditions().items()):
         return recorded
     points = [study["lowest"], *study.get("checked", [])]
-    for point in points:
-        if len(point["point"]) != len(run.space):
-            raise RunError(
-                f"'{path}': a point has {len(point['point'])} coordinates for {len(run.space)} parameters; study "
-                f"the run again with identify --again"
-            )
     return recorded + [Member(np.array(point["point"]), float(point["loss"]), "identify") for point in points]
 
 

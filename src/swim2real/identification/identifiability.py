@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, FiniteFloat, NonNegativeInt
+from pydantic import BaseModel, FiniteFloat, NonNegativeFloat, NonNegativeInt, model_validator
 
 from swim2real import store
 from swim2real.calibration.convergence import marker_noise
@@ -55,7 +55,7 @@ class _Point(BaseModel):
     """A point of the unit cube with its loss."""
 
     point: list[Share]
-    loss: FiniteFloat
+    loss: NonNegativeFloat
 
 
 class Interval(BaseModel):
@@ -104,6 +104,7 @@ class Study(BaseModel):
     """The file of a study; what is found is there once it is complete.
 
     Attributes:
+        parameters: Their names.
         complete: Whether it is done.
         evaluations: Their number so far.
         start: The run's best point.
@@ -120,6 +121,7 @@ class Study(BaseModel):
     """
 
     format: Literal[2]
+    parameters: list[str]
     complete: bool
     evaluations: NonNegativeInt
     start: _Point
@@ -133,6 +135,13 @@ class Study(BaseModel):
     draws: list[list[Share]] = []
     checked: list[_Point] = []
     speeds: PredictedSpeeds | None = None
+
+    @model_validator(mode="after")
+    def _one_number_per_parameter(self) -> Self:
+        points = [self.start.point, self.lowest.point, *(one.point for one in self.checked), *self.draws]
+        if any(len(point) != len(self.parameters) for point in points):
+            raise ValueError("a point has another number of coordinates than there are 'parameters'")
+        return self
 
 
 @dataclass(frozen=True)

@@ -104,10 +104,9 @@ def fitting_sets(run: FinishedRun) -> FittingSets:
             )
     fitting = check(_Fitting, study, f"'{path}'", RunError, f"{first}, with --again")
     size, points = len(run.space), [*fitting.draws, study["lowest"]["point"]]
-    if any(len(point) != size for point in points) or len(points) <= 2 * size + _FEWEST:
+    if len(points) <= 2 * size + _FEWEST:
         raise RunError(
-            f"'{path}' has {len(points) - 1} sets; there must be {2 * size + _FEWEST} or more, each of {size} numbers; "
-            f"{first}, with --again"
+            f"'{path}' has {len(points) - 1} sets; there must be {2 * size + _FEWEST} or more; {first}, with --again"
         )
     return FittingSets(np.array(fitting.draws), np.array(points[-1]), fitting.weight)
 
