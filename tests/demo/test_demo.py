@@ -258,5 +258,6 @@ def test_the_whole_demo_finds_the_hidden_fish(tmp_path, capsys):
     outcome = json.loads((out / "run" / "outcome.json").read_text())
     assert outcome["fit"]["aligned_marker_error"] < 25e-3
     assert outcome["held_out"]["aligned_marker_error"] < 40e-3
-    assert len(outcome["sensitivity"]) == len(FISH.space)
+    study = json.loads((out / "run" / "identifiability.json").read_text())
+    assert list(study["intervals"]) == list(FISH.space.names)
     assert len((out / "run" / "record.jsonl").read_text().splitlines()) == 30
