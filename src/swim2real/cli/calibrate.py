@@ -136,6 +136,7 @@ def demo(
         hidden_values,
     )
     from swim2real.identification.finished_run import reopen
+    from swim2real.identification.identifiability import outdated
     from swim2real.robots.fish import FISH
     from swim2real.trials import load_reference
 
@@ -153,7 +154,7 @@ def demo(
     study = None
     if outcome is not None:
         opened = reopen(out / "run", load_reference(out / "reference"), FISH)
-        study = study_shown(opened, IdentifiabilitySettings(), True, quiet)
+        study = study_shown(opened, IdentifiabilitySettings(), outdated(opened), quiet)
     code = 1 if outcome is None else _told(outcome, out / "run", quiet, False)
     if not quiet and code == 0:
         intervals = {name: one["interval_95"] for name, one in study["intervals"].items()} if study else {}

@@ -170,17 +170,19 @@ def simulate(
         "markers": np.stack([trial.track.positions for trial in trials]),
         "marker_names": np.array(body.marker_names),
     }  # fmt: skip
-    speeds = np.array([[trial.track.speed for trial in made] for made in (others or [trials])])
-    spread = [f"{1e3 * low:.0f} to {1e3 * high:.0f}" for low, high in np.percentile(speeds, (5, 95), axis=0).T]
     if others:
         arrays["markers_of_sets"] = np.stack([[trial.track.positions for trial in made] for made in others])
     try:
         write_arrays(out, arrays)
     except OSError as error:
         raise ArgumentError(f"--out '{out}' can't be written: {error.strerror or error}") from error
-    rows = [(t.name, tables.millimeters(t.track.speed), *[ends] * bool(others))
-            for t, ends in zip(trials, spread, strict=True)]  # fmt: skip
-    tables.table("Simulated", ("swim", "speed mm/s", *["90 % of the sets that fit"] * bool(others)), rows)
+    headings, rows = ["swim", "speed mm/s"], [[t.name, tables.millimeters(t.track.speed)] for t in trials]
+    if others:
+        headings.append("90 % of the sets that fit")
+        speeds = 1e3 * np.array([[trial.track.speed for trial in made] for made in others])
+        for row, (low, high) in zip(rows, np.percentile(speeds, (5, 95), axis=0).T, strict=True):
+            row.append(f"{low:.0f} to {high:.0f}")
+    tables.table("Simulated", headings, rows)
     say(f"{out}: {len(trials)} swims of {trials.trials[0].track.frame_count} samples")
     return 0
 

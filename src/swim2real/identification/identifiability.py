@@ -195,7 +195,7 @@ class _Studying:
         self._most = len(self._first) + BATCH * settings.rounds
         self._evaluated: list[EvaluatedPoint] = []
         self._given = 0
-        start = {"point": list(run.best.point), "loss": run.best.loss}
+        start = _start(run)
         self._state: dict[str, Any] = {
             "format": FORMAT, **run.conditions(), "settings": asdict(settings), "start": start, "lowest": start,
             "complete": False, "evaluations": 0,
@@ -364,6 +364,20 @@ def directions(draws: Array, names: Sequence[str]) -> list[dict[str, Any]]:
         held = {names[i]: float(sign * vector[i]) for i in order[:count]}
         found.append({"spread": float(np.sqrt(np.clip(12 * _WIDER**2 * value, 0.0, 1.0))), "parameters": held})
     return found
+
+
+def outdated(run: FinishedRun) -> bool:
+    """Whether there is a study of the run from before it went on to a lower loss.
+
+    Raises:
+        RunError: The study is damaged.
+    """
+    path = run.folder.path / IDENTIFIABILITY
+    return path.is_file() and read_study(path)["start"] != _start(run)
+
+
+def _start(run: FinishedRun) -> dict[str, Any]:
+    return {"point": list(run.best.point), "loss": run.best.loss}
 
 
 def sets_that_fit(folder: RunFolder, robot: Robot) -> list[Values]:
