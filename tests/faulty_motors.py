@@ -38,6 +38,13 @@ class FaultyEmulator(Emulator):
         self._closed.set()
         super().__exit__(*error)
 
+    def stopped(self):
+        """Whether no motor turns any more, 30 s from now at the latest: without torque they coast."""
+        deadline = time.monotonic() + 30
+        while self.velocity() and time.monotonic() < deadline:
+            time.sleep(0.02)
+        return self.velocity() == 0
+
     def handle(self, packet):
         number, active = len(self.packets), {}
         for fault in self._faults:

@@ -1,5 +1,6 @@
 """The page of a run shows what `identify` found."""
 
+import html
 import json
 
 import pytest
@@ -30,11 +31,22 @@ def test_intervals_combinations_and_pairs_are_on_the_page(run):
     assert "Sets that fit, two parameters that compensate for one another" in page
 
 
-def test_a_study_that_is_not_complete_is_left_out(run):
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"complete": False}, ""),
+        ({"format": 1}, "isn't shown: '"),
+        ({"start": {"point": [0.5] * 4, "loss": 1.0}}, "is from before the run had its best values; begin anew"),
+    ],
+)
+def test_a_study_that_is_not_complete_damaged_or_older_is_left_out(run, change, sentence):
     path = run.path / IDENTIFIABILITY
     whole = path.read_text()
-    path.write_text(json.dumps({**json.loads(whole), "complete": False}))
-    assert "95 % interval" not in write_report(run.path, toy.ROBOT).read_text(encoding="utf-8")
+    path.write_text(json.dumps({**json.loads(whole), **change}))
+    page = html.unescape(write_report(run.path, toy.ROBOT).read_text(encoding="utf-8"))
+    assert "95 % interval" not in page
+    assert sentence in page
+    assert ("identify" in page) == bool(sentence)
     path.write_text(whole)
 
 

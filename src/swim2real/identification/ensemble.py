@@ -160,10 +160,9 @@ def _gathered(run: FinishedRun) -> list[Member]:
     if not path.is_file():
         return recorded
     study = read_study(path)
-    if any(study.get(key) != value for key, value in run.conditions().items()):
+    if study.difference(run.conditions()):
         return recorded
-    points = [study["lowest"], *study.get("checked", [])]
-    return recorded + [Member(np.array(point["point"]), float(point["loss"]), "identify") for point in points]
+    return recorded + [Member(np.array(one.point), one.loss, "identify") for one in (study.lowest, *study.checked)]
 
 
 def _near(members: Sequence[Member], limit: float) -> list[Member]:

@@ -8,7 +8,7 @@ loss than the run's, that point is taken over.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -100,8 +100,8 @@ class PredictedSpeeds(BaseModel):
     speeds: tuple[list[FiniteFloat], list[FiniteFloat], list[FiniteFloat]]
 
 
-class Study(BaseModel):
-    """The file of a study; what is found is there once it is complete.
+class Study(BaseModel, extra="allow"):
+    """The file of a study; what is found is there once it is complete. The conditions of its run are further keys.
 
     Attributes:
         parameters: Their names.
@@ -142,6 +142,15 @@ class Study(BaseModel):
         if any(len(point) != len(self.parameters) for point in points):
             raise ValueError("a point has another number of coordinates than there are 'parameters'")
         return self
+
+    def difference(self, conditions: Mapping[str, Any]) -> str:
+        """What the study was made with that is another now, with its values then and now; empty where nothing is."""
+        content = self.model_dump(mode="json")
+        for key, value in conditions.items():
+            if content.get(key) != value:
+                then, now = (json.dumps(one)[:80] for one in (content.get(key), value))
+                return f"another {key}: it was {then} and is now {now}"
+        return ""
 
 
 @dataclass(frozen=True)
@@ -204,9 +213,10 @@ class _Studying:
     def run(self, again: bool) -> dict[str, Any]:
         if not again:
             earlier = self._earlier()
-            if earlier is not None and earlier["complete"]:
-                self._write(earlier)
-                return earlier
+            if earlier is not None and earlier.complete:
+                content = earlier.model_dump(mode="json")
+                self._write(content)
+                return content
         blocks = self._run.problem.blocks()
         found = draw(
             self._evaluate, self._first, lambda residual: independent_numbers(residual, blocks), self._settings.rounds,
@@ -246,27 +256,24 @@ class _Studying:
             raise RunError(f"can't write '{EVALUATED}': {store.reason(error)}; the same command goes on") from error
         self._write(self._state)
 
-    def _earlier(self) -> dict[str, Any] | None:
+    def _earlier(self) -> Study | None:
         """The study that is on the disk, None where there is none; what it evaluated is taken over."""
         path = self._run.folder.path / IDENTIFIABILITY
         if not path.is_file():
             return None
         study = read_study(path)
-        for key in ("format", *self._run.conditions(), "settings", "start"):
-            if study.get(key) != self._state[key]:
-                raise RunError(
-                    f"'{path}' is a study with another {key}: it was {json.dumps(study.get(key))[:80]} and is "
-                    f"now {json.dumps(self._state[key])[:80]}; begin anew with --again"
-                )
+        keys = (*self._run.conditions(), "settings", "start")
+        if changed := study.difference({key: self._state[key] for key in keys}):
+            raise RunError(f"'{path}' is a study with {changed}; begin anew with --again")
         kept = self._run.folder.path / EVALUATED
-        if not study["complete"] and kept.is_file():
+        if not study.complete and kept.is_file():
             try:
                 tables = store.read_arrays(kept)
                 rows = zip(*(tables[name] for name in ("points", "losses", "residuals", "failed")), strict=True)
                 self._evaluated = [EvaluatedPoint(p, float(e), r, bool(f)) for p, e, r, f in rows]
             except (OSError, ValueError, KeyError) as error:
                 raise RunError(f"'{kept}' can't be read: {error}; begin anew with --again") from error
-            self._state |= {"lowest": study["lowest"], "evaluations": study["evaluations"]}
+            self._state |= {"lowest": study.lowest.model_dump(), "evaluations": study.evaluations}
         return study
 
     def _content(self, found: Posterior) -> dict[str, Any]:
@@ -373,7 +380,7 @@ def outdated(run: FinishedRun) -> bool:
         RunError: The study is damaged.
     """
     path = run.folder.path / IDENTIFIABILITY
-    return path.is_file() and read_study(path)["start"] != _start(run)
+    return path.is_file() and bool(read_study(path).difference({"start": _start(run)}))
 
 
 def _start(run: FinishedRun) -> dict[str, Any]:
@@ -393,12 +400,12 @@ def sets_that_fit(folder: RunFolder, robot: Robot) -> list[Values]:
     path = folder.path / IDENTIFIABILITY
     if not path.is_file():
         return []
-    space, draws = replace(robot.space, scale=folder.settings().resolved_scale), read_study(path).get("draws", [])
+    space, draws = replace(robot.space, scale=folder.settings().resolved_scale), read_study(path).draws
     return [space.to_values(draw) for draw in draws[:: max(1, len(draws) // PREDICTING)]]
 
 
-def read_study(path: str | Path) -> dict[str, Any]:
-    """The content of an identifiability.json, complete or not.
+def read_study(path: str | Path) -> Study:
+    """An identifiability.json, complete or not.
 
     Raises:
         RunError: Not there, damaged, or of another format.
@@ -409,5 +416,4 @@ def read_study(path: str | Path) -> dict[str, Any]:
         raise RunError(f"'{path}' is not there; swim2real identify writes it") from None
     except (OSError, ValueError) as error:
         raise RunError(f"'{path}' can't be read: {error}; begin anew with --again") from error
-    check(Study, content, f"'{path}'", RunError, "begin anew with --again")
-    return content
+    return check(Study, content, f"'{path}'", RunError, "begin anew with --again")

@@ -8,7 +8,6 @@ update: Evensen, Ocean Dynamics 53, 343 (2003)); what of the residuals isn't lin
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -17,14 +16,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel
 from scipy.interpolate import CubicSpline
 
 from swim2real import store
-from swim2real.calibration.file_models import Share
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.provenance import commit, versions
-from swim2real.checking import Positive, check
 from swim2real.deployment.commands import CommandTable, write_table
 from swim2real.errors import RunError, TrialError
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated
@@ -42,13 +38,6 @@ _SETS, _EACH = 40, 5  # sets that are compared: so many, or so many times the pa
 _BATCH = 8  # sets between two looks at whether to stop
 _MOST_FAILED = 1 / 3  # of the sets
 _FLOOR = 1e-6  # of the largest spread, below which a direction isn't one
-
-
-class _Fitting(BaseModel):
-    """What a study is read for."""
-
-    draws: list[list[Share]]
-    weight: Positive
 
 
 @dataclass(frozen=True)
@@ -94,21 +83,17 @@ def fitting_sets(run: FinishedRun) -> FittingSets:
     if not path.is_file():
         raise RunError(f"run '{run.folder.path}' has no study of the sets that fit; {first}")
     study = read_study(path)
-    if not study["complete"]:
+    if not study.complete:
         raise RunError(f"the study in '{path}' isn't complete; {first}, which goes on with it")
-    for key, value in run.conditions().items():
-        if study.get(key) != value:
-            raise RunError(
-                f"'{path}' is a study with another {key}: it was {json.dumps(study.get(key))[:80]} and is now "
-                f"{json.dumps(value)[:80]}; {first}, with --again"
-            )
-    fitting = check(_Fitting, study, f"'{path}'", RunError, f"{first}, with --again")
-    size, points = len(run.space), [*fitting.draws, study["lowest"]["point"]]
-    if len(points) <= 2 * size + _FEWEST:
+    if changed := study.difference(run.conditions()):
+        raise RunError(f"'{path}' is a study with {changed}; {first}, with --again")
+    fewest = 2 * len(run.space) + _FEWEST
+    if len(study.draws) < fewest or study.weight <= 0:
         raise RunError(
-            f"'{path}' has {len(points) - 1} sets; there must be {2 * size + _FEWEST} or more; {first}, with --again"
+            f"'{path}' has {len(study.draws)} sets of weight {study.weight:g}; there must be {fewest} or more, of a "
+            f"weight above 0; {first}, with --again"
         )
-    return FittingSets(np.array(fitting.draws), np.array(points[-1]), fitting.weight)
+    return FittingSets(np.array(study.draws), np.array(study.lowest.point), study.weight)
 
 
 def judged_trials(

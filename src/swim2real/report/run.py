@@ -77,6 +77,7 @@ class ReportedRun:
         calls: Calls of the advisor; None for a run that made none.
         unfinished: What is missing and why, in sentences; empty for a run that ended.
         study: What `identify` found of it; None where it wasn't studied.
+        study_problem: Why a study that is there isn't shown, as a sentence.
     """
 
     name: str
@@ -90,6 +91,7 @@ class ReportedRun:
     calls: RecordedCalls | None
     unfinished: str
     study: Study | None = None
+    study_problem: str = ""
 
     @cached_property
     def best(self) -> RecordedEvaluation:
@@ -187,6 +189,7 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
             f"run '{path}' has no evaluation on record yet, so there is nothing to report; go on with --resume"
         )
     best, outcome = incumbent(entries) or entries[0], folder.outcome()
+    study, study_problem = _read_study(folder, best)
     robot.space.check(best.values, where=f"run '{path}'")
     is_current = outcome is not None and (
         outcome.evaluations == len(entries) or abs((outcome.fit.loss or 0.0) - best.loss) <= _SAME_LOSS
@@ -221,7 +224,8 @@ def read_run(path: str | Path, robot: Robot) -> ReportedRun:
         saved=tuple(sorted(saved, key=lambda trial: (trial.compared.frequency or 0.0, trial.compared.name))),
         calls=_read_calls(folder.path, settings, entries),
         unfinished=unfinished,
-        study=Study.model_validate(read_study(study)) if (study := folder.path / IDENTIFIABILITY).is_file() else None,
+        study=study,
+        study_problem=study_problem,
     )
 
 
@@ -234,6 +238,21 @@ def calls_of(entry: RecordedEvaluation) -> list[int]:
     """Numbers of the calls that a proposal came of."""
     numbers = entry.note.proposal.notes.get("calls") if entry.note.proposal else None
     return [number for number in numbers if isinstance(number, int)] if isinstance(numbers, list) else []
+
+
+def _read_study(folder: RunFolder, best: RecordedEvaluation) -> tuple[Study | None, str]:
+    """The study of a run, or why it can't be shown."""
+    path = folder.path / IDENTIFIABILITY
+    if not path.is_file():
+        return None, ""
+    begin = f"begin anew with swim2real identify {folder.path} --again"
+    try:
+        study = read_study(path)
+    except RunError as error:
+        return None, f"The study of what the trials determine isn't shown: {error} ({begin})."
+    if study.difference({"start": {"point": list(best.point), "loss": best.loss}}):
+        return None, f"The study of what the trials determine is from before the run had its best values; {begin}."
+    return study, ""
 
 
 def _read_calls(folder: Path, settings: RunSettings, entries: Sequence[RecordedEvaluation]) -> RecordedCalls | None:
