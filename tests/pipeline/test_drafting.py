@@ -157,6 +157,19 @@ def test_a_model_with_sensors_and_no_sites_is_recorded_without_a_camera(begun):
     assert load_robot(out).marker_names == ()
 
 
+def test_a_camera_above_a_hull_that_rolls_asks_for_the_heights_of_markers(begun):
+    hull = """<mujoco><worldbody><body name="hull"><joint name="x" type="slide" axis="1 0 0"/>
+    <joint name="y" type="slide" axis="0 1 0"/><joint name="yaw" axis="0 0 1"/>{}<geom size=".2 .05 .05" type="box"/>
+    <site name="bow" pos=".2 0 .08"/><site name="stern" pos="-.2 0 .03"/></body></worldbody></mujoco>"""
+    assert not begun(hull.format(""))[0].heights
+    draft, out = begun(hull.format('<joint name="roll" axis="1 0 0" stiffness=".1" damping=".01"/>'))
+    assert draft.camera == "above"
+    assert draft.heights == pytest.approx({"bow": 0.08, "stern": 0.03})
+    assert load_robot(out).marker_names == ("bow", "stern")
+    assert "bow: 0.08 m, stern: 0.03 m." in out.read_text()
+    assert 'targets = \'site "bow", "stern" pos[2]\'' in out.read_text()
+
+
 NAMELESS = '<mujoco><worldbody><body name="arm"><joint/><geom size="1"/>{}</body></worldbody></mujoco>'
 
 

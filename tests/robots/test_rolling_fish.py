@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from swim2real.objective.head import head_motion
-from swim2real.robots.fish import FISH_EXTENDED, FISH_ROLLING
+from swim2real.robots.fish import FISH, FISH_ROLLING
 from swim2real.simulation import Simulator, Swim
 from swim2real.simulation.fast_step import FastStep, disagreement
 from swim2real.trials import Actuation
@@ -27,19 +27,20 @@ def let_go(values, seconds=3.0):
     return model.opt.timestep * np.arange(1, len(roll) + 1), roll
 
 
-def test_it_is_the_extended_fish_with_roll():
-    assert FISH_ROLLING.space.parameters[:18] == FISH_EXTENDED.space.parameters
+def test_it_is_the_fish_with_roll():
+    assert FISH_ROLLING.space.parameters[:16] == FISH.space.parameters
     assert FISH_ROLLING.swims.response is None  # which was measured without roll
     model = FISH_ROLLING.build(PUBLISHED).compile()
     turning = [model.joint(i).name for i in range(model.njnt) if model.joint(i).name.startswith("hinge")]
     assert turning == ["hinge_z", "hinge_y", "hinge_x"]
-    model = FISH_ROLLING.build({**PUBLISHED, "fluid_slender_drag": 2.5, "tail_slender_drag": 1.5}).compile()
+    model = FISH_ROLLING.build({**PUBLISHED, "fluid_angular_drag": 2.5, "tail_angular_drag": 1.5}).compile()
     wet = {
-        (model.geom(i).name.startswith("wet_tail"), float(model.geom_fluid[i][2]))
+        (model.geom(i).name.startswith("wet_tail"), float(model.geom_fluid[i][3]))
         for i in np.flatnonzero(model.geom_fluid[:, 0])
     }
     assert wet == {(True, 1.5), (False, 2.5)}
     assert model.site("M0").pos[2] == model.site("M1").pos[2] == PUBLISHED["head_marker_height"]
+    assert model.site("M8").pos[0] == PUBLISHED["fin_marker_x"]
 
 
 def test_stiffness_and_inertia_set_the_frequency_of_the_roll():
@@ -55,7 +56,7 @@ def test_stiffness_and_inertia_set_the_frequency_of_the_roll():
 
 def test_the_fast_step_takes_it():
     rough = {parameter.name: parameter.upper for parameter in FISH_ROLLING.space}
-    for values in (PUBLISHED, {**PUBLISHED, **{name: rough[name] for name in FISH_ROLLING.space.names[18:]}}):
+    for values in (PUBLISHED, {**PUBLISHED, **{name: rough[name] for name in FISH_ROLLING.space.names[16:]}}):
         assert disagreement(FastStep(FISH_ROLLING.build(values).compile())) < 1e-10
 
 

@@ -44,6 +44,8 @@ def init(model: Positional[Path], *, out: Path | None = None, force: bool = Fals
         f"{file}: {len(draft.markers)} markers, {len(calibrated)} parameters ({', '.join(calibrated)}), and "
         f"{len(draft.candidates) - len(calibrated)} more as comments. Edit it, then: swim2real check {word(file)}"
     )
+    if draft.heights:
+        say(f"How high do {', '.join(draft.heights)} stand? A camera above sees a roll by that; see the file.")
     return 0
 
 

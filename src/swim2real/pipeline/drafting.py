@@ -22,6 +22,7 @@ from swim2real.robots.mjcf_files import root_tag
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import class_name
 
+_UPRIGHT = 0.99  # the vertical part of a hinge's axis about which nothing tilts
 _REST_SHARE = 0.1  # by which the place of markers counts for the camera, beside their motion
 
 
@@ -43,7 +44,8 @@ def draft_robot(path: Path, threads: int | None = None) -> Draft:
     model = compiled(spec.copy(), f"model '{path}'")
     draft = _first(path, spec, model)
     if draft.markers:
-        draft = replace(draft, camera=_camera(_loaded(draft, path), threads))
+        camera = _camera(_loaded(draft, path), threads)
+        draft = replace(draft, camera=camera, heights=_heights(model, draft.markers) if camera == "above" else {})
     probes, markers = probe(_loaded(draft, path), threads=threads), bool(draft.markers)
     wrong = {one.parameter.name: why for one in probes if (why := _unfit(one, markers))}
     if len(wrong) < len(draft.calibrated):  # else a person must see to it; `check` says what is wrong
@@ -165,6 +167,26 @@ def _camera(robot: Robot, threads: int | None) -> str:
         positions = np.concatenate([trial.track.positions for trial in moved(seen, threads)])
         spread[list(plane)] = positions.std(axis=0).mean(axis=0) + _REST_SHARE * positions[0].std(axis=0)
     return max(PLANES, key=lambda name: round(float(np.sum(spread[list(PLANES[name])])), 9))
+
+
+def _heights(model: mujoco.MjModel, markers: tuple[str, ...]) -> dict[str, float]:
+    """Heights above the origin at rest of those markers that a roll or pitch moves sideways, by name [m]."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    flat = {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)}
+    slides = int(mujoco.mjtJoint.mjJNT_SLIDE)
+    tilting = {
+        int(model.jnt_bodyid[j]) for j in range(model.njnt)
+        if model.jnt_type[j] not in flat or (model.jnt_type[j] != slides and abs(data.xaxis[j, 2]) < _UPRIGHT)
+    }  # fmt: skip
+    heights: dict[str, float] = {}
+    for name in markers:
+        body = int(model.site(name).bodyid[0])
+        while body and body not in tilting:
+            body = int(model.body_parentid[body])
+        if body:
+            heights[name] = float(data.site(name).xpos[2])
+    return heights
 
 
 def _unfit(one: Probe, markers: bool) -> str | None:

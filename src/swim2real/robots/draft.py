@@ -37,6 +37,7 @@ class Draft:
         candidates: Candidates by name.
         camera: The side from which it moves most.
         aside: Why candidates are only suggested, by name.
+        heights: Of the markers on bodies that can roll under a camera above [m], which sees a roll by them.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Draft:
     candidates: Mapping[str, Candidate]
     camera: str = "above"
     aside: Mapping[str, str] = field(default_factory=dict[str, str])
+    heights: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
     def calibrated(self) -> list[str]:
