@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import sys
 import time
 import zipfile
 from pathlib import Path
@@ -71,10 +72,13 @@ OUTSIDE = {
     "a flex": '<mujoco><worldbody><flexcomp type="mesh" file="../t.obj"/></worldbody></mujoco>',
     "URDF": '<robot><link><visual><geometry><mesh filename="../t.obj"/></geometry></visual></link></robot>',
     "a device": '<mujoco><asset><hfield file="/dev/zero" size="1 1 1 1"/></asset></mujoco>',
+    "an end tag's include": including("../piece.xml").replace("<include", "</include"),
+    "an end tag's folder": meshed("t.obj", '</compiler meshdir="../elsewhere"/>'),
     "behind comments": meshed("../t.obj").replace("<asset>", "<!-- a -- b --><!--><asset>--><!-><asset>"),
     "a comment in an attribute": meshed("../t.obj").replace("<mujoco>", '<mujoco model="<!--">'),
     "no space": meshed("../t.obj").replace(" file", "file"),
     "a space before the tag": meshed("../t.obj").replace("<mesh", "< mesh"),
+    "an end tag": meshed("../t.obj").replace("<mesh", "</mesh"),
     "apostrophes": meshed("../t.obj").replace('"', "'"),
     "after a document type": '<?xml version="1.0"?><!DOCTYPE mujoco>' + meshed("../t.obj"),
     "bytes that are no text": meshed("../t.obj") + "\x00\udcff",
@@ -93,6 +97,26 @@ def test_a_file_outside_is_told_before_it_is_read(folder, name):
     assert (
         "move them into it; if you trust it, allow it with --allow-outside (in Python: allow_outside=True)" in sentence
     )
+
+
+OWN = 'file="../t.obj" vertex="0 0 0 1 0 0 0 1 0 0 0 1"'
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux confines a thread")
+@pytest.mark.parametrize(
+    "text",
+    [
+        *(OUTSIDE[name] for name in OUTSIDE if "include" in name or "mesh" in OUTSIDE[name]),
+        meshed(f't.obj" {OWN[:-1]}'),
+    ],
+)
+def test_what_a_scan_overlooked_mujoco_itself_tells_or_cannot_open(folder, text, monkeypatch):
+    monkeypatch.setattr("swim2real.robots.file.outside", lambda path, where: None)
+    model = folder / "model.xml"
+    model.write_bytes(text.replace("FOLDER", str(folder.parent)).encode("utf-8", "surrogateescape"))
+    with pytest.raises(RobotError):
+        read_mjcf(model)
+    assert (folder.parent / "t.obj").read_text() == TETRAHEDRON  # this thread may open everything, before and after
 
 
 @pytest.mark.parametrize(
@@ -180,7 +204,7 @@ def test_a_text_of_one_piece_repeated_is_taken_apart_in_linear_time(folder, piec
 
 
 def test_the_forms_of_the_last_cases_are_read_by_mujoco(folder):
-    for name in list(OUTSIDE)[-7:]:
+    for name in list(OUTSIDE)[-8:]:
         model = folder / "model.xml"
         model.write_bytes(OUTSIDE[name].encode("utf-8", "surrogateescape"))
         assert mujoco.MjSpec.from_file(str(model)).compile().nmesh == 1, name

@@ -6,6 +6,7 @@ The tables and keys of the file are those of `schema.py`; here they are held aga
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ from swim2real import consent
 from swim2real.checking import check
 from swim2real.errors import ParameterError, RobotError
 from swim2real.parameters import Parameter, ParameterSpace, Values
-from swim2real.robots.alone import compile_alone
+from swim2real.robots.alone import compile_alone, within
 from swim2real.robots.compiled import REFUSALS, compiled, one_line
 from swim2real.robots.drives import SPEED, TABLE, Drive
 from swim2real.robots.mjcf_files import outside
@@ -206,12 +207,36 @@ def read_mjcf(path: Path, where: str = "", *, allow_outside: bool = False, alone
     asked = outside(path, where)
     if asked is not None:
         consent.require(asked, allowed=allow_outside)
+    place = path.resolve()  # its meshes are found from any working directory
     if alone:
-        compile_alone(path, where)
+        compile_alone(path, where, confined=asked is None)
+
+    def parsed() -> mujoco.MjSpec:
+        spec = mujoco.MjSpec.from_file(str(place))
+        if asked is None:
+            _check_named(place, where)
+            spec.copy().compile()  # which opens its meshes and pictures
+        return spec
+
     try:
-        return mujoco.MjSpec.from_file(str(path.resolve()))  # its meshes are found from any working directory
+        return within(place.parent, parsed) if asked is None else parsed()
     except REFUSALS as error:
         raise RobotError(f"{where}MuJoCo can't read model '{path}': {one_line(error)}") from error
+
+
+def _check_named(path: Path, where: str) -> None:
+    """Refuses a model in which MuJoCo's own parser finds files outside of its folder, in whatever form they are named.
+
+    Raises:
+        RobotError: There is one.
+    """
+    for file in mujoco.mju_getXMLDependencies(str(path)):
+        real = Path(os.path.realpath(path.parent / file))
+        if real.exists() and not real.is_relative_to(path.parent):
+            raise RobotError(
+                f"{where}model '{path}' reads '{real}' outside of its folder, in a form that can't be allowed; move it "
+                f"into the folder, and name it in a plain element"
+            )
 
 
 class _Builder:

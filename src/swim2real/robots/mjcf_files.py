@@ -20,7 +20,7 @@ from swim2real.errors import RobotError
 _FOLDERS = ("meshdir", "texturedir", "assetdir")  # of an MJCF compiler
 _SIDES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")  # of a cube's texture
 _PASSED_OVER = ((b"<!--", b"-->"), (b"<![CDATA[", b"]]>"), (b"<?", b"?>"), (b"<!", b">"))
-_TAG = re.compile(rb"\s*([^\s/>=\"']+)")
+_TAG = re.compile(rb"\s*/?\s*([^\s/>=\"']+)")  # an end tag may have attributes: `</mesh file="…"/>` is an element
 _ATTRIBUTE = re.compile(rb"\s*([^\s/>=\"']+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 _ENTITY = re.compile(r"&(?:#(\d{1,7})|#x([0-9A-Fa-f]{1,6})|(lt|gt|amp|quot|apos));")
 _ENTITIES = {"lt": "<", "gt": ">", "amp": "&", "quot": '"', "apos": "'"}
