@@ -77,12 +77,12 @@ class Asked:
 
 @dataclass(frozen=True)
 class Answer:
-    """What is sent back, and how: whole, one byte after the other, not at all, or with the connection closed."""
+    """What is sent back, and how: whole, one byte after the other, without an end, not at all, or with the connection closed."""
 
     status: int = 200
     body: bytes = b""
     headers: Mapping[str, str] = field(default_factory=dict)
-    how: Literal["whole", "drip", "hang", "drop", "cut"] = "whole"
+    how: Literal["whole", "drip", "flood", "hang", "drop", "cut"] = "whole"
 
 
 Behavior = Callable[[Asked], Answer]
@@ -310,12 +310,12 @@ class VlmServer:
         handler.send_response(answer.status)
         for name, value in answer.headers.items():
             handler.send_header(name, value)
-        if answer.how == "drip":
+        if answer.how in ("drip", "flood"):
             handler.send_header("content-type", "application/json")
-            handler.send_header("content-length", "1000000")
+            handler.send_header("content-length", "1000000" if answer.how == "drip" else "1000000000000")
             handler.end_headers()
-            while not self._closed.wait(0.02):
-                handler.wfile.write(b" ")
+            while not self._closed.wait(0.02 if answer.how == "drip" else 0):
+                handler.wfile.write(b" " if answer.how == "drip" else b" " * 1_000_000)
                 handler.wfile.flush()
             return
         handler.send_header("content-length", str(len(answer.body)))

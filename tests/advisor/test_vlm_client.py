@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import gc
+import gzip
 import json
 import logging
 import os
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 from pathlib import Path
 
 import certifi
@@ -21,7 +23,7 @@ from swim2real.advisor.vlm.exchange import CallError, Media, Request
 from swim2real.advisor.vlm.providers import price, redact, same_model
 from swim2real.errors import ArgumentError, MissingExtraError
 from swim2real.settings import VlmAccess
-from vlm_server import PROVIDERS, VlmServer, cuts, drips, drops, hangs, refuses, replies, sends
+from vlm_server import PROVIDERS, Answer, VlmServer, cuts, drips, drops, hangs, refuses, replies, sends
 
 KEY = "sk-proj-Tk3vQx81LmZp90RbWc27HyUe"
 PIECES = [KEY[i : i + 12] for i in range(len(KEY) - 11)]
@@ -212,6 +214,28 @@ def test_waits_are_random_and_grow_up_to_a_cap():
         assert 0 <= min(lengths) < longest / 2 < max(lengths) <= longest
 
 
+BOMB = Answer(200, gzip.compress(b" " * 50_000_000), {"content-encoding": "gzip", "content-type": "application/json"})
+
+
+@each
+@pytest.mark.parametrize("answer", [Answer(how="flood"), Answer(401, how="flood"), BOMB])
+def test_no_more_of_an_answer_is_read_than_a_reply_can_have(vlm, provider, answer):
+    tracemalloc.start()
+    said = str(Ask(vlm, provider, then=lambda asked: answer, tries=1).fails())
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert "the answer has more than 4 MB; at most that is read" in said
+    assert most < 60e6
+
+
+@each
+def test_a_long_body_of_an_error_takes_no_time(vlm, provider):
+    begin = time.monotonic()
+    for body in ("<" * 1_000_000, "<a" * 500_000, "invalid " * 120_000):
+        assert Ask(vlm, provider, then=sends(body, 400), tries=1).fails().kind == "settings"
+    assert time.monotonic() - begin < 10
+
+
 # failures that no attempt can mend
 
 PER_DAY = [{"@type": f"{TYPE}.QuotaFailure", "violations": [{"quotaId": "GenerateRequestsPerDayPerModel-FreeTier"}]}]
@@ -343,6 +367,22 @@ def test_a_key_that_is_cut_off_or_stands_in_an_odd_body_is_replaced_too(vlm, pro
         assert not pieces(said)
     for body in ({"headers": f"Bearer {KEY}"}, [KEY], {"candidates": KEY, "choices": KEY, "content": KEY}, KEY):
         assert not pieces(str(Ask(vlm, provider, then=sends(body), tries=1).fails()))
+
+
+@each
+def test_a_key_in_escapes_of_json_is_replaced_before_they_are_read(vlm, provider):
+    for escaped in ("".join(f"\\u{ord(sign):04X}" for sign in KEY), KEY.replace("v", "\\u0076")):
+        text = '{"diagnosis": "' + escaped + '", "mass": 1.5}'
+        reply = Ask(vlm, provider, replies(text, model=escaped))()
+        assert json.loads(reply.text) == {"diagnosis": "[TEST_SERVER_KEY]", "mass": 1.5}
+        assert not pieces(repr(reply)) + pieces(str(Ask(vlm, provider, refuses(401, escaped)).fails()))
+    kept = '{"a": "\\u0041\\/\\\\u0042"}'  # nothing of a key in it
+    assert Ask(vlm, provider, replies(kept))().text == kept
+
+
+def test_escapes_are_told_from_signs_that_only_look_so(monkeypatch):
+    monkeypatch.setenv("OPENAI_API_KEY", "abcdefgh/ijklmnop")
+    assert redact(r'"abcdefgh\/ijklm\u006eop" \\u0061') == r'"[OPENAI_API_KEY]" \\u0061'
 
 
 @each

@@ -156,6 +156,7 @@ def test_places_that_wont_do_are_refused(folder, target, tmp_path):
     [
         (None, ("markers_f1_00.csv from {at}", "can't be downloaded (HTTPError)")),
         (b"<html>Please log in</html>", ("markers_f1_00.csv from {at}", "isn't the published file")),
+        (b" " * 8_100_000, ("markers_f1_00.csv from {at}", "can't be downloaded (OSError)")),
         ("closed", ("markers_f0_50.csv from {at}", "can't be downloaded (ConnectionError)")),
     ],
 )

@@ -28,6 +28,8 @@ SHA256 = {
     "markers_f2_25.csv": "850a6e09f57e4d8e76eda502e39067e13bdf79f4867801481596211c82ca0e89",
 }
 
+_MOST = 8_000_000  # bytes of a table; the published ones have 0.3 MB at most
+
 
 def fetch(
     to: str | Path, source: str | Path | None = None, on_file: Callable[[str, str], None] = lambda n, w: None
@@ -83,6 +85,26 @@ def _from_folder(folder: Path, on_file: Callable[[str, str], None]) -> list[Path
     return paths
 
 
+class _Count:
+    """Counts what comes, where pooch has a bar of progress, and refuses more than a table can have."""
+
+    total = 0  # bytes that the server promises, which pooch sets
+
+    def __init__(self) -> None:
+        self._size = 0
+
+    def update(self, size: int) -> None:
+        self._size += size
+        if self._size > _MOST:
+            raise OSError(f"it has more than {_MOST / 1e6:g} MB")
+
+    def reset(self) -> None:
+        self._size = 0
+
+    def close(self) -> None:
+        self._size = 0
+
+
 def _is_address(text: str) -> bool:
     try:
         parts = urlsplit(text)
@@ -96,11 +118,12 @@ def _download(source: str, cache: Path, on_file: Callable[[str, str], None]) -> 
         raise TrialError(f"'{source}' is no address to download from; give one with http:// or https://, or a folder")
     pooch.get_logger().setLevel("ERROR")
     registry = {name: f"sha256:{digest}" for name, digest in SHA256.items()}
+    counted = pooch.HTTPDownloader(progressbar=_Count())
     downloads = pooch.create(path=cache, base_url=source.rstrip("/") + "/", registry=registry, retry_if_failed=2)
     paths: list[Path] = []
     for name in SHA256:
         try:
-            paths.append(Path(downloads.fetch(name)))
+            paths.append(Path(downloads.fetch(name, downloader=counted)))
         except Exception as error:  # whatever the network library raises, which is an OSError; another hash isn't
             another = isinstance(error, ValueError) and not isinstance(error, OSError)
             what = "isn't the published file" if another else f"can't be downloaded ({type(error).__name__})"

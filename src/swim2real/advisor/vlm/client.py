@@ -366,7 +366,7 @@ def _provider_message(body: object) -> str:
                 break
             content = inner
     text = str(content or "")
-    return re.sub(r"<[^>]*>", " ", text) if text.lstrip().startswith("<") else text
+    return re.sub(r"<[^<>]*>", " ", text) if text.lstrip().startswith("<") else text
 
 
 def _root(error: BaseException) -> str:

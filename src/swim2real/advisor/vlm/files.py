@@ -12,7 +12,7 @@ from swim2real.advisor.vlm.exchange import Attempt, Reply, Request
 from swim2real.advisor.vlm.transcript import CALLS
 from swim2real.errors import AdvisorError, WaitingForReply
 from swim2real.escaping import plain_markdown
-from swim2real.store import reason, write_bytes, write_json, write_text
+from swim2real.store import MOST_TEXT, read_bytes, reason, write_bytes, write_json, write_text
 
 BRIEFING, SCHEMA, REPLY, PROBLEM = "briefing.md", "reply.schema.json", "reply.json", "reply.problem.txt"
 _POLL = 0.5  # s
@@ -75,6 +75,8 @@ class FilesClient:
             raise AdvisorError(
                 f"can't work in '{folder}': {reason(error)}; make room or allow writing, --resume goes on"
             ) from error
+        except ValueError as error:
+            raise AdvisorError(f"reply '{folder / REPLY}' isn't read: {error}; shorten it, --resume goes on") from error
         self._unusable = text
         return Reply(text, "stop", None, None, None, None, attempts=(Attempt(time.monotonic() - began),))
 
@@ -98,7 +100,7 @@ class FilesClient:
         path = folder / REPLY
         announced, before = False, None
         while True:
-            text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+            text = read_bytes(path, MOST_TEXT).decode("utf-8", "replace") if path.is_file() else ""
             # once more the same: whoever saves it is done
             if text.strip() and text != self._unusable and (text == before or self._once):
                 return text

@@ -26,6 +26,8 @@ PLACEHOLDER = "no-key"  # what a server without keys is sent, since the librarie
 _KEY_VARIABLES = ("GOOGLE_API_KEY", "GEMINI_API_KEY", "OPENAI_API_KEY", "ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN")
 _SHORTEST_KEY = 8  # characters; what is shorter is a placeholder such as EMPTY, and may be a word of a reply
 _LONGEST_PIECE = 11  # characters of a key that may stay where a library has cut it off; a longer piece is replaced
+_MOST_ANSWER = 4_000_000  # bytes of a server's answer, unpacked; a reply has some thousand
+_ESCAPED = re.compile(r"(?<!\\)((?:\\\\)*)\\(?:u00([2-7][0-9A-Fa-f])|/)")  # signs of ASCII, as JSON may write them
 _LOUD = ("httpx", "httpx2", "httpcore", "httpcore2", "openai", "anthropic", "google_genai", "google", "pydantic_ai")
 
 
@@ -152,7 +154,12 @@ async def send(
 
     async def keep_name(response: httpx2.Response) -> None:
         # pydantic-ai gives the name that was asked where a reply has none
-        await response.aread()
+        content = bytearray()
+        async for part in response.aiter_bytes():
+            content += part
+            if len(content) > _MOST_ANSWER:
+                raise ValueError(f"the answer has more than {_MOST_ANSWER / 1e6:g} MB; at most that is read")
+        response._content = bytes(content)  # pyright: ignore[reportPrivateUsage]  # as `aread` does
         named.extend(re.findall(r'"(?:modelVersion|model)"\s*:\s*"([^"]+)"', response.text)[:1])
 
     async def drop_foreign_keys(asked: httpx2.Request) -> None:
@@ -239,17 +246,26 @@ def read_key(variables: Iterable[str]) -> str | None:
 
 
 def redact(text: str, variables: Iterable[str] = ()) -> str:
-    """The text with every key that the environment holds replaced by the name of its variable, and pieces of it too.
+    r"""The text with every key that the environment holds replaced by the name of its variable, and pieces of it too.
+
+    Signs that are written as JSON's escapes (`\u0073`) are looked at as what they will be read as.
 
     Args:
         text: Text of a provider, which may echo what it was sent, cut off anywhere.
         variables: Environment variables that hold keys, beside the usual ones.
     """
     keys = {os.environ.get(name, "").strip(): name for name in (*_KEY_VARIABLES, *variables)}
+    if "\\" in text and (plain := _ESCAPED.sub(_unescaped, text)) != text and redact(plain, variables) != plain:
+        text = plain
     for key in sorted(keys, key=len, reverse=True):  # one may begin with another
         if len(key) >= _SHORTEST_KEY:
             text = _without_pieces(text.replace(key, f"[{keys[key]}]"), key, f"[{keys[key]}]")
     return text
+
+
+def _unescaped(escape: re.Match[str]) -> str:
+    sign = chr(int(escape[2], 16)) if escape[2] else "/"
+    return escape[0] if sign in '"\\' else escape[1] + sign
 
 
 def _without_pieces(text: str, key: str, instead: str) -> str:
