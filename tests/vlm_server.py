@@ -77,7 +77,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Answer:
-    """What is sent back, and how: whole, one byte after the other, without an end, not at all, or with the connection closed."""
+    """What is sent back, and how: whole, byte by byte, without an end, not at all, or with the connection closed."""
 
     status: int = 200
     body: bytes = b""
