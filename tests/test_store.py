@@ -9,6 +9,7 @@ import pytest
 
 from swim2real import store
 from swim2real.calibration import RunFolder
+from swim2real.errors import RunError
 
 
 @pytest.fixture
@@ -56,7 +57,7 @@ def test_a_full_disk_is_told_with_the_room_that_is_left(tmp_path):
     place = tmp_path / "record.jsonl"
     place.symlink_to("/dev/full")
     with pytest.raises(OSError, match="No space left") as failed:
-        store.append_line(place, {"a": 1})
+        store.append_lines(place, [{"a": 1}])
     assert failed.value.filename == str(place)
     says = rf"No space left on device \([\d.]+ [kMG]B free in '{tmp_path}'; make room\)"
     assert re.fullmatch(says, store.reason(failed.value))
@@ -78,6 +79,32 @@ def test_what_a_killed_process_left_is_removed_by_the_next_that_has_the_run(tmp_
     with RunFolder(tmp_path).locked():
         assert not [name for name in left if (tmp_path / name).exists()]
         assert all((tmp_path / name).is_file() for name in others)
+
+
+@pytest.mark.parametrize("link", ["advisor", "advisor/media", "advisor/round_001"])
+def test_a_link_to_a_folder_is_neither_written_nor_emptied_through(tmp_path, link):
+    outside, run = tmp_path / "outside", tmp_path / "run"
+    outside.mkdir()
+    (outside / "call_0001.json.part").write_text("mine")
+    (run / link).parent.mkdir(parents=True)
+    (run / link).symlink_to(outside)
+    with pytest.raises(RunError, match=rf"run/{link}' is a link, which isn't written through"), RunFolder(run).locked():
+        pass
+    assert [file.read_text() for file in outside.iterdir()] == ["mine"]
+
+
+def test_a_record_that_is_a_link_or_too_large_is_left_alone(tmp_path):
+    (tmp_path / "mine").write_text("without the end of a line")
+    (tmp_path / "record.jsonl").symlink_to(tmp_path / "mine")
+    with pytest.raises(RunError, match="is a link, which isn't written through"):
+        RunFolder(tmp_path).drop_cut_line()
+    assert (tmp_path / "mine").read_text() == "without the end of a line"
+    (tmp_path / "record.jsonl").unlink()
+    with (tmp_path / "record.jsonl").open("wb") as file:
+        file.truncate(3_000_000_000)  # takes no room
+    RunFolder(tmp_path).drop_cut_line()
+    with pytest.raises(RunError, match=r"record\.jsonl isn't read: it has 3000\.0 MB; at most 64 MB are read"):
+        RunFolder(tmp_path).record()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="its folders can't be made read-only")

@@ -28,7 +28,7 @@ PART = ".part"  # suffix of a file that is still being written
 LOCK = ".lock"
 MOST_JSON = 32_000_000  # bytes of a JSON file
 MOST_TEXT = 4_000_000  # bytes of a text that a person writes, as of a robot file
-MOST_TABLE = 64_000_000  # bytes of a CSV table
+MOST_TABLE = 64_000_000  # bytes of a CSV table, or of a record of JSON lines
 MOST_ROWS = 1_000_000  # of a CSV table
 _MOST_DIGITS = 40  # of a whole number; the state of a random stream has 39
 _FULL = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)
@@ -93,14 +93,25 @@ def remove_leftovers(folder: str | Path, names: Iterable[str]) -> None:
     Args:
         folder: The folder.
         names: Names of the files and folders, or patterns of them, such as `advisor/*.json`.
+
+    Raises:
+        OSError: A folder on the way to one of them is a link, through which other folders would be written.
     """
     for name in names:
+        for way in Path(name).parents[:-1]:
+            for place in Path(folder).glob(way.as_posix()):
+                _refuse_link(place)
         for part in Path(folder).glob(name + PART):
             if part.is_dir():
                 shutil.rmtree(part, ignore_errors=True)
             else:
                 with suppress(OSError):
                     part.unlink()
+
+
+def _refuse_link(place: Path) -> None:
+    if place.is_symlink():
+        raise OSError(errno.ELOOP, f"'{place}' is a link, which isn't written through; put what it leads to there")
 
 
 def reason(error: OSError, file: str | Path | None = None) -> str:
@@ -355,11 +366,6 @@ def _check_header(packed: Any, size: int) -> None:
         raise ValueError(f"an array of shape {shape} doesn't fit the {size} bytes that are there")
 
 
-def append_line(path: str | Path, entry: Mapping[str, Any]) -> None:
-    """Adds an entry to a record of JSON lines; it is on the disk when this returns."""
-    append_lines(path, [entry])
-
-
 def append_lines(path: str | Path, entries: Sequence[Mapping[str, Any]]) -> None:
     """Adds entries to a record of JSON lines, none where there are none; they are on the disk when this returns."""
     if not entries:
@@ -372,15 +378,24 @@ def append_lines(path: str | Path, entries: Sequence[Mapping[str, Any]]) -> None
 
 
 def read_lines(path: str | Path) -> list[bytes]:
-    """The whole lines of a record, none where there is no file. What a crash left of a last line doesn't count."""
-    place = Path(path)
-    return place.read_bytes().split(b"\n")[:-1] if place.is_file() else []
+    """The whole lines of a record, none where there is no file. What a crash left of a last line doesn't count.
+
+    Raises:
+        OSError: It can't be read.
+        ValueError: It is too large; the message says how large.
+    """
+    return read_bytes(path, MOST_TABLE).split(b"\n")[:-1] if Path(path).is_file() else []
 
 
 def drop_cut_line(path: str | Path) -> None:
-    """Removes what a crash left of the last line of a record, so that appending is safe."""
+    """Removes what a crash left of the last line of a record, so that appending is safe.
+
+    Raises:
+        OSError: It can't be changed, or is a link.
+    """
     place = Path(path)
-    if not place.is_file():
+    _refuse_link(place)
+    if not place.is_file() or place.stat().st_size > MOST_TABLE:  # which isn't read either
         return
     with place.open("r+b") as file:
         content = file.read()

@@ -17,7 +17,17 @@ from swim2real.parameters.file import BEST
 
 SETTINGS, RECORD, OUTCOME, TRIALS = "settings.json", "record.jsonl", "outcome.json", "trials.npz"
 # what is written only by the process that has the run
-_WRITTEN = (SETTINGS, RECORD, BEST, OUTCOME, TRIALS, "identif*.json", "advisor/*.json", "advisor/media/*")
+_WRITTEN = (
+    SETTINGS,
+    RECORD,
+    BEST,
+    OUTCOME,
+    TRIALS,
+    "identif*.json",
+    "advisor/*.json",
+    "advisor/media/*",
+    "advisor/round_*/*",
+)
 
 
 class RunFolder:
@@ -58,7 +68,7 @@ class RunFolder:
                     raise RunError(
                         f"another process is working on run folder '{self.path}'; wait for it or use another"
                     ) from None
-            store.remove_leftovers(self.path, _WRITTEN)
+                store.remove_leftovers(self.path, _WRITTEN)
             yield
 
     def begin(self, settings: RunSettings) -> None:
@@ -117,7 +127,10 @@ class RunFolder:
         """
         path = self.path / RECORD
         with self._disk():
-            lines = store.read_lines(path)
+            try:
+                lines = store.read_lines(path)
+            except ValueError as error:
+                raise RunError(f"{path} isn't read: {error}; {self.RESTORE}") from error
         entries: list[RecordedEvaluation] = []
         for number, line in enumerate(lines, start=1):
             where = f"{path}, line {number}"
@@ -139,7 +152,7 @@ class RunFolder:
     def append(self, entry: Mapping[str, Any]) -> None:
         """Adds an evaluation to the record; it is on the disk when this returns."""
         with self._disk():
-            store.append_line(self.path / RECORD, entry)
+            store.append_lines(self.path / RECORD, [entry])
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Writes a file of the folder, whole or not at all."""

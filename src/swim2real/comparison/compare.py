@@ -29,12 +29,15 @@ from swim2real.processes import ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess, asks_a_vlm
 from swim2real.simulation import Engine
-from swim2real.store import LOCK, locked, reason, remove_leftovers, source_from, write_text
+from swim2real.store import LOCK, MOST_TABLE, locked, reason, remove_leftovers, source_from, write_text
 from swim2real.trials import TrialSet
 
 _PROGRESS_INTERVAL = 1.0  # s
 _LOCK_TIMEOUT = 60.0  # s that a run folder is waited for, which a worker taken for lost may still hold
-_WRITTEN = ("plan.json", "results.json", "results.csv", SESSION)  # only by the process that has the comparison
+# only by the process that has the comparison
+_WRITTEN = (
+    "plan.json", "results.json", "results.csv", SESSION, f"{RUNS}/*/*/*/{PROBLEM}", f"{RUNS}/*/*/*/*/{PROBLEM}",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,6 @@ def compare(
     """
     root = Path(out).resolve()
     with _exclusive(root):
-        remove_leftovers(root, _WRITTEN)
         before = read_plan(root) if (root / RUNS).is_dir() else None  # a plan without a run binds nobody
         plan = plan if before is None else plan.extending(before)
         source = plan.source and (str(Path(plan.source).resolve()) if Path(plan.source).exists() else plan.source)
@@ -155,6 +157,7 @@ def _exclusive(root: Path) -> Generator[None]:
     with ExitStack() as stack:
         try:
             stack.enter_context(locked(root))
+            remove_leftovers(root, _WRITTEN)
         except BlockingIOError:
             raise RunError(f"another process is working on comparison '{root}'; wait or use another folder") from None
         except OSError as error:
@@ -220,7 +223,7 @@ class _Follower:
         for job in jobs:
             with suppress(OSError), (job.folder / RECORD).open("rb") as file:
                 file.seek(self._read[job.key])
-                more = file.read()
+                more = file.read(MOST_TABLE)
                 self._read[job.key] += len(more)
                 self._lines += more.count(b"\n")
 

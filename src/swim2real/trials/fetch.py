@@ -123,7 +123,7 @@ def _download(source: str, cache: Path, on_file: Callable[[str, str], None]) -> 
     paths: list[Path] = []
     for name in SHA256:
         try:
-            paths.append(Path(downloads.fetch(name, downloader=counted)))
+            paths.append(Path(downloads.fetch(name, downloader=counted))  # pyright: ignore[reportArgumentType]  # as it has it)
         except Exception as error:  # whatever the network library raises, which is an OSError; another hash isn't
             another = isinstance(error, ValueError) and not isinstance(error, OSError)
             what = "isn't the published file" if another else f"can't be downloaded ({type(error).__name__})"
