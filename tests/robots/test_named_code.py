@@ -1,5 +1,6 @@
 """Python that a robot file names: it runs once it was allowed, and is asked for again when anything of it changes."""
 
+import importlib
 import json
 import os
 import pickle
@@ -100,6 +101,23 @@ def test_what_the_code_imports_beside_it_counts(place, tmp_path, monkeypatch):
         (tmp_path / name).write_text(before)
     for name in ("helper", "further", "parts.deeper", "parts"):
         sys.modules.pop(name, None)
+
+
+def test_what_is_put_beside_allowed_code_later_isnt_imported(place, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(sys, "meta_path", [*sys.meta_path])
+    (tmp_path / "helper.py").write_text("value = 1")
+    path = "import sys\nsys.path.insert(0, str(Path(__file__).parent))\nimport helper\n"
+    place.with_name("code.py").write_text(CODE.replace("import mujoco\n", f"import mujoco\n{path}"))
+    load_robot(place, allow_code=True)
+    (tmp_path / "colorsys.py").write_text("raise SystemExit('it ran')")  # a module of Python's own
+    (tmp_path / "chunk").mkdir()
+    (tmp_path / "chunk" / "__init__.py").write_text("raise SystemExit('it ran')")
+    load_robot(place)
+    for name in ("colorsys", "chunk"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        with pytest.raises(ConsentError, match=f"would run as module '{name}'.*take it away, or mention it"):
+            importlib.import_module(name)
 
 
 def test_a_compiled_copy_of_what_is_imported_beside_it_is_asked_for(place, tmp_path):

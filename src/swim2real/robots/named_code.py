@@ -14,12 +14,14 @@ import sysconfig
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.machinery import EXTENSION_SUFFIXES, ModuleSpec, SourceFileLoader
+from importlib.machinery import EXTENSION_SUFFIXES, ModuleSpec, PathFinder, SourceFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, ClassVar
 
 from swim2real.consent import CODE, Request
+from swim2real.errors import ConsentError
 
 PREFIX = "python:"
 FORMS = "python:MODULE:FUNCTION or python:FILE.py:FUNCTION"
@@ -86,6 +88,8 @@ class NamedCode:
 
         A Python file is read itself, not its compiled copy in `__pycache__`, which may hold other code.
         """
+        if self.file is not None and self.runs:
+            _Guard.watch(Path(os.path.realpath(self.folder / self.file)).parent, self.files())
         with _no_compiled_copies():
             loaded = importlib.import_module(self.module) if self.file is None else _module(self.folder / self.file)
         return getattr(loaded, self.name)
@@ -132,6 +136,35 @@ def request(where: str, said: bytes, codes: Sequence[NamedCode]) -> Request | No
         names.setdefault(code.place(), []).append(f"'{code.name}'")
     told = "; ".join(f"{', '.join(of)} of {place}" for place, of in names.items())
     return Request(CODE, mark.hexdigest(), f"{where} names Python code, which would run with your rights: {told}")
+
+
+class _Guard:
+    """Refuses to import what lies beside or below allowed code without being part of it, once that is on the path."""
+
+    _allowed: ClassVar[dict[Path, tuple[set[Path], list[Path]]]] = {}  # files, and places on the path before, by folder
+
+    @classmethod
+    def watch(cls, folder: Path, files: Sequence[Path]) -> None:
+        """Allows these files of a folder, and what was on the path before there."""
+        path = (Path(os.path.realpath(place)) for place in sys.path)
+        before = [place for place in path if place.is_relative_to(folder)]
+        cls._allowed.setdefault(folder, (set(), before))[0].update(Path(os.path.realpath(file)) for file in files)
+        if cls not in sys.meta_path:
+            sys.meta_path.insert(0, cls)
+
+    @classmethod
+    def find_spec(cls, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> None:
+        """Finds nothing; raises ConsentError where another finder would find what wasn't allowed."""
+        spec = PathFinder.find_spec(name, path)
+        if spec is None or spec.origin is None:
+            return
+        file = Path(os.path.realpath(spec.origin))
+        for folder, (allowed, before) in cls._allowed.items():
+            if file.is_relative_to(folder) and file not in allowed and not any(map(file.is_relative_to, before)):
+                raise ConsentError(
+                    f"'{file}' would run as module '{name}', which the allowed code in '{folder}' doesn't mention; "
+                    f"take it away, or mention it there"
+                )
 
 
 class _SourceLoader(SourceFileLoader):

@@ -6,6 +6,7 @@ import hashlib
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import pooch
@@ -118,12 +119,13 @@ def _download(source: str, cache: Path, on_file: Callable[[str, str], None]) -> 
         raise TrialError(f"'{source}' is no address to download from; give one with http:// or https://, or a folder")
     pooch.get_logger().setLevel("ERROR")
     registry = {name: f"sha256:{digest}" for name, digest in SHA256.items()}
-    counted = pooch.HTTPDownloader(progressbar=_Count())
+    bar: Any = _Count()  # pooch's types allow less than its documentation
+    counted: Any = pooch.HTTPDownloader(progressbar=bar)
     downloads = pooch.create(path=cache, base_url=source.rstrip("/") + "/", registry=registry, retry_if_failed=2)
     paths: list[Path] = []
     for name in SHA256:
         try:
-            paths.append(Path(downloads.fetch(name, downloader=counted))  # pyright: ignore[reportArgumentType]  # as it has it)
+            paths.append(Path(downloads.fetch(name, downloader=counted)))
         except Exception as error:  # whatever the network library raises, which is an OSError; another hash isn't
             another = isinstance(error, ValueError) and not isinstance(error, OSError)
             what = "isn't the published file" if another else f"can't be downloaded ({type(error).__name__})"
