@@ -81,6 +81,14 @@ def test_what_a_killed_process_left_is_removed_by_the_next_that_has_the_run(tmp_
         assert all((tmp_path / name).is_file() for name in others)
 
 
+def test_a_lock_that_is_a_link_empties_nothing(tmp_path):  # as filelock before 3.20.1 did
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / ".lock").symlink_to(tmp_path / "mine")
+    with pytest.raises(RunError, match="can't write run folder"), RunFolder(tmp_path).locked():
+        pass
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
 @pytest.mark.parametrize("link", ["advisor", "advisor/media", "advisor/round_001"])
 def test_a_link_to_a_folder_is_neither_written_nor_emptied_through(tmp_path, link):
     outside, run = tmp_path / "outside", tmp_path / "run"

@@ -47,6 +47,10 @@ def test_files_of_this_and_of_other_programs(tmp_path):
         ("time_s,a_rad,a_rad\n0,1,1\n", "the column a_rad is there twice"),
         ("time_s,a_rad,b_m\n0,1,nan\n", "line 2, column b_m: 'nan' is not a finite number"),
         ("time_s,velocity_rad_s\n", "commands.csv: there are no commands below the header"),
+        *(
+            (f"time_s,a_rad\n0,{cell}\n", f"line 2, column a_rad: '{cell}' is not a finite number; write it with the")
+            for cell in ("0_1", "٣", "\uff11.5", "1\u00a0")
+        ),
         ("time_s,velocity_rad_s\n0,1\n0.02,fast\n", "line 3, column velocity_rad_s: 'fast' is not a finite number"),
         ("time_s,velocity_rad_s\n0,1\n0.02,inf\n", "line 3, column velocity_rad_s: 'inf' is not a fin"),
         ("time_s,velocity_rad_s\n0.02,1\n", "line 2, column time_s: the time is 0.02 s; it must be 0"),

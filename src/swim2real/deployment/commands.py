@@ -304,9 +304,9 @@ def _header_problem(header: Sequence[str]) -> str:
 
 def _number(cell: str, where: str) -> float:
     try:
-        value = float(cell)
+        value = float(cell) if cell.isascii() and "_" not in cell else math.nan  # Python reads ٣ and 0_1 as well
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ArgumentError(f"{where}: '{cell}' is not a finite number")
+        raise ArgumentError(f"{where}: '{cell}' is not a finite number; write it with the digits 0 to 9, as -0.25")
     return value

@@ -279,6 +279,8 @@ def read_number(table: Path, line: int, column: int, cell: str) -> float:
     """
     try:
         number = float(cell) if cell.strip() else math.nan
+        if not cell.isascii() or "_" in cell:  # Python reads ٣ and 0_1 as well
+            raise ValueError
     except ValueError:
         raise TrialError(f"{table}, line {line}, column {column}: {quoted(cell)} is not a number") from None
     if math.isinf(number):
