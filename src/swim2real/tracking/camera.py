@@ -314,10 +314,20 @@ def _center(camera: CameraFile, size: tuple[int, int] | None) -> Array | None:
 
 
 def _distance(camera: CameraFile, plane: Array | None, ends: Array) -> float:
-    """Between two pixels: in undistorted pixels, or in meters with a plane."""
+    """Between two pixels: in undistorted pixels, or in meters with a plane.
+
+    Raises:
+        TrackingError: It is nothing, or too large for a number.
+    """
     straight = _straight(camera.lens, ends)
     start, end = straight if plane is None else project(plane, straight)
-    return float(np.linalg.norm(start - end))
+    distance = float(np.linalg.norm(start - end))
+    if not 0 < distance < np.inf:
+        raise TrackingError(
+            f"camera file: the length from pixel {ends[0]} to {ends[1]} is {distance:g} long in the lens and plane that "
+            f"the file gives; check its lens, points and homography"
+        )
+    return distance
 
 
 def _straight(lens: Lens | None, points: Array) -> Array:

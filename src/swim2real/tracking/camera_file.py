@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 
 FORMAT = 1
 HIGHEST = 50.0  # m above the plane, from which no camera sees a marker
+_SAME = 1e-3  # px, the ends of a length that are one
 DISTORTIONS = (4, 5, 8, 12, 14)  # numbers of coefficients that OpenCV knows: k1, k2, p1, p2, k3, …
 
 
@@ -173,13 +174,15 @@ def write_camera(path: str | Path, camera: CameraFile) -> None:
         raise TrackingError(f"can't write camera file '{path}': {error.strerror or error}") from error
 
 
-Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Row = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Sane = Annotated[Number, Field(ge=-1e9, le=1e9)]
+"""A number that arithmetic doesn't overflow with, of any unit."""
+Pair = Annotated[list[Sane], Field(min_length=2, max_length=2)]
+Row = Annotated[list[Sane], Field(min_length=3, max_length=3)]
 Matrix = Annotated[list[Row], Field(min_length=3, max_length=3)]
 
 
 def _apart(pixels: list[list[float]]) -> list[list[float]]:
-    if pixels[0] == pixels[1]:
+    if not np.hypot(*np.subtract(*pixels)) > _SAME:
         raise ValueError("both ends are the same pixel; give the two ends of the length")
     return pixels
 
@@ -217,7 +220,7 @@ def _in_meters(height: float) -> float:
 class _Length(_Strict):
     name: str = ""
     pixels: Annotated[list[Pair], Field(min_length=2, max_length=2), AfterValidator(_apart)]
-    meters: Positive
+    meters: Annotated[Positive, Field(ge=1e-6, le=1e6)]
 
 
 class _Point(_Strict):
@@ -227,7 +230,7 @@ class _Point(_Strict):
 
 class _Lens(_Strict):
     camera_matrix: Annotated[Matrix, AfterValidator(_intrinsic)]
-    distortion: Annotated[list[Number], AfterValidator(_known_distortion)]
+    distortion: Annotated[list[Sane], AfterValidator(_known_distortion)]
 
 
 class _Content(_Strict):
