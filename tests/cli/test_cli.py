@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -123,8 +124,24 @@ def test_a_fault_of_the_disk_and_an_interruption_are_sentences(program, pool_fol
     def fail(reference):
         raise error
 
+    before = signal.getsignal(signal.SIGINT)
     monkeypatch.setattr("swim2real.trials.load_reference", fail)
     assert program("quality", pool_folder).sentence(1) == said
+    signal.signal(signal.SIGINT, before)
+
+
+def test_a_second_interruption_while_the_first_ends_the_program_changes_nothing():
+    code = (
+        "import atexit, os, signal, threading, time, swim2real.cli.main as cli\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "press = lambda wait: (time.sleep(wait), os.kill(os.getpid(), signal.SIGINT), time.sleep(0.3))\n"
+        "cli.parsed = lambda words: lambda: press(0)\n"
+        "atexit.register(press, 0.3)\n"
+        "threading.Thread(target=press, args=(0.2,)).start()\n"  # which the end waits for
+        "cli.main([])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", "swim2real: interrupted\n")
 
 
 def test_it_runs_as_a_module():

@@ -8,6 +8,7 @@ import inspect
 import logging
 import os
 import re
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -79,6 +80,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         tell(str(error))
         code = error.exit_code
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever presses it again gets the same end
         tell("interrupted")
         code = 1
     except BrokenPipeError:  # the reader of our output has gone

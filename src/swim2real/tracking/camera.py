@@ -324,8 +324,8 @@ def _distance(camera: CameraFile, plane: Array | None, ends: Array) -> float:
     distance = float(np.linalg.norm(start - end))
     if not 0 < distance < np.inf:
         raise TrackingError(
-            f"camera file: the length from pixel {ends[0]} to {ends[1]} is {distance:g} long in the lens and plane that "
-            f"the file gives; check its lens, points and homography"
+            f"camera file: the length from pixel {ends[0]} to {ends[1]} is {distance:g} in the lens and plane that it "
+            f"gives; check its lens, points and homography"
         )
     return distance
 
