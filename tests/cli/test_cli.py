@@ -132,7 +132,8 @@ def test_a_fault_of_the_disk_and_an_interruption_are_sentences(program, pool_fol
 
 def test_a_second_interruption_while_the_first_ends_the_program_changes_nothing():
     code = (
-        "import atexit, os, signal, threading, time, swim2real.cli.main as cli\n"
+        "import atexit, importlib, os, signal, threading, time\n"
+        "cli = importlib.import_module('swim2real.cli.main')\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "press = lambda wait: (time.sleep(wait), os.kill(os.getpid(), signal.SIGINT), time.sleep(0.3))\n"
         "cli.parsed = lambda words: lambda: press(0)\n"
