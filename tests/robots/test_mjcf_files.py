@@ -1,11 +1,15 @@
 """Models that read files outside of their folder: told before MuJoCo reads them, however the file is named."""
 
+import ctypes
 import os
 import pickle
 import sys
 import time
 import zipfile
+from collections import Counter
+from contextlib import suppress
 from pathlib import Path
+from random import Random
 
 import mujoco
 import pytest
@@ -133,6 +137,80 @@ def test_files_in_the_folder_need_no_consent(folder, text, monkeypatch):
     assert read_mjcf(folder / "model.xml").compile().ngeom == 1
     monkeypatch.chdir(folder / "in")
     assert outside(Path("../model.xml")) is None
+
+
+QUOTES = ('="{}"', "='{}'", ' = "{}"')
+HEADS = ("<{} ", "</{} ") * 6 + (
+    "< {} ",
+    "<{}\n",
+    "<!-- <{} ",
+    "<![CDATA[<{} ",
+    "<!DOCTYPE a [<!ENTITY b '><{} ",
+    "<?{} ",
+)
+TAILS = ("/>",) * 12 + (">", "/ >", "-->", "]]>", "'>]>", "?>")
+MESHES = ("t.obj", "../t.obj", "FOLDER/t.obj", "in/t.obj", "&#46;&#x2e;/t.obj", "&#0000046;./t.obj", "/nowhere/t.obj")
+VALUES = {
+    "file": MESHES, "filename": MESHES, "strippath": ("true", "false"), "vertex": ("0 0 0 1 0 0 0 1 0 0 0 1",),
+    "meshdir": ("in", "..", "../elsewhere", "FOLDER/elsewhere"), "include": ("piece.xml", "../piece.xml", "in/to.xml"),
+}  # fmt: skip
+
+
+def made_at_random(random: Random, folder: str) -> bytes:
+    """A model of elements that name files, in forms of all kinds, with some bytes of it changed."""
+
+    def element(tag: str, *keys: str) -> str:
+        if random.random() < 0.3:
+            return ""
+        chosen = [(key, random.choice(VALUES[key])) for key in keys if key == "file" or random.random() < 0.3]
+        given = "".join(
+            f"{key.replace('include', 'file')}{random.choice(QUOTES).format(value)} " for key, value in chosen
+        )
+        return random.choice(HEADS).format(tag) + given + random.choice(TAILS)
+
+    mesh, folders = element("mesh", "file", "vertex", "filename"), element("compiler", "meshdir", "strippath")
+    text = (
+        f"<mujoco>{folders}<asset>{mesh}</asset><worldbody>{BODY}{element('include', 'include')}</worldbody></mujoco>"
+    )
+    raw = bytearray(text.replace("FOLDER", folder).encode())
+    for _ in range(random.choice((0, 0, 0, 1, 3))):
+        at = random.randrange(len(raw))
+        raw[at : at + random.randint(0, 2)] = random.choice((b"", b"<", b">", b"/", b'"', b" ", b"\0", b"&", b"="))
+    return bytes(raw)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells what is opened")
+def test_of_20000_changed_models_none_opens_a_file_outside_that_wasnt_asked_for(folder):
+    libc, random, met = ctypes.CDLL(None), Random(0), Counter()
+    watch = libc.inotify_init1(os.O_NONBLOCK)
+    for place in (folder.parent, folder.parent / "elsewhere"):
+        libc.inotify_add_watch(watch, os.fsencode(place), 0x20)  # IN_OPEN
+    for _ in range(20_000):
+        (folder / "model.xml").write_bytes(made_at_random(random, str(folder.parent)))
+        with suppress(RobotError):
+            if outside(folder / "model.xml") is None:
+                drained(watch)  # what the scan itself has looked at
+                try:
+                    read_mjcf(folder / "model.xml").compile()
+                    met["read"] += 1
+                except (RobotError, ValueError):
+                    met["refused"] += 1
+                opened = drained(watch)
+                assert b"t.obj" not in opened, (folder / "model.xml").read_bytes()
+                assert b"piece.xml" not in opened, (folder / "model.xml").read_bytes()
+            else:
+                met["asked"] += 1
+    os.close(watch)
+    assert min(met["read"], met["refused"], met["asked"]) > 300, met
+
+
+def drained(watch: int) -> bytes:
+    """What a watch has seen since it was last asked, with the files' names in it."""
+    try:
+        return os.read(watch, 1 << 20)
+    except BlockingIOError:
+        return b""
 
 
 def test_what_is_allowed_is_remembered_until_other_files_are_named(folder, monkeypatch):
