@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from swim2real.objective.elongated_body import predict_speeds
 from swim2real.report.comparison_page import write_comparison_report
 from swim2real.report.paper_figures import write_figures
 from swim2real.robots.robot import Robot
-from swim2real.store import reason, write_text
+from swim2real.store import read_json, reason, write_text
 from swim2real.trials import TrialSet
 
 TABLES, THEORY = "tables.md", "theory.json"
@@ -56,6 +55,6 @@ def write_files(folder: Path, results: ComparisonResults | None = None) -> list[
 
 def _theory(folder: Path) -> Mapping[str, float] | None:
     try:
-        return json.loads((folder / THEORY).read_text(encoding="utf-8"))
+        return read_json(folder / THEORY)
     except (OSError, ValueError):
         return None

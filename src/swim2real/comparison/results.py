@@ -23,7 +23,7 @@ from swim2real.errors import RunError, Swim2RealError
 from swim2real.names import quoted
 from swim2real.objective.figures import FitFigures, figure_values
 from swim2real.settings import asks_a_vlm
-from swim2real.store import write_json, write_text
+from swim2real.store import read_text, write_json, write_text
 
 FORMAT = 1
 RESULTS, TABLE = "results.json", "results.csv"
@@ -274,8 +274,8 @@ def _read_run(job: Job) -> RunResult:
 def _why_missing(job: Job) -> str:
     """The sentence that a failed job left in its folder, or how far it is."""
     try:
-        return (job.folder / PROBLEM).read_text(encoding="utf-8").splitlines()[0]
-    except (OSError, IndexError):
+        return read_text(job.folder / PROBLEM).splitlines()[0]
+    except (OSError, ValueError, IndexError):
         done = len(RunFolder(job.folder).record())
     return f"{done} of {job.settings.budget} evaluations are done" if done else "not begun"
 

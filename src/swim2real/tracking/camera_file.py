@@ -16,6 +16,7 @@ Pixels are those of the upright video; the center of the top-left one is (0, 0).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -182,7 +183,7 @@ Matrix = Annotated[list[Row], Field(min_length=3, max_length=3)]
 
 
 def _apart(pixels: list[list[float]]) -> list[list[float]]:
-    if not np.hypot(*np.subtract(*pixels)) > _SAME:
+    if not math.dist(*pixels) > _SAME:
         raise ValueError("both ends are the same pixel; give the two ends of the length")
     return pixels
 

@@ -73,7 +73,8 @@ def _from_folder(folder: Path, on_file: Callable[[str, str], None]) -> list[Path
         if not path.is_file():
             on_file(name, "not there")
             continue
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
         if digest != expected:
             raise TrialError(
                 f"{path} isn't the published file: its sha256 is {digest[:12]}…, expected {expected[:12]}…; "
