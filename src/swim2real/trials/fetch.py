@@ -90,21 +90,17 @@ def _from_folder(folder: Path, on_file: Callable[[str, str], None]) -> list[Path
 class _Count:
     """Counts what comes, where pooch has a bar of progress, and refuses more than a table can have."""
 
-    total = 0  # bytes that the server promises, which pooch sets
-
-    def __init__(self) -> None:
-        self._size = 0
+    total = size = 0  # bytes: that the server promises, which pooch sets, and that came
 
     def update(self, size: int) -> None:
-        self._size += size
-        if self._size > _MOST:
+        self.size += size
+        if self.size > _MOST:
             raise OSError(f"it has more than {_MOST / 1e6:g} MB")
 
     def reset(self) -> None:
-        self._size = 0
+        self.size = 0
 
-    def close(self) -> None:
-        self._size = 0
+    close = reset
 
 
 def _is_address(text: str) -> bool:
