@@ -9,6 +9,7 @@ import pytest
 
 from swim2real import store
 from swim2real.calibration import RunFolder
+from swim2real.comparison.compare import _WRITTEN as OF_COMPARISONS
 from swim2real.errors import RunError
 
 
@@ -99,6 +100,13 @@ def test_a_link_to_a_folder_is_neither_written_nor_emptied_through(tmp_path, lin
     with pytest.raises(RunError, match=rf"run/{link}' is a link, which isn't written through"), RunFolder(run).locked():
         pass
     assert [file.read_text() for file in outside.iterdir()] == ["mine"]
+
+
+def test_a_link_among_the_runs_of_a_comparison_is_told(tmp_path):
+    (tmp_path / "runs" / "paper").mkdir(parents=True)
+    (tmp_path / "runs" / "paper" / "ours").symlink_to(tmp_path)
+    with pytest.raises(OSError, match="runs/paper/ours' is a link"):
+        store.remove_leftovers(tmp_path, OF_COMPARISONS)
 
 
 def test_a_record_that_is_a_link_or_too_large_is_left_alone(tmp_path):
