@@ -6,6 +6,7 @@ import os
 import pickle
 import py_compile
 import sys
+import types
 from pathlib import Path
 
 import pytest
@@ -118,6 +119,12 @@ def test_what_is_put_beside_allowed_code_later_isnt_imported(place, tmp_path, mo
         monkeypatch.delitem(sys.modules, name, raising=False)
         with pytest.raises(ConsentError, match=f"would run as module '{name}'.*take it away, or mention it"):
             importlib.import_module(name)
+    package = types.ModuleType("installed")  # as a finder of an editable installation brings it
+    package.__path__, package.__file__ = [str(tmp_path)], str(tmp_path / "__init__.py")
+    monkeypatch.setitem(sys.modules, "installed", package)
+    assert importlib.import_module("installed.helper").value == 1
+    (tmp_path / "other.py").write_text("value = 2")
+    assert importlib.import_module("installed.other").value == 2
 
 
 def test_a_compiled_copy_of_what_is_imported_beside_it_is_asked_for(place, tmp_path):

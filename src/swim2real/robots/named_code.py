@@ -159,7 +159,10 @@ class _Guard:
         if spec is None or spec.origin is None:
             return
         file = Path(os.path.realpath(spec.origin))
+        within = getattr(sys.modules.get(name.rpartition(".")[0]), "__file__", None)  # the package that it is part of
         for folder, (allowed, before) in cls._allowed.items():
+            if within is not None and Path(os.path.realpath(within)) not in allowed:
+                continue  # which another finder has brought
             if file.is_relative_to(folder) and file not in allowed and not any(map(file.is_relative_to, before)):
                 raise ConsentError(
                     f"'{file}' would run as module '{name}', which the allowed code in '{folder}' doesn't mention; "
