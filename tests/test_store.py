@@ -119,7 +119,7 @@ def test_a_record_that_is_a_link_or_too_large_is_left_alone(tmp_path):
     with (tmp_path / "record.jsonl").open("wb") as file:
         file.truncate(3_000_000_000)  # takes no room
     RunFolder(tmp_path).drop_cut_line()
-    with pytest.raises(RunError, match=r"record\.jsonl isn't read: it has 3000\.0 MB; at most 64 MB are read"):
+    with pytest.raises(RunError, match=r"record\.jsonl isn't read: it has 3000\.0 MB; at most 256 MB are read"):
         RunFolder(tmp_path).record()
 
 

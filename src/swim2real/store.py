@@ -28,7 +28,8 @@ PART = ".part"  # suffix of a file that is still being written
 LOCK = ".lock"
 MOST_JSON = 32_000_000  # bytes of a JSON file
 MOST_TEXT = 4_000_000  # bytes of a text that a person writes, as of a robot file
-MOST_TABLE = 64_000_000  # bytes of a CSV table, or of a record of JSON lines
+MOST_TABLE = 64_000_000  # bytes of a CSV table
+MOST_RECORD = 256_000_000  # bytes of a record of JSON lines: some 100,000 evaluations
 MOST_ROWS = 1_000_000  # of a CSV table
 _MOST_DIGITS = 40  # of a whole number; the state of a random stream has 39
 _FULL = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)
@@ -384,7 +385,7 @@ def read_lines(path: str | Path) -> list[bytes]:
         OSError: It can't be read.
         ValueError: It is too large; the message says how large.
     """
-    return read_bytes(path, MOST_TABLE).split(b"\n")[:-1] if Path(path).is_file() else []
+    return read_bytes(path, MOST_RECORD).split(b"\n")[:-1] if Path(path).is_file() else []
 
 
 def drop_cut_line(path: str | Path) -> None:
@@ -395,7 +396,7 @@ def drop_cut_line(path: str | Path) -> None:
     """
     place = Path(path)
     _refuse_link(place)
-    if not place.is_file() or place.stat().st_size > MOST_TABLE:  # which isn't read either
+    if not place.is_file() or place.stat().st_size > MOST_RECORD:  # which isn't read either
         return
     with place.open("r+b") as file:
         content = file.read()

@@ -18,16 +18,8 @@ from swim2real.parameters.file import BEST
 SETTINGS, RECORD, OUTCOME, TRIALS = "settings.json", "record.jsonl", "outcome.json", "trials.npz"
 # what is written only by the process that has the run
 _WRITTEN = (
-    SETTINGS,
-    RECORD,
-    BEST,
-    OUTCOME,
-    TRIALS,
-    "identif*.json",
-    "advisor/*.json",
-    "advisor/media/*",
-    "advisor/round_*/*",
-)
+    SETTINGS, RECORD, BEST, OUTCOME, TRIALS, "identif*.json", "advisor/*.json", "advisor/media/*", "advisor/round_*/*",
+)  # fmt: skip
 
 
 class RunFolder:

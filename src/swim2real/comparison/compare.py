@@ -29,7 +29,7 @@ from swim2real.processes import ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess, asks_a_vlm
 from swim2real.simulation import Engine
-from swim2real.store import LOCK, MOST_TABLE, locked, reason, remove_leftovers, source_from, write_text
+from swim2real.store import LOCK, MOST_RECORD, locked, reason, remove_leftovers, source_from, write_text
 from swim2real.trials import TrialSet
 
 _PROGRESS_INTERVAL = 1.0  # s
@@ -223,7 +223,7 @@ class _Follower:
         for job in jobs:
             with suppress(OSError), (job.folder / RECORD).open("rb") as file:
                 file.seek(self._read[job.key])
-                more = file.read(MOST_TABLE)
+                more = file.read(MOST_RECORD)
                 self._read[job.key] += len(more)
                 self._lines += more.count(b"\n")
 

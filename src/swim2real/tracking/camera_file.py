@@ -65,15 +65,9 @@ class Lens:
         seen = np.isfinite(points).all(axis=-1)
         if seen.any():
             enough = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
-            undistorted = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # before OpenCV 5, and since
-            out[seen] = undistorted(
-                points[seen][:, None],
-                self.camera_matrix,
-                self.distortion,
-                R=None,
-                P=self.camera_matrix,
-                criteria=enough,
-            )[:, 0]
+            undistort = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)  # before OpenCV 5, and since
+            matrix, places = self.camera_matrix, points[seen][:, None]
+            out[seen] = undistort(places, matrix, self.distortion, R=None, P=matrix, criteria=enough)[:, 0]
         return out
 
     def distort(self, points: Array) -> Array:
