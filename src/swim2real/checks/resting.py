@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,7 +28,6 @@ _SURE = 4.0  # standard errors of a velocity that is none
 _ALIKE = 0.5  # share by which velocities of several stretches may differ
 _LEAST = 4  # frames in which a marker is seen
 _MOST_KEYS = 8  # keyframes that are tried
-_PLACES = (mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtSensor.mjSENS_ACTUATORPOS)
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ def poses_of_rest(robot: Robot, reference: TrialSet) -> dict[str, dict[str, Begi
         pairs = zip(trials, made, strict=True)
         found[pose] = {
             real.name: one for real, simulated in pairs
-            if simulated.divergence is None and (one := _beginning(robot, about, model, real, simulated)) is not None
+            if simulated.divergence is None and (one := _beginning(robot, about, real, simulated)) is not None
         }  # fmt: skip
     return found
 
@@ -111,14 +109,14 @@ def at_rest(robot: Robot, reference: TrialSet) -> str | None:
     return None
 
 
-def _beginning(robot: Robot, about: Trials, model: mujoco.MjModel, real: Trial, simulated: Trial) -> Beginning | None:
+def _beginning(robot: Robot, about: Trials, real: Trial, simulated: Trial) -> Beginning | None:
     """How a recording begins beside one that was simulated from a pose; None where nothing tells it."""
     if robot.marker_names:
         names, times = robot.marker_names, real.track.times
         places = np.where(real.track.confidence[:, :, None] > 0, real.track.positions, np.nan)
         pose = simulated.track.positions[0]
     else:
-        names = tuple(sensor.name for sensor in about.sensors if _tells_a_place(model, sensor.name))
+        names = robot.sensed_places
         if not names or real.sensors is None or simulated.sensors is None:
             return None
         scales = np.array([sensor.meters_per_unit for sensor in about.sensors if sensor.name in names])
@@ -150,19 +148,12 @@ def _beginning(robot: Robot, about: Trials, model: mujoco.MjModel, real: Trial, 
     return Beginning(distance, speed, names[fastest], rests, bool(moves))
 
 
-def _tells_a_place(model: mujoco.MjModel, sensor: str) -> bool:
-    """Whether a sensor that a robot file names, such as `hip` or `gyro[1]`, is one of a place."""
-    names = [model.sensor(i).name for i in range(model.nsensor)]
-    return sensor in names and int(model.sensor(sensor).type[0]) in map(int, _PLACES)
-
-
 def _size(robot: Robot, places: Array) -> float:
     """How far the marker comes that moves most [m], and no more than the robot is large."""
     seen = np.isfinite(places).all(axis=-1).any(axis=0)
     low, high = np.nanpercentile(places[:, seen], [5, 95], axis=0)
     farthest = float(np.linalg.norm(high - low, axis=1).max())
-    apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2).max(initial=0.0)
-    return min(farthest, float(apart) or farthest)
+    return min(farthest, robot.size if robot.marker_names else farthest)
 
 
 @dataclass(frozen=True)

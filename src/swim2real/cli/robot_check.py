@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from swim2real.calibration import Problem
 from swim2real.checks.effects import why_no_effect
 from swim2real.checks.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
-from swim2real.checks.reference import misfits, reference_warnings, starts
+from swim2real.checks.reference import judged, misfits, reference_warnings, starts
 from swim2real.checks.resting import at_rest
 from swim2real.cli.tables import millimeters, table
 from swim2real.cli.terminal import say
-from swim2real.errors import ArgumentError
+from swim2real.errors import ArgumentError, TrialError
 from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
 from swim2real.robots import ROBOTS, load_robot, robot_file
@@ -44,18 +45,24 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
     file = open_robot_file(robot_file(name))
     reference = None if reference_folder is None else load_reference(reference_folder)
     wrong = [] if reference is None else misfits(robot, reference)
-    probes = probe(robot, None if wrong else reference, threads)
+    fits = not wrong
+    probes = probe(robot, reference if fits else None, threads)
     _parameters(file, probes, bool(robot.marker_names))
-    _moved(robot, None if wrong or reference is None else reference.names[:TRIALS])
+    _moved(robot, None if not fits or reference is None else reference.names[:TRIALS])
     if robot.marker_names:
         _markers(robot)
     _trials(robot)
     wrong += [sentence for result in probes for sentence in _wrong(file, robot, result)]
     for sentence in (*wrong, *_notes(probes, bool(robot.marker_names))):
         say(sentence)
-    if reference is not None and not wrong:
+    if reference is not None and fits:
         _starts(robot, reference)
-        say(f"All trials of '{reference_folder}' fit: {', '.join(reference.names)}.")
+        doubts = judged(robot, reference) or _doubts(robot, reference)
+        for sentence in doubts:
+            say(f"Probably wrong: {sentence}.")
+        if not doubts:
+            say(f"All trials of '{reference_folder}' fit: {', '.join(reference.names)}.")
+        wrong += doubts
     if robot.marker_names:
         _draw(robot, out or _beside(name))
     return not wrong
@@ -123,6 +130,15 @@ def _starts(robot: Robot, reference: TrialSet) -> None:
     proposal = at_rest(robot, reference)
     if proposal is not None:
         say(f"{proposal}.")
+
+
+def _doubts(robot: Robot, reference: TrialSet) -> list[str]:
+    """What a calibration would refuse, or say of trials."""
+    try:
+        found = Problem(robot, reference).examinations()
+    except TrialError as error:
+        return [str(error)]
+    return [f"trial '{name}': {doubt}" for name, one in found.items() for doubt in one["doubts"]]
 
 
 def _side(robot: Robot) -> str:

@@ -22,7 +22,7 @@ from swim2real.calibration import (
     sensitivities,
     versions,
 )
-from swim2real.checks.reference import reference_warnings
+from swim2real.checks.reference import judged, reference_warnings
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor, recorded_advice
 from swim2real.pipeline.methods import METHODS, default_starts, make_optimizer
@@ -69,7 +69,7 @@ def calibrate(
     if begun is not None and finish:
         settings = replace(settings, method=begun.method, budget=begun.budget, minutes=None)
     if on_warning is not None:
-        for line in reference_warnings(robot, reference, settings):
+        for line in (*judged(robot, reference), *reference_warnings(robot, reference, settings)):
             on_warning(line)
     fitted, unseen = reference.split(settings.hold_out)
     problem = Problem.with_settings(robot, fitted, settings)

@@ -18,6 +18,10 @@ from swim2real.robots.drives import Drive
 from swim2real.robots.targets import Delay, Delays
 from swim2real.settings import ProtocolName
 
+_PLACES = tuple(
+    map(int, (mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtSensor.mjSENS_ACTUATORPOS))
+)
+
 
 class Response(Protocol):
     """How a robot's swimming responds to its parameters, roughly, as measured over its whole box."""
@@ -265,6 +269,18 @@ class Robot:
         model = self.model
         sensors = [model.sensor(i) for i in range(model.nsensor - len(self.marker_names), model.nsensor)]
         return tuple(int(model.body_weldid[model.site_bodyid[int(sensor.objid[0])]]) for sensor in sensors)
+
+    @cached_property
+    def size(self) -> float:
+        """Largest distance between two markers at rest, else the model's extent [m]."""
+        apart = np.linalg.norm(self.rest_markers[:, None] - self.rest_markers, axis=2).max(initial=0.0)
+        return float(apart or self.model.stat.extent)
+
+    @property
+    def sensed_places(self) -> tuple[str, ...]:
+        """Sensors that are compared and tell a place: that of a joint, a tendon or an actuator."""
+        kinds = {self.model.sensor(i).name: int(self.model.sensor(i).type[0]) for i in range(self.model.nsensor)}
+        return tuple(sensor.name for sensor in self.trials.sensors if kinds.get(sensor.name) in _PLACES)
 
     @property
     def rigid_markers(self) -> tuple[int, ...]:
