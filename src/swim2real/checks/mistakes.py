@@ -38,6 +38,7 @@ _MOST_TRIALS = 4  # that are played back
 _SECONDS = 10.0  # s, that playing back may take
 _ASTRAY, _FOLLOWED = 0.7, 0.65  # errors of doubted trials and of others, as shares of a robot's that stands still
 _DRASTIC = 1.1, 0.4  # the same of trials whose commands are doubted
+_TINY = 1e-9  # m
 _MOST_OFF = 100.0  # of that, too
 _OTHERWISE = 1.5  # of the least error, below which something else explains a trial as well
 _RATES = {
@@ -220,7 +221,8 @@ def _of_motion(robot: Robot, reference: TrialSet) -> list[str]:
 
     def off(undo: Callable[[Trial], Trial]) -> float:
         """Error of playbacks, as a share of that of a robot that stands still."""
-        return float(np.median([_relative(robot, player, undo(trial)) for trial in trials]))
+        errors = np.array([playback_errors(robot, player, undo(trial)) for trial in trials])
+        return float(np.median(np.minimum(errors[:, 0] / np.maximum(errors[:, 1], _TINY), _MOST_OFF)))
 
     as_it_is = off(lambda trial: trial)
     if not as_it_is > _ASTRAY:
@@ -234,7 +236,7 @@ def _of_motion(robot: Robot, reference: TrialSet) -> list[str]:
         return []
     if best.instead is not None and off(best.instead) < _OTHERWISE * least:
         return []
-    shares = f"{min(as_it_is, _MOST_OFF):.1f} times as far off as a robot that stands still, and so {least:.1f} times"
+    shares = f"{as_it_is:.1f} times as far off as a robot that stands still, and so {least:.1f} times"
     return [f"{best.said} (played back as it is, it is {shares})"]
 
 
@@ -316,22 +318,28 @@ def _slower(trial: Trial, factor: float, *, whole: bool = False) -> Trial:
     )
 
 
-def _relative(robot: Robot, player: PlaybackSimulator, trial: Trial) -> float:
-    """Error of a trial's playback, as a share of that of a robot that stands still; NaN where neither can be told."""
+def playback_errors(robot: Robot, player: PlaybackSimulator, trial: Trial) -> tuple[float, float]:
+    """Error of a trial's playback with the robot's own values, and of a robot that stays as the trial begins [m].
+
+    NaN for a trial that can't be played back, infinite for a playback that diverges. Sensors count where nothing else
+    does.
+    """
     about, track = robot.trials, trial.track
     scales = {} if robot.marker_names else {sensor.name: sensor.meters_per_unit for sensor in about.sensors}
     target = playback_target(trial, np.ones(track.confidence.shape), about.frame, about.score_progress, scales)
     try:
         played = player.simulate(robot.space.published, [player.request(trial)])[trial.name]
     except TrialError:  # of which `misfits` tells
-        return np.nan
-    first = np.repeat(np.nanmedian(track.positions[:3], axis=0)[None], track.frame_count, axis=0)
+        return np.nan, np.nan
+    seen = np.isfinite(track.positions).all(axis=2).argmax(axis=0)  # the first frame of each marker
+    first = np.repeat(track.positions[seen, np.arange(track.marker_count)][None], track.frame_count, axis=0)
     sensors = trial.sensors
     if sensors is not None:
         sensors = sensors.between(track.times[0], track.times[-1])
-        sensors = replace(sensors, values=np.repeat(np.nanmean(sensors.values, axis=0)[None], len(sensors.times), 0))
+        mean = np.nan_to_num(sensors.values).sum(axis=0) / np.maximum(np.isfinite(sensors.values).sum(axis=0), 1)
+        sensors = replace(sensors, values=np.repeat(mean[None], len(sensors.times), axis=0))
     still = compare_playback(target, Trial(trial.name, MarkerTrack(track.times, first), sensors=sensors)).loss
-    return _MOST_OFF if played.divergence else compare_playback(target, played).loss / still if still else np.nan
+    return np.inf if played.divergence else compare_playback(target, played).loss, still
 
 
 def _of_sensors(robot: Robot, reference: TrialSet) -> list[str]:

@@ -101,13 +101,13 @@ def starts(robot: Robot, reference: TrialSet) -> list[StartOff]:
     about = robot.trials
     if about.swims is not None or not robot.marker_names:
         return []
-    framed = about.frame is not None and about.start not in (MARKERS, FITTED)
+    frame = None if about.start in (MARKERS, FITTED) else about.frame
     simulator, made = PlaybackSimulator(robot), list[StartOff]()
     for trial in reference:
         request, begun = simulator.request(trial), trial.cut(STRETCH)
         played = simulator.simulate(robot.space.published, [replace(request, trial=begun)])[trial.name]
         places = (played.track.positions, begun.track.positions)
-        made_so, seen = (to_body(one, about.frame) for one in places) if framed and about.frame else places
+        made_so, seen = places if frame is None else (to_body(one, frame) for one in places)
         off = made_so - seen
         ways = np.linalg.norm(off, axis=2)
         mean = float(ways[np.isfinite(ways)].mean()) if np.isfinite(ways).any() else np.nan

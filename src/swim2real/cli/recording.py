@@ -29,7 +29,8 @@ def import_recording(
 
     Reads one table per trial; adds the trials to a reference folder, reference.json included. Unnamed parts are taken
     from the column of their own name. A column's unit is the given one (hip=q1:deg), or the end of its name (hip_deg,
-    'load [mN]'), or the model's. If a trial has been tracked and its log has no markers, the track is kept.
+    'load [mN]'), or the model's. If a trial has been tracked and its log has no markers, the track is kept. Exits with
+    1 where the trials, which are written all the same, are probably of another unit, order, axes, clock or sign.
 
     Args:
         tables: Tables, one per trial, separated by commas, semicolons or tabs; their names become the trials' names.

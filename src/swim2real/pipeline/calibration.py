@@ -23,6 +23,7 @@ from swim2real.calibration import (
     versions,
 )
 from swim2real.checks.reference import judged, reference_warnings
+from swim2real.checks.resting import other_start, started
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor, recorded_advice
 from swim2real.pipeline.methods import METHODS, default_starts, make_optimizer
@@ -69,8 +70,11 @@ def calibrate(
     if begun is not None and finish:
         settings = replace(settings, method=begun.method, budget=begun.budget, minutes=None)
     if on_warning is not None:
-        for line in (*judged(robot, reference), *reference_warnings(robot, reference, settings)):
+        begins, other = started(robot, reference), other_start(robot, reference)
+        for line in (*judged(begins, reference), *reference_warnings(begins, reference, settings)):
             on_warning(line)
+        if other is not None and settings.pieces is None:
+            on_warning(other)
     fitted, unseen = reference.split(settings.hold_out)
     problem = Problem.with_settings(robot, fitted, settings)
     held_out = None if unseen is None else problem.of(unseen)

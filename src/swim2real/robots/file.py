@@ -365,13 +365,15 @@ def _recordings(file: RobotFile, table: RecordingsTable, markers: tuple[str, ...
     actuators = [actuator.name for actuator in spec.actuators]
     for name in table.controls:
         _known(where, "controls", name, "an actuator of the model", actuators)
-    _known(where, "start", table.start, "one of", ["rest", "markers", "fitted", *(key.name for key in spec.keys)])
+    start = table.start or "rest"
+    _known(where, "start", start, "one of", ["rest", "markers", "fitted", *(key.name for key in spec.keys)])
     return Trials(
         {name: _drive(entry) for name, entry in table.controls.items()},
         _sensors(file, table),
-        table.start,
+        start,
         None if table.frame is None else _pair(file, "frame", table.frame, markers),
         table.score_progress,
+        start_named=table.start is not None,
     )
 
 

@@ -23,6 +23,9 @@ _PLACES = tuple(
 )
 
 
+_EITHER = "at rest or where their first stretch fits best, whichever suits them,"
+
+
 class Response(Protocol):
     """How a robot's swimming responds to its parameters, roughly, as measured over its whole box."""
 
@@ -131,6 +134,7 @@ class Trials:
             the trial's first frames, and their speed. `fitted`: the pose and speed that fit the first stretch best,
             found with the model of each candidate. Anything else is the name of a keyframe. A trial's own start goes
             first.
+        start_named: Whether somebody has said so; else each recording gets the better of rest and fitted.
         frame: Indices of the two markers that make the frame of comparison, origin at the first, x toward the second;
             None compares in the world.
         score_progress: Whether the robot goes somewhere and how far it comes is compared: along the line from the
@@ -145,6 +149,7 @@ class Trials:
     frame: tuple[int, int] | None = None
     score_progress: bool = False
     swims: SteadySwims | None = None
+    start_named: bool = True
 
     @property
     def description(self) -> str:
@@ -169,7 +174,7 @@ class Trials:
             "markers": "where the markers are",
             "fitted": "where their first stretch fits best",
         }
-        start = starts.get(self.start, f"in keyframe '{self.start}'")
+        start = starts.get(self.start, f"in keyframe '{self.start}'") if self.start_named else _EITHER
         pair = "" if self.frame is None else " and ".join(marker_names[i] for i in self.frame)
         frame = f"the frame of {pair}" if pair else "the world"
         progress = ", progress included" if self.score_progress else ""
