@@ -15,6 +15,7 @@ from swim2real.calibration import (
     Progress,
     RunFolder,
     RunSettings,
+    Slopes,
     commit,
     conclude,
     minimize,
@@ -105,9 +106,10 @@ def calibrate(
         optimizer = make_optimizer(resolved, robot, space, advisor, resolved.finish)
         prior = space.to_cube(space.published) if resolved.first == "model" else None
         budget = None if resolved.finish else resolved.budget
-        best, ending = minimize(problem, space, optimizer, budget, folder, on_progress, prior, minutes)
+        slopes = Slopes(space)
+        best, ending = minimize(problem, space, optimizer, budget, folder, on_progress, prior, minutes, slopes)
         effects = sensitivities(problem, space, best.values) if sensitivity else None
-        return conclude(folder, problem, held_out, best.values, effects, ending)
+        return conclude(folder, problem, held_out, best.values, effects, ending, slopes)
 
 
 def _resolved(
