@@ -191,7 +191,7 @@ def _for_markers(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_mjcf(path: Path, where: str = "", *, allow_outside: bool = False, alone: bool = False) -> mujoco.MjSpec:
-    """The model of an MJCF file.
+    """The model of an MJCF file. An actuator without a name gets that of what it acts on.
 
     Args:
         path: Path of the file.
@@ -209,9 +209,16 @@ def read_mjcf(path: Path, where: str = "", *, allow_outside: bool = False, alone
     if alone:
         compile_alone(path, where)
     try:
-        return mujoco.MjSpec.from_file(str(path.resolve()))  # its meshes are found from any working directory
+        spec = mujoco.MjSpec.from_file(str(path.resolve()))  # its meshes are found from any working directory
     except REFUSALS as error:
         raise RobotError(f"{where}MuJoCo can't read model '{path}': {one_line(error)}") from error
+    taken = {actuator.name for actuator in spec.actuators}
+    for i, actuator in enumerate(spec.actuators):
+        if not actuator.name:
+            named = actuator.target or "actuator"
+            actuator.name = named if named not in taken else f"{named}_{i}"
+            taken.add(actuator.name)
+    return spec
 
 
 class _Builder:
