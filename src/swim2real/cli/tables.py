@@ -158,7 +158,7 @@ def parameters(rows: Sequence[ParameterRow], ranges: Mapping[str, Sequence[float
     cells: list[tuple[str, ...]] = []
     for row in rows:
         p, ends = row.parameter, ranges.get(row.parameter.name)
-        within = "–" if ends is None else f"{ends[0]:.3g} to {ends[1]:.3g}"
+        within = "–" if ends is None else f"{ends[0]:.4g} to {ends[1]:.4g}"
         cells.append((p.name, f"{p.published:.4g}", f"{row.value:.4g}", p.unit, row.bound or "–", within))
     table(
         "Parameters; the error rises by less than a tenth within the last column, all others following",
