@@ -10,20 +10,28 @@ from recorded import (
     FLOATER,
     PENDULUM,
     PENDULUM_HIDDEN,
+    PENDULUM_XML,
     RINGING,
     blank,
     floater_reference,
+    make_robot,
     pendulum_reference,
     recorded,
     ringing_reference,
     telling,
     torque_table,
+    with_markers,
 )
 from swim2real.checks.mistakes import mistakes
 from swim2real.checks.reference import judged, starts
-from swim2real.robots.robot import Sensor
+from swim2real.robots.drives import TABLE
+from swim2real.robots.robot import Sensor, Trials
 from swim2real.trials import MarkerTrack, Signals, TrialSet
 
+ROD = make_robot(
+    "rod", PENDULUM.space, lambda values: with_markers(PENDULUM_XML.format(**PENDULUM.space.check(values)), ("end",)),
+    Trials({}, (), "rest"), ("end",), (0, 2),
+)  # fmt: skip
 ENCODED = telling(PENDULUM, start="fitted", sensors=(Sensor("encoder", "rad", 0.2),))
 
 
@@ -125,3 +133,21 @@ def test_the_first_frame_is_shown_where_the_place_in_the_world_is_of_no_importan
     trials = changed(sound["floater"][1], placed(lambda p: p + np.array([0.5, 0.2])))
     (slow, _) = starts(telling(FLOATER, start="rest"), trials)
     assert np.abs(slow.first).max() < 2e-3
+
+
+def test_few_markers_and_frames_without_any_are_judged_as_far_as_they_tell(sound):
+    robot, trials = sound["finger"]
+
+    def late(positions):
+        moved = positions + np.array([0.56, 0.0])
+        moved[:30] = np.nan
+        return moved
+
+    (found,) = mistakes(robot, changed(trials, placed(late)))
+    assert "it lies beside the robot by x +560 mm" in found
+    lone = replace(ROD, trials=replace(ROD.trials, controls={"torque": TABLE}))
+    blanks = [blank(lone, "a", 1.0, controls=torque_table(1.0))]
+    swung = recorded(lone, PENDULUM_HIDDEN, blanks)
+    assert mistakes(lone, swung) == []
+    (said,) = mistakes(lone, changed(swung, signals("controls", np.negative)))
+    assert "commands of actuator 'torque' look of the other sign" in said or "in a mirror" in said

@@ -113,18 +113,18 @@ class _Poses:
 
     def beside(self, trial: Trial) -> Array:
         """How far it is from the robot as a whole, up and right [m]. Shape (2,)."""
-        shift, positions = np.zeros(2), trial.track.positions
+        places = max(trial.track.positions, key=lambda frame: int(np.isfinite(frame).all(axis=1).sum()))
+        shift = np.zeros(2)
         for _ in range(40):
-            (qpos, _), *_ = self.of(_moved(trial, positions[:1].repeat(2, axis=0) - shift))
-            missed = positions[0] - shift - self.fit.motion(qpos, np.zeros(self._unknowns))[0]
+            (qpos, _), *_ = self.of(_moved(trial, np.repeat(places[None] - shift, 2, axis=0)))
+            missed = places - shift - self.fit.motion(qpos, np.zeros(self._unknowns))[0]
             shift = shift + np.nanmean(missed, axis=0)
         return shift
 
 
 def _moved(trial: Trial, positions: Array) -> Trial:
-    """The trial with its markers elsewhere, or its first frames."""
-    count = len(positions)
-    return replace(trial, track=MarkerTrack(trial.track.times[:count], positions, trial.track.confidence[:count]))
+    """The trial, or its first frames, with its markers elsewhere."""
+    return replace(trial, track=MarkerTrack(trial.track.times[: len(positions)], positions))
 
 
 def _some(trial: Trial, count: int) -> Trial:
@@ -242,8 +242,9 @@ def _of_motion(robot: Robot, reference: TrialSet) -> list[str]:
 
 def _of_order(robot: Robot) -> Iterator[_Mistake]:
     """Of robots that look the same in a mirror, or from the other end, as long as they don't move."""
-    if robot.marker_names:
+    if len(robot.marker_names) > 1:
         yield _turned(robot)
+    if robot.marker_names:
         for axis in (0, 1):
             flip = np.where(np.arange(2) == axis, -1.0, 1.0)
             yield _Mistake(
@@ -356,7 +357,7 @@ def _of_sensors(robot: Robot, reference: TrialSet) -> list[str]:
     def off(i: int, readings: Array) -> float:
         return float(np.sqrt(np.nanmean(np.square(made[:, i] - readings))) / spread[i])
 
-    seen = [i for i in range(len(names)) if spread[i] > 1e-3]
+    seen = [i for i in range(len(names)) if spread[i] > 1e-3 and np.isfinite(read[:, i]).any()]
     wrong = [i for i in seen if off(i, read[:, i]) > _UNLIKE]
     for i, j in combinations(wrong, 2):
         if max(off(i, read[:, j]), off(j, read[:, i])) < _ALIKE:
