@@ -242,7 +242,7 @@ class ComparisonSettings:
             mujoco-sysid, and except staged for a robot without stages.
         seeds: Numbers, and ranges without their end: 0:5 is 0 1 2 3 4.
         budget: Simulation evaluations per run, the first included.
-        protocols: As for calibrate; by default all that apply to the robot's trials.
+        protocols: As for calibrate; by default the one that calibrate takes.
         start: Start of steady swims, as for calibrate; by default each protocol's own.
         scale: Scales of the parameters, each a separate contestant; auto: linear under protocol paper, log otherwise.
             METHOD+log and METHOD+linear choose it for one method.

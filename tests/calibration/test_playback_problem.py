@@ -10,15 +10,20 @@ from recorded import (
     FLOATER_HIDDEN,
     PENDULUM,
     PENDULUM_HIDDEN,
+    PENDULUM_SPACE,
+    blank,
     floater_reference,
     pendulum_reference,
+    recorded,
     telling,
+    torque_table,
 )
 from refused import refusal, says
 from run_settings import run_settings, settings_of
 from swim2real.calibration import (
     Problem,
     RunFolder,
+    Slopes,
     conclude,
     load_trials,
     minimize,
@@ -29,8 +34,10 @@ from swim2real.calibration.saved_trials import save_trials
 from swim2real.errors import ArgumentError, RunError, TrialError
 from swim2real.identification.finished_run import reopen
 from swim2real.optimizers import RandomSearch, streams
+from swim2real.pipeline import calibrate
 from swim2real.robots.drives import Drive
 from swim2real.robots.fish import FISH
+from swim2real.settings import CalibrationSettings
 from swim2real.trials import MarkerTrack, Signals, TrialSet
 from swimmers import Swimmer, trial_set
 
@@ -218,3 +225,35 @@ def test_optimizers_are_told_the_way_from_the_models_values_and_losses_arent(pro
         assert drawn.loss == plain.loss
         assert np.array_equal(drawn.residual[:-3], plain.residual)
         assert np.allclose(drawn.residual[-3:], 0.01 * length * (drawn.candidate.point - prior))
+
+
+def test_a_run_by_least_squares_tells_within_which_values_its_error_hardly_rises(tmp_path):
+    blanks = [blank(PENDULUM, name, 2.0, controls=torque_table(2.0, k)) for k, name in enumerate("ab")]
+    reference = recorded(PENDULUM, PENDULUM_HIDDEN, blanks, 1e-3)
+    settings = CalibrationSettings(method="least-squares", budget=30, horizon=1.0, threads=2)
+    found = calibrate(reference, telling(PENDULUM, start="rest"), settings, tmp_path / "run", on_warning=None)
+    assert set(found.ranges) == set(PENDULUM_SPACE.names)
+    for name, (low, high) in found.ranges.items():
+        assert low < PENDULUM_HIDDEN[name] < high < 2 * low
+    other = replace(settings, method="random", budget=2)
+    assert calibrate(reference, PENDULUM, other, tmp_path / "other", on_warning=None).ranges == {}
+
+
+def test_slopes_are_those_of_a_plane_and_unknown_where_no_points_lie():
+    space, rng = PENDULUM_SPACE, np.random.default_rng(0)
+    plane = np.diag([1.0, 0.1, 0.0])  # the third parameter doesn't count
+    slopes = Slopes(space)
+    assert slopes.ranges() == {}
+    for step in [np.zeros(3), *(0.05 * rng.standard_normal((12, 3)))]:
+        slopes.add(0.5 + step, np.concatenate([[0.02], plane @ step]))
+    ends = {name: [space.to_cube({**space.published, name: end})[k] for end in slopes.ranges()[name]]
+            for k, name in enumerate(space.names)}  # fmt: skip
+    reach = 0.02 * (1.1**2 - 1) ** 0.5
+    assert ends["shoulder_damping"] == pytest.approx([0.5 - reach, 0.5 + reach], rel=1e-3)
+    assert ends["elbow_damping"] == pytest.approx([0.5 - 10 * reach, 0.5 + 10 * reach], rel=1e-3)
+    assert ends["lower_mass"] == pytest.approx([0, 1])
+    flat = Slopes(space)
+    for step in 0.05 * np.eye(3)[[0, 1]]:
+        flat.add(0.5 + step, np.concatenate([[0.02], plane @ step]))
+    flat.add(np.full(3, 0.5), np.array([0.02, 0, 0, 0]))
+    assert set(flat.ranges()) == {"shoulder_damping", "elbow_damping"}

@@ -17,9 +17,10 @@ from recorded import (
     torque_table,
 )
 from refused import says
-from swim2real.checks.resting import at_rest, in_motion
+from swim2real.calibration import Problem
+from swim2real.checks.resting import better_starts, in_motion, other_start, started
 from swim2real.robots.drives import Drive
-from swim2real.trials import MarkerTrack, TrialSet
+from swim2real.trials import MarkerTrack, Signals, TrialSet
 
 RESTING, RAISED = telling(PENDULUM, start="rest"), telling(PENDULUM, start="raised")
 
@@ -34,22 +35,51 @@ def from_pose(robot, seconds=2.0, noise=3e-4, names="ab") -> TrialSet:
 @pytest.mark.parametrize("fitted", ["fitted", "markers"])
 def test_a_start_at_rest_is_proposed(fitted, robot, pose, start):
     trials = from_pose(robot)
-    said = at_rest(telling(PENDULUM, start=fitted), trials)
+    said = other_start(telling(PENDULUM, start=fitted), trials)
     assert says(said, "All 2 recordings begin at rest", pose, f'start = "{start}"')
     assert in_motion(robot, trials) == []
-    assert at_rest(robot, trials) is None
+    assert other_start(robot, trials) is None
 
 
 def test_a_recording_in_motion_is_reported_where_the_file_says_rest():
     trials = pendulum_reference(1e-3)  # cut out of longer ones
     fitted = telling(PENDULUM, start="fitted")
-    assert at_rest(fitted, trials) is None
+    assert other_start(fitted, trials) is None
     assert says(in_motion(RESTING, trials)[0], "trial 'a' moves", 'start is "rest"', 'start = "fitted"')
     assert in_motion(fitted, trials) == []
     blanks = [blank(RESTING, "a", 0.5, controls=torque_table(0.5), start={"shoulder": 1.0, "elbow": 0.2})]
     known = recorded(RESTING, PENDULUM_HIDDEN, blanks, 1e-3)  # a known start isn't looked at
-    assert at_rest(fitted, known) is None
+    assert other_start(fitted, known) is None
     assert in_motion(RESTING, known) == []
+
+
+@pytest.mark.parametrize(("trials", "start"), [(from_pose(RESTING, names="a"), "rest"),
+                                               (pendulum_reference(1e-3), "fitted")])  # fmt: skip
+def test_where_no_start_is_named_each_recording_gets_what_suits_it(trials, start):
+    unnamed, named = telling(RESTING, start_named=False), telling(PENDULUM, start=start)
+    assert {one.start for one in better_starts(unnamed, trials).values()} == {start}
+    losses = [Problem(robot, trials, horizon=1.0).evaluate(PENDULUM_HIDDEN).loss for robot in (unnamed, named)]
+    assert losses[0] == losses[1]
+    assert started(unnamed, trials).trials.start == start
+    assert other_start(unnamed, trials) is None
+    assert in_motion(unnamed, trials) == []
+
+
+def test_a_command_that_jumps_as_a_recording_begins_speaks_for_no_start():
+    table = Signals([0.0, 2.0], ["torque"], [[0.1], [0.1]])
+    trials = recorded(RESTING, PENDULUM_HIDDEN, [blank(RESTING, "a", 2.0, controls=table)], 3e-4)
+    (one,) = better_starts(RESTING, trials).values()
+    assert one.start == "rest"
+    assert in_motion(RESTING, trials) == []
+
+
+def test_a_start_elsewhere_than_the_file_says_is_fitted():
+    start = {"shoulder": 0.2, "elbow": 0.1}
+    begun = blank(RESTING, "a", 1.0, controls=torque_table(1.0), start=start)
+    placed = recorded(RESTING, PENDULUM_HIDDEN, [begun], 3e-4)
+    unknown = replace(placed, trials=tuple(replace(trial, start={}) for trial in placed))
+    said = other_start(RESTING, unknown)
+    assert says(said, "trial 'a' begins", 'mm from the pose of start = "rest"', 'say start = "fitted"')
 
 
 def test_links_that_float_begin_at_rest_wherever_they_are():
@@ -60,7 +90,7 @@ def test_links_that_float_begin_at_rest_wherever_they_are():
     turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
     track = type(swim.track)(swim.track.times, swim.track.positions @ turn + [3.0, 1.0])
     elsewhere = TrialSet((type(swim)(**{**vars(swim), "track": track}),), trials.marker_names)
-    told = at_rest(telling(floater, start="fitted"), elsewhere)
+    told = other_start(telling(floater, start="fitted"), elsewhere)
     assert told is not None
     assert told.startswith("The recording begins at rest in the model's own pose")
     assert in_motion(floater, elsewhere) == []
@@ -78,7 +108,7 @@ def test_markers_that_are_lost_at_first_tell_nothing():
             made.append(replace(trial, track=MarkerTrack(trial.track.times, positions)))
         return TrialSet(tuple(made), trials.marker_names)
 
-    assert at_rest(fitted, without(None, [0])) is not None
-    assert at_rest(fitted, without(20, [0, 1, 2])) is None
+    assert other_start(fitted, without(None, [0])) is not None
+    assert other_start(fitted, without(20, [0, 1, 2])) is None
     assert in_motion(RESTING, without(20, [0, 1, 2])) == []
-    assert at_rest(fitted, TrialSet(trials.trials, ("a", "b", "c"))) is None
+    assert other_start(fitted, TrialSet(trials.trials, ("a", "b", "c"))) is None

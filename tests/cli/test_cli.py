@@ -264,6 +264,17 @@ def test_calibrate_leaves_a_whole_run(finished, calibration):
     assert json.loads((finished / "best.json").read_text())["loss"] == min(entry["loss"] for entry in entries)
 
 
+def test_calibrate_ends_with_the_values_that_it_has_found(program, calibration, tmp_path):
+    words = ("--out", tmp_path / "run", "--horizon", 1, "--method", "least-squares", "--budget", 6)
+    program(*calibration, *words).done()
+    told, best = " ".join(program.out.split()), json.loads((tmp_path / "run" / "best.json").read_text())["parameters"]
+    assert told.index("parameter model found unit on bound within") < told.index("Fitted trials")
+    for name, value in best.items():
+        assert re.search(rf"{name} \S+ {value:.4g} \S+ (lower|upper|–) \S+ to \S+", told), (name, told)
+    program(*calibration, "--out", tmp_path / "other", "--horizon", 1, "--method", "random", "--budget", 1).done()
+    assert "How well the trials tell them: `swim2real identify`" in program.out
+
+
 @pytest.mark.slow
 def test_calibrate_quietly_only_warns_of_a_fit_that_swims_backward(program, pool_folder, tmp_path, new_fluid_law):
     out = tmp_path / "run"

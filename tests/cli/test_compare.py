@@ -6,12 +6,15 @@ The comparisons are of the pendulum, which is quick.
 import csv
 import json
 import re
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from filelock import FileLock
 from program import CTRL_C, interrupted, process
 
+from swim2real.comparison.compare import JobReport, run_job
 from vlm_server import replies
 
 METHODS = ("random", "least-squares")
@@ -51,7 +54,9 @@ def test_it_prints_a_table_and_a_line_a_run(finished):
     assert last.endswith(str(out / "comparison.html"))
     assert (out / "comparison.html").is_file()
     assert (out / "figures" / "convergence-playback.png").is_file()
-    told = sorted(re.sub(r"^\d", "N", line) for line in err.splitlines())
+    first, *lines = err.splitlines()
+    assert re.fullmatch(r"2 runs, 6 evaluations; by one evaluation about \d+\.\d min", first)
+    told = sorted(re.sub(r"^\d", "N", line) for line in lines)
     assert len(told) == 2
     for line, method in zip(told, sorted(METHODS), strict=True):
         pattern = rf"N/2 playback/{method}/seed-1: best \d+\.\d mm, \d+\.\d s, \d+:\d\d left"
@@ -77,6 +82,30 @@ def test_an_interruption_leaves_nothing_at_work_and_the_same_command_goes_on(
     program(*words(pendulum_folder, out, "--workers", 1, "--quiet")).done()
     assert (program.out, program.err) == ("", "")
     assert (out / "results.csv").read_bytes() == (finished[0] / "results.csv").read_bytes()
+
+
+def test_an_interruption_leaves_the_results_of_runs_that_have_ended(program, pendulum_folder, tmp_path, monkeypatch):
+    module, ended = sys.modules["swim2real.comparison.compare"], []
+
+    def one_alone(job, work):
+        if ended:
+            return JobReport(job.key, job.method, "stopped")
+        ended.append(job.key)
+        return run_job(job, work)
+
+    def interrupting(future, job):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "ProcessPool", lambda workers: ThreadPoolExecutor(1))
+    monkeypatch.setattr(module, "run_job", one_alone)
+    monkeypatch.setattr(module, "_report_of", interrupting)
+    out = tmp_path / "comparison"
+    program(*words(pendulum_folder, out))
+    assert program.code == 1
+    assert f"1 of 2 runs are in '{out / 'results.json'}' and its pages" in program.err
+    with (out / "results.csv").open() as file:
+        assert [f"playback/{row['method']}/seed-1" for row in csv.DictReader(file)] == ended
+    assert (out / "comparison.html").is_file()
 
 
 @pytest.mark.slow
@@ -108,7 +137,7 @@ def test_runs_that_fail_are_told_together_and_leave_with_1(program, pendulum_fol
         "0:2",
     )
     assert program.code == 1
-    *lines, last = program.err.splitlines()
+    _, *lines, last = program.err.splitlines()
     assert len(lines) == 4
     why = "'nowhere' is no run folder: it has no settings.json"
     assert last == f"swim2real: playback/line-search@replay=nowhere/seed-0 and 1 more failed: {why}"

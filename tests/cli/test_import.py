@@ -238,10 +238,11 @@ def test_units_that_are_probably_others_and_missing_rows_are_told(program, refer
     lines = (tmp_path / "a.csv").read_text().splitlines()
     (tmp_path / "a.csv").write_text("\n".join(lines[:50] + lines[70:]))
     other = (*COLUMNS[:3], "gyro[1]=gyro y (deg/s):rad/s")
-    program("import-recording", tmp_path / "a.csv", *words, *other, *MARKERS).done()
+    program("import-recording", tmp_path / "a.csv", *words, *other, *MARKERS)
+    assert program.code == 1
     assert "rows are missing for 0.35 s from 0.800 s on" in program.err
     assert "that looks like degrees in place of radians" in program.err
-    assert "say NAME=COLUMN:UNIT" in program.err
+    assert "units are NAME=COLUMN:UNIT; the trials are written" in program.err
 
 
 def test_the_example_of_the_docs(program, tmp_path, monkeypatch):
@@ -263,7 +264,8 @@ def test_the_example_of_the_docs(program, tmp_path, monkeypatch):
     np.testing.assert_allclose(trial.sensors.column("shoulder_angle"), np.deg2rad(0.9 * swing), atol=1e-12)
     np.testing.assert_allclose(trial.controls.column("elbow_servo"), np.deg2rad(-swing), atol=1e-12)
     wrong = line.replace("cmd1_deg", "cmd1_deg:rad")
-    program(*shlex.split(wrong)).done()
+    program(*shlex.split(wrong))
+    assert program.code == 1
     assert "commands of actuator 'shoulder_servo' reach 20, and it takes" in program.err
 
 

@@ -37,10 +37,7 @@ def test_a_robot_file_is_begun_and_passes_its_check(program, model):
     assert "Markers at rest, seen from the side, from the model's origin, which must be the camera" in rows(program)
     assert "tip 0.0 -400.0 0.0" in rows(program)
     assert "Moved for 2 s from a pose off its rest." in program.text
-    assert (
-        "Trials are recordings that start where their first stretch fits best and are compared in the world."
-        in program.text
-    )
+    assert "start at rest or where their first stretch fits best, whichever suits them, and are comp" in rows(program)
     assert out.with_suffix(".png").read_bytes().startswith(PNG)
     assert program.text.strip().endswith(str(out.with_suffix(".png")))
 
@@ -119,11 +116,15 @@ def test_real_trials_are_used_and_must_fit(program, tmp_path):
     track = MarkerTrack(seen.track.times, seen.track.positions + np.array([0.6, 0.0]))
     away = TrialSet((replace(seen, name="a", controls=trial.controls, track=track),), robot.marker_names)
     save_reference(away, tmp_path / "away")
-    program("check", place, "--reference", tmp_path / "away").done()
-    assert "Warning: trial 'a' begins 6" in program.text
+    program("check", place, "--reference", tmp_path / "away")
+    assert program.code == 1
+    assert "Probably wrong: trial 'a': it lies beside the robot by x +600 mm, z +0 mm; check the camera" in rows(
+        program
+    )
+    assert "All trials" not in program.text
     quick = ("--method", "random", "--budget", 1, "--threads", 1, "--quiet")
     program("calibrate", tmp_path / "away", "--robot", place, "--out", tmp_path / "run", *quick)
-    assert program.err.startswith("swim2real: warning: trial 'a' begins 6")
+    assert program.err.startswith("swim2real: warning: trial 'a': it lies beside the robot")
     made(tmp_path, ROBOT, RECORDINGS, DRIVEN.replace("servo", "law"), DAMPING)
     program("check", place, "--reference", folder)
     assert program.code == 1

@@ -42,9 +42,10 @@ def test_ctrl_c_leaves_a_study_that_goes_on(run_folder, pool_folder):
     line = next(line for line in begun.stderr if "lowest" in line)
     assert " s left" in line
     begun.send_signal(signal.SIGINT)
-    _, err = begun.communicate(timeout=60)
+    out, err = begun.communicate(timeout=60)
     assert begun.returncode == 1
     assert "interrupted; what is done is kept in" in err
+    assert "So far, lowest" in out
     kept = json.loads((run_folder / "identifiability.json").read_text())
     assert not kept["complete"]
     out, err = process(*words).communicate(timeout=300)

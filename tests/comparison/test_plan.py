@@ -65,12 +65,15 @@ def test_recordings_have_one_protocol_and_the_units_of_their_sensors(pool):
     plan = make_plan(ALONE, pendulum_reference(), PENDULUM)
     assert (plan.settings.protocols, plan.sensors) == (("playback",), {"gyro[1]": "rad/s"})
     assert keys(plan) == ["playback/random/seed-0"]
-    assert make_plan(ALONE, pool, FISH).settings.protocols == ("motion", "aligned", "paper")
+    assert make_plan(ALONE, pool, FISH).settings.protocols == ("motion",)
 
 
 def test_swims_begin_where_each_protocol_says_or_allows(pool, plan):
     starts = [
-        [job.settings.start for job in make_plan(replace(ALONE, start=start), pool, FISH).jobs("out")]
+        [
+            job.settings.start
+            for job in make_plan(replace(ALONE, start=start, protocols=FISH.trials.protocols), pool, FISH).jobs("out")
+        ]
         for start in ("rest", None)
     ]
     assert starts == [["rest", "rest", "speed"], ["rest", "speed", "speed"]]

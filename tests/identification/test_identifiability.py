@@ -11,7 +11,14 @@ from refused import refusal, says
 from swim2real.errors import RunError
 from swim2real.identification.evaluated import EvaluatedPoint, autocorrelation, independent_numbers
 from swim2real.identification.finished_run import reopen
-from swim2real.identification.identifiability import IDENTIFIABILITY, IDENTIFIED, directions, identify, read_study
+from swim2real.identification.identifiability import (
+    IDENTIFIABILITY,
+    IDENTIFIED,
+    directions,
+    identify,
+    known_so_far,
+    read_study,
+)
 from swim2real.identification.posterior import SHARPNESS, draw, first_points
 from swim2real.parameters import read_parameters
 from swim2real.robots.fish import FISH
@@ -106,6 +113,25 @@ def test_a_study_that_is_cut_anywhere_is_the_same_file(run_path, reference, tmp_
     stops = (1, batches, batches + 2)
     _, *cut = study(tmp_path / "cut", stops)
     assert cut == whole
+
+
+def test_a_study_that_is_cut_within_a_batch_keeps_it_and_tells_what_is_known(run, reference):
+    left = iter(range(10))
+
+    def check():
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        identify(run, QUICK, check=check)
+    assert read_study(run.folder.path / IDENTIFIABILITY).evaluations == 11
+    lowest, ranges = known_so_far(run)
+    assert lowest <= min(entry.loss for entry in run.record)
+    for name, (low, high) in ranges.items():
+        assert toy.SPACE[name].lower <= low < high <= toy.SPACE[name].upper
+    left = iter(range(10**9))
+    identify(reopen(run.folder.path, reference, toy.ROBOT, 2), QUICK, check=check)
+    assert read_study(run.folder.path / IDENTIFIABILITY).complete
 
 
 def test_a_finished_study_is_read_and_not_made_again(studied, reference):

@@ -152,7 +152,7 @@ def test_a_file_may_stand_elsewhere(tmp_path):
 def test_a_model_with_sensors_and_no_sites_is_recorded_without_a_camera(begun):
     draft, out = begun(re.sub(r"<site [^>]*/>", "", PENDULUM).replace("</mujoco>", ENCODERS + "</mujoco>"))
     written = tomllib.loads(out.read_text())
-    assert (draft.markers, written["markers"], written["recordings"]["start"]) == ((), [], "fitted")
+    assert (draft.markers, written["markers"], "start" in written["recordings"]) == ((), [], False)
     assert written["recordings"]["sensors"] == {"angle": {"unit": "rad", "meters_per_unit": 0.01}}
     assert load_robot(out).marker_names == ()
 
@@ -190,3 +190,14 @@ def test_models_that_cannot_be_begun_with_are_told(tmp_path, xml, error, says):
         model.write_text(xml)
     with pytest.raises(error, match=says):
         draft_robot(model, threads=1)
+
+
+def test_actuators_without_names_are_called_after_what_they_act_on_and_the_camera_is_a_question(begun):
+    model = ARM.replace('name="shoulder.servo" ', "").replace('name="elbow.servo" ', "")
+    twice = model.replace("</actuator>", '<motor joint="elbow.pitch"/></actuator>')
+    draft, out = begun(twice)
+    names = ["shoulder.pitch", "elbow.pitch", "elbow.pitch_2"]
+    assert list(tomllib.loads(out.read_text())["recordings"]["controls"]) == names
+    assert [load_robot(out).model.actuator(i).name for i in range(3)] == names
+    assert any('actuator "shoulder.pitch"' in draft.candidates[name].target for name in draft.calibrated)
+    assert "From where is it filmed? Nothing in the model says so" in out.read_text()

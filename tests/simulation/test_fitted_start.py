@@ -180,4 +180,4 @@ def test_noise_and_short_recordings_have_no_frequency(ringing):
         assert np.linalg.norm(one.first, axis=1).max() < 2e-3
         assert one.stretch < 5e-3
     assert starts(FISH, ringing) == []
-    assert starts(FLOATER, floater_reference()) == []  # somewhere in the world, at rest
+    assert max(np.abs(one.first).max() for one in starts(FLOATER, floater_reference())) < 1e-9  # in its frame

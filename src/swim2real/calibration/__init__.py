@@ -9,7 +9,7 @@ from swim2real.calibration.provenance import commit, reference_fingerprint, vers
 from swim2real.calibration.run_folder import RunFolder
 from swim2real.calibration.run_settings import RunSettings
 from swim2real.calibration.saved_trials import SavedTrial, load_trials
-from swim2real.calibration.sensitivity import Sensitivity, sensitivities
+from swim2real.calibration.sensitivity import Sensitivity, Slopes, sensitivities
 
 __all__ = [
     "Outcome",
@@ -20,6 +20,7 @@ __all__ = [
     "RunSettings",
     "SavedTrial",
     "Sensitivity",
+    "Slopes",
     "commit",
     "conclude",
     "examine_swims",

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swim2real.calibration.file_models import Outcome, RecordedEvaluation
 from swim2real.calibration.run_settings import RunSettings
 from swim2real.optimizers.multi_start import AGREEMENT, agreeing
 from swim2real.parameters import ParameterSpace
+from swim2real.robots.robot import Sensor
 from swim2real.settings import CalibrationSettings
-from swim2real.trials import MarkerTrack
+from swim2real.trials import MarkerTrack, Trial
 
 _FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
 _FEW = 10  # evaluations of which nothing is said
@@ -80,18 +82,31 @@ def never_beaten(entries: Sequence[RecordedEvaluation], settings: CalibrationSet
 
 
 def marker_noise(tracks: Sequence[MarkerTrack]) -> float | None:
-    """How far a marker is off where it was seen, from frame to frame [m]; median over markers, mean over tracks.
+    """How far a marker is off where it was seen, from frame to frame [m]; median over markers, mean over tracks."""
+    scattered = [_scatter(track.positions) for track in tracks if track.marker_count]
+    found = [float(np.sqrt(2) * np.nanmedian(one)) for one in scattered if np.isfinite(one).any()]
+    return float(np.mean(found)) if found else None
+
+
+def noise_of(trials: Sequence[Trial], sensors: Sequence[Sensor]) -> float | None:
+    """Noise of the markers, or of sensors alone the mean error that noise of readings counts as [m]; None without."""
+    tables = [trial.sensors for trial in trials if not trial.track.marker_count and trial.sensors is not None]
+    if not tables:
+        return marker_noise([trial.track for trial in trials])
+    mean = np.sqrt(2 / np.pi)  # absolute deviation of a normal distribution
+    found = [sum(s.meters_per_unit * mean * float(_scatter(one.column(s.name))) for s in sensors) for one in tables]
+    return float(np.mean(found)) if np.isfinite(found).all() and sensors else None
+
+
+def _scatter(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Standard deviation of noise in columns over time, NaN where nothing tells it. Shape (T, ...) to (...).
 
     Third differences in time leave little of the motion: those of white noise have 20 times its variance.
     """
-    found: list[float] = []
-    for track in tracks:
-        thirds = np.diff(track.positions, n=3, axis=0)
-        thirds = np.abs(thirds - np.nanmedian(thirds, axis=0)) if len(thirds) else thirds
-        if np.isfinite(thirds).any():
-            one_axis = 1.4826 * np.nanmedian(thirds, axis=0) / np.sqrt(20)
-            found.append(float(np.sqrt(2) * np.nanmedian(one_axis)))
-    return float(np.mean(found)) if found else None
+    thirds = np.diff(values, n=3, axis=0)
+    if not np.isfinite(thirds).any():
+        return np.full(values.shape[1:], np.nan)
+    return np.asarray(1.4826 * np.nanmedian(np.abs(thirds - np.nanmedian(thirds, axis=0)), axis=0) / np.sqrt(20))
 
 
 def standing(
@@ -122,7 +137,8 @@ def standing(
     ]
     noise = None if outcome is None else outcome.noise
     if noise:
-        said.append(f"the best loss is {best.loss / noise:.1f} times the noise of the markers ({1e3 * noise:.2f} mm)")
+        of = "of the markers" if outcome is not None and outcome.marker_names else "of the readings"
+        said.append(f"the best loss is {best.loss / noise:.1f} times the noise {of} ({1e3 * noise:.2f} mm)")
     places = dict(zip(space.names, space.to_cube(best.values), strict=True))
     bound = [name for name, place in places.items() if not _ON_BOUND < place < 1 - _ON_BOUND]
     if bound:

@@ -96,7 +96,9 @@ class Outcome(_Part):
         marker_names: Names of the markers.
         evaluations: Number of evaluations on record.
         ending: What ended the search: done, minutes or budget.
-        noise: Noise of the markers of the fitted trials [m].
+        noise: Noise of the markers of the fitted trials, of sensors alone that of what they count as [m].
+        ranges: Values of each parameter within which the error rises by less than a tenth, others following; empty
+            where the search has no slopes.
     """
 
     fit: FitFigures
@@ -109,6 +111,7 @@ class Outcome(_Part):
     evaluations: Whole = 0
     ending: Text = "budget"
     noise: Number | None = None
+    ranges: dict[str, tuple[Number, Number]] = {}
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""

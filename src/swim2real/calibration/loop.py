@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from swim2real.calibration.file_models import RecordedEvaluation
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import RunFolder
+from swim2real.calibration.sensitivity import Slopes
 from swim2real.errors import RunError
 from swim2real.objective import Comparison, evidence
 from swim2real.optimizers import Candidate, Evaluation, Optimizer
@@ -68,7 +69,7 @@ class Progress:
 def minimize(
     problem: Problem, space: ParameterSpace, optimizer: Optimizer, budget: int | None, folder: RunFolder,
     on_progress: Callable[[Progress], None] = lambda progress: None, prior: NDArray[np.float64] | None = None,
-    minutes: float = MINUTES,
+    minutes: float = MINUTES, slopes: Slopes | None = None,
 ) -> tuple[RecordedEvaluation, Ending]:  # fmt: skip
     """Runs or goes on with a calibration until the budget is spent, or without one until the optimizer is done.
 
@@ -83,6 +84,7 @@ def minimize(
             residuals are told the way from it as well, a whole range as a hundredth of the first residual. Losses
             don't know of it. Shape (d,).
         minutes: Longest search without a budget, evaluations on record apart.
+        slopes: Told of residuals that an optimizer asks for.
 
     Returns:
         The record's entry of the incumbent, and what ended the search.
@@ -134,6 +136,8 @@ def minimize(
         if (best is not before and not replayed) or index == len(recorded) - 1:  # once for all that is replayed
             _write_best(folder, problem, best)
         residual = comparison.residual_vector() if comparison is not None and optimizer.needs_residual else None
+        if residual is not None and slopes is not None and not entry.failed:
+            slopes.add(candidate.point, residual)
         if residual is not None and prior is not None:
             scale = scale or (_PRIOR * float(np.linalg.norm(residual)) if not entry.failed else None)
             residual = np.concatenate([residual, (scale or 0.0) * (candidate.point - prior)])

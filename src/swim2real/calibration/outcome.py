@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from swim2real.calibration.convergence import marker_noise
+from swim2real.calibration.convergence import noise_of
 from swim2real.calibration.file_models import Outcome
 from swim2real.calibration.loop import Ending
 from swim2real.calibration.problem import Problem
 from swim2real.calibration.run_folder import OUTCOME, RunFolder
 from swim2real.calibration.saved_trials import save_trials
-from swim2real.calibration.sensitivity import Sensitivity
+from swim2real.calibration.sensitivity import Sensitivity, Slopes
 from swim2real.objective import evidence
 from swim2real.objective.comparison import rounded
 from swim2real.parameters import Values
@@ -19,7 +19,7 @@ from swim2real.parameters import Values
 
 def conclude(
     folder: RunFolder, problem: Problem, held_out: Problem | None, values: Values,
-    sensitivity: Sequence[Sensitivity] | None = None, ending: Ending = "budget",
+    sensitivity: Sequence[Sensitivity] | None = None, ending: Ending = "budget", slopes: Slopes | None = None,
 ) -> Outcome:  # fmt: skip
     """Simulates the best parameters once more, on held-out trials too, and writes figures and trials.
 
@@ -30,6 +30,7 @@ def conclude(
         values: The best parameters.
         sensitivity: Effect of each parameter on the loss, where it was measured.
         ending: What ended the search.
+        slopes: How the residual changes about the best parameters, where the search knows it.
 
     Raises:
         RunError: The folder can't be written.
@@ -46,7 +47,8 @@ def conclude(
         "marker_names": list(problem.robot.marker_names),
         "evaluations": len(folder.record()),
         "ending": ending,
-        "noise": rounded(marker_noise([trial.track for trial in problem.trials])),
+        "noise": rounded(noise_of(problem.trials, problem.robot.trials.sensors)),
+        "ranges": {} if slopes is None else {name: list(ends) for name, ends in slopes.ranges().items()},
     }
     save_trials(folder, fit, on_held_out)
     folder.write_json(OUTCOME, content)

@@ -16,6 +16,7 @@ import numpy as np
 
 from swim2real.calibration.from_rest import from_rest
 from swim2real.checks.reference import too_fast
+from swim2real.checks.resting import better_starts
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.objective import ComparedTrial, Target, compare_playback, compare_steady, playback_target, steady_target
 from swim2real.objective.comparison import rounded
@@ -265,13 +266,15 @@ class Playback(Protocol[PlaybackSimulator]):
                 f"the reference has the markers {', '.join(reference.marker_names)}; robot '{robot.name}' has "
                 f"{', '.join(robot.marker_names)}; name them alike, in the same order"
             )
-        return tuple(self._prepared(trial, robot, simulator, horizon) for trial in reference)
+        named = robot.trials.start_named or self.pieces is not None
+        starts = {} if named else {name: one.start for name, one in better_starts(robot, reference).items()}
+        return tuple(self._prepared(trial, robot, simulator, horizon, starts.get(trial.name)) for trial in reference)
 
     def compare(self, target: Target, simulated: Trial) -> ComparedTrial:
         return compare_playback(target, simulated)
 
     def _prepared(
-        self, trial: Trial, robot: Robot, simulator: PlaybackSimulator, horizon: float | None
+        self, trial: Trial, robot: Robot, simulator: PlaybackSimulator, horizon: float | None, start: str | None
     ) -> PreparedTrial:
         check_plausible(trial, robot.rest_markers, robot.marker_names)
         trials, lost, cut = robot.trials, check_bodies(trial.track, robot.marker_bodies), trial.cut(horizon)
@@ -286,7 +289,7 @@ class Playback(Protocol[PlaybackSimulator]):
         summary = _summary(trial, recorded, lost, {}, robot.marker_names, _other_rate(trial) if driven else [])
         if driven:
             summary["findings"] += _uncommanded(trial)
-        request = simulator.request(cut, weights, self.pieces)
+        request = simulator.request(cut, weights, self.pieces, start)
         if request.first is not None and request.stretch is None:
             summary["findings"] += too_fast(cut, weights)
         seen = bool(request.pieces) or request.first is not None or request.stretch is not None

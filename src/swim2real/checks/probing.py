@@ -34,7 +34,6 @@ _SWING = 0.25  # of an actuator's range
 _POSITION = 0.5  # rad or m, of a position servo without a range
 _ANGLE = 0.3  # rad
 _SHIFT = 0.1  # of the robot's size
-_SHOWN = (MARKERS, FITTED)  # starts in any pose
 _EDGE = 0.1  # of a joint's range, which the start keeps away from its ends
 
 Simulate = Callable[[Sequence[Values]], list[TrialSet]]
@@ -118,7 +117,12 @@ def made_up_motion(robot: Robot) -> str:
     if robot.trials.swims is not None:
         return f"by its {'motor' if robot.trials.swims.motor_joint else 'servo'} at {FREQUENCY:g} Hz, from rest"
     by = f"by what drives a trial, at {FREQUENCY:g} Hz and with sines for tables, " if robot.trials.controls else ""
-    return by + ("from a pose off its rest" if robot.trials.start in _SHOWN else "from where trials start")
+    return by + ("from a pose off its rest" if _shown(robot) else "from where trials start")
+
+
+def _shown(robot: Robot) -> bool:
+    """Whether recordings may start in any pose."""
+    return robot.trials.start in (MARKERS, FITTED) or not robot.trials.start_named
 
 
 def moved(robot: Robot, threads: int | None = None) -> TrialSet:
@@ -144,7 +148,7 @@ def _begun(robot: Robot, reference: TrialSet | None, threads: int | None) -> tup
 def _excited(robot: Robot, threads: int | None) -> tuple[TrialSet, Simulate]:
     """The same for made-up recordings, as strong as the robot bears."""
     # a start off the rest pose is in the trial itself
-    starting = replace(robot.trials, start=REST) if robot.trials.start in _SHOWN else robot.trials
+    starting = replace(robot.trials, start=REST) if _shown(robot) else robot.trials
     simulator = PlaybackSimulator(replace(robot, trials=starting), threads)
     rollouts = [simulator.request(excitation(robot, strength)) for strength in _STRENGTHS]
     simulations = [partial(simulator.simulate_many, rollouts=[rollout]) for rollout in rollouts]
@@ -217,7 +221,7 @@ def excitation(robot: Robot, strength: float) -> Trial:
     times = np.arange(round(SECONDS * _RATE) + 1) / _RATE
     names = [name for name, drive in robot.trials.controls.items() if drive.table]
     columns = [swing(model.actuator(name), times, i, strength, FREQUENCY) for i, name in enumerate(names)]
-    start, velocities = _start(model, strength) if robot.trials.start in _SHOWN else ({}, {})
+    start, velocities = _start(model, strength) if _shown(robot) else ({}, {})
     nowhere = np.zeros((len(times), len(robot.marker_names), 2))
     return Trial(
         "excitation",

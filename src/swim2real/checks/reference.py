@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import detrend
 
+from swim2real.checks.mistakes import mistakes
 from swim2real.checks.resting import in_motion
 from swim2real.errors import Swim2RealError, TrialError
 from swim2real.robots.robot import Robot, Trials
@@ -17,6 +18,7 @@ from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.pose import MarkerView
 from swim2real.simulation.start import FITTED, MARKERS, STRETCH, FirstFrames
 from swim2real.trials import Trial, TrialSet
+from swim2real.trials.frames import to_body
 
 _WINDOWS = 10  # of first frames that show how fast a recording moves
 _MOTION = 0.9  # of the motion's power, above noise
@@ -33,17 +35,28 @@ _UNITS = {"degrees in place of radians": 180 / np.pi, "radians in place of degre
 
 
 def reference_warnings(robot: Robot, reference: TrialSet, settings: EvaluationSettings) -> list[str]:
-    """What is probably wrong with trials, a sentence each: their place, starts, units and lengths.
+    """What may be wrong with the starts and lengths of trials, a sentence each.
 
     Raises:
         TrialError: A trial can't be played back.
         EngineError: The robot itself can't be simulated.
     """
-    far = misplaced(robot, reference)
-    lines = [*([] if far is None else [far]), *in_motion(robot, reference), *other_units(robot, reference)]
+    lines = in_motion(robot, reference)
     if settings.pieces is None:
         lines += [*warn_fast_starts(robot, reference), *long_swings(robot, reference, settings.horizon)]
     return lines
+
+
+def judged(robot: Robot, reference: TrialSet) -> list[str]:
+    """What is probably wrong with trials, a sentence each: their unit, order, place, axes, clock, commands or sensors.
+
+    Raises:
+        TrialError: A trial can't be played back.
+        EngineError: The robot itself can't be simulated.
+    """
+    found = mistakes(robot, reference)
+    far = None if found else misplaced(robot, reference)
+    return [*found, *([] if far is None else [far]), *other_units(robot, reference)]
 
 
 def misfits(robot: Robot, reference: TrialSet) -> list[str]:
@@ -79,22 +92,23 @@ class StartOff:
 
 
 def starts(robot: Robot, reference: TrialSet) -> list[StartOff]:
-    """How recordings start; nothing of swims, and of recordings whose place in the world is of no importance.
+    """How recordings start, in the frame of comparison where that isn't fitted; nothing of swims.
 
     Raises:
         TrialError: A trial can't be played back.
         EngineError: The robot itself can't be simulated.
     """
     about = robot.trials
-    if about.swims is not None or (about.frame is not None and about.start not in (MARKERS, FITTED)):
+    if about.swims is not None or not robot.marker_names:
         return []
-    if not robot.marker_names:
-        return []
+    frame = None if about.start in (MARKERS, FITTED) else about.frame
     simulator, made = PlaybackSimulator(robot), list[StartOff]()
     for trial in reference:
         request, begun = simulator.request(trial), trial.cut(STRETCH)
         played = simulator.simulate(robot.space.published, [replace(request, trial=begun)])[trial.name]
-        off = played.track.positions - begun.track.positions
+        places = (played.track.positions, begun.track.positions)
+        made_so, seen = places if frame is None else (to_body(one, frame) for one in places)
+        off = made_so - seen
         ways = np.linalg.norm(off, axis=2)
         mean = float(ways[np.isfinite(ways)].mean()) if np.isfinite(ways).any() else np.nan
         made.append(StartOff(trial.name, off[0], mean))
@@ -229,8 +243,7 @@ def misplaced(robot: Robot, reference: TrialSet) -> str | None:
         return None
     simulator, model = PlaybackSimulator(robot), robot.model
     view = MarkerView(model, len(robot.marker_names), robot.plane)
-    apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2).max()
-    limit = _FAR * float(apart or model.stat.extent)
+    limit = _FAR * robot.size
     far: dict[str, tuple[float, NDArray[np.float64]]] = {}
     for trial in reference:
         shift = trial.track.positions[0] - view.at(simulator.begin(model, simulator.request(trial))[0].qpos).markers

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.checks.mistakes import playback_errors
 from swim2real.errors import Swim2RealError
 from swim2real.robots.robot import Robot, Trials
+from swim2real.settings import HORIZON
 from swim2real.simulation.playback import PlaybackSimulator
 from swim2real.simulation.start import FITTED, MARKERS, REST
 from swim2real.trials import Trial, TrialSet
@@ -28,8 +29,8 @@ _MOVING = 0.02  # of its size: moving farther in this time, it is in motion
 _SURE = 4.0  # standard errors of a velocity that is none
 _ALIKE = 0.5  # share by which velocities of several stretches may differ
 _LEAST = 4  # frames in which a marker is seen
+_WORSE = 1.5  # times the error from a fitted start, from which on a recording doesn't begin at rest
 _MOST_KEYS = 8  # keyframes that are tried
-_PLACES = (mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtSensor.mjSENS_ACTUATORPOS)
 
 
 @dataclass(frozen=True)
@@ -70,14 +71,14 @@ def poses_of_rest(robot: Robot, reference: TrialSet) -> dict[str, dict[str, Begi
         placed = replace(robot, trials=replace(about, start=pose))
         simulator = PlaybackSimulator(placed)
         try:
-            begun = [trial.cut(float(trial.track.times[1] - trial.track.times[0])) for trial in trials]
+            begun = [trial.cut(_LONG) for trial in trials]
             made = simulator.simulate(robot.space.published, [simulator.request(trial) for trial in begun])
         except Swim2RealError:  # of which `misfits` tells
             continue
         pairs = zip(trials, made, strict=True)
         found[pose] = {
             real.name: one for real, simulated in pairs
-            if simulated.divergence is None and (one := _beginning(robot, about, model, real, simulated)) is not None
+            if simulated.divergence is None and (one := _beginning(robot, about, real, simulated)) is not None
         }  # fmt: skip
     return found
 
@@ -85,7 +86,7 @@ def poses_of_rest(robot: Robot, reference: TrialSet) -> dict[str, dict[str, Begi
 def in_motion(robot: Robot, reference: TrialSet) -> list[str]:
     """A warning for each recording that is in motion where the robot file says that it begins at rest."""
     about = robot.trials
-    if about.swims is not None or about.start in (FITTED, MARKERS):
+    if about.swims is not None or about.start in (FITTED, MARKERS) or not about.start_named:
         return []
     return [
         f"trial '{name}' moves as it begins ({one.marker} by {1e3 * one.speed:.0f} mm/s), and start is "
@@ -94,66 +95,119 @@ def in_motion(robot: Robot, reference: TrialSet) -> list[str]:
     ]  # fmt: skip
 
 
-def at_rest(robot: Robot, reference: TrialSet) -> str | None:
-    """A proposal of a start where all recordings begin at rest in one pose, and the robot file says something else."""
+@dataclass(frozen=True)
+class BetterStart:
+    """Which start suits a recording.
+
+    Attributes:
+        start: `rest` where it begins in the model's own pose, at rest; else `fitted`.
+        rest: Error of a playback with the robot's own values that begins at rest [m].
+        fitted: Error of one whose start is fitted [m].
+    """
+
+    start: str
+    rest: float
+    fitted: float
+
+
+def better_starts(robot: Robot, reference: TrialSet) -> dict[str, BetterStart]:
+    """Which of rest and fitted suits each recording whose start isn't known, by the data and by what both lead to.
+
+    A command that jumps as a recording begins speaks for neither: what it does at once, the model does, too.
+    """
+    begun = poses_of_rest(robot, reference).get(REST, {})
+    made: dict[str, BetterStart] = {}
+    if not begun:
+        return made
+    players = [PlaybackSimulator(replace(robot, trials=replace(robot.trials, start=s))) for s in (REST, FITTED)]
+    for name, one in begun.items():
+        trial = reference[name].cut(HORIZON)
+        rest, fitted = (playback_errors(player.robot, player, trial)[0] for player in players)
+        made[name] = BetterStart(REST if one.rests and not rest > _WORSE * fitted else FITTED, rest, fitted)
+    return made
+
+
+def started(robot: Robot, reference: TrialSet) -> Robot:
+    """The robot, with the start that suits all recordings where its file names none."""
     about = robot.trials
-    if about.swims is not None or about.start not in (FITTED, MARKERS):
+    if about.start_named or about.swims is not None:
+        return robot
+    fitted = any(one.start == FITTED for one in better_starts(robot, reference).values())
+    return replace(robot, trials=replace(about, start=FITTED if fitted else REST))
+
+
+def other_start(robot: Robot, reference: TrialSet) -> str | None:
+    """A proposal of a start where the recordings speak against the one that the robot file names, in a sentence."""
+    about = robot.trials
+    if about.swims is not None or not about.start_named:
         return None
-    for pose, beginnings in poses_of_rest(robot, reference).items():
-        if beginnings and all(one.rests for one in beginnings.values()):
-            off = 1e3 * max(one.off for one in beginnings.values())
-            where = "the model's own pose" if pose == REST else f"keyframe '{pose}'"
-            count = "The recording begins" if len(beginnings) == 1 else f"All {len(beginnings)} recordings begin"
-            return (
-                f'{count} at rest in {where}, within {off:.1f} mm: start = "{pose}" in the robot file says so, and '
-                f'leaves less to be found than "{about.start}"'
-            )
+    found, better = poses_of_rest(robot, reference), better_starts(robot, reference)
+    if not better:
+        return None
+    rest, fitted = (1e3 * float(np.mean([getattr(one, start) for one in better.values()])) for start in (REST, FITTED))
+    told = f" (with the model's own values they are {rest:.2g} mm off from rest, {fitted:.2g} mm from a fitted start)"
+    if about.start not in (FITTED, MARKERS):
+        named = found.get(about.start, {})
+        off = [name for name, one in named.items() if not one.rests and not one.moves]  # of others `in_motion` tells
+        if not off:
+            return None
+        where = f'{1e3 * named[off[0]].off:.1f} mm from the pose of start = "{about.start}"'
+        return f"trial '{off[0]}' begins {where}: say start = \"fitted\" in the robot file" + told * (fitted < rest)
+    for pose, begun in found.items():
+        if len(begun) < len(better) or not all(one.rests for one in begun.values()):
+            continue
+        if pose == REST and any(one.start == FITTED for one in better.values()):
+            continue
+        off = 1e3 * max(one.off for one in begun.values())
+        where = "the model's own pose" if pose == REST else f"keyframe '{pose}'"
+        count = "The recording begins" if len(begun) == 1 else f"All {len(begun)} recordings begin"
+        return (
+            f'{count} at rest in {where}, within {off:.1f} mm: start = "{pose}" in the robot file says so, and '
+            f'leaves less to be found than "{about.start}"' + told * (pose == REST)
+        )
     return None
 
 
-def _beginning(robot: Robot, about: Trials, model: mujoco.MjModel, real: Trial, simulated: Trial) -> Beginning | None:
+def _beginning(robot: Robot, about: Trials, real: Trial, simulated: Trial) -> Beginning | None:
     """How a recording begins beside one that was simulated from a pose; None where nothing tells it."""
     if robot.marker_names:
         names, times = robot.marker_names, real.track.times
         places = np.where(real.track.confidence[:, :, None] > 0, real.track.positions, np.nan)
-        pose = simulated.track.positions[0]
+        played, played_at = simulated.track.positions, simulated.track.times
     else:
-        names = tuple(sensor.name for sensor in about.sensors if _tells_a_place(model, sensor.name))
+        names = robot.sensed_places
         if not names or real.sensors is None or simulated.sensors is None:
             return None
         scales = np.array([sensor.meters_per_unit for sensor in about.sensors if sensor.name in names])
         times = real.sensors.times
         places = (scales * np.stack([real.sensors.column(name) for name in names], axis=1))[:, :, None]
-        pose = (scales * [simulated.sensors.column(name)[0] for name in names])[:, None]
+        played = (scales * np.stack([simulated.sensors.column(name) for name in names], axis=1))[:, :, None]
+        played_at = simulated.sensors.times
     since = times - times[0]
     counts = sorted({min(count, len(since)) for count in (*_FRAMES, int(np.searchsorted(since, _LONG, side="right")))})
     fits = [_motion(since[:count], places[:count]) for count in counts if count >= min(_FRAMES)]
     slowest = min(fits, key=lambda fit: _way(fit), default=None)
     if slowest is None or not np.isfinite(slowest.noise).any() or not np.isfinite(fits[0].noise).any():
         return None
-    size = _size(robot, places)
+    size, count = _size(robot, places), min(counts[0], len(played_at))
     if robot.marker_names and about.frame is not None:  # its place in the world is of no importance
-        pose = _laid_on(pose, slowest.place)
-    off = np.linalg.norm(slowest.place - pose, axis=1)
+        played = _laid_on(played, fits[0].place)
+    off = np.linalg.norm(fits[0].place - played[0], axis=1)
     if not np.isfinite(off).any():
         return None
     distance, first, second = float(np.nanmean(off)), fits[0], fits[min(1, len(fits) - 1)]
     fastest = int(np.nanargmax(np.linalg.norm(first.velocity, axis=1)))
     velocity, other = first.velocity[fastest], second.velocity[fastest]
     speed, noise = float(np.linalg.norm(velocity)), max(first.noise[fastest], second.noise[fastest])
+    own = _motion(played_at[:count] - played_at[0], played[:count]).velocity[fastest] if count >= _LEAST else 0.0
     moves = (
         speed > _SURE * noise * first.spread
         and _UNIT_TIME * speed > _MOVING * size
         and float(np.linalg.norm(velocity - other)) < _ALIKE * float(np.linalg.norm(other))
+        and float(np.linalg.norm(velocity - own)) > _ALIKE * speed  # else a command that jumps moves it at once
     )
-    rests = not moves and max(distance, _way(slowest)) < _STILL * size
+    rests = not moves and distance < _STILL * size
     return Beginning(distance, speed, names[fastest], rests, bool(moves))
-
-
-def _tells_a_place(model: mujoco.MjModel, sensor: str) -> bool:
-    """Whether a sensor that a robot file names, such as `hip` or `gyro[1]`, is one of a place."""
-    names = [model.sensor(i).name for i in range(model.nsensor)]
-    return sensor in names and int(model.sensor(sensor).type[0]) in map(int, _PLACES)
 
 
 def _size(robot: Robot, places: Array) -> float:
@@ -161,8 +215,7 @@ def _size(robot: Robot, places: Array) -> float:
     seen = np.isfinite(places).all(axis=-1).any(axis=0)
     low, high = np.nanpercentile(places[:, seen], [5, 95], axis=0)
     farthest = float(np.linalg.norm(high - low, axis=1).max())
-    apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2).max(initial=0.0)
-    return min(farthest, float(apart) or farthest)
+    return min(farthest, robot.size if robot.marker_names else farthest)
 
 
 @dataclass(frozen=True)
@@ -206,13 +259,13 @@ def _way(motion: _Motion) -> float:
     return float(np.max(ways[np.isfinite(ways)], initial=-1.0)) if np.isfinite(ways).any() else np.inf
 
 
-def _laid_on(pose: Array, seen: Array) -> Array:
-    """A pose, turned and shifted as a whole so that it lies on what was seen. Shapes (M, 2)."""
-    known = np.isfinite(seen).all(axis=-1)
+def _laid_on(played: Array, seen: Array) -> Array:
+    """A motion, turned and shifted so that its first frame lies on what was seen. Shapes (T, M, 2), (M, 2)."""
+    known, pose = np.isfinite(seen).all(axis=-1), played[0]
     if known.sum() < 2:
-        return np.full_like(pose, np.nan)
+        return np.full_like(played, np.nan)
     middle, wanted = pose[known].mean(axis=0), seen[known].mean(axis=0)
     moved, target = pose[known] - middle, seen[known] - wanted
     angle = np.arctan2((moved[:, 0] * target[:, 1] - moved[:, 1] * target[:, 0]).sum(), (moved * target).sum())
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    return (pose - middle) @ turn + wanted
+    return (played - middle) @ turn + wanted

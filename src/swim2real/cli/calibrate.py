@@ -183,12 +183,15 @@ def _told(outcome: Outcome, folder: Path, quiet: bool, as_json: bool) -> int:
     """Prints the outcome of a run and its warnings, and writes the report."""
     from swim2real.api import run_robot
     from swim2real.calibration import RunFolder
+    from swim2real.cli import tables
     from swim2real.report import read_run, warnings, write_report
+    from swim2real.report.tables import parameter_rows
 
     reported = read_run(folder, run_robot(RunFolder(folder)))
     if as_json:
         say_json(outcome.to_json())
     elif not quiet:
+        tables.parameters(parameter_rows(reported), outcome.ranges)
         _print(outcome, reported.robot.trials.sensors)
     if not as_json and not quiet:
         for line in reported.standing:

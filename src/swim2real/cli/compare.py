@@ -22,9 +22,10 @@ def compare(
     """Compare methods: each with every seed, under every protocol, with the same budget.
 
     Reads a reference; writes a folder with plan.json, a run folder per run, results.json (all that tables and figures
-    need) and results.csv (one line per run). A run takes about 15 s on one core, more for slow methods. Ctrl-C leaves
-    everything usable; the same command continues. With more methods, seeds or protocols, or a higher budget, it adds to
-    the existing results. Exits with 1 if a run failed; the others are finished all the same.
+    need) and results.csv (one line per run). Says first how many runs there are and about how long they take. Ctrl-C
+    leaves everything usable, the results and pages of finished runs included; the same command continues. With more
+    methods, seeds or protocols, or a higher budget, it adds to the existing results. Exits with 1 if a run failed; the
+    others are finished all the same.
 
     Args:
         reference: Folder with the real trials.
@@ -40,6 +41,8 @@ def compare(
     from swim2real import api
     from swim2real.cli.comparison_files import write_files, write_theory
     from swim2real.cli.progress import comparison_shown
+    from swim2real.comparison import load_results
+    from swim2real.comparison.results import RESULTS
     from swim2real.robots import load_robot
     from swim2real.trials import load_reference
 
@@ -51,6 +54,10 @@ def compare(
                 on_progress=show,
             )  # fmt: skip
     except KeyboardInterrupt:
+        if (out / RESULTS).is_file() and (results := load_results(out)).runs:
+            write_files(out, results)
+            count = len(results.runs) + len(results.missing)
+            tell(f"{len(results.runs)} of {count} runs are in '{out / RESULTS}' and its pages")
         tell(f"interrupted; '{out}' is usable as it is, the same command goes on")
         return 1
     write_theory(out, trials, body)

@@ -153,6 +153,8 @@ def comparison_shown(quiet: bool) -> Generator[Callable[[ComparisonProgress], No
     if not console.is_terminal:
 
         def line(p: ComparisonProgress) -> None:
+            if p.due is not None:
+                console.print(_announced(p))
             if p.finished is not None:
                 console.print(f"{_job_line(p, p.finished)}{_left(p)}")
 
@@ -163,6 +165,8 @@ def comparison_shown(quiet: bool) -> Generator[Callable[[ComparisonProgress], No
         task = bar.add_task("", total=None, text="")
 
         def update(p: ComparisonProgress) -> None:
+            if p.due is not None:
+                bar.console.print(_announced(p))
             ranking = sorted(p.best.items(), key=lambda best: best[1])
             best = ", ".join(f"{method} {1e3 * loss:.1f}" for method, loss in ranking)
             text = f"runs {p.jobs_done}/{p.jobs}{_left(p)}" + (f", best (mm): {best}" if best else "")
@@ -171,6 +175,12 @@ def comparison_shown(quiet: bool) -> Generator[Callable[[ComparisonProgress], No
                 bar.console.print(_job_line(p, p.finished))
 
         yield update
+
+
+def _announced(p: ComparisonProgress) -> str:
+    of_all = "" if p.due == p.jobs else f" of {p.jobs}"
+    about = "" if p.seconds_left is None else f"; by one evaluation about {max(p.seconds_left / 60, 0.1):.1f} min"
+    return f"{p.due}{of_all} runs, {p.budget - p.evaluations} evaluations{about}"
 
 
 def _left(p: ComparisonProgress) -> str:

@@ -29,7 +29,8 @@ def import_recording(
 
     Reads one table per trial; adds the trials to a reference folder, reference.json included. Unnamed parts are taken
     from the column of their own name. A column's unit is the given one (hip=q1:deg), or the end of its name (hip_deg,
-    'load [mN]'), or the model's. If a trial has been tracked and its log has no markers, the track is kept.
+    'load [mN]'), or the model's. If a trial has been tracked and its log has no markers, the track is kept. Exits with
+    1 where the trials, which are written all the same, are probably of another unit, order, axes, clock or sign.
 
     Args:
         tables: Tables, one per trial, separated by commas, semicolons or tabs; their names become the trials' names.
@@ -52,7 +53,7 @@ def import_recording(
     for option, values in (("control-tables", control_tables), ("frequency", frequency)):
         one_each(option, values, len(tables), "tables")
     finite_above_0("frequency", *frequency, unit=" Hz")
-    from swim2real.checks.reference import other_units
+    from swim2real.checks.reference import judged
     from swim2real.names import composed
     from swim2real.pipeline.recording import Recorded, Wanted, recorded
     from swim2real.robots import load_robot
@@ -92,10 +93,12 @@ def import_recording(
             tell(
                 f"warning: {path}: rows are missing for {told}{more}; cut it off with --from and --until if it matters"
             )
+    doubts: list[str] = []
     try:
-        for line in other_units(body, TrialSet(tuple(one.trial for one in made), body.marker_names)):
-            tell(f"warning: {line}; say NAME=COLUMN:UNIT if that is so")
+        doubts = judged(body, TrialSet(tuple(one.trial for one in made), body.marker_names))
     except Swim2RealError as error:
-        tell(f"warning: whether the units are right wasn't seen: {error}")
+        tell(f"warning: whether they are the robot's wasn't seen: {error}")
+    for line in doubts:
+        tell(f"warning: probably wrong: {line}; units are NAME=COLUMN:UNIT; the trials are written all the same")
     say(f"{to}: {len(made)} trials. Next: swim2real check {word(robot)} --reference {word(to)}")
-    return 0
+    return 1 if doubts else 0

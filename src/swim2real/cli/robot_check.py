@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from swim2real.calibration import Problem
 from swim2real.checks.effects import why_no_effect
 from swim2real.checks.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
-from swim2real.checks.reference import misfits, reference_warnings, starts
-from swim2real.checks.resting import at_rest
+from swim2real.checks.reference import judged, misfits, reference_warnings, starts
+from swim2real.checks.resting import better_starts, other_start, started
 from swim2real.cli.tables import millimeters, table
 from swim2real.cli.terminal import say
-from swim2real.errors import ArgumentError
+from swim2real.errors import ArgumentError, TrialError
 from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
 from swim2real.robots import ROBOTS, load_robot, robot_file
@@ -44,18 +45,25 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
     file = open_robot_file(robot_file(name))
     reference = None if reference_folder is None else load_reference(reference_folder)
     wrong = [] if reference is None else misfits(robot, reference)
-    probes = probe(robot, None if wrong else reference, threads)
+    fits = not wrong
+    probes = probe(robot, reference if fits else None, threads)
     _parameters(file, probes, bool(robot.marker_names))
-    _moved(robot, None if wrong or reference is None else reference.names[:TRIALS])
+    _moved(robot, None if not fits or reference is None else reference.names[:TRIALS])
     if robot.marker_names:
         _markers(robot)
     _trials(robot)
     wrong += [sentence for result in probes for sentence in _wrong(file, robot, result)]
     for sentence in (*wrong, *_notes(probes, bool(robot.marker_names))):
         say(sentence)
-    if reference is not None and not wrong:
-        _starts(robot, reference)
-        say(f"All trials of '{reference_folder}' fit: {', '.join(reference.names)}.")
+    if reference is not None and fits:
+        begun = started(robot, reference)
+        _starts(begun, reference)
+        doubts = judged(begun, reference) or _doubts(robot, reference)
+        for sentence in doubts:
+            say(f"Probably wrong: {sentence}.")
+        if not doubts:
+            say(f"All trials of '{reference_folder}' fit: {', '.join(reference.names)}.")
+        wrong += doubts
     if robot.marker_names:
         _draw(robot, out or _beside(name))
     return not wrong
@@ -105,24 +113,35 @@ def _markers(robot: Robot) -> None:
 def _starts(robot: Robot, reference: TrialSet) -> None:
     """How each recording starts, and what may be wrong with it."""
     rows: list[tuple[str, ...]] = []
+    better = better_starts(robot, reference)
     for one in starts(robot, reference):
-        ways = np.linalg.norm(one.first, axis=1)
+        ways, start = np.linalg.norm(one.first, axis=1), better.get(one.name)
+        both = ("–",) * 3 if start is None else (f"{1e3 * start.rest:.2g}", f"{1e3 * start.fitted:.2g}", start.start)
         if not np.isfinite(ways).any():
-            rows.append((one.name, "–", "–", "no marker is seen", f"{1e3 * one.stretch:.2g}"))
+            rows.append((one.name, "–", "–", "no marker is seen", f"{1e3 * one.stretch:.2g}", *both))
             continue
         worst = int(np.nanargmax(ways))
         largest = f"{1e3 * ways[worst]:.2g}"
-        rows.append(
-            (one.name, f"{1e3 * np.nanmean(ways):.2g}", largest, robot.marker_names[worst], f"{1e3 * one.stretch:.2g}")
-        )
+        rows.append((one.name, f"{1e3 * np.nanmean(ways):.2g}", largest, robot.marker_names[worst],
+                     f"{1e3 * one.stretch:.2g}", *both))  # fmt: skip
     if rows:
-        columns = ("trial", "mean", "largest", "of marker", f"mean of the first {STRETCH:g} s")
+        columns = ("trial", "mean", "largest", "of marker", f"mean of the first {STRETCH:g} s", "from rest",
+                   "from a fitted start", "better")  # fmt: skip
         table("Simulated markers, values of the file, from the real ones of the first frame [mm]", columns, rows)
     for line in reference_warnings(robot, reference, EvaluationSettings()):
         say(f"Warning: {line}.")
-    proposal = at_rest(robot, reference)
+    proposal = other_start(robot, reference)
     if proposal is not None:
         say(f"{proposal}.")
+
+
+def _doubts(robot: Robot, reference: TrialSet) -> list[str]:
+    """What a calibration would refuse, or say of trials."""
+    try:
+        found = Problem(robot, reference).examinations()
+    except TrialError as error:
+        return [str(error)]
+    return [f"trial '{name}': {doubt}" for name, one in found.items() for doubt in one["doubts"]]
 
 
 def _side(robot: Robot) -> str:

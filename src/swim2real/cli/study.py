@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,12 +82,28 @@ def study_shown(
                         f"{progress.evaluations:5d}/{progress.most}  intervals, lowest {1e3 * progress.lowest:.2f} mm, "
                         f"about {left:.0f} s left"
                     )
-                interruption.check()
 
-            return study(run, settings, again, show)
+            return study(run, settings, again, show, interruption.check)
     except KeyboardInterrupt:
+        if not quiet:
+            _print_so_far(run)
         tell(f"interrupted; what is done is kept in '{run.folder.path}', swim2real identify goes on with it")
         return None
+
+
+def _print_so_far(run: FinishedRun) -> None:
+    """What an interrupted study knows of each parameter, by the slopes of what it evaluated."""
+    from swim2real.cli import tables
+    from swim2real.errors import Swim2RealError
+    from swim2real.identification.identifiability import known_so_far
+
+    with suppress(Swim2RealError, OSError):  # nothing is evaluated yet
+        lowest, ranges = known_so_far(run)
+        rows = [(name, f"{low:.3g} to {high:.3g}") for name, (low, high) in ranges.items()]
+        title = (
+            f"So far, lowest {1e3 * lowest:.2f} mm: the error rises by less than a tenth within, all others following"
+        )
+        tables.table(title, ("parameter", "within"), rows)
 
 
 def ensemble(
@@ -222,11 +239,15 @@ def _print_trials(judged: Sequence[JudgedTrial]) -> None:
 def _print(content: Mapping[str, Any]) -> None:
     """The verdicts of a study of identifiability."""
     from swim2real.cli import tables
-    from swim2real.identification.identifiability import EXPLAINED
+    from swim2real.identification.identifiability import EXPLAINED, IDENTIFIED
 
     start, lowest = (1e3 * content[key]["loss"] for key in ("start", "lowest"))
-    better = f"; the run's best was at {start:.2f} mm, and the lower one is taken over" if lowest < start else ""
-    say(f"Lowest loss: {lowest:.2f} mm{better}.")
+    say(f"Lowest loss: {lowest:.2f} mm.")
+    if lowest < start:
+        say(
+            f"That is a better fit than the run's, {start:.2f} mm, by {100 * (1 - lowest / start):.0f} %: the "
+            f"intervals are about it, and its values are in {IDENTIFIED}."
+        )
     if content["noise"] and content["misfit"] > EXPLAINED * content["noise"]:
         say(
             f"The residual's root mean square is {1e3 * content['misfit']:.2f} mm, far above the markers' noise of "

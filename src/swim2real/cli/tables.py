@@ -17,6 +17,7 @@ from swim2real.objective.figures import SENSORS, FitFigures, figure_values, figu
 
 if TYPE_CHECKING:
     from swim2real.calibration.sensitivity import Sensitivity
+    from swim2real.report.tables import ParameterRow
     from swim2real.robots.robot import Sensor
 
 
@@ -145,6 +146,26 @@ def truth(
         interval = f"{low:.3g} to {high:.3g}{'' if low <= value <= high else ' (missed)'}" if name in intervals else "–"
         rows.append((name, f"{found[name]:.3g}", f"{value:.3g}", interval))
     table("Found, and what was hidden", ("parameter", "found", "hidden", "95 % interval"), rows)
+
+
+def parameters(rows: Sequence[ParameterRow], ranges: Mapping[str, Sequence[float]]) -> None:
+    """Prints the values that a run has found beside the model's, and how well the trials tell them.
+
+    Args:
+        rows: One a parameter.
+        ranges: Values within which the error rises by less than a tenth, by name, where they are known.
+    """
+    cells: list[tuple[str, ...]] = []
+    for row in rows:
+        p, ends = row.parameter, ranges.get(row.parameter.name)
+        within = "–" if ends is None else f"{ends[0]:.4g} to {ends[1]:.4g}"
+        cells.append((p.name, f"{p.published:.4g}", f"{row.value:.4g}", p.unit, row.bound or "–", within))
+    table(
+        "Parameters; the error rises by less than a tenth within the last column, all others following",
+        ("parameter", "model", "found", "unit", "on bound", "within"), cells,
+    )  # fmt: skip
+    if not ranges:
+        say("How well the trials tell them: `swim2real identify`, or a search by least squares (the default).")
 
 
 def sensitivities(found: Sequence[Sensitivity]) -> None:

@@ -12,12 +12,13 @@ from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from os import cpu_count
 from pathlib import Path
 from typing import Literal
 
 from filelock import FileLock, Timeout
 
-from swim2real.calibration import Progress, RunFolder
+from swim2real.calibration import Problem, Progress, RunFolder
 from swim2real.calibration.run_folder import RECORD, SETTINGS
 from swim2real.comparison.cluster import SESSION, SessionEnded, check_session, dask_cluster, explain_failure, session
 from swim2real.comparison.plan import PROBLEM, RUNS, Job, Plan, read_plan
@@ -98,6 +99,7 @@ class ComparisonProgress:
         best: Lowest loss of each method's finished runs [m].
         seconds_left: Estimated time that is left [s], None while there is nothing to estimate from.
         finished: Report of the job that has just ended; None between two.
+        due: Number of jobs that are to be done, said before the first of them begins; None afterwards.
     """
 
     jobs_done: int
@@ -107,6 +109,7 @@ class ComparisonProgress:
     best: Mapping[str, float]
     seconds_left: float | None
     finished: JobReport | None = None
+    due: int | None = None
 
 
 def compare(
@@ -124,11 +127,11 @@ def compare(
         workers: Processes on this machine; None for as many as there are cores.
         cluster: Dask scheduler that is used instead: its address, or `local:N`.
         access: How VLMs are reached.
-        on_progress: Called when a job ends, and about once a second.
+        on_progress: Called before the first job begins, when a job ends, and about once a second.
 
     Returns:
         All finished runs, with those of earlier calls; `missing` says which jobs failed. They are written to
-        results.json and results.csv as well. On KeyboardInterrupt every run is left such that it goes on.
+        results.json and results.csv as well, on KeyboardInterrupt too, which leaves every run such that it goes on.
 
     Raises:
         Swim2RealError: The folder holds another comparison, or the work can't be begun.
@@ -145,7 +148,12 @@ def compare(
             def begin() -> AbstractContextManager[Executor]:
                 return ProcessPool(workers) if cluster is None else dask_cluster(cluster, root, token)
 
-            _run(Work(root, token, plan, reference, robot, source, access or VlmAccess()), begin, on_progress)
+            work = Work(root, token, plan, reference, robot, source, access or VlmAccess())
+            try:
+                _run(work, begin, on_progress, (workers or cpu_count() or 1) if cluster is None else None)
+            except KeyboardInterrupt:
+                write_results(read_results(root, plan), root)
+                raise
         results = read_results(root, plan)
         write_results(results, root)
         return results
@@ -166,9 +174,10 @@ def _exclusive(root: Path) -> Generator[None]:
 
 
 def _run(
-    work: Work, begin: Callable[[], AbstractContextManager[Executor]], on_progress: Callable[[ComparisonProgress], None]
-) -> None:
-    """Does the jobs that aren't finished."""
+    work: Work, begin: Callable[[], AbstractContextManager[Executor]],
+    on_progress: Callable[[ComparisonProgress], None], workers: int | None,
+) -> None:  # fmt: skip
+    """Does the jobs that aren't finished, that many at a time; None for as many as a cluster has."""
     jobs = work.plan.jobs(work.root)
     follower = _Follower(jobs, on_progress)
     due: list[Job] = []
@@ -182,6 +191,7 @@ def _run(
             due.append(job)
     if not due:
         return
+    follower.announce(len(due), None if workers is None else _expected(work, due, min(workers, len(due))))
     with begin() as executor:
         futures = {executor.submit(run_job, job, work): job for job in sorted(due, key=_cost, reverse=True)}
         left = set(futures)
@@ -206,6 +216,18 @@ def _cost(job: Job) -> float:
     return method * (0.8 if settings.hold_out else 1.0)
 
 
+def _expected(work: Work, due: Sequence[Job], workers: int) -> float | None:
+    """About how long jobs take [s], by one evaluation; None where that fails, which the jobs tell of."""
+    try:
+        problem = Problem.with_settings(work.robot, work.reference, replace(due[0].settings, threads=1))
+    except Swim2RealError:
+        return None
+    began = time.monotonic()
+    problem.evaluate(work.robot.space.published)
+    each = time.monotonic() - began
+    return each * sum(_cost(job) * (job.settings.budget or 0) for job in due) / workers
+
+
 class _Follower:
     """Reports how far the jobs are, by the lines of their records, which grow on whatever machine."""
 
@@ -217,6 +239,13 @@ class _Follower:
         self._lines = 0
         self.count(jobs)
         self._before, self._began = self._lines, time.monotonic()
+
+    def announce(self, due: int, seconds: float | None) -> None:
+        """Reports how much there is to do, and about how long it takes [s]."""
+        self._on_progress(
+            ComparisonProgress(self._ended, self._jobs, self._lines, self._budget, dict(self._best), seconds, due=due)
+        )
+        self._began = time.monotonic()
 
     def count(self, jobs: Iterable[Job]) -> None:
         """Counts the lines that some records have more."""

@@ -284,7 +284,7 @@ def make_plan(settings: ComparisonSettings, reference: TrialSet, robot: Robot, s
     for variant, scale in product(map(method_variant, settings.methods or default_methods(robot)), settings.scale):
         own = variant.scale or (None if scale == "auto" else scale)
         methods.append(replace(variant, scale=own).label())
-    protocols = [protocol_for(robot, protocol).name for protocol in settings.protocols or robot.trials.protocols]
+    protocols = [protocol_for(robot, protocol).name for protocol in settings.protocols or robot.trials.protocols[:1]]
     resolved = replace(
         settings, methods=tuple(dict.fromkeys(methods)), scale=("auto",), protocols=tuple(dict.fromkeys(protocols)),
         seeds=tuple(dict.fromkeys(expand_seeds(settings.seeds))), workers=0, cluster=None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,13 +36,11 @@ class EvaluatedPoint:
         return float(np.linalg.norm(self.residual))
 
 
-def evaluated(problem: Problem, space: ParameterSpace, points: Sequence[Array]) -> list[EvaluatedPoint]:
-    """Evaluates points of the unit cube in one batch. Each of shape (d,)."""
-    comparisons = problem.evaluate_many([space.to_values(point) for point in points])
-    return [
-        EvaluatedPoint(np.asarray(point), one.loss, one.residual_vector(), one.divergence is not None)
-        for point, one in zip(points, comparisons, strict=True)
-    ]
+def evaluated(problem: Problem, space: ParameterSpace, points: Sequence[Array]) -> Iterator[EvaluatedPoint]:
+    """Evaluates points of the unit cube, some at a time, and gives each as soon as it is there. Each of shape (d,)."""
+    comparisons = problem.evaluate_each([space.to_values(point) for point in points])
+    for point, one in zip(points, comparisons, strict=True):
+        yield EvaluatedPoint(np.asarray(point), one.loss, one.residual_vector(), one.divergence is not None)
 
 
 def independent_numbers(residual: Array, blocks: Sequence[tuple[int, int]]) -> float:

@@ -24,6 +24,7 @@ from swim2real.calibration.file_models import Share
 from swim2real.calibration.loop import write_fit
 from swim2real.calibration.provenance import commit, versions
 from swim2real.calibration.run_folder import RunFolder
+from swim2real.calibration.sensitivity import Slopes
 from swim2real.checking import check
 from swim2real.errors import RunError
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated, independent_numbers
@@ -170,7 +171,7 @@ class StudyProgress:
 
 def identify(
     run: FinishedRun, settings: IdentifiabilitySettings | None = None, again: bool = False,
-    on_progress: Callable[[StudyProgress], None] = lambda progress: None,
+    on_progress: Callable[[StudyProgress], None] = lambda progress: None, check: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:  # fmt: skip
     """Studies a run, or goes on with the study that is there, into identifiability.json of its folder.
 
@@ -180,8 +181,9 @@ def identify(
         run: The run; its folder is locked meanwhile.
         settings: Settings of the study.
         again: Whether to begin anew even if there is a study.
-        on_progress: Called after each batch of evaluations; what it raises ends the study, which goes on from there
-            when called again.
+        on_progress: Called after each batch of evaluations.
+        check: Called after each evaluation, and as chains go on; what it raises ends the study, which goes on from
+            there when called again.
 
     Returns:
         The content of the file.
@@ -190,16 +192,32 @@ def identify(
         RunError: The study that is there was made with other settings, or the folder can't be written.
     """
     with run.folder.locked():
-        return _Studying(run, settings or IdentifiabilitySettings(), on_progress).run(again)
+        return _Studying(run, settings or IdentifiabilitySettings(), on_progress, check).run(again)
+
+
+def known_so_far(run: FinishedRun) -> tuple[float, dict[str, tuple[float, float]]]:
+    """What an interrupted study knows: its lowest loss [m], and values within which its error rises by less than 10 %.
+
+    Raises:
+        RunError: There is no study, or it can't be read.
+    """
+    study, slopes = read_study(run.folder.path / IDENTIFIABILITY), Slopes(run.space)
+    path = run.folder.path / EVALUATED
+    tables = store.read_arrays(path) if path.is_file() else {"points": [], "residuals": [], "failed": []}
+    for point, residual, failed in zip(tables["points"], tables["residuals"], tables["failed"], strict=True):
+        if not failed:
+            slopes.add(point, residual)
+    return study.lowest.loss, slopes.ranges()
 
 
 class _Studying:
     """A study as it goes on."""
 
     def __init__(
-        self, run: FinishedRun, settings: IdentifiabilitySettings, on_progress: Callable[[StudyProgress], None]
-    ) -> None:
-        self._run, self._settings, self._tell = run, settings, on_progress
+        self, run: FinishedRun, settings: IdentifiabilitySettings, on_progress: Callable[[StudyProgress], None],
+        check: Callable[[], None],
+    ) -> None:  # fmt: skip
+        self._run, self._settings, self._tell, self._check = run, settings, on_progress, check
         self._first = first_points([(np.array(entry.point), entry.loss) for entry in run.record])
         self._most = len(self._first) + BATCH * settings.rounds
         self._evaluated: list[EvaluatedPoint] = []
@@ -220,7 +238,7 @@ class _Studying:
         blocks = self._run.problem.blocks()
         found = draw(
             self._evaluate, self._first, lambda residual: independent_numbers(residual, blocks), self._settings.rounds,
-            self._settings.seed,
+            self._settings.seed, self._check,
         )  # fmt: skip
         self._state |= self._content(found)
         self._state |= {"complete": True, "versions": versions(), "commit": commit()}
@@ -233,9 +251,13 @@ class _Studying:
         """Evaluates points, those apart that an interrupted study evaluated before."""
         for first in range(0, len(points), BATCH):
             batch = points[first : first + BATCH]
-            if self._given + len(batch) > len(self._evaluated):
-                self._evaluated += evaluated(self._run.problem, self._run.space, batch)
-                self._keep()
+            if missing := batch[max(len(self._evaluated) - self._given, 0) :]:
+                try:
+                    for one in evaluated(self._run.problem, self._run.space, missing):
+                        self._evaluated.append(one)
+                        self._check()
+                finally:
+                    self._keep()
             self._given += len(batch)
             self._tell(StudyProgress(self._given, self._most, self._state["lowest"]["loss"]))
         return self._evaluated[self._given - len(points) : self._given]

@@ -65,7 +65,7 @@ def first_points(record: Sequence[tuple[Array, float]]) -> list[Array]:
 
 def draw(
     evaluate: Callable[[Sequence[Array]], list[EvaluatedPoint]], first: Sequence[Array],
-    independent: Callable[[Array], float], rounds: int, seed: int,
+    independent: Callable[[Array], float], rounds: int, seed: int, check: Callable[[], None] = lambda: None,
 ) -> Posterior:  # fmt: skip
     """Draws parameter sets.
 
@@ -75,6 +75,7 @@ def draw(
         independent: Number of independent numbers in a residual (n,).
         rounds: Of emulators and evaluations, after the first points.
         seed: Decides every random choice.
+        check: Called again and again as chains go on; what it raises ends them.
     """
     rng = np.random.default_rng(seed)
     evaluated = [one for one in evaluate(first) if not one.failed]
@@ -85,7 +86,7 @@ def draw(
         emulator = Emulator(evaluated, kernel)
         count = independent(_lowest(evaluated).residual)
         weight = SHARPNESS * max(count - determined, _LEAST_SHARE * count) / emulator.lowest**2
-        chains, draws = _walk(emulator, weight, chains, _STEPS if left else _LAST_STEPS, rng)
+        chains, draws = _walk(emulator, weight, chains, _STEPS if left else _LAST_STEPS, rng, check)
         kernel, determined = emulator.kernel, _determined(draws)
         if left:
             made = evaluate(list(chains[rng.choice(_CHAINS, BATCH, replace=False)]))
@@ -105,7 +106,7 @@ def _determined(draws: Array) -> float:
 
 
 def _walk(
-    emulator: Emulator, weight: float, chains: Array, steps: int, rng: np.random.Generator
+    emulator: Emulator, weight: float, chains: Array, steps: int, rng: np.random.Generator, check: Callable[[], None]
 ) -> tuple[Array, Array]:
     """Chains that go on from where they are, and what they came upon in their second half."""
     size = chains.shape[1]
@@ -116,6 +117,7 @@ def _walk(
 
     chains, heights, kept = chains.copy(), height(chains), list[Array]()
     for step in range(steps):
+        check()
         one, other = rng.integers(len(chains), size=(2, len(chains)))
         length = 1.0 if step % 10 == 0 else 2.38 / np.sqrt(2 * size)
         jumps = length * rng.uniform(0.2, 1.2, (len(chains), 1)) * (chains[one] - chains[other])

@@ -15,6 +15,7 @@ from swim2real.calibration import (
     Progress,
     RunFolder,
     RunSettings,
+    Slopes,
     commit,
     conclude,
     minimize,
@@ -22,7 +23,8 @@ from swim2real.calibration import (
     sensitivities,
     versions,
 )
-from swim2real.checks.reference import reference_warnings
+from swim2real.checks.reference import judged, reference_warnings
+from swim2real.checks.resting import other_start, started
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor, recorded_advice
 from swim2real.pipeline.methods import METHODS, default_starts, make_optimizer
@@ -69,8 +71,11 @@ def calibrate(
     if begun is not None and finish:
         settings = replace(settings, method=begun.method, budget=begun.budget, minutes=None)
     if on_warning is not None:
-        for line in reference_warnings(robot, reference, settings):
+        begins, other = started(robot, reference), other_start(robot, reference)
+        for line in (*judged(begins, reference), *reference_warnings(begins, reference, settings)):
             on_warning(line)
+        if other is not None and settings.pieces is None:
+            on_warning(other)
     fitted, unseen = reference.split(settings.hold_out)
     problem = Problem.with_settings(robot, fitted, settings)
     held_out = None if unseen is None else problem.of(unseen)
@@ -101,9 +106,10 @@ def calibrate(
         optimizer = make_optimizer(resolved, robot, space, advisor, resolved.finish)
         prior = space.to_cube(space.published) if resolved.first == "model" else None
         budget = None if resolved.finish else resolved.budget
-        best, ending = minimize(problem, space, optimizer, budget, folder, on_progress, prior, minutes)
+        slopes = Slopes(space)
+        best, ending = minimize(problem, space, optimizer, budget, folder, on_progress, prior, minutes, slopes)
         effects = sensitivities(problem, space, best.values) if sensitivity else None
-        return conclude(folder, problem, held_out, best.values, effects, ending)
+        return conclude(folder, problem, held_out, best.values, effects, ending, slopes)
 
 
 def _resolved(

@@ -27,6 +27,7 @@ from swim2real.report.run import ReportedRun
 Array = NDArray[np.float64]
 
 _POOR = 0.5  # of the size of the motion: an error above it is bad
+_FAR, _UNEXPLAINED = 10.0, 0.1  # times the noise of readings, and of the motion: above both it is bad as well
 _SUMS = ("loss", "motion_error", "aligned_marker_error", "marker_error")  # of which the others are parts
 _LARGE = ("loss", "motion_error", "recoil_error", "aligned_marker_error", "shape_error", "velocity_error")
 
@@ -104,26 +105,33 @@ def warnings(run: ReportedRun) -> tuple[str, ...]:
     """What to know before the best parameters are used: those of the run, and that the fit is bad where it is.
 
     It is by the size of the real motion: the root mean square distance of the real markers from their mean places, on
-    the way of a trial that is scored by it, else in the frame of comparison.
+    the way of a trial that is scored by it, else in the frame of comparison; without markers, how far readings are from
+    their means, as they count, of which a tenth is bad, too, far above their noise.
     """
-    errors: list[float] = []
-    squares: list[float] = []
+    sizes: list[tuple[float, float]] = []
     for trial in (one.compared for one in run.saved if not one.held_out and one.compared.divergence is None):
+        if not run.robot.marker_names:
+            spread = sum(sensor.meters_per_unit * float(np.nanstd(sensor.real)) for sensor in trial.sensors)
+            sizes.append((trial.loss, spread**2))
+            continue
         real = trial.real if trial.progress is None else trial.path_real
         seen = (trial.weights > 0) & np.isfinite(real).all(axis=2)
         count = np.maximum(seen.sum(axis=0), 1)[:, None]
         places = np.where(seen[:, :, None], real, 0.0)
         apart = np.where(seen[:, :, None], places - places.sum(axis=0) / count, 0.0)
-        errors.append(float(getattr(trial, trial.loss_figure)))
-        squares.append(float((apart**2).sum() / max(int(seen.sum()), 1)))
-    error, size = (float(np.mean(errors)), math.sqrt(float(np.mean(squares)))) if errors else (0.0, 0.0)
-    if not error > _POOR * size:
+        sizes.append((float(getattr(trial, trial.loss_figure)), float((apart**2).sum() / max(int(seen.sum()), 1))))
+    error, square = np.mean(sizes, axis=0).tolist() if sizes else (0.0, 0.0)
+    size, noise = math.sqrt(square), run.of_best.noise
+    far = not run.robot.marker_names and bool(noise) and error > max(_FAR * (noise or 0.0), _UNEXPLAINED * size)
+    if not (error > _POOR * size or far):
         return run.warnings
+    what = "markers move" if run.robot.marker_names else "readings vary, as they count,"
+    times = f", {error / noise:.0f} times the noise of the data" if noise else ""
     return (
         *run.warnings,
-        f"the fit is bad: its error is {mm(error)} mm, and the real markers move by {mm(size)} mm about their mean "
-        f"places (root mean square), so it explains little of the motion; look at the film for what is wrong, and try "
-        f"other seeds (--seeds 0:3) or a larger --budget",
+        f"the fit is bad: its error is {mm(error)} mm{times}, and the real {what} by {mm(size)} mm about their mean "
+        f"places (root mean square), so it leaves {100 * error / size:.0f} % of the motion unexplained; look at the "
+        f"film for what is wrong, and try other seeds (--seeds 0:3) or a larger --budget",
     )
 
 

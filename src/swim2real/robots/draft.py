@@ -79,7 +79,6 @@ class Draft:
         text = environment.from_string(template).render(
             draft=self, model=model, description=self._description(driven), driven=driven, sensors=_sensors(self.spec),
             keys=[key.name for key in self.spec.keys if key.name],
-            unnamed_actuators=len(self.spec.actuators) - len(driven),
             unnamed=[(kind, len(names), classes[kind]) for kind, names in unnamed.items() if names],
             candidates=sorted(self.candidates.items(), key=lambda item: item[0] in self.aside),
         )  # fmt: skip

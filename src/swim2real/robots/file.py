@@ -192,7 +192,7 @@ def _for_markers(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_mjcf(path: Path, where: str = "", *, allow_outside: bool = False, alone: bool = False) -> mujoco.MjSpec:
-    """The model of an MJCF file.
+    """The model of an MJCF file. An actuator without a name gets that of what it acts on.
 
     Args:
         path: Path of the file.
@@ -219,9 +219,16 @@ def read_mjcf(path: Path, where: str = "", *, allow_outside: bool = False, alone
         return spec
 
     try:
-        return within(place.parent, parsed) if asked is None else parsed()
+        spec = within(place.parent, parsed) if asked is None else parsed()
     except REFUSALS as error:
         raise RobotError(f"{where}MuJoCo can't read model '{path}': {one_line(error)}") from error
+    taken = {actuator.name for actuator in spec.actuators}
+    for i, actuator in enumerate(spec.actuators):
+        if not actuator.name:
+            named = actuator.target or "actuator"
+            actuator.name = named if named not in taken else f"{named}_{i}"
+            taken.add(actuator.name)
+    return spec
 
 
 def _check_named(path: Path, where: str) -> None:
@@ -390,13 +397,15 @@ def _recordings(file: RobotFile, table: RecordingsTable, markers: tuple[str, ...
     actuators = [actuator.name for actuator in spec.actuators]
     for name in table.controls:
         _known(where, "controls", name, "an actuator of the model", actuators)
-    _known(where, "start", table.start, "one of", ["rest", "markers", "fitted", *(key.name for key in spec.keys)])
+    start = table.start or "rest"
+    _known(where, "start", start, "one of", ["rest", "markers", "fitted", *(key.name for key in spec.keys)])
     return Trials(
         {name: _drive(entry) for name, entry in table.controls.items()},
         _sensors(file, table),
-        table.start,
+        start,
         None if table.frame is None else _pair(file, "frame", table.frame, markers),
         table.score_progress,
+        start_named=table.start is not None,
     )
 
 

@@ -18,6 +18,13 @@ from swim2real.robots.drives import Drive
 from swim2real.robots.targets import Delay, Delays
 from swim2real.settings import ProtocolName
 
+_PLACES = tuple(
+    map(int, (mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtSensor.mjSENS_ACTUATORPOS))
+)
+
+
+_EITHER = "at rest or where their first stretch fits best, whichever suits them,"
+
 
 class Response(Protocol):
     """How a robot's swimming responds to its parameters, roughly, as measured over its whole box."""
@@ -127,6 +134,7 @@ class Trials:
             the trial's first frames, and their speed. `fitted`: the pose and speed that fit the first stretch best,
             found with the model of each candidate. Anything else is the name of a keyframe. A trial's own start goes
             first.
+        start_named: Whether somebody has said so; else each recording gets the better of rest and fitted.
         frame: Indices of the two markers that make the frame of comparison, origin at the first, x toward the second;
             None compares in the world.
         score_progress: Whether the robot goes somewhere and how far it comes is compared: along the line from the
@@ -141,6 +149,7 @@ class Trials:
     frame: tuple[int, int] | None = None
     score_progress: bool = False
     swims: SteadySwims | None = None
+    start_named: bool = True
 
     @property
     def description(self) -> str:
@@ -165,7 +174,7 @@ class Trials:
             "markers": "where the markers are",
             "fitted": "where their first stretch fits best",
         }
-        start = starts.get(self.start, f"in keyframe '{self.start}'")
+        start = starts.get(self.start, f"in keyframe '{self.start}'") if self.start_named else _EITHER
         pair = "" if self.frame is None else " and ".join(marker_names[i] for i in self.frame)
         frame = f"the frame of {pair}" if pair else "the world"
         progress = ", progress included" if self.score_progress else ""
@@ -265,6 +274,18 @@ class Robot:
         model = self.model
         sensors = [model.sensor(i) for i in range(model.nsensor - len(self.marker_names), model.nsensor)]
         return tuple(int(model.body_weldid[model.site_bodyid[int(sensor.objid[0])]]) for sensor in sensors)
+
+    @cached_property
+    def size(self) -> float:
+        """Largest distance between two markers at rest, else the model's extent [m]."""
+        apart = np.linalg.norm(self.rest_markers[:, None] - self.rest_markers, axis=2).max(initial=0.0)
+        return float(apart or self.model.stat.extent)
+
+    @property
+    def sensed_places(self) -> tuple[str, ...]:
+        """Sensors that are compared and tell a place: that of a joint, a tendon or an actuator."""
+        kinds = {self.model.sensor(i).name: int(self.model.sensor(i).type[0]) for i in range(self.model.nsensor)}
+        return tuple(sensor.name for sensor in self.trials.sensors if kinds.get(sensor.name) in _PLACES)
 
     @property
     def rigid_markers(self) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ markers = ["base", "knuckle", "tip"]   sites, in the order in which they are tra
 links = [["base", "knuckle"]]          lines of pictures; by default from each marker to the next
 
 [recordings]                           or [swims], for a motor that turns at a constant speed
-start = "fitted"                       rest, markers, fitted or the name of a keyframe
+start = "fitted"                       rest, markers, fitted or the name of a keyframe; left out: what suits each
 frame = ["base", "knuckle"]            compare in the frame of two markers; left out: in the world
 score_progress = false                 whether how far it comes is compared, too
 [recordings.controls]
@@ -130,7 +130,7 @@ class RecordingsTable(_Table):
 
     controls: dict[Label, ControlEntry] = {}
     sensors: dict[Label, SensorTable] = {}
-    start: Label = "rest"
+    start: Label | None = None
     frame: Pair | None = None
     score_progress: bool = False
 

@@ -93,7 +93,9 @@ class PlaybackSimulator:
         if self._about.start not in STARTS:
             start_at_keyframe(self.robot.model, mujoco.MjData(self.robot.model), self._about.start)
 
-    def request(self, trial: Trial, weights: Array | None = None, pieces: float | None = None) -> Rollout:
+    def request(
+        self, trial: Trial, weights: Array | None = None, pieces: float | None = None, start: str | None = None
+    ) -> Rollout:
         """Checks that a recording can be played back, and looks for its start.
 
         Args:
@@ -102,6 +104,7 @@ class PlaybackSimulator:
                 Shape (T, M).
             pieces: Length of the pieces into which it is cut, each with a fitted start of its own [s]; None doesn't
                 cut it.
+            start: Where it starts, `rest` or `fitted`, of a robot whose file doesn't say; None as the robot's are.
 
         Raises:
             TrialError: It lacks a control, its controls are on another clock, its start is another model's, no
@@ -119,9 +122,10 @@ class PlaybackSimulator:
         believed = np.ones(trial.track.confidence.shape) if weights is None else weights
         if pieces is not None:
             return Rollout(trial, pieces=tuple(self._piece(trial, believed, part) for part in cut(trial, pieces)))
-        if self._about.start not in (MARKERS, FITTED) or trial.start or trial.start_velocities:
+        begins = start or self._about.start
+        if begins not in (MARKERS, FITTED) or trial.start or trial.start_velocities:
             return Rollout(trial)
-        return self._shown(trial, believed, self._about.start == FITTED)
+        return self._shown(trial, believed, begins == FITTED)
 
     def _shown(self, trial: Trial, weights: Array, fitted: bool) -> Rollout:
         """A recording whose markers, or joint sensors, show its start."""

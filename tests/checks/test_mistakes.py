@@ -1,0 +1,153 @@
+"""References that aren't what they are taken for are named as what they are, and sound ones aren't."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from examples.test_worked import code_of
+from recorded import (
+    FLOATER,
+    PENDULUM,
+    PENDULUM_HIDDEN,
+    PENDULUM_XML,
+    RINGING,
+    blank,
+    floater_reference,
+    make_robot,
+    pendulum_reference,
+    recorded,
+    ringing_reference,
+    telling,
+    torque_table,
+    with_markers,
+)
+from swim2real.checks.mistakes import mistakes
+from swim2real.checks.reference import judged, starts
+from swim2real.robots.drives import TABLE
+from swim2real.robots.robot import Sensor, Trials
+from swim2real.trials import MarkerTrack, Signals, TrialSet
+
+ROD = make_robot(
+    "rod", PENDULUM.space, lambda values: with_markers(PENDULUM_XML.format(**PENDULUM.space.check(values)), ("end",)),
+    Trials({}, (), "rest"), ("end",), (0, 2),
+)  # fmt: skip
+ENCODED = telling(PENDULUM, start="fitted", sensors=(Sensor("encoder", "rad", 0.2),))
+
+
+def changed(trials: TrialSet, change) -> TrialSet:
+    return replace(trials, trials=tuple(change(trial) for trial in trials))
+
+
+def placed(change):
+    return lambda trial: replace(trial, track=MarkerTrack(trial.track.times, change(trial.track.positions)))
+
+
+def swapped(i, j):
+    def change(positions):
+        order = list(range(positions.shape[1]))
+        order[i], order[j] = order[j], order[i]
+        return positions[:, order]
+
+    return placed(change)
+
+
+def clocked(factor):
+    return lambda trial: replace(trial, track=MarkerTrack(factor * trial.track.times, trial.track.positions))
+
+
+def signals(kind, change):
+    def made(trial):
+        table = getattr(trial, kind)
+        return replace(trial, **{kind: Signals(table.times, table.names, change(table.values))})
+
+    return made
+
+
+@pytest.fixture(scope="module")
+def sound():
+    arm, finger, snake = (code_of(name) for name in ("arm", "finger", "snake"))
+    resting = [blank(PENDULUM, name, 2.0, controls=torque_table(2.0, k)) for k, name in enumerate("ab")]
+    return {
+        "pendulum": (ENCODED, recorded(ENCODED, PENDULUM_HIDDEN, resting, 3e-4)),
+        "moving": (telling(PENDULUM, start="fitted"), pendulum_reference(1e-3)),
+        "floater": (telling(FLOATER, start="fitted"), floater_reference(3e-4)),
+        "ringing": (RINGING, ringing_reference(100.0, 3e-4)),
+        "arm": (arm.ROBOT, arm.record()),
+        "finger": (finger.ROBOT, finger.LAB.record(finger.takes())),
+        "snake": (snake.ROBOT, snake.LAB.record(snake.takes())),
+    }
+
+
+@pytest.mark.parametrize("name", ["pendulum", "moving", "floater", "ringing", "arm", "finger", "snake"])
+def test_a_sound_reference_is_not_doubted(sound, name):
+    assert judged(*sound[name]) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("pendulum", placed(lambda p: 1e3 * p), "that looks like millimeters; tracks are in meters"),
+        ("floater", placed(lambda p: 1.5 * p), "its markers are about 1.6 times as far apart as the robot's"),
+        ("finger", placed(lambda p: p[:, :, ::-1]), "its axes look swapped: the camera sees x to its right and z up"),
+        ("finger", placed(lambda p: p * [1, -1]), "its z looks upside down"),
+        ("finger", placed(lambda p: p * [-1, 1]), "its x looks mirrored"),
+        ("finger", placed(lambda p: p[:, ::-1]), "in the other order, from tip to palm1; click, or name, palm1 first"),
+        ("finger", swapped(0, 5), "markers palm1 and tip look swapped"),
+        ("snake", swapped(1, 2), "markers neck and back1 look swapped"),
+        ("floater", swapped(0, -1), "markers nose and tail look swapped"),
+        ("pendulum", placed(lambda p: p + np.array([0.56, 0])), "it lies beside the robot by x +560 mm"),
+        ("finger", placed(lambda p: p[:, [0, 5, 1, 4, 2, 3]]), "is it a film of this robot"),
+        ("finger", clocked(1.2), "that looks like 50 for 60 frames a second; give the film's true rate (--fps)"),
+        ("pendulum", clocked(5 / 6), "that looks like 60 for 50 frames a second"),
+        ("snake", clocked(2.0), "that looks like half of the frames a second"),
+        ("floater", placed(lambda p: p[:, :, ::-1]), "as the robot does in a mirror"),
+        ("snake", placed(lambda p: p[:, ::-1]), "in the other order, from tail to nose"),
+        ("finger", signals("controls", np.negative), "commands of actuator 'winch' look of the other sign"),
+        ("arm", signals("controls", np.fliplr), "commands of 'shoulder_servo' and 'elbow_servo' look swapped"),
+        ("arm", signals("sensors", np.fliplr), "sensors 'shoulder_angle' and 'elbow_angle' look swapped"),
+        ("arm", signals("sensors", lambda v: v * [1, -1]), "sensor 'elbow_angle' look of the other sign"),
+        ("arm", signals("sensors", lambda v: v + np.array([0, 0.8])), "'elbow_angle' are +0.783 beside the joint"),
+        ("arm", signals("sensors", np.rad2deg), "that looks like degrees in place of radians"),
+        ("pendulum", signals("sensors", np.negative), "readings of sensor 'encoder' look of the other sign"),
+        ("pendulum", signals("sensors", np.rad2deg), "look like degrees in place of radians: say NAME=COLUMN:UNIT"),
+        ("pendulum", signals("sensors", lambda v: v - 0.5), "readings of sensor 'encoder' are -0.5 beside"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_named(sound, name, change, said):
+    robot, trials = sound[name]
+    found = judged(robot, changed(trials, change))
+    assert any(said in sentence for sentence in found), found
+
+
+def test_one_trial_of_several_is_named_and_other_natural_frequencies_are_no_clock(sound):
+    robot, trials = sound["finger"]
+    mixed = replace(trials, trials=(*trials.trials[:2], swapped(2, 3)(trials.trials[2])))
+    (found,) = mistakes(robot, mixed)
+    assert found.startswith("trial 'ramp': markers prox1 and prox2 look swapped")
+    robot, trials = sound["ringing"]
+    assert mistakes(robot, changed(trials, clocked(1.2))) == []
+
+
+def test_the_first_frame_is_shown_where_the_place_in_the_world_is_of_no_importance(sound):
+    trials = changed(sound["floater"][1], placed(lambda p: p + np.array([0.5, 0.2])))
+    (slow, _) = starts(telling(FLOATER, start="rest"), trials)
+    assert np.abs(slow.first).max() < 2e-3
+
+
+def test_few_markers_and_frames_without_any_are_judged_as_far_as_they_tell(sound):
+    robot, trials = sound["finger"]
+
+    def late(positions):
+        moved = positions + np.array([0.56, 0.0])
+        moved[:30] = np.nan
+        return moved
+
+    (found,) = mistakes(robot, changed(trials, placed(late)))
+    assert "it lies beside the robot by x +560 mm" in found
+    lone = replace(ROD, trials=replace(ROD.trials, controls={"torque": TABLE}))
+    blanks = [blank(lone, "a", 1.0, controls=torque_table(1.0))]
+    swung = recorded(lone, PENDULUM_HIDDEN, blanks)
+    assert mistakes(lone, swung) == []
+    (said,) = mistakes(lone, changed(swung, signals("controls", np.negative)))
+    assert "commands of actuator 'torque' look of the other sign" in said or "in a mirror" in said
