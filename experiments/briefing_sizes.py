@@ -1,6 +1,6 @@
 """How large the briefings of a run's rounds are, for every `--detail` and every `--show`, and how long they take.
 
-    python experiments/briefing_sizes.py examples/vlm-runs/seed-2 tracks --rounds 1 8 16
+    python experiments/briefing_sizes.py examples/vlm-runs/fish-2 tracks --rounds 1 8 16
 
 Builds the questions again from the run's record, as a VLM that takes pictures would get them. Tokens are estimates: of
 text by a rule of thumb, of a picture its pixels over 750.

@@ -36,7 +36,7 @@ def main():
     parser.add_argument("folder", type=Path)
     a = parser.parse_args()
     every = []
-    for path in sorted(path.parent for path in a.folder.glob("seed-*/record.jsonl")):
+    for path in sorted(path.parent for path in a.folder.glob("*/record.jsonl")):
         entries = [entry.model_dump(exclude_unset=True) for entry in RunFolder(path).record()]
         lowest = 1e3 * np.minimum.accumulate([entry["loss"] for entry in entries])
         best = min(entries, key=lambda entry: entry["loss"])
@@ -47,8 +47,7 @@ def main():
             f"{1e3 * best['evidence']['velocity_error']:.1f} mm/s; {len(rounds)} rounds, {sum(kept)} accepted: "
             f"{', '.join(map(str, kept))} at the full, half and quarter step"
         )
-        if not path.name.endswith("again"):  # a second run of a seed doesn't count twice
-            every += rounds
+        every += rounds
     kept = np.array([sum(accepted(*one) and len(one[1]) == k + 1 for one in every) for k in range(len(STEPS))])
     wasted = sum(len(steps) for start, steps in every if not accepted(start, steps))
     print(

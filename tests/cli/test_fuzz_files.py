@@ -63,7 +63,7 @@ def made(folder: Path) -> Path:
     (folder / "run" / "identifiability.json").write_text(json.dumps({**conditions, **study}))
     calls = folder / "run" / "advisor"
     calls.mkdir(exist_ok=True)
-    shutil.copy(PROJECT / "examples/vlm-runs/seed-0/advisor/call_0001.json", calls)
+    shutil.copy(PROJECT / "examples/vlm-runs/fish-0/advisor/call_0001.json", calls)
     (folder / "camera.json").write_text(json.dumps(CAMERA))
     (folder / "points.json").write_text(json.dumps(POINTS))
     (folder / "corrections.json").write_text(json.dumps(CORRECTIONS))

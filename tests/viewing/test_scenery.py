@@ -22,14 +22,17 @@ def test_a_furnished_model_moves_to_the_last_digit_as_before_and_cameras_follow_
     bare = spec.compile()
     furnish(spec)
     model = spec.compile()
-    assert (model.ncam, model.nlight, model.nbody) == (2, 1, bare.nbody)
+    assert (model.ncam, model.nlight, model.nbody) == (3, 1, bare.nbody)
     np.testing.assert_array_equal(stepped(model), stepped(bare))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     before = data.cam_xpos.copy()
     data.qpos[0] = 2.0
     mujoco.mj_forward(model, data)
-    np.testing.assert_allclose(data.cam_xpos - before, [[way, 0, 0]] * 2, atol=1e-9)
+    np.testing.assert_allclose(data.cam_xpos - before, [[way, 0, 0]] * 3, atol=1e-9)
+    ahead = model.camera("ahead").id
+    np.testing.assert_allclose(data.cam_xmat[ahead].reshape(3, 3)[:, 0], [0, -1, 0], atol=1e-9)  # +x is away from it
+    assert before[ahead, 0] < 0
 
 
 def test_water_has_a_surface_and_a_models_own_things_stay():

@@ -37,6 +37,7 @@ class AdvisorContext:
         briefing: Settings of what is shown.
         access: How a VLM is reached.
         on_event: Called as things happen.
+        budget: Evaluations that the run has; None where that isn't known.
     """
 
     run: Path
@@ -46,6 +47,7 @@ class AdvisorContext:
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
     access: VlmAccess = field(default_factory=VlmAccess)
     on_event: Callable[[AdvisorEvent], None] = lambda event: None
+    budget: int | None = None
 
 
 def make_advisor(
@@ -85,7 +87,7 @@ def make_advisor(
         client = ModelClient(name, access, briefing.media)
     prompts = TrialPromptBuilder(
         robot, space, context.simulate, context.videos, briefing, client.takes_video, access.reply_tokens,
-        context.from_rest,
+        context.from_rest, context.budget,
     )  # fmt: skip
     repairs = None if name == FILES else REPAIRS  # a person may try as often as they like
     asking = VlmAdvisor(client, prompts.question, space, transcript, access, context.on_event, repairs)

@@ -23,7 +23,7 @@ SAME_FREQUENCY = 0.05  # share by which a real trial's beat may differ from the 
 
 def view(
     subject: Positional[str], *, robot: str | None = None, reference: Path | None = None, trial: str | None = None,
-    frequency: float | None = None, seconds: float = 8.0, camera: Literal["above", "side"] | None = None,
+    frequency: float | None = None, seconds: float = 8.0, camera: Literal["above", "side", "ahead"] | None = None,
     film: Path | None = None, width: int = 960,
 ) -> int:  # fmt: skip
     """Show a robot in motion, with the real markers as ghosts, in MuJoCo's viewer, or write a film with --film.
@@ -39,7 +39,8 @@ def view(
         trial: Name of the trial; by default the first, or the one whose frequency is nearest to --frequency.
         frequency: Frequency of the motor [Hz]; by default that of the trial, or 1 Hz.
         seconds: Longest duration shown [s].
-        camera: Camera at first, by default the one it was filmed with; it follows a robot that travels.
+        camera: Camera at first, by default the one it was filmed with; it follows a robot that travels. ahead: from -x,
+            where a swimmer goes; it shows a roll.
         film: Film to write (.mp4) instead of opening a window. Needs no display.
         width: Width of the film [px].
     """

@@ -191,8 +191,8 @@ def _run(
             due.append(job)
     if not due:
         return
-    follower.announce(len(due), None if workers is None else _expected(work, due, min(workers, len(due))))
     with begin() as executor:
+        follower.announce(len(due), None if workers is None else _expected(work, due, min(workers, len(due))))
         futures = {executor.submit(run_job, job, work): job for job in sorted(due, key=_cost, reverse=True)}
         left = set(futures)
         while left:

@@ -89,7 +89,7 @@ def calibrate(
     videos = {trial.name: trial.video for trial in fitted if trial.video is not None and not trial.video_begin}
     context = AdvisorContext(
         folder.path, problem.evaluate, problem.speeds_from_rest, videos, settings.briefing, access or VlmAccess(),
-        on_advisor,
+        on_advisor, resolved.budget,
     )  # fmt: skip
     advisor = None
     if METHODS[resolved.chosen_method].advised:

@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-ABOVE, SIDE = "above", "side"
-VIEWS = (ABOVE, SIDE)
+ABOVE, SIDE, AHEAD = "above", "side", "ahead"
 LARGEST = (1920, 1080)  # px of a picture
 WATER_DENSITY = 100.0  # kg/m³, above which a robot is in water
 _TILT = np.radians(70)  # of the view from the side: 90 degrees would be level
@@ -23,16 +22,16 @@ def furnish(spec: mujoco.MjSpec) -> None:
     """Adds what a viewer needs to a spec that compiles; cameras follow a robot that travels.
 
     Args:
-        spec: Gets the cameras `above` and `side`, a light, a ground, and a surface of water where it is in water.
+        spec: Gets the cameras `above`, `side` and `ahead`, a light, a ground, and a surface of water where it is in water.
     """
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     number = _traveler(model)
     center, radius = _ball(model, data, number)
-    for name, tilt in ((ABOVE, 0.0), (SIDE, _TILT)):
+    for name, tilt, turn in ((ABOVE, 0.0, 0.0), (SIDE, _TILT, 0.0), (AHEAD, _TILT, -np.pi / 2)):
         if name not in {camera.name for camera in spec.cameras}:
-            _add_camera(spec, data, number, name, tilt, center, _DISTANCE * radius)
+            _add_camera(spec, data, number, name, tilt, turn, center, _DISTANCE * radius)
     frame = spec.visual.global_
     frame.offwidth, frame.offheight = max(frame.offwidth, LARGEST[0]), max(frame.offheight, LARGEST[1])
     if not spec.lights:
@@ -77,12 +76,13 @@ def _ball(model: mujoco.MjModel, data: mujoco.MjData, number: int) -> tuple[NDAr
 
 
 def _add_camera(
-    spec: mujoco.MjSpec, data: mujoco.MjData, number: int, name: str, tilt: float, center: NDArray[np.float64],
-    distance: float,
+    spec: mujoco.MjSpec, data: mujoco.MjData, number: int, name: str, tilt: float, about: float,
+    center: NDArray[np.float64], distance: float,
 ) -> None:  # fmt: skip
-    """A camera that looks down, tilted toward +y, at a place; it goes where its body goes, and doesn't turn."""
-    place = center + distance * np.array([0.0, -np.sin(tilt), np.cos(tilt)])
-    turn = np.array([np.cos(tilt / 2), np.sin(tilt / 2), 0.0, 0.0])
+    """A camera that looks down, tilted toward +y and turned about z, at a place; it goes where its body goes."""
+    place = center + distance * np.array([np.sin(tilt) * np.sin(about), -np.sin(tilt) * np.cos(about), np.cos(tilt)])
+    turn, upright = np.empty(4), np.array([np.cos(about / 2), 0.0, 0.0, np.sin(about / 2)])
+    mujoco.mju_mulQuat(turn, upright, np.array([np.cos(tilt / 2), np.sin(tilt / 2), 0.0, 0.0]))
     if not number:
         spec.worldbody.add_camera(name=name, pos=place, quat=turn)
         return

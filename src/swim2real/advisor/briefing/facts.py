@@ -287,12 +287,14 @@ class RoundFacts:
         robot: The robot whose simulator is calibrated.
         space: Its parameters, as the optimizer uses them.
         from_rest: Forward speed of the incumbent once it has settled from rest, by trial [m/s], where that is known.
+        budget: Evaluations that the run has; None where that isn't known.
     """
 
     situation: Situation
     robot: Robot
     space: ParameterSpace
     from_rest: Mapping[str, Known]
+    budget: int | None = None
 
     @cached_property
     def here(self) -> EvaluationFacts:

@@ -34,7 +34,7 @@ class TrialPromptBuilder:
     def __init__(
         self, robot: Robot, space: ParameterSpace, simulate: Callable[[Values], Comparison], videos: Mapping[str, Path],
         settings: BriefingSettings, takes_video: bool, reply_tokens: int,
-        from_rest: Callable[[Values], Mapping[str, float | None]] = lambda values: {},
+        from_rest: Callable[[Values], Mapping[str, float | None]] = lambda values: {}, budget: int | None = None,
     ) -> None:  # fmt: skip
         """Prepares the builder.
 
@@ -47,10 +47,11 @@ class TrialPromptBuilder:
             takes_video: Whether films are shown, or sheets of pictures.
             reply_tokens: Most tokens of a reply.
             from_rest: Simulates from rest: forward speeds by trial [m/s], None where it diverged.
+            budget: Evaluations that the run has; None where that isn't known.
         """
         self._robot, self._space, self._simulate, self._videos = robot, space, simulate, dict(videos)
         self._settings, self._takes_video, self._reply_tokens = settings, takes_video, reply_tokens
-        self._from_rest, self._schema = from_rest, reply_schema(space)
+        self._from_rest, self._schema, self._budget = from_rest, reply_schema(space), budget
 
     def question(self, situation: Situation, level: int = 0) -> Request:
         """What is asked in a situation.
@@ -64,7 +65,7 @@ class TrialPromptBuilder:
         beats = self._robot.trials.swims is not None
         instructions = _written("instructions.md.j2", beats=beats)
         values = self._space.to_values(situation.incumbent.candidate.point)
-        known = RoundFacts(situation, self._robot, self._space, self._from_rest(values))
+        known = RoundFacts(situation, self._robot, self._space, self._from_rest(values), self._budget)
         text = describe(known, numbers=self._settings.show != "pictures", rounds=detail.rounds)
         if self._settings.show == "numbers":
             return Request(instructions, (text,), self._schema, self._reply_tokens)
