@@ -171,7 +171,8 @@ def lagging(*behind: float, third: float = 0.03) -> str:
 SAID = [  # who says what, and with an exclamation mark what not
     (lambda: swims([(REAL, WIDER)]),
      ["worst trial is swim0 (1.00 Hz):", "too fast in all trials: median ratio 1.50.", "beats 20 % wider",
-      "30 deg of a beat behind in simulation and 50 deg in reality, which differs.", "1 evaluation of this search is used. A probe takes one",
+      "30 deg of a beat behind in simulation and 50 deg in reality, which differs.",
+      "1 evaluation of this search is used. A probe takes one",
       "this is the first round.", "the loss doesn't count it", "A swimming chain of links.", "!Motion of the head",
       "!Started at rest"]),
     (lambda: waves(simulated=(0.1, 0.1, 0.15)),

@@ -22,7 +22,7 @@ def furnish(spec: mujoco.MjSpec) -> None:
     """Adds what a viewer needs to a spec that compiles; cameras follow a robot that travels.
 
     Args:
-        spec: Gets the cameras `above`, `side` and `ahead`, a light, a ground, and a surface of water where it is in water.
+        spec: Gets cameras `above`, `side` and `ahead`, a light, a ground, and a surface of water where it is in water.
     """
     model = spec.compile()
     data = mujoco.MjData(model)
