@@ -193,7 +193,7 @@ def marker_errors(run: ReportedRun) -> tuple[MarkerErrors, ...]:
         "offset": (
             "Constant offset",
             "What stays of it in the mean over time: a marker in another place, or a pose that sags.",
-            lambda figures: np.linalg.norm(np.array(figures.offset, dtype=float).reshape(-1, 2), axis=1),
+            lambda figures: np.hypot(*np.array(figures.offset, dtype=float).reshape(-1, 2).T),
         ),
         "amplitude": (
             "Difference in amplitude",
