@@ -40,7 +40,7 @@ def calibrate(
         access: Access to VLMs, for --advisor PROVIDER:MODEL and files.
         out: Run folder to write.
         robot: What is calibrated. fish: the paper's 16 parameters. fish-extended: two more, for the water that the hull
-            accelerates and for damping at the surface. fish-rolling: seven more, for a hull that floats and rolls.
+            accelerates and for damping at the surface. fish-rolling: twelve more, for a hull that floats and rolls.
             FILE.toml: your robot; `swim2real init` writes such a file.
         sensitivity: Also measure each parameter's effect on the loss at the end: two evaluations per parameter, outside
             the budget.
