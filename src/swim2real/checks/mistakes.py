@@ -397,11 +397,8 @@ def _read(robot: Robot, trial: Trial, names: Sequence[str]) -> tuple[Array, Arra
         within = np.isin(trial.sensors.times, played.sensors.times)
         return np.stack([played.sensors.column(name) for name in names], axis=1), columns[within]
     some, model = _some(trial, _MANY_FRAMES), robot.model
-    data, made, known = (
-        mujoco.MjData(model),
-        list[Array](),
-        np.isfinite(some.track.positions).all(axis=2).sum(axis=1) > 1,
-    )
+    data, made = mujoco.MjData(model), list[Array]()
+    known = np.isfinite(some.track.positions).all(axis=2).sum(axis=1) > 1
     for data.qpos[:], _ in _Poses(robot).of(some):
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_sensorPos(model, data)

@@ -6,6 +6,7 @@ acceleration. Stretches of several lengths are taken: a short one of what moves 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -115,7 +116,11 @@ def better_starts(robot: Robot, reference: TrialSet) -> dict[str, BetterStart]:
 
     A command that jumps as a recording begins speaks for neither: what it does at once, the model does, too.
     """
-    begun = poses_of_rest(robot, reference).get(REST, {})
+    return _better(robot, reference, poses_of_rest(robot, reference).get(REST, {}))
+
+
+def _better(robot: Robot, reference: TrialSet, begun: Mapping[str, Beginning]) -> dict[str, BetterStart]:
+    """The same, of recordings that begin like this beside the model's own pose."""
     made: dict[str, BetterStart] = {}
     if not begun:
         return made
@@ -141,7 +146,8 @@ def other_start(robot: Robot, reference: TrialSet) -> str | None:
     about = robot.trials
     if about.swims is not None or not about.start_named:
         return None
-    found, better = poses_of_rest(robot, reference), better_starts(robot, reference)
+    found = poses_of_rest(robot, reference)
+    better = _better(robot, reference, found.get(REST, {}))
     if not better:
         return None
     rest, fitted = (1e3 * float(np.mean([getattr(one, start) for one in better.values()])) for start in (REST, FITTED))
