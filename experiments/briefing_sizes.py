@@ -1,9 +1,11 @@
-"""How large the briefings of a run's rounds are, for every `--detail` and every `--show`, and how long they take.
+"""What the questions of a recorded run with a VLM take: tokens of text and pictures, cost, seconds.
 
-    python experiments/briefing_sizes.py examples/vlm-runs/fish-2 tracks --rounds 1 8 16
+    python experiments/briefing_sizes.py examples/vlm-runs/extended-2 tracks --show both --detail medium
 
-Builds the questions again from the run's record, as a VLM that takes pictures would get them. Tokens are estimates: of
-text by a rule of thumb, of a picture its pixels over 750.
+Builds every question again from the run's record, as a VLM that takes pictures would get it, and writes them to --out.
+Tokens are estimates: of text by a rule of thumb, of a picture its pixels over 750. What a question has in common with
+the beginning of the one before it is read from a service's cache at a tenth of the price; what is written to it costs a
+quarter more, as with Anthropic.
 """
 
 import argparse
@@ -26,6 +28,7 @@ from swim2real.trials import load_reference
 
 _PIECE = re.compile(r"[A-Za-z]+|[^\s]|\n")
 _LETTERS = 6  # of a word that a token holds, on average
+READ, WRITTEN = 0.1, 1.25  # prices of a token from and to the cache, of that of any other
 
 
 def estimate_tokens(text):
@@ -52,39 +55,48 @@ def situations_of(entries):
     search = BacktrackingLineSearch(advisor, entries[0]["point"])
     for entry in entries:
         search.tell(Evaluation(search.ask(), entry["loss"], entry["failed"], entry["evidence"]))
-    return {len(situation.rounds) + 1: situation for situation in advisor.seen}
+    return advisor.seen
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path)
     parser.add_argument("reference", type=Path)
-    parser.add_argument("--rounds", type=int, nargs="+", default=[1])
+    parser.add_argument("--detail", choices=DETAILS, default="medium")
+    parser.add_argument("--show", choices=("numbers", "pictures", "both"), default="both")
+    parser.add_argument("--out", type=Path)
     a = parser.parse_args()
     settings = pipeline.as_replayed(CalibrationSettings(advisor=f"replay:{a.run}"))
     robot = load_robot(RunFolder(a.run).settings().robot)
     space = replace(robot.space, scale=settings.resolved_scale)
     problem = Problem.with_settings(robot, load_reference(a.reference), settings)
     situations = situations_of([entry.model_dump(exclude_unset=True) for entry in RunFolder(a.run).record()])
-    print("| round | detail | show | tokens of text | of pictures | MB | seconds |\n|---|---|---|---|---|---|---|")
-    for number in a.rounds:
-        for detail in DETAILS:
-            for show in ("numbers", "pictures", "both"):
-                briefing = BriefingSettings(show, "images", detail)
-                builder = TrialPromptBuilder(
-                    robot, space, problem.evaluate, {}, briefing, False, 1000, problem.speeds_from_rest
-                )
-                began = time.monotonic()
-                question = builder.question(situations[number])
-                seconds = time.monotonic() - began
-                texts = [part if isinstance(part, str) else part.label for part in question.parts]
-                sizes = [Image.open(io.BytesIO(media.data)).size for media in question.media]
-                print(
-                    f"| {number} | {detail} | {show} | {estimate_tokens(' '.join([question.instructions, *texts]))} | "
-                    f"{sum(width * height // PIXELS_A_TOKEN for width, height in sizes)} | "
-                    f"{sum(len(media.data) for media in question.media) / 1e6:.2f} | {seconds:.1f} |",
-                    flush=True,
-                )
+    builder = TrialPromptBuilder(
+        robot, space, problem.evaluate, {}, BriefingSettings(a.show, "images", a.detail), False, 1000,
+        problem.speeds_from_rest, settings.budget,
+    )  # fmt: skip
+    print("| turn | text | of it kept | pictures | counts as | s |\n|---|---|---|---|---|---|")
+    sums, before = [0.0] * 5, ()
+    for turn, situation in enumerate(situations, start=1):
+        began = time.monotonic()
+        question = builder.question(situation)
+        seconds = time.monotonic() - began
+        lasting = (question.instructions, *question.parts[: question.lasting])
+        text = sum(map(estimate_tokens, (question.instructions, *(p for p in question.parts if isinstance(p, str)))))
+        text += sum(estimate_tokens(media.label) for media in question.media)
+        shared = sum(estimate_tokens(one) for one, other in zip(lasting, before, strict=False) if one == other)
+        new = sum(map(estimate_tokens, lasting)) - shared
+        sizes = [Image.open(io.BytesIO(media.data)).size for media in question.media]
+        pictures = sum(width * height // PIXELS_A_TOKEN for width, height in sizes)
+        paid = text + pictures - (1 - READ) * shared + (WRITTEN - 1) * new
+        row, before = (text, shared, pictures, paid, seconds), lasting
+        sums = [total + one for total, one in zip(sums, row, strict=True)]
+        print(f"| {turn} | {text} | {shared} | {pictures} | {paid:.0f} | {seconds:.1f} |", flush=True)
+        if a.out:
+            a.out.mkdir(exist_ok=True)
+            parts = (part if isinstance(part, str) else f"*{part.label}*" for part in question.parts)
+            (a.out / f"turn_{turn:02d}.md").write_text("\n\n".join([question.instructions, *parts]))
+    print(f"| all | {' | '.join(f'{total:.0f}' for total in sums)} |")
 
 
 if __name__ == "__main__":

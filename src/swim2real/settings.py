@@ -17,12 +17,15 @@ from typing import Literal, get_args
 from swim2real.errors import ArgumentError
 
 Method = Literal[
-    "line-search", "random", "cma-es", "bayesopt", "least-squares", "multi-start", "mujoco-sysid", "staged"
+    "line-search", "proposal-search", "random", "cma-es", "bayesopt", "least-squares", "multi-start", "mujoco-sysid",
+    "staged",
 ]  # fmt: skip
 METHODS: tuple[Method, ...] = get_args(Method)
+ADVISED: tuple[Method, ...] = ("line-search", "proposal-search")
 ProtocolName = Literal["motion", "aligned", "paper", "playback"]
 Start = Literal["speed", "rest"]
-First = Literal["auto", "model", "random"]
+FIRST = ("auto", "model", "random")  # or a parameters file
+FROM_FILE = "file"  # first point of a run that began at the values of one
 Scale = Literal["log", "linear"]
 ScaleChoice = Literal["auto", "log", "linear"]
 Show = Literal["both", "numbers", "pictures"]
@@ -154,6 +157,7 @@ class CalibrationSettings(EvaluationSettings):
     Attributes:
         method: multi-start: least squares from several starts, first on the shape of the motion; the default without
             --budget and --advisor. line-search: an advisor's proposals with backtracking; the default with one of them.
+            proposal-search: the advisor is asked again after each step that fails, and may name steps and alternatives.
             cma-es: pycma. bayesopt: scikit-optimize. least-squares: Levenberg-Marquardt with finite differences.
             mujoco-sysid: the least squares of MuJoCo's own toolbox. staged: the prior work's manual stages.
         advisor: What proposes parameters. physics: built in, no key. google:MODEL, openai:MODEL, anthropic:MODEL: a
@@ -161,10 +165,14 @@ class CalibrationSettings(EvaluationSettings):
             replay:RUN: an earlier run's replies, without a network; settings that aren't given are that run's.
         budget: Simulation evaluations, the first included. By default multi-start searches until it is done, and other
             methods make the paper's 40.
-        minutes: Longest search without --budget; by default 5. A search that it cuts off goes on with --resume.
+        minutes: Longest search without --budget or after it; by default 5. A search that it cuts off goes on with
+            --resume.
         seed: Decides the first point and every random choice.
+        finish: When the budget is spent, go on from the best point with multi-start until it is done: an advisor finds
+            where to search, least squares the rest.
         first: First point. model: the values of the robot's model. random: anywhere within the bounds, by the seed.
-            auto: model for recordings with seed 0 or several starts, else random.
+            FILE: those of a parameters file, or the best ones of a run folder. auto: model for recordings with seed 0
+            or several starts, else random.
         starts: Points that the line search evaluates first, the first point included, spread over the bounds by the
             seed; it descends from the best, and from the next best where it stalls. Default: 1; for recordings with the
             physics advisor, a tenth of the budget, at most two per parameter.
@@ -179,8 +187,9 @@ class CalibrationSettings(EvaluationSettings):
     advisor: str = PHYSICS
     budget: int | None = None
     minutes: float | None = None
+    finish: bool = False
     seed: int = 0
-    first: First = "auto"
+    first: str = "auto"
     starts: int | None = None
     scale: ScaleChoice = "auto"
     max_steps: int = 3
@@ -201,22 +210,31 @@ class CalibrationSettings(EvaluationSettings):
             _least("budget", self.budget, 1)
         if self.minutes is not None:
             _finite("minutes", self.minutes, above=0.0, unit=" min")
-            if self.budget is not None:
+            if self.budget is not None and not self.finish:
                 raise ArgumentError(
                     f"minutes is {self.minutes:g}, which is for a search until it is done; this one ends after a "
-                    f"budget of {self.budget} evaluations: leave out minutes, or the budget and the method"
+                    f"budget of {self.budget} evaluations: leave out minutes, or the budget and the method, or add "
+                    f"--finish"
                 )
+        if self.finish and self.budget is None:
+            raise ArgumentError("finish goes on when a budget is spent, and there is none: leave it out, or give one")
         _seed(self.seed)
-        _choice("first", self.first, get_args(First))
         if self.starts is not None:
             _least("starts", self.starts, 1)
-            if self.starts > 1 and self.method != "line-search":
-                raise ArgumentError(f"starts is for method line-search; method {self.method} has starts of its own")
+            if self.starts > 1 and self.method not in ADVISED:
+                raise ArgumentError(
+                    f"starts is for {' and '.join(ADVISED)}; method {self.method} has starts of its own"
+                )
+        if self.first not in FIRST and not Path(self.first).exists() and self.first != FROM_FILE:
+            raise ArgumentError(
+                f"first is '{self.first}'; it must be {', '.join(FIRST)}, or a parameters file or run folder, "
+                f"and there is none of that name"
+            )
         _choice("scale", self.scale, get_args(ScaleChoice))
         _least("max_steps", self.max_steps, 1)
         _least("probes", self.probes, 0)
-        if self.probes and self.method != "line-search":
-            raise ArgumentError(f"probes is for method line-search, which has an advisor, not {self.method}")
+        if self.probes and self.method not in ADVISED:
+            raise ArgumentError(f"probes is for {' and '.join(ADVISED)}, which have an advisor, not {self.method}")
 
     @property
     def chosen_method(self) -> Method:

@@ -16,7 +16,17 @@ from swim2real.advisor.vlm.files import FilesClient
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.advisor.vlm.transcript import Transcript, totals
 from swim2real.errors import AdvisorError, ArgumentError, WaitingForReply
-from swim2real.optimizers import Candidate, Evaluation, Proposal, Round, Situation, Step
+from swim2real.optimizers import (
+    BacktrackingLineSearch,
+    Candidate,
+    Evaluation,
+    Proposal,
+    Round,
+    ScriptedAdvisor,
+    Situation,
+    Step,
+    recorded_advice,
+)
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.settings import VlmAccess
 from vlm_server import drops, refuses, replies, sends
@@ -55,11 +65,11 @@ def brief(situation: Situation, level: int) -> Request:
 def ask(vlm, tmp_path):
     """Makes an advisor that asks the test's server, and keeps what it reported."""
 
-    def make(provider="openai", tries: int = 2, **limits) -> VlmAdvisor:
+    def make(provider="openai", tries: int = 2, transcript=None, **limits) -> VlmAdvisor:
         access = VlmAccess(vlm.url(provider), timeout=20.0, tries=tries, **limits)
         client = ModelClient(f"{provider}:some-model", access, sleep=lambda seconds: None)
         make.events = []
-        return VlmAdvisor(client, brief, SPACE, Transcript(tmp_path), access, make.events.append)
+        return VlmAdvisor(client, brief, SPACE, transcript or Transcript(tmp_path), access, make.events.append)
 
     return make
 
@@ -111,6 +121,31 @@ def test_a_round_that_is_on_record_is_not_paid_for_twice(ask, vlm, tmp_path):
     assert propose(0.05) == first
     assert len(vlm.requests) == 1
     assert propose(0.06) != first
+
+
+def test_a_list_is_measured_parameter_by_parameter_then_asked_again(ask, vlm, tmp_path):
+    """From the best point of its time, resumed anywhere, and once paid for."""
+    vlm.script(replies(json.dumps({"diagnosis": "unsure", "measure": ["arm", "drag"]})), replies(good()))
+
+    def search(advisor):
+        """The candidates; what is measured first is better than the first point."""
+        optimizer, seen = BacktrackingLineSearch(advisor, np.array([0.5, 0.6])), []
+        for loss in (0.05, 0.04, 0.06, 0.03):
+            seen.append(optimizer.ask())
+            optimizer.tell(Evaluation(seen[-1], loss))
+        return seen
+
+    transcripts = [Transcript(tmp_path) for _ in range(2)]
+    runs = [search(ReplayAdvisor(one, SPACE, then=ask(transcript=one))) for one in transcripts]
+    points = [one.point for one in runs[0]]
+    np.testing.assert_allclose(points[:3], [[0.5, 0.6], [0.5, 0.5], [0.6, 0.5]])
+    assert [one.note.get("parameter") for one in runs[0]] == [None, "arm", "drag", None]
+    np.testing.assert_array_equal(points, [one.point for one in runs[1]])
+    assert [one.note for one in runs[0]] == [one.note for one in runs[1]]
+    assert len(vlm.requests) == 2
+    recorded = [{"note": one.note, "point": list(one.point)} for one in runs[0][1:2]]  # it was stopped within the list
+    halfway = ScriptedAdvisor(recorded_advice(recorded), then=ReplayAdvisor(Transcript(tmp_path), SPACE))
+    np.testing.assert_array_equal(points, [one.point for one in search(halfway)])
 
 
 SAME = {name: float(f"{value:.4g}") for name, value in SPACE.to_values([0.5, 0.5]).items()}

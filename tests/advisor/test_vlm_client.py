@@ -106,6 +106,20 @@ def test_a_good_reply_and_what_is_on_the_wire(vlm, provider):
     assert KEY not in asked.path
 
 
+@each
+def test_what_later_requests_repeat_comes_first_and_is_marked_for_the_service_that_wants_it(vlm, provider):
+    ask = Ask(vlm, provider, replies(REPLY), replies(REPLY))
+    for last in ("Now.", "Later."):
+        ask.client.call(Request("You are a physicist.", ("Round 1.", "Round 2.", last), SCHEMA, 20000, lasting=2))
+    first, second = vlm.requests
+    assert first.instructions == second.instructions
+    texts = [[part["text"] for part in asked.parts] for asked in (first, second)]
+    assert texts == [["Round 1.", "Round 2.", "Now."], ["Round 1.", "Round 2.", "Later."]]
+    marked = [part["text"] for part in first.parts if "cache_control" in part]
+    assert marked == (["Round 2."] if provider == "anthropic" else [])
+    assert ("cache_control" in json.dumps(first.body.get("system", ""))) == (provider == "anthropic")
+
+
 def chat(**message):
     """A reply of OpenAI whose message has more in it than text."""
     choice = {"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": None} | message}

@@ -106,11 +106,35 @@ def test_parameters_that_keep_their_value_stay_at_the_incumbents_coordinates_to_
 
 def test_the_schema_asks_for_every_parameter_in_order_and_says_bounds_only_when_asked():
     schema = reply_schema(FISH.space)
-    assert list(schema["properties"]) == schema["required"] == ["diagnosis", "reasoning", "parameters", "probe"]
+    assert list(schema["properties"]) == schema["required"]
+    assert schema["required"] == ["diagnosis", "reasoning", "parameters", "probe", "measure"]
     assert schema["properties"]["parameters"]["required"] == list(FISH.space.names)
     assert "minimum" not in json.dumps(schema)
     bounded = reply_schema(FISH.space, bounds=True)["properties"]["parameters"]["properties"]
     assert bounded["motor_arm_length"] == {"type": "number", "description": "m", "minimum": 0.01, "maximum": 0.06}
+
+
+def test_step_sizes_and_alternatives_are_read_and_asked_for_where_they_are_tried():
+    assert "step_sizes" not in json.dumps(reply_schema(FISH.space))
+    schema = reply_schema(FISH.space, several=True)["properties"]
+    assert list(schema["alternatives"]["items"]["properties"]) == ["reasoning", "parameters", "step_sizes"]
+    other = {"reasoning": "or so", "parameters": {"arm": 0.5, "lift": 1}, "step_sizes": [1]}
+    answer = {"diagnosis": "slow", "parameters": {"drag": 3.0}, "step_sizes": [0.5, 1.0], "alternatives": [other]}
+    proposal = parse_reply(json.dumps(answer), SPACE, NOW).proposal(SPACE, SPACE.to_cube(NOW), {"a": 1})
+    assert (proposal.step_sizes, proposal.notes, proposal.diagnosis) == ((0.5, 1.0), {"a": 1}, "slow")
+    (alternative,) = proposal.alternatives
+    assert (alternative.reasoning, alternative.step_sizes) == ("or so", (1.0,))
+    assert alternative.notes == {"ignored": ["lift"], "missing": ["drag", "spring"], "clipped": {"arm": 0.5}}
+    for wrong, said in (({"step_sizes": [0]}, "step_sizes"), ({"alternatives": [{"parameters": {}}]}, "no parameter")):
+        with pytest.raises(ReplyError, match=said):
+            parse_reply(json.dumps({**answer, **wrong}), SPACE, NOW)
+
+
+@pytest.mark.parametrize(("names", "said"), [(["drog"], "no parameter of the simulator"), ([3], "measure")])
+def test_a_list_to_measure_names_parameters(names, said):
+    with pytest.raises(ReplyError, match=said):
+        parse_reply(json.dumps({"measure": names}), SPACE, NOW)
+    assert parse_reply('{"measure": ["arm", "arm"]}', SPACE, NOW).measure == ("arm",)
 
 
 names = st.sampled_from(["drag", "arm", "parameters", "x"]) | st.text()

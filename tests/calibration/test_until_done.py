@@ -1,6 +1,8 @@
 """A search without a budget: cut off by minutes, gone on with, and as the finish of a run that had a budget."""
 
+import contextlib
 import json
+import shutil
 
 import pytest
 import small_run
@@ -15,9 +17,16 @@ from swim2real.settings import CalibrationSettings
 SECOND = 1 / 60  # min
 
 
-def search(reference, out, resume=False, **settings):
+def search(reference, out, resume=False, most=None, **settings):
+    """A run, interrupted after so many evaluations."""
     chosen = CalibrationSettings(protocol="aligned", **settings)
-    return calibrate(reference, small_run.ROBOT, chosen, out, resume=resume)
+
+    def stop(progress):
+        if most is not None and progress.done >= most:
+            raise KeyboardInterrupt
+
+    with contextlib.suppress(KeyboardInterrupt):
+        return calibrate(reference, small_run.ROBOT, chosen, out, resume=resume, on_progress=stop)
 
 
 def points(out):
@@ -44,11 +53,33 @@ def test_a_run_with_a_budget_is_finished_and_a_search_that_was_cut_off_goes_on(r
 
 def test_a_search_is_the_same_on_any_number_of_cores(reference, tmp_path):
     for threads in (1, 2):
-        search(reference, tmp_path / str(threads), minutes=2 * SECOND, threads=threads)
-    one, two = (points(tmp_path / str(threads)) for threads in (1, 2))
-    common = min(len(one), len(two))
-    assert common > 12
-    assert one[:common] == two[:common]
+        search(reference, tmp_path / str(threads), most=16, threads=threads)
+    assert len(points(tmp_path / "1")) == 16
+    assert points(tmp_path / "1") == points(tmp_path / "2")
+
+
+def test_a_method_with_a_budget_is_finished_as_one_command(reference, tmp_path):
+    """As if it had been finished later, from the values of another run."""
+    search(reference, tmp_path / "before", method="random", budget=2, seed=5)
+    begun = tmp_path / "before"
+    search(reference, tmp_path / "one", first=str(begun), method="random", budget=4, finish=True, most=12)
+    assert RunFolder(tmp_path / "one").record()[0].values == pytest.approx(read_best(begun), rel=1e-12)
+    search(reference, tmp_path / "two", first=str(begun), method="random", budget=4)
+    shutil.rmtree(begun)  # the values are in the settings
+    search(reference, tmp_path / "two", resume=True, most=12)
+    assert points(tmp_path / "one") == points(tmp_path / "two")
+    assert len(points(tmp_path / "one")) == 12
+    settings = [RunFolder(tmp_path / name).settings() for name in ("one", "two")]
+    assert [(one.budget, one.finish, one.first) for one in settings] == [(4, True, "file")] * 2
+    with pytest.raises(ArgumentError, match="first is 'middle'; it must be auto, model, random, or a parameters file"):
+        CalibrationSettings(first="middle")
+    with pytest.raises(ArgumentError, match="finish goes on when a budget is spent, and there is none"):
+        CalibrationSettings(finish=True)
+    assert CalibrationSettings(advisor="files", finish=True, minutes=2).budget == 40
+
+
+def read_best(run):
+    return json.loads((run / "best.json").read_text())["parameters"]
 
 
 def test_what_a_search_knows_is_said(reference, tmp_path):

@@ -33,7 +33,7 @@ def changed(plan: Plan, **changes) -> Plan:
 
 def test_every_method_and_the_ablation_can_be_compared():
     assert set(NAMES) == {*METHODS, "no-line-search"}
-    by_name = {"mujoco-sysid", "multi-start"}
+    by_name = {"mujoco-sysid", "multi-start", "proposal-search"}
     assert set(default_methods(FISH)) == {*NAMES} - by_name
     assert set(default_methods(PENDULUM)) == {*NAMES} - by_name - {"staged"}  # nobody planned any
     one = method_variant("no-line-search@google:gemini-3-pro+linear")

@@ -18,6 +18,7 @@ from swim2real.optimizers import (
     LeastSquares,
     MultiStart,
     Optimizer,
+    ProposalSearch,
     RandomSearch,
     ScriptedAdvisor,
     first_point,
@@ -40,6 +41,10 @@ def random_search(seed: int) -> Optimizer:
 
 def line_search(seed: int) -> Optimizer:
     return BacktrackingLineSearch(scripted(seed), first_point(D, seed))
+
+
+def proposal_search(seed: int) -> Optimizer:
+    return ProposalSearch(scripted(seed), first_point(D, seed))
 
 
 def bayesopt(seed: int, **settings) -> Optimizer:
@@ -70,7 +75,7 @@ def cma_es(seed: int, **settings) -> Optimizer:
     return CmaEs(**{"dimension": D, "rng": streams(seed)[1], **settings})
 
 
-MAKERS = [random_search, line_search, bayesopt, least_squares, multi_start, callback_solver, staged]
+MAKERS = [random_search, line_search, proposal_search, bayesopt, least_squares, multi_start, callback_solver, staged]
 marks = {bayesopt: pytest.mark.slow}
 every = pytest.mark.parametrize(
     "make", [pytest.param(make, id=make.__name__, marks=marks.get(make, ())) for make in (*MAKERS, cma_es)]

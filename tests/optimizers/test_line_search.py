@@ -8,7 +8,14 @@ from driving import Watching, feed, notes, points
 
 from refused import refusal, says
 from swim2real.errors import AdvisorError, OptimizerError
-from swim2real.optimizers import BacktrackingLineSearch, Measurement, Proposal, ScriptedAdvisor, recorded_advice
+from swim2real.optimizers import (
+    BacktrackingLineSearch,
+    Measurement,
+    Proposal,
+    ProposalSearch,
+    ScriptedAdvisor,
+    recorded_advice,
+)
 from swim2real.pipeline.methods import default_starts
 
 FIRST = np.array([0.2, 0.8])
@@ -215,3 +222,44 @@ def test_a_start_that_failed_is_searched_from_last():
 @pytest.mark.parametrize(("dimension", "budget", "count"), [(4, 60, 6), (2, 60, 4), (16, 40, 4), (4, 9, 1), (4, 1, 1)])
 def test_the_number_of_starts_is_a_tenth_of_the_budget_and_two_a_parameter_at_most(dimension, budget, count):
     assert default_starts(dimension, budget) == count
+
+
+# the search that asks again
+
+
+NAMED = Proposal(
+    TO, step_sizes=(0.5, 1.0), alternatives=(Proposal(np.zeros(2)), Proposal(np.ones(2), step_sizes=(0.1,)))
+)
+
+
+@pytest.mark.parametrize(
+    ("advice", "losses", "tried"),
+    [
+        ([TO, FIRST / 2], [1.0, 2.0, 2.0], [TO, FIRST / 2]),  # asked again after a step that fails
+        ([TO, FIRST / 2], [1.0, 11.0, 2.0, 2.0], [TO, FIRST + DIRECTION / 2, FIRST + DIRECTION / 4]),  # but for a jump
+        ([NAMED, TO], [1.0, 2.0, 20.0, 20.0, 3.0], [FIRST + DIRECTION / 2, TO, [0, 0], FIRST / 2]),
+        (
+            [NAMED, NAMED, NAMED, TO],
+            [1.0, 2.0, 3.0, 3.0, 3.0, 3.0],
+            [FIRST + DIRECTION / 2, TO, [0, 0], [0.28, 0.82], TO],
+        ),
+        ([NAMED, np.ones(2)], [1.0, 0.5, 3.0], [FIRST + DIRECTION / 2, [1, 1]]),  # alternatives of what failed alone
+    ],
+)
+def test_a_step_that_fails_is_followed_by_what_the_advisor_says(advice, losses, tried):
+    search = ProposalSearch(ScriptedAdvisor(advice), FIRST)
+    np.testing.assert_allclose(points(feed(search, losses))[1:], tried)
+
+
+@pytest.mark.parametrize("stop", range(1, 7))
+def test_named_steps_and_alternatives_go_on_from_a_record(stop):
+    def search(advisor):
+        return ProposalSearch(advisor, FIRST)
+
+    advice = [NAMED, NAMED, NAMED, TO]  # an alternative counts as advice
+    whole = feed(search(ScriptedAdvisor(advice)), [1.0, 2.0, 3.0, 3.0, 3.0, 3.0])
+    entries = [{"point": list(one.candidate.point), "note": dict(one.candidate.note)} for one in whole[:stop]]
+    recorded = recorded_advice(json.loads(json.dumps(entries)))
+    again = feed(search(ScriptedAdvisor(recorded, ScriptedAdvisor(advice))), [1.0, 2.0, 3.0, 3.0, 3.0, 3.0])
+    np.testing.assert_array_equal(points(again), points(whole))
+    assert notes(again) == notes(whole)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from swim2real.advisor.briefing.prompt import TrialPromptBuilder
+from swim2real.advisor.briefing.prompt import FromRest, TrialPromptBuilder
 from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
 from swim2real.advisor.vlm.advisor import REPAIRS, AdvisorEvent, ReplayAdvisor, VlmAdvisor
 from swim2real.advisor.vlm.client import ModelClient
@@ -21,8 +21,6 @@ from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import FILES, PHYSICS, BriefingSettings, VlmAccess, check_advisor, replayed_run
 
-_PROBED = 0.1  # of a parameter's range, by which it is changed
-
 
 @dataclass(frozen=True)
 class AdvisorContext:
@@ -31,23 +29,25 @@ class AdvisorContext:
     Attributes:
         run: Folder of the run, for the transcript.
         simulate: Simulates parameter values once more, so that they can be drawn.
-        from_rest: Simulates them from rest: forward speeds by trial [m/s], None where it diverged; empty for robots
-            without a beat.
+        from_rest: Simulates them from rest: forward speeds by trial [m/s], once settled and over the first two beats,
+            None where it diverged; empty for robots without a beat.
         videos: Real films by the names of their trials, where there are any.
         briefing: Settings of what is shown.
         access: How a VLM is reached.
         on_event: Called as things happen.
         budget: Evaluations that the run has; None where that isn't known.
+        several: Whether step sizes and alternatives are asked for, which method proposal-search tries.
     """
 
     run: Path
     simulate: Callable[[Values], Comparison]
-    from_rest: Callable[[Values], Mapping[str, float | None]] = lambda values: {}
+    from_rest: Callable[[Values], FromRest] = lambda values: {}
     videos: Mapping[str, Path] = field(default_factory=dict[str, Path])
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
     access: VlmAccess = field(default_factory=VlmAccess)
     on_event: Callable[[AdvisorEvent], None] = lambda event: None
     budget: int | None = None
+    several: bool = False
 
 
 def make_advisor(
@@ -82,12 +82,14 @@ def make_advisor(
 
     if name == FILES:
         films = briefing.media == "video"
-        client = FilesClient(context.run, reply_schema(space, bounds=True), films, access.once, on_wait)
+        client = FilesClient(
+            context.run, reply_schema(space, bounds=True, several=context.several), films, access.once, on_wait
+        )
     else:
         client = ModelClient(name, access, briefing.media)
     prompts = TrialPromptBuilder(
         robot, space, context.simulate, context.videos, briefing, client.takes_video, access.reply_tokens,
-        context.from_rest, context.budget,
+        context.from_rest, context.budget, context.several,
     )  # fmt: skip
     repairs = None if name == FILES else REPAIRS  # a person may try as often as they like
     asking = VlmAdvisor(client, prompts.question, space, transcript, access, context.on_event, repairs)
@@ -119,4 +121,4 @@ class ProbingAdvisor:
         if situation.rounds or i >= self._count:
             return self._advisor.propose(situation)
         here = situation.incumbent.candidate.point
-        return Measurement.of_one(here, i, self._space.names[i], _PROBED if here[i] <= 0.5 else -_PROBED)
+        return Measurement.of_one(here, i, self._space.names[i])

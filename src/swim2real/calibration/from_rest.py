@@ -28,11 +28,14 @@ class FromRest:
         frequency: Frequency of the motor [Hz].
         speed: Forward [m/s], negative is tail first; None when it diverged.
         divergence: Why and when the simulation failed; None when it didn't.
+        first_beats: Forward speed over the first two beats [m/s]: as the parameters change it passes smoothly through
+            about 0 where the settled swim jumps from head first to tail first.
     """
 
     frequency: Number
     speed: Fact
     divergence: str | None
+    first_beats: Fact = None
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -74,6 +77,7 @@ def backward_from_rest(found: Mapping[str, Mapping[str, Any]]) -> str | None:
 def _settled(trial: Trial, frequency: float) -> FromRest:
     if trial.divergence:
         return FromRest(frequency, None, trial.divergence)
-    track = trial.track
-    late = track.times >= track.times[-1] / 2
-    return FromRest(frequency, MarkerTrack(track.times[late], track.positions[late]).speed, None)
+    times, positions = trial.track.times, trial.track.positions
+    early, late = times <= 2 / frequency, times >= times[-1] / 2
+    first, settled = (MarkerTrack(times[part], positions[part]).speed for part in (early, late))
+    return FromRest(frequency, settled, None, first)

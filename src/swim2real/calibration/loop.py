@@ -69,7 +69,7 @@ class Progress:
 def minimize(
     problem: Problem, space: ParameterSpace, optimizer: Optimizer, budget: int | None, folder: RunFolder,
     on_progress: Callable[[Progress], None] = lambda progress: None, prior: NDArray[np.float64] | None = None,
-    minutes: float = MINUTES, slopes: Slopes | None = None,
+    minutes: float = MINUTES, slopes: Slopes | None = None, earlier: int = 0,
 ) -> tuple[RecordedEvaluation, Ending]:  # fmt: skip
     """Runs or goes on with a calibration until the budget is spent, or without one until the optimizer is done.
 
@@ -85,6 +85,7 @@ def minimize(
             don't know of it. Shape (d,).
         minutes: Longest search without a budget, evaluations on record apart.
         slopes: Told of residuals that an optimizer asks for.
+        earlier: Evaluations of another method before that search, whose time doesn't count.
 
     Returns:
         The record's entry of the incumbent, and what ended the search.
@@ -103,7 +104,7 @@ def minimize(
     most = sys.maxsize if budget is None else max(budget, len(recorded))
     for index in itertools.count():
         replayed = index < len(recorded)
-        if index == len(recorded):
+        if index in (len(recorded), earlier):
             started = time.monotonic()
         if not replayed:
             if budget is not None and index >= budget:

@@ -123,12 +123,13 @@ class Problem:
         """What else a fit is tried on when a run ends: entries of its outcome, ready for JSON."""
         return self.protocol.check_fit(self.simulator, values, self.prepared)
 
-    def speeds_from_rest(self, values: Values) -> dict[str, float | None]:
-        """Forward speeds once swims from rest have settled, by trial [m/s]; None where one diverged.
+    def speeds_from_rest(self, values: Values) -> dict[str, tuple[float | None, float | None]]:
+        """Forward speeds of swims from rest, by trial [m/s]: once settled, and over the first two beats.
 
-        Empty for a robot whose trials have no beat.
+        None where one diverged. Empty for a robot whose trials have no beat.
         """
-        return {name: swim["speed"] for name, swim in self.check_fit(values).get("from_rest", {}).items()}
+        swims = self.check_fit(values).get("from_rest", {})
+        return {name: (swim["speed"], swim["first_beats"]) for name, swim in swims.items()}
 
     @property
     def _requests(self) -> list[Any]:

@@ -27,7 +27,7 @@ class RunSettings(CalibrationSettings):
         versions: Versions of what the numbers depend on.
         commit: Commit of the checkout; None where swim2real was installed otherwise.
         created: When the run was begun.
-        finish: Whether multi-start goes on, until it is done, when the budget is spent.
+        first_values: Values that it began at where `first` is `FROM_FILE`; None for another first point.
     """
 
     robot: str
@@ -39,7 +39,7 @@ class RunSettings(CalibrationSettings):
     versions: dict[str, str] = field(default_factory=dict[str, str])
     commit: str | None = None
     created: str = ""
-    finish: bool = False
+    first_values: dict[str, float] | None = None
 
     def difference(self, other: RunSettings) -> tuple[str, Any, Any] | None:
         """The first setting that decides the result and differs: its name, its value here, the other's."""

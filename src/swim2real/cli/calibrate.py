@@ -66,7 +66,7 @@ def calibrate(
                 on_warning=_warn if chosen.seed == numbers[0] else None,
             )  # fmt: skip
 
-        return _watched(work, chosen.budget, folder, quiet)
+        return _watched(work, None if chosen.finish else chosen.budget, folder, quiet)
 
     outcome = _best_of(numbers, settings, out, resume, run) if seeds else run(settings, out, resume)
     return 1 if outcome is None else _told(outcome, out, quiet, json)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -238,6 +238,8 @@ def _step_rounds(record: Sequence[RecordedEvaluation], max_steps: int) -> tuple[
         if note.step_size is None:
             continue
         if note.round != number:
+            if rounds:  # only the last one may have been cut short
+                rounds[-1] = replace(rounds[-1], finished=True)
             number, begin, sizes = note.round, index, []
             rounds.append(StepRound(begin, (), False, False))
         sizes.append(note.step_size)
@@ -260,7 +262,7 @@ def _read_run(job: Job) -> RunResult:
         held_out=job.held_out,
         losses=tuple(entry.loss for entry in record),
         failed=tuple(entry.failed for entry in record),
-        rounds=_step_rounds(record, job.settings.max_steps),
+        rounds=_step_rounds(record, job.settings.max_steps if job.settings.method == "line-search" else 1),
         calls=sum(entry.note.proposal is not None for entry in record) if spent is None else spent.calls,
         spent=spent,
         fit=outcome.fit,

@@ -15,7 +15,7 @@ from swim2real.optimizers.bayesopt import BayesianOptimization
 from swim2real.optimizers.cma_es import CmaEs
 from swim2real.optimizers.contract import Candidate, Evaluation, Optimizer, RandomSearch, first_point, streams
 from swim2real.optimizers.least_squares import LeastSquares
-from swim2real.optimizers.line_search import BacktrackingLineSearch
+from swim2real.optimizers.line_search import BacktrackingLineSearch, ProposalSearch
 from swim2real.optimizers.multi_start import MultiStart
 from swim2real.optimizers.sequel import Sequel
 from swim2real.optimizers.staged import Stage, Staged
@@ -33,6 +33,7 @@ __all__ = [
     "MultiStart",
     "Optimizer",
     "Proposal",
+    "ProposalSearch",
     "RandomSearch",
     "Round",
     "ScriptedAdvisor",

@@ -12,6 +12,7 @@ from swim2real.errors import AdvisorError
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, cube_point
 
 MEASUREMENT = "measurement"
+MEASURED = 0.1  # of a parameter's range, by which it is changed where it is measured alone
 DECIMALS = 6  # of what a built-in advisor proposes: a processor's last digits must not decide where a search goes
 
 
@@ -24,26 +25,37 @@ class Proposal:
         diagnosis: What differs between simulation and reality.
         reasoning: Which parameters are responsible.
         notes: What else should be kept in the record, ready for JSON.
+        step_sizes: Shares of the way to the point at which it is to be tried, in order; the search's own where empty.
+        alternatives: What to try, in order, where this one is rejected. A line search has no use for either.
     """
 
     point: Array
     diagnosis: str = ""
     reasoning: str = ""
     notes: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    step_sizes: tuple[float, ...] = ()
+    alternatives: tuple[Proposal, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON; `from_dict` reads it back to the last bit."""
-        return {
+        content: dict[str, Any] = {
             "point": [float(x) for x in self.point],
             "diagnosis": self.diagnosis,
             "reasoning": self.reasoning,
             "notes": dict(self.notes),
         }
+        if self.step_sizes:
+            content["step_sizes"] = list(self.step_sizes)
+        if self.alternatives:
+            content["alternatives"] = [one.as_dict() for one in self.alternatives]
+        return content
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Proposal:
         texts = content.get("diagnosis", ""), content.get("reasoning", "")
-        return cls(cube_point(content["point"]), *texts, content.get("notes", {}))
+        others = tuple(cls.from_dict(one) for one in content.get("alternatives", ()))
+        sizes = tuple(content.get("step_sizes", ()))
+        return cls(cube_point(content["point"]), *texts, content.get("notes", {}), sizes, others)
 
 
 @dataclass(frozen=True)
@@ -59,17 +71,17 @@ class Measurement:
     notes: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     @classmethod
-    def of_one(cls, here: Array, index: int, name: str, change: float) -> Measurement:
+    def of_one(cls, here: Array, index: int, name: str, change: float | None = None) -> Measurement:
         """A step along a single parameter.
 
         Args:
             here: Where it begins, in the unit cube. Shape (d,).
             index: Index of the parameter.
             name: Its name.
-            change: By how much it changes, in the unit cube.
+            change: By how much it changes, in the unit cube; None for `MEASURED` toward the middle.
         """
         point = np.array(here, dtype=float)
-        point[index] += change
+        point[index] += (MEASURED if point[index] <= 0.5 else -MEASURED) if change is None else change
         return cls(point, {"parameter": name})
 
     @property

@@ -9,10 +9,20 @@ from typing import Any
 import numpy as np
 
 from swim2real.errors import OptimizerError
-from swim2real.optimizers.advisor import Advisor, Measurement, Proposal, Round, Situation, Step, reads_residuals
+from swim2real.optimizers.advisor import (
+    Advice,
+    Advisor,
+    Measurement,
+    Proposal,
+    Round,
+    Situation,
+    Step,
+    reads_residuals,
+)
 from swim2real.optimizers.contract import Array, Candidate, Evaluation, Optimizer, cube_point
 
 _DESCENTS = 3  # searches that are begun at most; then the lowest goes on
+_JUMP = 5.0  # times the loss before: a step that comes so high has gone over an edge
 _FAILURES, _PASSED, _CLEARLY = 2, 4, 0.02  # rounds that may fail and pass before the loss is lower by this share
 
 
@@ -103,12 +113,12 @@ class BacktrackingLineSearch(Optimizer):
             situation = Situation(
                 descent.incumbent, self.rounds, descent.first, tuple(self._measurements), elsewhere
             )  # fmt: skip
-            advice = self._advisor.propose(situation)
+            advice = self._advice(situation)
             if isinstance(advice, Measurement):
                 return advice.candidate
             cube_point(advice.point, self.dimension)
             self._proposal = advice
-        step_size = self._step_size
+        step_size = self._step_size(self._proposal)
         start = descent.incumbent.candidate.point
         point = cube_point(np.clip(start + step_size * (self._proposal.point - start), 0.0, 1.0))
         note: dict[str, Any] = {"source": "line search", "round": self._count + 1, "step_size": step_size}
@@ -131,9 +141,15 @@ class BacktrackingLineSearch(Optimizer):
             self._descent = min(self._descents, key=lambda one: (one.incumbent.failed, one.incumbent.loss))
         return self._descent
 
-    @property
-    def _step_size(self) -> float:
+    def _advice(self, situation: Situation) -> Advice:
+        return self._advisor.propose(situation)
+
+    def _step_size(self, proposal: Proposal) -> float:
         return self._decrease_factor ** len(self._steps)
+
+    def _is_over(self, proposal: Proposal, incumbent: Evaluation) -> bool:
+        """Whether a round ends with a step that failed."""
+        return len(self._steps) == self._max_steps
 
     def _learn(self, evaluation: Evaluation) -> None:
         if self._descent is None:
@@ -146,11 +162,43 @@ class BacktrackingLineSearch(Optimizer):
         if self._proposal is None:
             self._measurements.append(evaluation)
         else:
-            self._steps.append(Step(self._step_size, evaluation))
-            if better or len(self._steps) == self._max_steps:
+            self._steps.append(Step(self._step_size(self._proposal), evaluation))
+            if better or self._is_over(self._proposal, incumbent):
                 self._finish(self._descent, self._proposal, incumbent, accepted=better)
 
     def _finish(self, descent: _Descent, proposal: Proposal, incumbent: Evaluation, accepted: bool) -> None:
         descent.rounds.append(Round(proposal, incumbent, tuple(self._steps), accepted, tuple(self._measurements)))
         self._count += 1
         self._proposal, self._steps, self._measurements = None, [], []
+
+
+class ProposalSearch(BacktrackingLineSearch):
+    """Asks the advisor again after a step that fails, or tries what it has named for that case.
+
+    A proposal is tried at its own step sizes, else in full: what an advisor learns from a failed step is worth more
+    than half of the same step. Where the loss jumps, since a robot turned around or a body snapped, half and quarter
+    are tried all the same: they stay on this side of the edge more often than not. The alternatives of a rejected
+    proposal come before the advisor is asked again.
+    """
+
+    _waiting: tuple[Proposal, ...] = ()
+    _proposed_at: Evaluation | None = None
+
+    def _advice(self, situation: Situation) -> Advice:
+        if self._waiting and situation.incumbent is self._proposed_at and not situation.measurements:
+            advice, *others = self._waiting
+            self._waiting = tuple(others)
+            return advice
+        advice = super()._advice(situation)
+        self._waiting = advice.alternatives if isinstance(advice, Proposal) else ()
+        self._proposed_at = situation.incumbent
+        return advice
+
+    def _step_size(self, proposal: Proposal) -> float:
+        sizes = proposal.step_sizes
+        return sizes[len(self._steps)] if sizes else super()._step_size(proposal)
+
+    def _is_over(self, proposal: Proposal, incumbent: Evaluation) -> bool:
+        if proposal.step_sizes:
+            return len(self._steps) == len(proposal.step_sizes)
+        return super()._is_over(proposal, incumbent) or self._steps[0].evaluation.loss < _JUMP * incumbent.loss

@@ -27,10 +27,21 @@ from swim2real.checks.reference import judged, reference_warnings
 from swim2real.checks.resting import other_start, started
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor, recorded_advice
+from swim2real.parameters import read_parameters
 from swim2real.pipeline.methods import METHODS, default_starts, make_optimizer
 from swim2real.robots.fingerprint import fingerprint
 from swim2real.robots.robot import Robot
-from swim2real.settings import MINUTES, PAPER_BUDGET, PHYSICS, CalibrationSettings, First, VlmAccess, replayed_run
+from swim2real.settings import (
+    ADVISED,
+    FIRST,
+    FROM_FILE,
+    MINUTES,
+    PAPER_BUDGET,
+    PHYSICS,
+    CalibrationSettings,
+    VlmAccess,
+    replayed_run,
+)
 from swim2real.store import path_from, source_from
 from swim2real.trials import TrialSet
 
@@ -67,9 +78,8 @@ def calibrate(
     """
     folder = RunFolder(out)
     begun, minutes = folder.settings() if resume else None, settings.minutes or MINUTES
-    finish = begun is not None and begun.budget is not None and (settings.budget is None or begun.finish)
-    if begun is not None and finish:
-        settings = replace(settings, method=begun.method, budget=begun.budget, minutes=None)
+    if begun is not None and begun.budget is not None and (settings.budget is None or begun.finish):
+        settings = replace(settings, method=begun.method, budget=begun.budget, finish=True)
     if on_warning is not None:
         begins, other = started(robot, reference), other_start(robot, reference)
         for line in (*judged(begins, reference), *reference_warnings(begins, reference, settings)):
@@ -82,14 +92,14 @@ def calibrate(
     for name, found in problem.examinations().items():
         for doubt in found["doubts"]:
             _log.warning("trial '%s': %s", name, doubt)
-    resolved = replace(_resolved(settings, problem, reference, folder.path, source, begun), finish=finish)
+    resolved = _resolved(settings, problem, reference, folder.path, source, begun)
     _check_replay(resolved)
     space = replace(robot.space, scale=resolved.resolved_scale)
     # an advisor is shown films on the clock of their trials
     videos = {trial.name: trial.video for trial in fitted if trial.video is not None and not trial.video_begin}
     context = AdvisorContext(
         folder.path, problem.evaluate, problem.speeds_from_rest, videos, settings.briefing, access or VlmAccess(),
-        on_advisor, resolved.budget,
+        on_advisor, resolved.budget, resolved.method == "proposal-search",
     )  # fmt: skip
     advisor = None
     if METHODS[resolved.chosen_method].advised:
@@ -103,11 +113,13 @@ def calibrate(
         if advisor is not None:  # advice on record isn't asked for again
             notes = (entry.model_dump(include={"point", "note"}, exclude_unset=True) for entry in folder.record())
             advisor = ScriptedAdvisor(recorded_advice(notes), then=advisor)
-        optimizer = make_optimizer(resolved, robot, space, advisor, resolved.finish)
-        prior = space.to_cube(space.published) if resolved.first == "model" else None
-        budget = None if resolved.finish else resolved.budget
+        optimizer = make_optimizer(resolved, robot, space, advisor, resolved.first_values)
+        first = space.published if resolved.first == "model" else resolved.first_values
         slopes = Slopes(space)
-        best, ending = minimize(problem, space, optimizer, budget, folder, on_progress, prior, minutes, slopes)
+        best, ending = minimize(
+            problem, space, optimizer, None if resolved.finish else resolved.budget, folder, on_progress,
+            None if first is None else space.to_cube(first), minutes, slopes, resolved.budget or 0,
+        )  # fmt: skip
         effects = sensitivities(problem, space, best.values) if sensitivity else None
         return conclude(folder, problem, held_out, best.values, effects, ending, slopes)
 
@@ -118,7 +130,7 @@ def _resolved(
 ) -> RunSettings:  # fmt: skip
     """Settings with every choice made; a run that goes on has the choices that it had, where nothing else is asked."""
     robot, protocol = problem.robot, problem.protocol.name
-    unknown = protocol == "playback" and settings.method == "line-search" and settings.advisor == PHYSICS
+    unknown = protocol == "playback" and settings.method in ADVISED and settings.advisor == PHYSICS
     starts, first = settings.starts, settings.first
     if starts is None and begun is not None:
         starts = begun.starts
@@ -127,7 +139,14 @@ def _resolved(
     if first == "auto" and begun is not None:
         first = begun.first
     if first == "auto":
-        first: First = "model" if protocol == "playback" and (settings.seed == 0 or starts > 1) else "random"
+        first = "model" if protocol == "playback" and (settings.seed == 0 or starts > 1) else "random"
+    first_values = None
+    if first == FROM_FILE:
+        source_run = replayed_run(settings.advisor)
+        earlier = begun or (None if source_run is None else RunFolder(source_run).settings())
+        first_values = None if earlier is None else earlier.first_values
+    elif first not in FIRST:
+        first, first_values = FROM_FILE, read_parameters(first, robot.name, robot.space).values
     if begun is not None and METHODS[settings.chosen_method].planned_by_budget and begun.budget != settings.budget:
         raise ArgumentError(
             f"budget was {begun.budget} and is now {settings.budget}; method {settings.method} plans by the budget, so "
@@ -139,6 +158,7 @@ def _resolved(
     )  # fmt: skip
     return RunSettings(
         **vars(chosen),
+        first_values=first_values,
         robot=robot.name,
         robot_fingerprint=None if robot.source is None else fingerprint(robot.source),
         robot_file=None if robot.source is None else path_from(folder, robot.source),

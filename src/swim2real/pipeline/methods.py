@@ -17,6 +17,7 @@ from swim2real.optimizers import (
     LeastSquares,
     MultiStart,
     Optimizer,
+    ProposalSearch,
     RandomSearch,
     Sequel,
     Stage,
@@ -26,7 +27,7 @@ from swim2real.optimizers import (
 )
 from swim2real.optimizers.callback import CallbackSolver
 from swim2real.optimizers.mujoco_sysid import least_squares
-from swim2real.parameters import ParameterSpace
+from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import PAPER_BUDGET, CalibrationSettings, Method
 
@@ -78,27 +79,32 @@ class MethodEntry:
 
 def make_optimizer(
     settings: CalibrationSettings, robot: Robot, space: ParameterSpace, advisor: Advisor | None = None,
-    finish: bool = False,
+    begin: Values | None = None,
 ) -> Optimizer:  # fmt: skip
     """The optimizer of a run's settings, fresh.
 
     Args:
-        settings: Its method, seed and budget, whether it begins at the model's values, and steps and starts of the
-            line search.
+        settings: Its method, seed and budget, whether multi-start goes on after that, and steps and starts of the line
+            search.
         robot: Robot whose simulator is calibrated.
         space: The robot's parameters, on the run's scale.
         advisor: Who proposes, where the method is advised.
-        finish: Go on with multi-start when the budget is spent.
+        begin: Values of the first point; None for the seed's, or for the model's own, a little off the bounds, where
+            differences can be taken both ways.
 
     Raises:
         ArgumentError: The method needs an advisor and there is none, or stages that the robot hasn't.
         MissingExtraError: A library that the method needs isn't installed.
     """
-    first = _of_model(space) if settings.first == "model" else first_point(len(space), settings.seed)
+    first = first_point(len(space), settings.seed)
+    if settings.first == "model":
+        first = np.clip(space.to_cube(space.published), _INSIDE, 1 - _INSIDE)
+    elif begin is not None:
+        first = space.to_cube(begin)
     _, rng, _ = streams(settings.seed)
     budget = settings.budget
     optimizer = METHODS[settings.chosen_method].make(_Start(robot, space, settings, first, rng, advisor))
-    if finish and budget is not None:
+    if settings.finish and budget is not None:
         return Sequel(
             optimizer, budget, lambda best: _spread_starts(best, np.random.default_rng([settings.seed, budget]))
         )
@@ -110,10 +116,11 @@ def default_starts(dimension: int, budget: int) -> int:
     return max(1, min(2 * dimension, budget // 10))
 
 
-def _line_search(start: _Start) -> Optimizer:
+def _advised(start: _Start) -> Optimizer:
     if start.advisor is None:
         raise ArgumentError(f"method {start.settings.method} needs an advisor")
-    return BacktrackingLineSearch(
+    search = ProposalSearch if start.settings.method == "proposal-search" else BacktrackingLineSearch
+    return search(
         start.advisor, start.first, max_steps=start.settings.max_steps,
         more_starts=_spread(len(start.space), (start.settings.starts or 1) - 1, start.rng),
     )  # fmt: skip
@@ -132,11 +139,6 @@ def _spread(dimension: int, count: int, rng: np.random.Generator) -> list[Array]
     """Points that share each parameter's range evenly: a Latin hypercube. Shapes (d,)."""
     layers = rng.permuted(np.tile(np.arange(count), (dimension, 1)), axis=1).T
     return list((layers + rng.random((count, dimension))) / max(count, 1))
-
-
-def _of_model(space: ParameterSpace) -> Array:
-    """The model's own values, a little off the bounds, where differences can be taken both ways. Shape (d,)."""
-    return np.clip(space.to_cube(space.published), _INSIDE, 1 - _INSIDE)
 
 
 def _staged(start: _Start) -> Optimizer:
@@ -158,7 +160,8 @@ def _staged(start: _Start) -> Optimizer:
 
 
 METHODS: dict[Method, MethodEntry] = {
-    "line-search": MethodEntry(_line_search, advised=True),
+    "line-search": MethodEntry(_advised, advised=True),
+    "proposal-search": MethodEntry(_advised, advised=True, by_default=False),
     "random": MethodEntry(lambda start: RandomSearch(len(start.space), start.rng, start.first)),
     # begins where its own population does, as in the paper
     "cma-es": MethodEntry(lambda start: CmaEs(len(start.space), start.rng)),

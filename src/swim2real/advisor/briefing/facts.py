@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,9 @@ CLEAR = 0.2  # of the widest beat of a trial: above it a marker's phase isn't ru
 _LEAST_YAW, _LEAST_SWAY = 0.01, 1e-3  # rad and m, below which a swing of the head has no ratio
 _SLOW = 1e-3  # m/s, below which a speed has no ratio
 _LEAST_SPAN = 0.05  # of the logarithm of frequency, for an exponent
+_LEAST_TREND, _OFF_TREND = 3, 0.05  # other trials that make a trend, and a difference of speed ratios that leaves it
+_AT_BOUND = 0.01  # of a parameter's range
+_ENOUGH, _TENTH, _WORTH = 5, 0.1, 0.2  # evaluations; and shares: of an error, and of the largest that is told of
 _NEED_NO_SIMULATION = ("frequency", "left_out_share", "protocol", "horizon")
 _ERRORS = {"paper": "marker_errors", "motion": "motion_marker_errors"}  # of markers, by protocol
 
@@ -190,9 +193,6 @@ class EvaluationFacts:
         clear = (i for i in markers if 2 * sum(trial.beats_clearly(i) for trial in self.trials) >= len(self.trials))
         return next(clear, None)
 
-    def lag(self, side: Side) -> Known:
-        return median(trial.lag(side, self.front) for trial in self.trials)
-
     def ratio(self, name: Ratio) -> Known:
         """The median of a ratio."""
         return median(getattr(trial, name) for trial in self.trials)
@@ -226,21 +226,10 @@ class EvaluationFacts:
         return highest(self.markers, [marker.error for marker in self.markers])
 
     @property
-    def extremes(self) -> tuple[MarkerFacts, MarkerFacts] | None:
-        """The markers with the lowest and the highest ratio of amplitudes."""
-        ratios = [(marker.ratio, marker.name, i) for i, marker in enumerate(self.markers) if marker.ratio is not None]
-        return (self.markers[min(ratios)[2]], self.markers[max(ratios)[2]]) if ratios else None
-
-    @property
     def halves(self) -> tuple[Known, Known]:
         """How far markers are off in the first and in the second half of a trial, on average [m]."""
         first, second = zip(*(trial.halves for trial in self.trials), strict=True)
         return mean(first), mean(second)
-
-    @property
-    def with_speed(self) -> list[TrialFacts]:
-        """Trials that have a ratio of speeds."""
-        return [trial for trial in self.trials if trial.speed_ratio is not None]
 
     @property
     def other_way(self) -> list[TrialFacts]:
@@ -248,15 +237,25 @@ class EvaluationFacts:
         return [trial for trial in self.trials if (trial.speed_ratio or 0.0) < 0]
 
     @property
+    def off_trend(self) -> list[tuple[TrialFacts, float]]:
+        """Trials whose speed ratio leaves the line of the others over the logarithm of frequency, and by how much."""
+        known = [(t, math.log(t.frequency), t.speed_ratio) for t in self.trials if t.frequency and t.speed_ratio]
+        found: list[tuple[TrialFacts, float]] = []
+        for i, (trial, place, ratio) in enumerate(known):
+            others = np.array([one[1:] for k, one in enumerate(known) if k != i])
+            if len(others) < _LEAST_TREND or np.ptp(others[:, 0]) < _LEAST_SPAN:
+                return []
+            line = np.polyfit(others[:, 0], others[:, 1], 1)
+            scatter = float(np.abs(others[:, 1] - np.polyval(line, others[:, 0])).max())
+            apart = ratio - float(np.polyval(line, place))
+            if abs(apart) > max(3 * scatter, _OFF_TREND):
+                found.append((trial, apart))
+        return found
+
+    @property
     def has_head(self) -> bool:
         """Whether the motion of the head is compared."""
         return any("yaw_real" in trial.figures.model_fields_set for trial in self.trials)
-
-    def ends(self, name: Ratio) -> tuple[tuple[float, float], tuple[float, float]] | None:
-        """A ratio and its frequency [Hz], the lowest and the highest one; None where fewer than two trials have it."""
-        pairs: list[tuple[Any, Any]] = [(getattr(trial, name), trial.frequency) for trial in self.trials]
-        known = [pair for pair in pairs if None not in pair]
-        return (known[0], known[-1]) if len(known) > 1 else None
 
     def mean_of(self, figure: str) -> Known:
         """Mean of a figure over trials."""
@@ -286,20 +285,21 @@ class RoundFacts:
         situation: Situation as an advisor gets it.
         robot: The robot whose simulator is calibrated.
         space: Its parameters, as the optimizer uses them.
-        from_rest: Forward speed of the incumbent once it has settled from rest, by trial [m/s], where that is known.
+        from_rest: Forward speeds of the incumbent from rest, by trial, where that is known [m/s]: once it has settled,
+            and over the first two beats.
         budget: Evaluations that the run has; None where that isn't known.
     """
 
     situation: Situation
     robot: Robot
     space: ParameterSpace
-    from_rest: Mapping[str, Known]
+    from_rest: Mapping[str, tuple[Known, Known]]
     budget: int | None = None
 
     @cached_property
     def here(self) -> EvaluationFacts:
         """The best evaluation so far."""
-        return EvaluationFacts.of(self.situation.incumbent, self.robot)
+        return self.of(self.situation.incumbent)
 
     @property
     def beats(self) -> bool:
@@ -344,13 +344,56 @@ class RoundFacts:
     @property
     def from_rest_ways(self) -> tuple[list[TrialFacts], list[TrialFacts]]:
         """Trials in which the simulated robot goes forward and backward when it is started at rest."""
-        speeds = [(trial, self.from_rest.get(trial.name)) for trial in self.here.trials]
+        speeds = [(trial, self.from_rest.get(trial.name, (None, None))[0]) for trial in self.here.trials]
         forward = [trial for trial, speed in speeds if speed is not None and speed > 0]
         return forward, [trial for trial, speed in speeds if speed is not None and speed <= 0]
 
-    def all_backward_from_rest(self, trials: Sequence[TrialFacts]) -> bool:
-        """Whether the simulated robot goes backward in all of these trials when it is started at rest."""
-        return all((self.from_rest.get(trial.name) or 0.0) < 0 for trial in trials)
+    @cached_property
+    def _known(self) -> dict[int, EvaluationFacts]:
+        return {}
+
+    def of(self, evaluation: Evaluation) -> EvaluationFacts:
+        """What is known of one of the run's evaluations, made once."""
+        return self._known.setdefault(id(evaluation), EvaluationFacts.of(evaluation, self.robot))
+
+    @property
+    def before_measurements(self) -> Evaluation:
+        """The best evaluation before those that were measured for this round."""
+        last = self.situation.rounds[-1] if self.situation.rounds else None
+        if last is None:
+            return self.situation.first
+        return last.steps[-1].evaluation if last.accepted else last.incumbent
+
+    @property
+    def at_bounds(self) -> list[str]:
+        """Parameters at a bound, and which."""
+        places = zip(self.space.names, self.situation.incumbent.candidate.point, strict=True)
+        found = (
+            (name, "lower" if place < _AT_BOUND else "upper" if place > 1 - _AT_BOUND else "") for name, place in places
+        )
+        return [f"{name} ({bound})" for name, bound in found if bound]
+
+    @property
+    def unmoved(self) -> list[str]:
+        """What no other evaluation had a tenth lower than the best one, with the lowest value [mm]."""
+        others = [one for one in self.situation.evaluations if not one.failed and one is not self.situation.incumbent]
+        if len(others) < _ENOUGH:
+            return []
+        here, rest = _errors(self.here), [_errors(self.of(one)) for one in others]
+        lowest = {name: min((one.get(name, math.inf) for one in rest), default=math.inf) for name in here}
+        return [
+            f"{name} {1e3 * error:.1f} mm (lowest {1e3 * lowest[name]:.1f})"
+            for name, error in here.items()
+            if error >= _WORTH * max(here.values()) and (1 - _TENTH) * error < lowest[name] < math.inf
+        ]
+
+
+def _errors(known: EvaluationFacts) -> dict[str, float]:
+    """Errors by part, trial and marker [m]."""
+    parts = {part: known.mean_of(f"{part}_error") for part in ("progress", "shape", "recoil")}
+    parts |= {f"trial {trial.name}": trial.error for trial in known.trials}
+    parts |= {f"marker {marker.name}": marker.error for marker in known.markers}
+    return {name: error for name, error in parts.items() if error is not None}
 
 
 def mean(values: Iterable[Known]) -> Known:

@@ -1,84 +1,149 @@
-"""What was proposed in earlier rounds, what was measured, and what came of it."""
+"""What a run has evaluated: a block per finished round, which never changes, so that services need not read it anew."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import NDArray
 
-from swim2real.advisor.briefing.facts import EvaluationFacts, Known, RoundFacts
-from swim2real.advisor.briefing.texts import mm, number, reading, shortened, significant, table
+from swim2real.advisor.briefing.facts import RoundFacts
+from swim2real.advisor.briefing.texts import mm, number, reading, shortened, significant
+from swim2real.objective import TAIL_FIRST_LOSS
 from swim2real.objective.figures import FitFigures
 from swim2real.optimizers import Evaluation, Proposal, Round
 from swim2real.parameters import ParameterSpace
 
 _DIGITS = 3  # of a value: what they show alike is no change
-_LONGEST_LIST = 300  # characters of a list of names
+_LONGEST_LIST, _LONGEST_DIAGNOSIS = 300, 160  # characters
+_MOST_CHANGES = 8  # of a proposal that are listed
 # notes of a proposal that its author should hear of
 _CORRECTED = {
     "clipped": "out of bounds, so moved to the bound",
     "ignored": "no parameters of this simulator, so ignored",
 }
-_PARTS = ("shape", "recoil")
+_PARTS = ("progress", "shape", "recoil")
 
 
-def told_of_steps(facts: RoundFacts) -> str:
-    """What is told of each step."""
-    parts = ["its loss, the change from the loss before the round"]
-    if facts.here.sensors:
-        parts.append("what the markers have of it, the mean error of each sensor")
-    if facts.robot.trials.score_progress:
-        each = " of each trial, by rising frequency" if facts.beats else ""
-        parts.append(f"the ratio of speeds (simulated / real){each}")
-    known = facts.here.figures.model_fields_set
-    parts += [f"the error in {part}, in mm" for part in _PARTS if f"{part}_error" in known]
-    last = f" of {facts.robot.marker_names[-1]}" if facts.beats else ""
-    return f"{', '.join(parts)} and the ratio of amplitudes{last} (simulated / real)"
+def rounds_told(facts: RoundFacts, numbers: bool) -> list[str]:
+    """A block per finished round of the search, in order.
+
+    Args:
+        facts: Facts of the round that begins.
+        numbers: Whether losses and what else was compared are told.
+    """
+    best, blocks = facts.situation.first, list[str]()
+    for nth, finished in enumerate(facts.situation.rounds, start=1):
+        start = f", from {mm(finished.incumbent.loss, 2)} mm" if numbers and not finished.incumbent.failed else ""
+        result = f"rejected{start}"
+        if finished.accepted:
+            kept = finished.steps[-1]
+            result = f"accepted at step {significant(kept.step_size, _DIGITS)}"
+            if numbers:
+                loss = "failed" if finished.incumbent.failed else mm(finished.incumbent.loss, 2)
+                result += f", loss {loss} → {mm(kept.evaluation.loss, 2)} mm"
+        lines = [f"**Round {nth}: {result}**", *measured(finished.measurements, best, facts, numbers)]
+        lines += _proposed(finished, facts, numbers)
+        blocks.append("\n".join([lines[0], *(f"- {line}" for line in lines[1:])]))
+        best = finished.steps[-1].evaluation if finished.accepted else finished.incumbent
+    return blocks
 
 
-def changes(finished: Round, space: ParameterSpace, most: int) -> str:
-    """What the proposal changed, the largest change first, and the value that was kept where it is another one."""
-    start, end = finished.incumbent.candidate.point, finished.proposal.point
-    before, after = (_short_values(space, point) for point in (start, end))
-    kept = _short_values(space, finished.steps[-1].evaluation.candidate.point) if finished.accepted else after
-    order = [space.names[i] for i in sorted(range(len(space)), key=lambda i: -abs(end[i] - start[i]))]
-    moved = [name for name in order if before[name] != after[name]]
-    if not moved:
-        return "hardly any change."
-    rest = len(moved) - most
-    more = f", and {rest} smaller change{'s' if rest > 1 else ''}" if rest > 0 else ""
-    shown = (
-        f"{name} {before[name]} → {after[name]}" + (f" (kept {kept[name]})" if kept[name] != after[name] else "")
-        for name in moved[:most]
-    )
-    return f"{', '.join(shown)}{more}."
+def _proposed(finished: Round, facts: RoundFacts, numbers: bool) -> list[str]:
+    """A round's proposal and its steps, a line each."""
+    space, proposal, before = facts.space, finished.proposal, finished.incumbent
+    lines = [f"Proposed: {changes(before, proposal.point, space, _MOST_CHANGES)}"]
+    if numbers and proposal.diagnosis.split():
+        lines.insert(0, f"Diagnosis: {shortened(proposal.diagnosis, _LONGEST_DIAGNOSIS)}")
+    for one in finished.steps:
+        kept = finished.accepted and one is finished.steps[-1]
+        lines.append(f"Step {significant(one.step_size, _DIGITS)}: {_result(one.evaluation, kept, facts, numbers)}")
+    return [*lines, *corrections(proposal)]
 
 
-def _short_values(space: ParameterSpace, point: ArrayLike) -> dict[str, str]:
-    return {name: significant(value, _DIGITS) for name, value in space.to_values(point).items()}
+def measured(measurements: Sequence[Evaluation], best: Evaluation, facts: RoundFacts, numbers: bool) -> list[str]:
+    """Measurements before a proposal, a line each, against the best point of their time."""
+    lines: list[str] = []
+    for one in measurements:
+        kept = not one.failed and (best.failed or one.loss < best.loss)
+        what = changes(best, one.candidate.point, facts.space, len(facts.space))
+        lines.append(f"Measured {what.rstrip('.')}: {_result(one, kept, facts, numbers)}")
+        best = one if kept else best
+    return lines
+
+
+def _result(evaluation: Evaluation, kept: bool, facts: RoundFacts, numbers: bool) -> str:
+    if not numbers:
+        return "failed" if evaluation.failed else "kept" if kept else "not kept"
+    return f"{loss(evaluation, facts)}{effects(evaluation, facts)}{', kept' if kept else ''}"
+
+
+def loss(evaluation: Evaluation, facts: RoundFacts) -> str:
+    """An evaluation's loss, and what it is without the addition for going tail first."""
+    if evaluation.failed:
+        return f"the simulation diverged ({first_divergence(evaluation) or 'no reason on record'})"
+    alone = facts.of(evaluation).mean_of("loss")
+    turned = alone is not None and evaluation.loss - alone > TAIL_FIRST_LOSS / 2
+    without = f" [{mm(alone, 2)} without the {mm(TAIL_FIRST_LOSS, 0)}]" if turned else ""
+    return f"{mm(evaluation.loss, 2)} mm{without}"
 
 
 def effects(evaluation: Evaluation, facts: RoundFacts) -> str:
     """What else an evaluation did, in few words after its loss; empty where nothing is known."""
     if evaluation.failed:
         return ""
-    known = EvaluationFacts.of(evaluation, facts.robot)
+    known = facts.of(evaluation)
     markers = known.mean_of("aligned_marker_error") if known.sensors else None
-    parts = [] if markers is None else [f"markers {mm(markers)} mm"]
+    parts = [] if markers is None else [f"markers {mm(markers, 2)} mm"]
     parts += [
         f"{one.sensor.name} {reading(one.error)} {one.sensor.unit}" for one in known.sensors if one.error is not None
     ]
-    speed, amplitude = known.ratio("speed_ratio"), known.ratio("amplitude_ratio")
-    if speed is not None:
-        each = [trial.speed_ratio for trial in known.trials] if any(t.frequency for t in known.trials) else [speed]
-        parts.append("speed " + " ".join(number(ratio, 2) for ratio in each))
+    if known.ratio("speed_ratio") is not None:
+        parts.append("speed " + " ".join(number(trial.speed_ratio, 2) for trial in known.trials))
+    elif len(known.trials) > 1:
+        parts.append("trials " + " ".join(mm(trial.error, 2) for trial in known.trials))
     errors = ((part, known.mean_of(f"{part}_error")) for part in _PARTS)
-    parts += [f"{part} {mm(error)}" for part, error in errors if error is not None]
-    if amplitude is not None:
-        parts.append(f"amplitude {number(amplitude, 2)}")
+    parts += [f"{part} {mm(error, 2)}" for part, error in errors if error is not None]
+    ratios = {
+        "amplitude": known.ratio("amplitude_ratio"),
+        "yaw": known.ratio("yaw_ratio"),
+        "sway": known.ratio("sway_ratio"),
+    }
+    parts += [f"{name} {number(ratio, 2)}" for name, ratio in ratios.items() if ratio is not None]
     return "".join(f", {part}" for part in parts)
+
+
+def told_of_steps(facts: RoundFacts) -> str:
+    """What is told of an evaluation."""
+    parts = ["its loss"]
+    if facts.here.sensors:
+        parts.append("what the markers have of it, the mean error of each sensor")
+    order = "rising frequency" if facts.beats else "the order of the table of trials"
+    if facts.robot.trials.score_progress:
+        parts.append(f"the ratio of speeds of each trial, by {order}, negative where it goes the other way")
+    elif len(facts.here.trials) > 1:
+        parts.append(f"the error of each trial in mm, by {order}")
+    known = facts.here.figures.model_fields_set
+    parts += [f"the error in {part} in mm" for part in _PARTS if f"{part}_error" in known]
+    last = f" of {facts.robot.marker_names[-1]}" if facts.beats else ""
+    head = ", of the head's yaw and sway" if facts.here.has_head else ""
+    return f"{', '.join(parts)}, and the ratio of amplitudes{last}{head}; ratios are simulated / real"
+
+
+def changes(before: Evaluation, point: NDArray[np.float64], space: ParameterSpace, most: int) -> str:
+    """What differs at a point, the largest change first."""
+    old, new = (_short_values(space, one) for one in (before.candidate.point, point))
+    far = dict(zip(space.names, np.abs(before.candidate.point - point), strict=True))
+    moved = [name for name in sorted(space.names, key=lambda name: -far[name]) if old[name] != new[name]]
+    if not moved:
+        return "hardly any change."
+    rest = len(moved) - most
+    more = f", and {rest} smaller change{'s' if rest > 1 else ''}" if rest > 0 else ""
+    return f"{', '.join(f'{name} {old[name]} → {new[name]}' for name in moved[:most])}{more}."
+
+
+def _short_values(space: ParameterSpace, point: NDArray[np.float64]) -> dict[str, str]:
+    return {name: significant(value, _DIGITS) for name, value in space.to_values(point).items()}
 
 
 def first_divergence(evaluation: Evaluation) -> str | None:
@@ -97,98 +162,3 @@ def corrections(proposal: Proposal) -> list[str]:
         if found:
             lines.append(f"{shortened(', '.join(found), _LONGEST_LIST)}: {said}.")
     return lines
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A measurement against the best point of its time.
-
-    Attributes:
-        before: The best evaluation of its time.
-        after: The measurement.
-        facts: What is known of both.
-    """
-
-    before: Evaluation
-    after: Evaluation
-    facts: tuple[EvaluationFacts, EvaluationFacts]
-
-    @property
-    def failed(self) -> bool:
-        return self.before.failed or self.after.failed
-
-    def changes(self, space: ParameterSpace) -> str:
-        """What was changed."""
-        points = self.before.candidate.point, self.after.candidate.point
-        old, new = (_short_values(space, point) for point in points)
-        moved = (name for name, there in zip(space.names, points[0] != points[1], strict=True) if there)
-        return ", ".join(f"{name} {old[name]} → {new[name]}" for name in moved)
-
-    @cached_property
-    def by_trial(self) -> list[Known]:
-        """By how much each trial's ratio of speeds differs, or its error [m] where none has one; empty if unknown."""
-        trials = [known.trials for known in self.facts]
-        if self.failed or len(trials[0]) != len(trials[1]):
-            return []
-        told = [[trial.speed_ratio for trial in side] for side in trials]
-        if not any(ratio is not None for side in told for ratio in side):
-            told = [[trial.error for trial in side] for side in trials]
-        return [_less(new, old) for old, new in zip(*told, strict=True)]
-
-    def difference(self, figure: str) -> Known:
-        """By how much a mean figure differs."""
-        return _less(*(known.mean_of(figure) for known in reversed(self.facts)))
-
-
-def measured_table(facts: RoundFacts) -> str:
-    """A row per measurement."""
-    rows = measurements(facts)
-    beats, speeds = facts.beats, facts.robot.trials.score_progress
-    named = max(len(row.by_trial) for row in rows)
-    names = [f"{t.frequency:.2f} Hz" if beats else t.name for t in facts.here.trials][:named]
-    parts = [part for part in _PARTS if any(row.difference(f"{part}_error") is not None for row in rows)]
-    yaws = [_less(*(known.ratio("yaw_ratio") for known in reversed(row.facts))) for row in rows]
-    columns = [
-        "change", "loss mm", *(f"{name} {'% speed' if speeds else 'mm'}" for name in names),
-        *(f"{part} mm" for part in parts), f"{facts.robot.marker_names[-1]} % wider" if beats else "% wider",
-        *(["yaw % wider"] if any(yaw is not None for yaw in yaws) else []),
-    ]  # fmt: skip
-    cells = [
-        [
-            row.changes(facts.space),
-            "diverged" if row.failed else mm(row.after.loss - row.before.loss, signed=True),
-            *(number(change, 1, 100 if speeds else 1e3, signed=True) for change in row.by_trial or [None] * named),
-            *(mm(row.difference(f"{part}_error"), signed=True) for part in parts),
-            _wider(_less(*(known.ratio("amplitude_ratio") for known in reversed(row.facts)))),
-            _wider(yaw),
-        ][: len(columns)]
-        for row, yaw in zip(rows, yaws, strict=True)
-    ]
-    return table(columns, cells)
-
-
-def measurements(facts: RoundFacts) -> list[Measured]:
-    """Every measurement of the run, in order."""
-    situation, rows = facts.situation, list[Measured]()
-    best = situation.first
-    for measurements, steps in (
-        *((finished.measurements, finished.steps) for finished in situation.rounds), (situation.measurements, ())
-    ):  # fmt: skip
-        for one in measurements:
-            known = EvaluationFacts.of(best, facts.robot), EvaluationFacts.of(one, facts.robot)
-            rows.append(Measured(best, one, known))
-            best = min(best, one, key=_rank)
-        best = min((best, *(step.evaluation for step in steps)), key=_rank)
-    return rows
-
-
-def _rank(evaluation: Evaluation) -> float:
-    return float("inf") if evaluation.failed else evaluation.loss
-
-
-def _wider(change: Known) -> str:
-    return number(change, 1, 100, signed=True)
-
-
-def _less(new: Known, old: Known) -> Known:
-    return None if new is None or old is None else new - old

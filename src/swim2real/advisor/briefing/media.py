@@ -33,8 +33,8 @@ class Detail:
         fps: Frame rate of films [Hz], raised where the fastest motion would have fewer than five frames a cycle.
         width: Width of films [px]; pictures of a sheet have a part of it.
         moments: Moments on a sheet.
-        trials: Number of trials that are shown in pictures, those that fit worst first; None for all.
-        rounds: Number of rounds of the history that are told in full; None for all.
+        trials: Number of trials that are shown of the first point, those that fit worst first; None for all.
+        again: The same of a later point.
         tokens: Most tokens that the media may take, by estimate.
     """
 
@@ -43,14 +43,14 @@ class Detail:
     width: int
     moments: int
     trials: int | None
-    rounds: int | None
+    again: int | None
     tokens: int
 
 
 _LEAST = Detail("least", 10.0, 320, 4, 1, 1, 8_000)
 DETAILS: dict[DetailName, Detail] = {
-    "low": Detail("low", 10.0, 480, 4, 3, 4, 40_000),
-    "medium": Detail("medium", 12.0, 640, 8, None, 8, 120_000),
+    "low": Detail("low", 10.0, 480, 4, 3, 1, 40_000),
+    "medium": Detail("medium", 12.0, 640, 8, None, 2, 120_000),
     "high": Detail("high", 24.0, 960, 12, None, None, 300_000),
 }
 
@@ -75,37 +75,31 @@ class Shown:
 
 
 def gather_media(
-    scenes: Sequence[TrialPictures], detail: Detail, takes_video: bool, videos: Mapping[str, Path],
-    rejected: tuple[str, TrialPictures] | None = None,
-) -> tuple[tuple[Media, ...], tuple[str, ...]]:  # fmt: skip
-    """Pictures or films of the incumbent's trials, within the budget of a detail, and remarks on what is missing.
+    scenes: Sequence[TrialPictures], detail: Detail, takes_video: bool, videos: Mapping[str, Path], most: int | None
+) -> tuple[tuple[Media, ...], tuple[str, ...]]:
+    """Pictures or films of a point's trials, within the budget of a detail, and remarks on what is missing.
 
-    The trials that fit worst are chosen first; what is chosen comes in its own order, then the trial of a rejected step
-    and the real film of the worst trial.
+    The trials that fit worst are chosen first; what is chosen comes in its own order, then the real film of the worst.
 
     Args:
-        scenes: The trials of the incumbent.
+        scenes: The trials of the point.
         detail: How much is shown.
         takes_video: Whether films are shown, or sheets of pictures.
         videos: Real films by the names of their trials, where there are any.
-        rejected: A step that was rejected, in words, and a trial of it.
+        most: Trials that are shown; None for all.
     """
     worst_first = sorted(range(len(scenes)), key=lambda i: -scenes[i].loss)
-    fps = min(MOST_FPS, max(detail.fps, FRAMES_A_CYCLE * max(scene.pace for scene in scenes)))
     remarks: list[str] = []
     film, bytes_left, tokens_left = None, MOST_BYTES, detail.tokens
     try:
-        film = _real(scenes[worst_first[0]], detail, takes_video, fps, videos)
+        film = _real(scenes[worst_first[0]], detail, takes_video, _rate(scenes, detail), videos)
     except (VideoError, ArgumentError) as error:
         remarks.append(f"The real robot's film can't be shown: {error}.")
-    last = [film] if film is not None else []
-    if rejected is not None:
-        last.insert(0, _overlay(rejected[1], detail, takes_video, fps, f"{rejected[0]}: trial"))
-    for shown in last:
-        bytes_left, tokens_left = bytes_left - len(shown.media.data), tokens_left - shown.tokens
+    if film is not None:
+        bytes_left, tokens_left = bytes_left - len(film.media.data), tokens_left - film.tokens
     chosen: dict[int, Media] = {}
-    for i in worst_first[: detail.trials]:
-        shown = _overlay(scenes[i], detail, takes_video, fps)
+    for i in worst_first[:most]:
+        shown = overlay(scenes[i], detail, takes_video, fps=_rate(scenes, detail))
         bytes_left, tokens_left = bytes_left - len(shown.media.data), tokens_left - shown.tokens
         if chosen and min(bytes_left, tokens_left) < 0:
             break
@@ -114,10 +108,19 @@ def gather_media(
     if left_out:
         remarks.append(f"{left_out} of {len(scenes)} trials, those that fit best, aren't shown.")
     media = [chosen[i] for i in sorted(chosen)]
-    return (*media, *(shown.media for shown in last)), tuple(remarks)
+    return (*media, *([film.media] if film is not None else [])), tuple(remarks)
 
 
-def _overlay(scene: TrialPictures, detail: Detail, takes_video: bool, fps: float, what: str = "Trial") -> Shown:
+def _rate(scenes: Sequence[TrialPictures], detail: Detail) -> float:
+    """Frame rate of films [Hz]."""
+    return min(MOST_FPS, max(detail.fps, FRAMES_A_CYCLE * max(scene.pace for scene in scenes)))
+
+
+def overlay(
+    scene: TrialPictures, detail: Detail, takes_video: bool, what: str = "Trial", fps: float | None = None
+) -> Shown:
+    """A trial's picture or film, simulated over real."""
+    fps = fps or _rate([scene], detail)
     about = f"{what} {scene.title}: simulated (blue) over real (red)"
     if not takes_video:
         each = round(_TILE * detail.width)

@@ -7,25 +7,25 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from swim2real.advisor.briefing import history, tables, texts
 from swim2real.advisor.briefing.facts import RoundFacts
-from swim2real.advisor.briefing.media import DETAILS, gather_media, shorter
-from swim2real.advisor.vlm.exchange import Request
+from swim2real.advisor.briefing.history import effects, loss, rounds_told
+from swim2real.advisor.briefing.media import DETAILS, Detail, gather_media, overlay, shorter
+from swim2real.advisor.vlm.exchange import Media, Request
 from swim2real.advisor.vlm.reply import reply_schema
-from swim2real.errors import ArgumentError
 from swim2real.escaping import plain_markdown
 from swim2real.objective import TAIL_FIRST_LOSS, Comparison
-from swim2real.optimizers import Evaluation, Situation, Step
+from swim2real.optimizers import Evaluation, Situation
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.rendering.album import Album, TrialPictures
 from swim2real.robots.robot import Robot
 from swim2real.settings import BriefingSettings
 
-_CLOSE = 1.15  # times the incumbent's loss: a rejected step that is no worse is shown
+FromRest: TypeAlias = Mapping[str, tuple[float | None, float | None]]
 
 
 class TrialPromptBuilder:
@@ -34,7 +34,8 @@ class TrialPromptBuilder:
     def __init__(
         self, robot: Robot, space: ParameterSpace, simulate: Callable[[Values], Comparison], videos: Mapping[str, Path],
         settings: BriefingSettings, takes_video: bool, reply_tokens: int,
-        from_rest: Callable[[Values], Mapping[str, float | None]] = lambda values: {}, budget: int | None = None,
+        from_rest: Callable[[Values], FromRest] = lambda values: {}, budget: int | None = None,
+        several: bool = False,
     ) -> None:  # fmt: skip
         """Prepares the builder.
 
@@ -46,12 +47,18 @@ class TrialPromptBuilder:
             settings: Settings of what is shown.
             takes_video: Whether films are shown, or sheets of pictures.
             reply_tokens: Most tokens of a reply.
-            from_rest: Simulates from rest: forward speeds by trial [m/s], None where it diverged.
+            from_rest: Simulates from rest: forward speeds by trial [m/s], once it has settled and over the first two
+                beats, None where it diverged.
             budget: Evaluations that the run has; None where that isn't known.
+            several: Whether step sizes and alternatives are asked for.
         """
         self._robot, self._space, self._simulate, self._videos = robot, space, simulate, dict(videos)
         self._settings, self._takes_video, self._reply_tokens = settings, takes_video, reply_tokens
-        self._from_rest, self._schema, self._budget = from_rest, reply_schema(space), budget
+        self._from_rest, self._schema, self._budget = from_rest, reply_schema(space, several=several), budget
+        self._several = several
+        self._asked: tuple[int, int] | None = None  # rounds and measurements before the last question
+        self._before: Evaluation | None = None  # the point that was shown before that question
+        self._shown: Evaluation | None = None  # and with it
 
     def question(self, situation: Situation, level: int = 0) -> Request:
         """What is asked in a situation.
@@ -62,66 +69,70 @@ class TrialPromptBuilder:
         """
         detail = DETAILS[self._settings.detail]
         detail = shorter(detail) if level else detail
-        beats = self._robot.trials.swims is not None
-        instructions = _written("instructions.md.j2", beats=beats)
         values = self._space.to_values(situation.incumbent.candidate.point)
         known = RoundFacts(situation, self._robot, self._space, self._from_rest(values), self._budget)
-        text = describe(known, numbers=self._settings.show != "pictures", rounds=detail.rounds)
+        instructions, told, current = describe(known, self._settings.show != "pictures", self._several)
         if self._settings.show == "numbers":
-            return Request(instructions, (text,), self._schema, self._reply_tokens)
-        scenes = self._scenes(situation.incumbent)
-        rejected = self._rejected(situation, scenes)
-        media, remarks = gather_media(scenes, detail, self._takes_video, self._videos, rejected)
-        kind = "films" if self._takes_video else "pictures"
-        intro = " ".join((f"## The {kind}\n\nSimulated is blue, real is red.", *remarks))
-        return Request(instructions, (text, intro, *media), self._schema, self._reply_tokens)
+            return Request(instructions, (*told, current), self._schema, self._reply_tokens, len(told))
+        media, remarks = self._media(situation, detail)
+        intro = " ".join(
+            (f"## The {'films' if self._takes_video else 'pictures'}\n\nSimulated is blue, real is red.", *remarks)
+        )
+        parts = (*told, current, intro, *media)
+        return Request(instructions, parts, self._schema, self._reply_tokens, len(told))
+
+    def _media(self, situation: Situation, detail: Detail) -> tuple[Sequence[Media], Sequence[str]]:
+        """What is shown: all trials of the first point, of a later one the worst, and a full step that was rejected."""
+        key = (len(situation.rounds), len(situation.measurements))
+        if key != self._asked:  # a question that is asked once more shows the same
+            self._asked, self._before = key, self._shown
+        self._shown, before = situation.incumbent, self._before
+        if self._settings.show == "pictures":  # there is nothing else
+            before = None
+        if before is not situation.incumbent:
+            most, films = (detail.trials, self._videos) if before is None else (detail.again, {})
+            return gather_media(self._scenes(situation.incumbent), detail, self._takes_video, films, most)
+        remark = "The current point was shown in an earlier round, and isn't shown again."
+        step = rejected_step(situation)
+        if step is None:
+            return (), (remark,)
+        here, there = (self._scenes(one) for one in (situation.incumbent, step))
+        changed = max(range(len(there)), key=lambda i: abs(there[i].loss - here[i].loss))
+        what = "Not the current point but the rejected full step of the last round, where it changed most:"
+        return (overlay(there[changed], detail, self._takes_video, what).media,), (remark,)
 
     def _scenes(self, evaluation: Evaluation) -> list[TrialPictures]:
         """The trials of an evaluation, simulated once more."""
         return Album(self._simulate(self._space.to_values(evaluation.candidate.point)), self._robot).trials
 
-    def _rejected(self, situation: Situation, here: Sequence[TrialPictures]) -> tuple[str, TrialPictures] | None:
-        """The best rejected step since the incumbent was found, where it came close, and the trial it changes most."""
-        found = close_miss(situation)
-        if found is None:
-            return None
-        nth, step = found
-        there = self._scenes(step.evaluation)
-        changed = max(range(len(there)), key=lambda i: abs(there[i].loss - here[i].loss))
-        what = f"Not the current point but the rejected step {step.step_size:.3g} of round {nth}"
-        if self._settings.show == "both":
-            there_loss, here_loss = (texts.mm(one.loss) for one in (step.evaluation, situation.incumbent))
-            what += f" ({there_loss} mm, the current point has {here_loss})"
-        return what, there[changed]
+
+def rejected_step(situation: Situation) -> Evaluation | None:
+    """The full step of the last round where it was rejected, nothing has been measured since, and it didn't diverge."""
+    last = situation.rounds[-1] if situation.rounds else None
+    if last is None or last.accepted or situation.measurements:
+        return None
+    step = last.steps[0].evaluation
+    return None if step.failed else step
 
 
-def close_miss(situation: Situation) -> tuple[int, Step] | None:
-    """The best step that was rejected since the incumbent was found, with its round, where its loss came close."""
-    since: list[tuple[int, Step]] = []
-    for i, finished in enumerate(situation.rounds, start=1):
-        whole = [(i, s) for s in finished.steps if not s.evaluation.failed]
-        since = [] if finished.accepted else since + whole
-    best = min(since, key=lambda one: one[1].evaluation.loss, default=None)
-    return best if best is not None and best[1].evaluation.loss <= _CLOSE * situation.incumbent.loss else None
-
-
-def describe(facts: RoundFacts, *, numbers: bool = True, rounds: int | None = None) -> str:
+def describe(facts: RoundFacts, numbers: bool = True, several: bool = False) -> tuple[str, list[str], str]:
     """All facts of a round as Markdown in plain English, for a VLM or a person.
 
     Args:
         facts: Facts of the round.
         numbers: Whether anything is told that was measured or compared. Without, what stays is the robot, its
             parameters, and which proposals were accepted.
-        rounds: How many of the last rounds are told in full; older ones get a line. None for all.
+        several: Whether step sizes and alternatives are asked for.
 
-    Raises:
-        ArgumentError: The number of rounds is negative.
+    Returns:
+        What stays the same in a run; a block per finished round, to which later rounds only add; the current point.
     """
-    if rounds is not None and rounds < 0:
-        raise ArgumentError(f"rounds is {rounds}; it must be at least 0, or None for all")
-    older = 0 if rounds is None else max(len(facts.situation.rounds) - rounds, 0)
-    text = _written("briefing.md.j2", facts=facts, numbers=numbers, older=older)
-    return plain_markdown(text) + "\n"
+    instructions = _written("instructions.md.j2", facts=facts, numbers=numbers, several=several)
+    begun = f"\n\nThe first point of the run: {loss(facts.situation.first, facts)}" if numbers else ""
+    begun += f"{effects(facts.situation.first, facts)}." if numbers else ""
+    told = [f"## What was tried{begun}", *rounds_told(facts, numbers)] if facts.situation.rounds else []
+    current = _written("briefing.md.j2", facts=facts, numbers=numbers)
+    return plain_markdown(instructions), [plain_markdown(block) for block in told], plain_markdown(current)
 
 
 def _written(name: str, **content: object) -> str:

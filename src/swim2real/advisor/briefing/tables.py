@@ -39,18 +39,23 @@ def columns_table(columns: Sequence[Column], things: Sequence[TrialFacts | Marke
     return table([one.heading for one in columns], [[one.cell(thing) for one in columns] for thing in things])
 
 
-def parameter_table(facts: RoundFacts) -> str:
-    """The parameters with the first and the current values."""
-    first, here = (one.candidate.point for one in (facts.situation.first, facts.situation.incumbent))
-    values = zip(facts.space, facts.space.to_values(first).values(), facts.space.to_values(here).values(), strict=True)
-    rows = [
-        [
-            one.name, one.unit, *map(significant, (one.lower, one.upper, begun, current)), number(place, 2),
-            one.meaning,
-        ]
-        for (one, begun, current), place in zip(values, here, strict=True)
-    ]  # fmt: skip
-    return table(("parameter", "unit", "lower", "upper", "first", "current", "place", "meaning"), rows)
+def meaning_table(facts: RoundFacts) -> str:
+    """The parameters with their bounds and meanings."""
+    rows = [[one.name, one.unit, *map(significant, (one.lower, one.upper)), one.meaning] for one in facts.space]
+    return table(("parameter", "unit", "lower", "upper", "meaning"), rows)
+
+
+def values_told(facts: RoundFacts) -> str:
+    """The current values of the parameters with their places in the unit cube."""
+    here = facts.situation.incumbent.candidate.point
+    values = zip(facts.space.to_values(here).items(), here, strict=True)
+    return ", ".join(f"{name} {significant(value)} ({number(place, 2)})" for (name, value), place in values)
+
+
+def meanings(facts: RoundFacts) -> str:
+    """What the columns of the tables mean, those that need saying."""
+    columns = [*trial_columns(facts), *(head_columns() if facts.here.has_head else ()), *marker_columns(facts)]
+    return "\n".join(f"- {one.meaning}" for one in columns if one.meaning)
 
 
 def trial_columns(facts: RoundFacts) -> list[Column]:
@@ -80,15 +85,20 @@ def trial_columns(facts: RoundFacts) -> list[Column]:
     parts = ("progress_error", "shape_error", "recoil_error", "heading_error")
     columns += [of_figure(name) for name in parts if has(name)]
     if any(trial.velocity_real is not None for trial in trials):
-        said = "Ratios are simulated / real: a speed ratio of 0.80 means 20 % too slow."
         columns += [
             Column("real mm/s", lambda t: mm(t.velocity_real), "Speeds are forward, negative is backward."),
             Column("sim mm/s", lambda t: mm(t.figures.velocity_simulated)),
-            Column("speed ratio", lambda t: number(t.speed_ratio, 2), said),
+            Column("speed ratio", lambda t: number(t.speed_ratio, 2)),
         ]
-    name, said = "amplitude ratio", "the median over the markers that move; 1.20 means 20 % too wide."
+    if facts.from_rest:
+        said = (
+            "`first beats`: forward speed over the first two beats from rest. Near 0, or below, the trial is about to "
+            "turn last marker first; it changes smoothly, where the speed jumps."
+        )
+        columns.append(Column("first beats mm/s", lambda t: mm(facts.from_rest.get(t.name, (None, None))[1]), said))
+    name, said = "amplitude ratio", "of amplitudes, the median over the markers that move."
     if beats:
-        name, said = f"{last} ratio", "amplitude of the last marker; 1.20 means that it beats 20 % wider."
+        name, said = f"{last} ratio", "of amplitudes of the last marker."
     columns.append(Column(name, lambda t: number(t.amplitude_ratio, 2), f"`{name}`: {said}"))
     if beats:
         lag = "lag" if here.front is None else f"lag {facts.robot.marker_names[here.front]} to {last}"
@@ -109,27 +119,35 @@ def _worst_marker(trial: TrialFacts) -> str:
     return NOTHING if worst is None else worst.name
 
 
-def head_table(trials: Sequence[TrialFacts]) -> str:
-    """How far the head yaws and sways in each trial."""
-    columns = (
-        "trial", "Hz", "yaw real deg", "sim deg", "phase deg", "sway real mm", "sim mm", "phase deg", "turn deg/s",
-    )  # fmt: skip
-    rows: list[list[str]] = []
-    for trial in trials:
-        known = trial.figures
-        lags = [degrees(lag, 0, signed=True) for lag in (known.yaw_lag, known.sway_lag)]
-        yaw = [degrees(known.yaw_real), degrees(known.yaw_simulated), lags[0]]
-        sway = [mm(known.sway_real), mm(known.sway_simulated), lags[1]]
-        rows.append([trial.name, number(trial.frequency, 2), *yaw, *sway, degrees(known.turn_rate_real)])
-    return table(columns, rows)
+def head_columns() -> list[Column]:
+    """Columns of the table of the head's motion, with a row per trial."""
+    yaw = "`yaw`, `sway`: how far the head turns and goes to the side about its path, at the frequency of the beat."
+    turn = "`turn`: the slow turn of the real course, which isn't compared."
+    return [
+        Column("trial", lambda t: t.name),
+        Column("yaw real deg", lambda t: degrees(t.figures.yaw_real), yaw),
+        Column("sim deg", lambda t: degrees(t.figures.yaw_simulated)),
+        Column("phase deg", lambda t: degrees(t.figures.yaw_lag, 0, signed=True)),
+        Column("sway real mm", lambda t: mm(t.figures.sway_real)),
+        Column("sim mm", lambda t: mm(t.figures.sway_simulated)),
+        Column("phase deg", lambda t: degrees(t.figures.sway_lag, 0, signed=True)),
+        Column("turn deg/s", lambda t: degrees(t.figures.turn_rate_real), turn),
+    ]
+
+
+_AMPLITUDES = {
+    "beats": "`real`, `sim` of a marker: median amplitudes of the sideways beat in the frame of the head.",
+    "moves": "`real`, `sim` of a marker: medians of the standard deviation of its place along the line that it moves "
+    "along most.",
+}
 
 
 def marker_columns(facts: RoundFacts) -> list[Column]:
     """Columns of the table with a row per marker, over all trials."""
     columns = [
         Column("marker", lambda m: m.name),
-        Column("error mm", lambda m: mm(m.error)),
-        Column("real mm", lambda m: mm(m.real)),
+        Column("error mm", lambda m: mm(m.error), "`error` of a marker: its mean part of the loss, over all trials."),
+        Column("real mm", lambda m: mm(m.real), _AMPLITUDES["beats" if facts.beats else "moves"]),
         Column("sim mm", lambda m: mm(m.simulated)),
         Column("ratio", _ratio),
     ]
@@ -145,40 +163,18 @@ def marker_columns(facts: RoundFacts) -> list[Column]:
     return columns
 
 
-def marker_grids(facts: RoundFacts) -> list[tuple[str, str]]:
-    """Titles and tables by marker and trial; of many trials the worst."""
+def marker_grid(facts: RoundFacts) -> tuple[str, str] | None:
+    """Title and table of errors by marker and trial; of many trials the worst."""
     here, shown = facts.here, _worst_trials(facts.here.trials, _GRID)
-    if len(shown) < 2 and not facts.beats:
-        return []
-    every, several = list(range(len(here.markers))), [marker for trial in shown for marker in trial.markers]
-    moving = [i for i in every if here.markers[i].ratio is not None]
+    if len(shown) < 2:
+        return None
+    title, cell = "Error by marker and trial, in mm", "error"
     # under the paper's protocol, without phase and registration, the shape's part says little
-    if here.figures.protocol != "paper" and any(marker.shape_error is not None for marker in several):
-        title = "Error in shape alone, without the difference in progress, in mm"
-        grids = [(title, _shape, every)]
-    else:
-        grids = [("Error by marker and trial, in mm", _error, every)]
-    grids.append(("Ratio of amplitudes by marker and trial (1.20: simulated 20 % wider)", _ratio, moving))
-    if any(marker.ahead is not None for marker in several):
-        grids.append(("Phase by marker and trial, in deg (+: the simulated marker is ahead)", _phase, moving))
+    if here.figures.protocol != "paper" and any(one.shape_error is not None for t in shown for one in t.markers):
+        title, cell = "Error in shape alone, without the difference in progress, in mm", "shape_error"
     which = "" if len(shown) == len(here.trials) else f", the {len(shown)} worst trials"
-    columns = ["marker", *(trial.name for trial in shown)]
-    return [
-        (
-            f"{title}{which}",
-            table(columns, [[here.markers[i].name, *(cell(t.markers[i]) for t in shown)] for i in markers]),
-        )
-        for title, cell, markers in grids
-        if markers
-    ]
-
-
-def _error(marker: MarkerFacts) -> str:
-    return mm(marker.error)
-
-
-def _shape(marker: MarkerFacts) -> str:
-    return mm(marker.shape_error)
+    rows = [[one.name, *(mm(getattr(t.markers[i], cell)) for t in shown)] for i, one in enumerate(here.markers)]
+    return f"{title}{which}", table(["marker", *(trial.name for trial in shown)], rows)
 
 
 def _ratio(marker: MarkerFacts) -> str:

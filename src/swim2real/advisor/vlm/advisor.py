@@ -15,12 +15,13 @@ from swim2real.advisor.vlm.providers import same_model
 from swim2real.advisor.vlm.reply import ReplyError, parse_reply
 from swim2real.advisor.vlm.transcript import Call, Incumbent, Outcome, Totals, Transcript, totals
 from swim2real.errors import AdvisorError, ArgumentError
-from swim2real.optimizers import Advice, Advisor, Measurement, Proposal, Situation
+from swim2real.optimizers import Advice, Advisor, Evaluation, Measurement, Situation
 from swim2real.parameters import ParameterSpace
 from swim2real.settings import VlmAccess
 
 REPAIRS = 2  # of one reply
-_PROBE = "probe"  # note of a measurement that was asked for in a reply
+_PROBE = "probe"  # note of a measurement that was asked for in a reply, of a list of them the last
+_LIST = "of list"  # note of one of a list: the number of the call
 _FAILURES = 3  # rounds without a proposal, in a row, before a run stops
 _LONGEST_QUOTE = 6000  # characters of an earlier reply that are shown again
 
@@ -221,7 +222,7 @@ class ReplayAdvisor:
             AdvisorError: The record ends before, or this run has come elsewhere.
         """
         number, run = len(situation.rounds) + 1, self._transcript.run
-        call = self._transcript.answer(number, _turn_of(situation), situation.incumbent)
+        call = self._transcript.answer(number, _turn_of(situation), _before_list(situation))
         if call is not None:
             return _advice_of(call, self._transcript, situation, self._space)
         if self._then is not None:
@@ -258,8 +259,22 @@ def repair_request(question: Request, reply: str, problem: str, max_tokens: int)
 
 
 def _turn_of(situation: Situation) -> int:
-    """Which turn of its round an advisor has: 1, and one more after each of its probes."""
+    """Which turn of its round an advisor has: 1, and one more after each of its probes and lists of measurements."""
     return 1 + sum(bool(measured.candidate.note.get(_PROBE)) for measured in situation.measurements)
+
+
+def _of_list(situation: Situation) -> list[Evaluation]:
+    """Measurements so far of a list that isn't finished: those since the last turn."""
+    notes = [measured.candidate.note for measured in situation.measurements]
+    begun = max((i for i, note in enumerate(notes) if note.get(_PROBE)), default=-1) + 1
+    return [one for one in situation.measurements[begun:] if _LIST in one.candidate.note]
+
+
+def _before_list(situation: Situation) -> Evaluation:
+    """The best evaluation when the present turn began."""
+    made = _of_list(situation)
+    known = [one for one in situation.evaluations if not one.failed and all(one is not other for other in made)]
+    return min(known, key=lambda one: one.loss, default=situation.incumbent) if made else situation.incumbent
 
 
 def _advice_of(call: Call, transcript: Transcript, situation: Situation, space: ParameterSpace) -> Advice:
@@ -277,11 +292,16 @@ def _advice_of(call: Call, transcript: Transcript, situation: Situation, space: 
     }  # fmt: skip
     if call.reply.notes:
         notes["remarks"] = list(call.reply.notes)
-    point = parsed.point(space, here)
+    if parsed.measure:
+        made = len(_of_list(situation))
+        name = parsed.measure[made]
+        one = Measurement.of_one(here, space.names.index(name), name)
+        last = {_PROBE: True} if made + 1 == len(parsed.measure) else {}
+        return Measurement(one.point, {**one.notes, _LIST: call.number, **last, "notes": notes})
     if parsed.probe:
         texts = {"diagnosis": parsed.diagnosis, "reasoning": parsed.reasoning}
-        return Measurement(point, {_PROBE: True, **texts, "notes": notes})
-    return Proposal(point, parsed.diagnosis, parsed.reasoning, notes)
+        return Measurement(parsed.point(space, here), {_PROBE: True, **texts, "notes": notes})
+    return parsed.proposal(space, here, notes)
 
 
 def _why_unusable(reply: Reply, request: Request, error: ReplyError) -> str:

@@ -47,6 +47,7 @@ class Request:
         parts: Texts and media in the order in which they are shown.
         schema: JSON schema of the reply, without bounds on numbers.
         max_tokens: Most tokens of the reply, those of its thinking included.
+        lasting: Number of leading parts that later requests begin with as well, so that services may keep them.
         round: Round of the run, from 1 on.
         turn: Turn within the round: 1, and one more after each probe.
         problem: Why an earlier reply can't be used, which this request asks to repair; empty for a question.
@@ -56,6 +57,7 @@ class Request:
     parts: tuple[str | Media, ...]
     schema: Mapping[str, Any]
     max_tokens: int
+    lasting: int = 0
     round: int = 1
     turn: int = 1
     problem: str = ""

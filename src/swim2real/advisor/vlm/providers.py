@@ -139,17 +139,19 @@ async def send(
     """
     import httpx2
     from pydantic_ai.direct import model_request
-    from pydantic_ai.messages import BinaryContent, ModelRequest, UserPromptPart
+    from pydantic_ai.messages import BinaryContent, CachePoint, ModelRequest, UserPromptPart
     from pydantic_ai.models import ModelRequestParameters
     from pydantic_ai.output import OutputObjectDefinition
 
-    content: list[str | BinaryContent] = []
-    for part in request.parts:
+    content: list[str | BinaryContent | CachePoint] = []
+    for number, part in enumerate(request.parts, start=1):
         if isinstance(part, str):
             content.append(part)
         else:
             details = None if part.fps is None else {"fps": part.fps}
             content += [part.label, BinaryContent(part.data, media_type=part.media_type, vendor_metadata=details)]
+        if number == request.lasting:
+            content.append(CachePoint())
     named: list[str] = []
 
     async def keep_name(response: httpx2.Response) -> None:
@@ -174,6 +176,14 @@ async def send(
         "request": [drop_foreign_keys] if base_url else [],
         "response": [keep_name],
     }
+    # what a run's requests have in common is kept by the services: Anthropic's where it is marked, the others unasked
+    model_settings: Any = {
+        "max_tokens": request.max_tokens,
+        "max_retries": 0,
+        "timeout": timeout,
+        "request_timeout": timeout,
+        "anthropic_cache_instructions": True,
+    }
     async with httpx2.AsyncClient(timeout=limits, follow_redirects=False, event_hooks=hooks) as http:
         pydantic_model = _open(provider, model, base_url, key, http)
         _quiet_libraries()  # now that they are imported: some set their own levels then
@@ -181,12 +191,7 @@ async def send(
         response = await model_request(
             pydantic_model,
             [ModelRequest(parts=[UserPromptPart(content=content)], instructions=request.instructions)],
-            model_settings={
-                "max_tokens": request.max_tokens,
-                "max_retries": 0,
-                "timeout": timeout,
-                "request_timeout": timeout,
-            },
+            model_settings=model_settings,
             model_request_parameters=ModelRequestParameters(
                 output_mode="native" if native else "prompted",
                 output_object=OutputObjectDefinition(json_schema=dict(request.schema), name="proposal"),

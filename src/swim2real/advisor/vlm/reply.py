@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Strict, TypeAdapter, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, TypeAdapter, ValidationError
 
 from swim2real.checking import explained, shown
 from swim2real.errors import AdvisorError
+from swim2real.optimizers import Proposal
 from swim2real.parameters import ParameterSpace
 from swim2real.parameters.space import unknown_name
 
@@ -22,6 +23,7 @@ _LONGEST_TEXT = 20_000  # characters that are kept of a diagnosis
 _LONGEST_NAME = 80  # characters that are kept of an unknown name
 _MOST_BRACES = 500  # at which a JSON object is looked for
 _MOST_PROBLEMS = 6  # that one message lists
+_MOST_TRIES = 5  # step sizes of a proposal, and alternatives
 
 
 class ReplyError(AdvisorError):
@@ -40,6 +42,9 @@ class ParsedReply:
         missing: Parameters without a value, which keep theirs.
         clipped: Values out of bounds, as they were given.
         probe: Whether these values are only to be measured, without a line search.
+        measure: Parameters that are to be measured, each alone.
+        step_sizes: Shares of the way at which it is to be tried, in order.
+        alternatives: What to try where it is rejected, in order.
     """
 
     values: dict[str, float]
@@ -49,11 +54,26 @@ class ParsedReply:
     missing: tuple[str, ...] = ()
     clipped: Mapping[str, float] = field(default_factory=dict[str, float])
     probe: bool = False
+    measure: tuple[str, ...] = ()
+    step_sizes: tuple[float, ...] = ()
+    alternatives: tuple[ParsedReply, ...] = ()
 
     def notes(self) -> dict[str, Any]:
         """What was corrected without asking again, ready for JSON."""
         notes = {"ignored": list(self.ignored), "missing": list(self.missing), "clipped": dict(self.clipped)}
         return {name: content for name, content in notes.items() if content}
+
+    def proposal(self, space: ParameterSpace, incumbent: NDArray[np.float64], notes: Mapping[str, Any]) -> Proposal:
+        """What a search is to try.
+
+        Args:
+            space: Parameters of the simulator.
+            incumbent: Point of the incumbent. Shape (d,).
+            notes: Notes of the proposal.
+        """
+        others = tuple(one.proposal(space, incumbent, one.notes()) for one in self.alternatives)
+        point = self.point(space, incumbent)
+        return Proposal(point, self.diagnosis, self.reasoning, notes, self.step_sizes, others)
 
     def point(self, space: ParameterSpace, incumbent: NDArray[np.float64]) -> NDArray[np.float64]:
         """In the unit cube; coordinates of parameters that keep their values are the incumbent's own. Shape (d,)."""
@@ -72,42 +92,57 @@ Text = Annotated[str, BeforeValidator(_join_lines)]
 _NUMBER: TypeAdapter[float] = TypeAdapter(Annotated[float, Strict()])
 
 
-class _Answer(BaseModel):
+StepSize = Annotated[float, Field(gt=0, le=1, strict=False)]
+
+
+class _Try(BaseModel):
     model_config = ConfigDict(strict=True, extra="ignore")
 
-    diagnosis: Text = ""
     reasoning: Text = ""
-    parameters: dict[str, Any]
+    parameters: dict[str, Any] = {}
+    step_sizes: Annotated[list[StepSize], Field(max_length=_MOST_TRIES)] | None = None
+
+
+class _Answer(_Try):
+    diagnosis: Text = ""
     probe: bool | None = False
+    measure: list[str] | None = None
+    alternatives: Annotated[list[_Try], Field(max_length=_MOST_TRIES)] | None = None
 
 
-def reply_schema(space: ParameterSpace, bounds: bool = False) -> dict[str, Any]:
+def reply_schema(space: ParameterSpace, bounds: bool = False, several: bool = False) -> dict[str, Any]:
     """JSON schema of a reply.
 
     Args:
         space: Parameters that are asked for.
         bounds: Whether it says what a value may be. Services refuse schemas with many bounds.
+        several: Whether it has step sizes and alternatives.
     """
     numbers: dict[str, Any] = {}
     for parameter in space:
         limits = {"minimum": parameter.lower, "maximum": parameter.upper} if bounds else {}
         numbers[parameter.name] = {"type": "number", "description": parameter.unit, **limits}
     texts = {"diagnosis": "what differs, seen and measured", "reasoning": "which parameters are responsible, and why"}
-    return {
-        "type": "object",
-        "properties": {
-            **{name: {"type": "string", "description": text} for name, text in texts.items()},
-            "parameters": {
-                "type": "object",
-                "properties": numbers,
-                "required": list(numbers),
-                "additionalProperties": False,
-            },
-            "probe": {"type": "boolean", "description": "true: only measure these values, don't go there"},
+    steps = {"type": "array", "items": {"type": "number"}, "description": "shares of the way to try, in order"}
+    properties: dict[str, Any] = {name: {"type": "string", "description": text} for name, text in texts.items()}
+    properties |= {
+        "parameters": _object(numbers),
+        "probe": {"type": "boolean", "description": "true: only measure these values, don't go there"},
+        "measure": {
+            "type": "array",
+            "items": {"type": "string"},
+            "description": "parameters to measure, each changed alone, before anything is proposed; mostly empty",
         },
-        "required": ["diagnosis", "reasoning", "parameters", "probe"],
-        "additionalProperties": False,
     }
+    if several:
+        properties["step_sizes"] = steps
+        another = {"reasoning": properties["reasoning"], "parameters": _object(numbers), "step_sizes": steps}
+        properties["alternatives"] = {"type": "array", "items": _object(another)}
+    return _object(properties)
+
+
+def _object(properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}
 
 
 def is_same(value: float, current: float) -> bool:
@@ -134,6 +169,19 @@ def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) 
         answer = _Answer.model_validate(content)
     except ValidationError as error:
         raise ReplyError(_listed([explained(detail) for detail in error.errors(include_url=False)])) from None
+    texts = _cleaned(answer.diagnosis), _cleaned(answer.reasoning)
+    if answer.measure:
+        measure = tuple(dict.fromkeys(answer.measure))
+        for name in measure:
+            if name not in space.names:
+                raise ReplyError(f"'measure' names no parameter of the simulator: {unknown_name(name, space.names)}")
+        return ParsedReply(dict(current), *texts, measure=measure)
+    others = tuple(_tried(one, ("", _cleaned(one.reasoning)), space, current) for one in answer.alternatives or ())
+    return replace(_tried(answer, texts, space, current), probe=bool(answer.probe), alternatives=others)
+
+
+def _tried(answer: _Try, texts: tuple[str, str], space: ParameterSpace, current: Mapping[str, float]) -> ParsedReply:
+    """The values of one proposal."""
     given = {name: value for name, value in answer.parameters.items() if value is not None}
     values, clipped, problems = dict(current), dict[str, float](), list[str]()
     for parameter in space:
@@ -157,8 +205,8 @@ def parse_reply(text: str, space: ParameterSpace, current: Mapping[str, float]) 
         raise ReplyError(f"no parameter of the simulator has a value: {hint}")
     if all(is_same(values[name], current[name]) for name in space.names):
         raise ReplyError("no parameter changes; propose values that differ from the current ones")
-    texts = _cleaned(answer.diagnosis), _cleaned(answer.reasoning)
-    return ParsedReply(values, *texts, ignored, missing, clipped, bool(answer.probe))
+    sizes = tuple(answer.step_sizes or ())
+    return ParsedReply(values, *texts, ignored, missing, clipped, step_sizes=sizes)
 
 
 def _json_object(text: str) -> dict[str, Any]:
@@ -179,9 +227,9 @@ def _json_object(text: str) -> dict[str, Any]:
             problem = problem or (str(error) if isinstance(error, ValueError) else "it is nested too deeply")
             at += 1
         at = text.find("{", at)
-    with_parameters = [content for content in objects if "parameters" in content]
-    if with_parameters:
-        return with_parameters[-1]
+    usable = [content for content in objects if "parameters" in content or "measure" in content]
+    if usable:
+        return usable[-1]
     if "{" not in text:
         state = "holds no JSON object" if text.strip() else "is empty"
         raise ReplyError(f"the reply {state}; answer with one that has diagnosis, reasoning and parameters")
