@@ -53,6 +53,7 @@ class Swing:
         if divergence is not None:
             positions = np.full_like(positions, np.nan)
         sensors = Signals(TIMES, ("force",), np.full((TIMES.size, 1), self.force))
+        positions = positions[:, : len(robot.marker_names)]
         return Trial(name, MarkerTrack(TIMES, positions), divergence=divergence, sensors=sensors)
 
 

@@ -25,7 +25,6 @@ from swim2real.robots.robot import Robot, Sensor
 MOVING = 0.05  # of the widest real amplitude of a trial: below it a marker's amplitude is noise and has no ratio
 STILL = 1e-3  # m, below which a beat's amplitude is noise and has neither ratio nor phase
 LEAST_SEEN = 0.3  # of the frames: a marker that is seen in fewer of them says nothing
-CLEAR = 0.2  # of the widest beat of a trial: above it a marker's phase isn't ruled by noise
 _LEAST_YAW, _LEAST_SWAY = 0.01, 1e-3  # rad and m, below which a swing of the head has no ratio
 _SLOW = 1e-3  # m/s, below which a speed has no ratio
 _LEAST_SPAN = 0.05  # of the logarithm of frequency, for an exponent
@@ -55,7 +54,6 @@ class MarkerFacts:
         ahead: Phase of the simulated beat less that of the real one, where they are compared [deg].
         offset: Mean difference of places, simulated minus real, along both axes [m].
         shape_error: Mean error in shape alone [m].
-        phases: Phases of the real and the simulated beat [deg].
         windows: Mean differences of places in windows of time, as `offset`.
     """
 
@@ -67,7 +65,6 @@ class MarkerFacts:
     ahead: Known
     offset: Sequence[float] | None
     shape_error: Known = None
-    phases: tuple[Known, Known] = (None, None)
     windows: Sequence[Sequence[float] | None] = ()
 
 
@@ -149,22 +146,6 @@ class TrialFacts:
         half = len(self.off) // 2
         return mean(self.off[:half]), mean(self.off[half:])
 
-    def beats_clearly(self, i: int) -> bool:
-        """Whether a marker beats clearly on both sides."""
-        marker = self.markers[i]
-        if marker.ratio is None or None in marker.phases:
-            return False
-        sides = [[(one.real or 0.0, one.simulated or 0.0)[k] for one in self.markers] for k in (0, 1)]
-        return all(sizes[i] >= CLEAR * max(sizes) for sizes in sides)
-
-    def lag(self, side: Side, front: int | None) -> Known:
-        """By how much the last marker is behind the one at `front`, summed from marker to marker [deg]."""
-        on_the_way = [i for i in range(front, len(self.markers)) if self.beats_clearly(i)] if front is not None else []
-        if on_the_way[:1] != [front] or on_the_way[-1] != len(self.markers) - 1:
-            return None
-        phases = [self.markers[i].phases[side == "simulated"] or 0.0 for i in on_the_way]
-        return sum(_wrapped(before - after) for before, after in pairwise(phases))
-
 
 @dataclass(frozen=True)
 class EvaluationFacts:
@@ -185,13 +166,6 @@ class EvaluationFacts:
         trials = [_trial(name, found, figures.protocol, robot) for name, found in figures.trials.items()]
         known = _without_simulation(figures) if evaluation.failed else figures
         return cls(known, tuple(sorted(trials, key=lambda trial: trial.frequency or 0.0)))
-
-    @cached_property
-    def front(self) -> int | None:
-        """The first marker, before the last, that beats clearly on both sides in half of the trials."""
-        markers = range(len(self.trials[0].markers) - 1) if self.trials else ()
-        clear = (i for i in markers if 2 * sum(trial.beats_clearly(i) for trial in self.trials) >= len(self.trials))
-        return next(clear, None)
 
     def ratio(self, name: Ratio) -> Known:
         """The median of a ratio."""
@@ -476,7 +450,7 @@ def _markers(found: TrialFigures, protocol: str, names: Sequence[str]) -> tuple[
                 name, errors[i] if said[i] else None, real[i], simulated[i], ratio,
                 _wrapped(after - before) if in_step and before is not None and after is not None else None,
                 _complete(found.offset[i]) if found.offset and said[i] else None,
-                (found.shape_marker_errors or unknown)[i] if said[i] else None, (before, after),
+                (found.shape_marker_errors or unknown)[i] if said[i] else None,
                 [_complete(places[i]) for places in windows],
             )
         )  # fmt: skip

@@ -117,17 +117,18 @@ def told_of_steps(facts: RoundFacts) -> str:
     """What is told of an evaluation."""
     parts = ["its loss"]
     if facts.here.sensors:
-        parts.append("what the markers have of it, the mean error of each sensor")
-    order = "rising frequency" if facts.beats else "the order of the table of trials"
+        parts.append(f"{'what the markers have of it, ' if facts.here.markers else ''}the mean error of each sensor")
+    order = "by rising frequency" if facts.beats else "in the order of their table"
     if facts.robot.trials.score_progress:
-        parts.append(f"the ratio of speeds of each trial, by {order}, negative where it goes the other way")
+        parts.append(f"the ratio of speeds of each trial, {order}, negative where it goes the other way")
     elif len(facts.here.trials) > 1:
-        parts.append(f"the error of each trial in mm, by {order}")
+        parts.append(f"the error of each trial in mm, {order}")
     known = facts.here.figures.model_fields_set
     parts += [f"the error in {part} in mm" for part in _PARTS if f"{part}_error" in known]
     last = f" of {facts.robot.marker_names[-1]}" if facts.beats else ""
     head = ", of the head's yaw and sway" if facts.here.has_head else ""
-    return f"{', '.join(parts)}, and the ratio of amplitudes{last}{head}; ratios are simulated / real"
+    ratios = f", and the ratio of amplitudes{last}{head}; ratios are simulated / real" if facts.here.markers else ""
+    return f"{', '.join(parts)}{ratios}"
 
 
 def changes(before: Evaluation, point: NDArray[np.float64], space: ParameterSpace, most: int) -> str:

@@ -23,7 +23,7 @@ from swim2real.optimizers import Evaluation, Situation
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.rendering.album import Album, TrialPictures
 from swim2real.robots.robot import Robot
-from swim2real.settings import BriefingSettings
+from swim2real.settings import BriefingSettings, Show
 
 FromRest: TypeAlias = Mapping[str, tuple[float | None, float | None]]
 
@@ -71,7 +71,7 @@ class TrialPromptBuilder:
         detail = shorter(detail) if level else detail
         values = self._space.to_values(situation.incumbent.candidate.point)
         known = RoundFacts(situation, self._robot, self._space, self._from_rest(values), self._budget)
-        instructions, told, current = describe(known, self._settings.show != "pictures", self._several)
+        instructions, told, current = describe(known, self._settings.show, self._several)
         if self._settings.show == "numbers":
             return Request(instructions, (*told, current), self._schema, self._reply_tokens, len(told))
         media, remarks = self._media(situation, detail)
@@ -115,19 +115,20 @@ def rejected_step(situation: Situation) -> Evaluation | None:
     return None if step.failed else step
 
 
-def describe(facts: RoundFacts, numbers: bool = True, several: bool = False) -> tuple[str, list[str], str]:
+def describe(facts: RoundFacts, show: Show = "both", several: bool = False) -> tuple[str, list[str], str]:
     """All facts of a round as Markdown in plain English, for a VLM or a person.
 
     Args:
         facts: Facts of the round.
-        numbers: Whether anything is told that was measured or compared. Without, what stays is the robot, its
-            parameters, and which proposals were accepted.
+        show: What it comes with. With pictures alone nothing is told that was measured or compared: what stays is the
+            robot, its parameters, and which proposals were accepted.
         several: Whether step sizes and alternatives are asked for.
 
     Returns:
         What stays the same in a run; a block per finished round, to which later rounds only add; the current point.
     """
-    instructions = _written("instructions.md.j2", facts=facts, numbers=numbers, several=several)
+    numbers = show != "pictures"
+    instructions = _written("instructions.md.j2", facts=facts, numbers=numbers, show=show, several=several)
     begun = f"\n\nThe first point of the run: {loss(facts.situation.first, facts)}" if numbers else ""
     begun += f"{effects(facts.situation.first, facts)}." if numbers else ""
     told = [f"## What was tried{begun}", *rounds_told(facts, numbers)] if facts.situation.rounds else []

@@ -54,13 +54,14 @@ def values_told(facts: RoundFacts) -> str:
 
 def meanings(facts: RoundFacts) -> str:
     """What the columns of the tables mean, those that need saying."""
-    columns = [*trial_columns(facts), *(head_columns() if facts.here.has_head else ()), *marker_columns(facts)]
+    columns = [*trial_columns(facts), *(head_columns() if facts.here.has_head else ())]
+    columns += marker_columns(facts) if facts.here.markers else []
     return "\n".join(f"- {one.meaning}" for one in columns if one.meaning)
 
 
 def trial_columns(facts: RoundFacts) -> list[Column]:
     """Columns of the table with a row per trial."""
-    here, trials, last = facts.here, facts.here.trials, facts.robot.marker_names[-1]
+    here, trials, last = facts.here, facts.here.trials, "".join(facts.robot.marker_names[-1:])
 
     def has(figure: str) -> bool:
         return any(getattr(trial.figures, figure) is not None for trial in trials)
@@ -77,7 +78,7 @@ def trial_columns(facts: RoundFacts) -> list[Column]:
     if windows:
         columns.append(Column("s", lambda t: number(t.edges[-1] - t.edges[0], 2), "`s`: how long it is."))
     columns.append(Column("error mm", lambda t: mm(t.error), "`error`: the trial's part of the loss."))
-    if here.sensors:
+    if here.sensors and here.markers:
         said = "`markers`: what the markers have of it; then the mean error of each sensor."
         columns.append(Column("markers mm", lambda t: mm(t.figures.aligned_marker_error), said))
     for i, one in enumerate(here.sensors):
@@ -96,22 +97,17 @@ def trial_columns(facts: RoundFacts) -> list[Column]:
             "turn last marker first; it changes smoothly, where the speed jumps."
         )
         columns.append(Column("first beats mm/s", lambda t: mm(facts.from_rest.get(t.name, (None, None))[1]), said))
-    name, said = "amplitude ratio", "of amplitudes, the median over the markers that move."
-    if beats:
-        name, said = f"{last} ratio", "of amplitudes of the last marker."
-    columns.append(Column(name, lambda t: number(t.amplitude_ratio, 2), f"`{name}`: {said}"))
-    if beats:
-        lag = "lag" if here.front is None else f"lag {facts.robot.marker_names[here.front]} to {last}"
-        said = "`lag`: by how much of a beat (360 deg) the last marker is behind; 0 is a stiff swing."
-        columns += [
-            Column(f"{lag} real deg", lambda t: number(t.lag("real", here.front), 0)),
-            Column("sim deg", lambda t: number(t.lag("simulated", here.front), 0), said),
-        ]
-    columns.append(Column("worst marker", _worst_marker))
-    if windows:
+    if here.markers:
+        name, said = "amplitude ratio", "of amplitudes, the median over the markers that move."
+        if beats:
+            name, said = f"{last} ratio", "of amplitudes of the last marker."
+        columns.append(Column(name, lambda t: number(t.amplitude_ratio, 2), f"`{name}`: {said}"))
+    if here.markers:
+        columns.append(Column("worst marker", _worst_marker))
+    if windows and here.markers:
         said = "`most off at`: when the markers' mean places are farthest off."
         columns.append(Column("most off at s", lambda t: span(t.worst_window), said))
-    return [*columns, of_figure("left_out_share", 0)]
+    return [*columns, *([of_figure("left_out_share", 0)] if has("left_out_share") else [])]
 
 
 def _worst_marker(trial: TrialFacts) -> str:
@@ -166,7 +162,7 @@ def marker_columns(facts: RoundFacts) -> list[Column]:
 def marker_grid(facts: RoundFacts) -> tuple[str, str] | None:
     """Title and table of errors by marker and trial; of many trials the worst."""
     here, shown = facts.here, _worst_trials(facts.here.trials, _GRID)
-    if len(shown) < 2:
+    if len(shown) < 2 or not here.markers:
         return None
     title, cell = "Error by marker and trial, in mm", "error"
     # under the paper's protocol, without phase and registration, the shape's part says little
@@ -193,7 +189,7 @@ def worst_trials_in_time(trials: Sequence[TrialFacts]) -> list[TrialFacts]:
 def windows_table(trial: TrialFacts) -> str:
     """Mean differences of markers and sensors in windows of time."""
     digits = 0 if max((size for size in trial.off if size is not None), default=0.0) >= _LARGE else 1
-    columns = ["marker", *(f"{span(edges)} s" for edges in pairwise(trial.edges))]
+    columns = ["marker" if trial.markers else "sensor", *(f"{span(edges)} s" for edges in pairwise(trial.edges))]
     rows = [[marker.name, *(pair(place, digits) for place in marker.windows)] for marker in trial.markers]
     rows += [
         [f"{one.sensor.name} {one.sensor.unit}", *(reading(value, signed=True) for value in one.windows)]
