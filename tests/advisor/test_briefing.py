@@ -146,6 +146,11 @@ def test_a_robot_without_markers_is_told_by_its_sensors_alone():
     assert list(row(text, "wild", "trial").values())[2:] == ["5.0", "0.5"]
     assert "The mean error of each sensor, over time and trials: 1 N of force as 10 mm." in text
     assert not re.search("marker|amplitude", text[text.index("## The robot") :])
+    evaluation = evaluated(compared(CALM_AND_WILD, blind), blind)
+    question = builder(blind, blind.space, compared(CALM_AND_WILD, blind)).question(start(evaluation))
+    assert question.media == ()
+    with pytest.raises(ArgumentError, match="show is pictures, and robot 'arm' has no markers to draw; show numbers"):
+        TrialPromptBuilder(blind, blind.space, lambda values: None, {}, BriefingSettings("pictures"), False, 2000)
 
 
 def test_only_the_worst_of_many_trials_are_told_in_detail():

@@ -17,6 +17,7 @@ from swim2real.advisor.briefing.history import effects, loss, rounds_told
 from swim2real.advisor.briefing.media import DETAILS, Detail, gather_media, overlay, shorter
 from swim2real.advisor.vlm.exchange import Media, Request
 from swim2real.advisor.vlm.reply import reply_schema
+from swim2real.errors import ArgumentError
 from swim2real.escaping import plain_markdown
 from swim2real.objective import TAIL_FIRST_LOSS, Comparison
 from swim2real.optimizers import Evaluation, Situation
@@ -51,7 +52,13 @@ class TrialPromptBuilder:
                 beats, None where it diverged.
             budget: Evaluations that the run has; None where that isn't known.
             several: Whether step sizes and alternatives are asked for.
+
+        Raises:
+            ArgumentError: Pictures alone are shown, of a robot without markers.
         """
+        if settings.show == "pictures" and not robot.marker_names:
+            raise ArgumentError(f"show is pictures, and robot '{robot.name}' has no markers to draw; show numbers")
+        self._show: Show = settings.show if robot.marker_names else "numbers"
         self._robot, self._space, self._simulate, self._videos = robot, space, simulate, dict(videos)
         self._settings, self._takes_video, self._reply_tokens = settings, takes_video, reply_tokens
         self._from_rest, self._schema, self._budget = from_rest, reply_schema(space, several=several), budget
@@ -71,8 +78,8 @@ class TrialPromptBuilder:
         detail = shorter(detail) if level else detail
         values = self._space.to_values(situation.incumbent.candidate.point)
         known = RoundFacts(situation, self._robot, self._space, self._from_rest(values), self._budget)
-        instructions, told, current = describe(known, self._settings.show, self._several)
-        if self._settings.show == "numbers":
+        instructions, told, current = describe(known, self._show, self._several)
+        if self._show == "numbers":
             return Request(instructions, (*told, current), self._schema, self._reply_tokens, len(told))
         media, remarks = self._media(situation, detail)
         intro = " ".join(
@@ -87,7 +94,7 @@ class TrialPromptBuilder:
         if key != self._asked:  # a question that is asked once more shows the same
             self._asked, self._before = key, self._shown
         self._shown, before = situation.incumbent, self._before
-        if self._settings.show == "pictures":  # there is nothing else
+        if self._show == "pictures":  # there is nothing else
             before = None
         if before is not situation.incumbent:
             most, films = (detail.trials, self._videos) if before is None else (detail.again, {})
