@@ -223,7 +223,7 @@ def test_a_policy_is_the_network_that_learned():
     learner = Learner(SHORT, RobotVecEnv(make_environments("forward", None, 8)), 0.99)
     actor, seen = learner.actor, np.random.default_rng(0).standard_normal((5, 52)).astype(np.float32)
     np.testing.assert_allclose(actor.best(seen), learner._sac.predict(seen, deterministic=True)[0], atol=1e-6)
-    samples = np.array([actor.sample(seen, np.random.default_rng(i)) for i in range(2000)])
+    samples = np.array([actor.sample(seen, np.random.default_rng(i).standard_normal((5, 1))) for i in range(2000)])
     with torch.no_grad():
         mean, log_std, _ = learner._sac.actor.get_action_dist_params(torch.from_numpy(seen))
     before_tanh = np.arctanh(np.clip(samples, -1 + 1e-9, 1 - 1e-9))

@@ -80,12 +80,12 @@ class Actor:
         """The means of the actions. Shapes (N, n) to (N, A)."""
         return np.tanh(self.mean(self._features(observations)).astype(np.float64))
 
-    def sample(self, observations: NDArray[np.float32], rng: np.random.Generator) -> Array:
-        """Random actions, as the policy explores. Shapes (N, n) to (N, A)."""
+    def sample(self, observations: NDArray[np.float32], noise: Array) -> Array:
+        """Actions of the Gaussian, at so many standard deviations (N, A) from its mean. Shapes (N, n) to (N, A)."""
         features = self._features(observations)
         mean = self.mean(features).astype(np.float64)
         std = np.exp(np.clip(self.log_std(features).astype(np.float64), _LEAST_LOG_STD, _MOST_LOG_STD))
-        return np.tanh(mean + std * rng.standard_normal(mean.shape))
+        return np.tanh(mean + std * noise)
 
     def _features(self, observations: NDArray[np.float32]) -> Weights:
         x = observations

@@ -136,6 +136,8 @@ class Bodies:
         origin: Where the floating body is at the start [m]; 0 without a frame. Shape (3,).
         turned: Direction of the frame's x axis at the start [rad].
         starts: Positions at the start. Shape (B, nq).
+        control_delays: By how much the actuators follow their commands later, as calibrated [s]. Shape (B, A).
+        sensor_delays: By how much the sensors' readings are late [s]. Shape (B, S).
     """
 
     def __init__(
@@ -164,6 +166,11 @@ class Bodies:
         self.readers = [_reader(robot, values, disturbances, self.layout) for values in checked]
         self.first = int(self.readers[0].sensor(_SENSOR.format(0)).adr[0])
         self.sensors = np.array([sensor_address(self.readers[0], one.name) for one in robot.trials.sensors], int)
+        delays = [robot.delays_of(values) for values in checked]
+        names = [sensor.name for sensor in robot.trials.sensors]
+        # what is ahead of its command or of what it measures can't be simulated: it is on time
+        self.control_delays = np.array([[max(d.of("control", n), 0.0) for n in self.actuators.names] for d in delays])
+        self.sensor_delays = np.array([[max(d.of("sensor", n), 0.0) for n in names] for d in delays])
         timestep = self.models[0].opt.timestep
         self.steps = round(CONTROL_INTERVAL / timestep)
         if abs(self.steps * timestep - CONTROL_INTERVAL) > 1e-9:
