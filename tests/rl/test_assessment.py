@@ -1,6 +1,7 @@
 """Rollouts, what they are measured by, open and closed loop, and the files and films made of them."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +16,11 @@ from swim2real.rl.environment import make_environments
 from swim2real.rl.rollout import EpisodeStatistics, followed, load_policy, repeated, run_episodes, save_episodes
 from swim2real.rl.training import train
 from swim2real.rl.training_run import TrainingRun
+from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 PUBLISHED = FISH.space.published
 CHANGE = 2.0  # rad/s, by an action of 1
 MOTOR = Actuators.of(FISH.policy.actuators)
@@ -115,8 +118,20 @@ def test_a_policy_is_assessed_the_same_way_every_time(run, tmp_path, monkeypatch
         assert np.isnan(kept["goals"]).all()
 
 
+def test_a_policy_swims_in_another_robot_that_it_fits_and_in_no_other(run, monkeypatch):
+    monkeypatch.setattr("swim2real.rl.assessment._scans", lambda *given: {})
+    rolling, snake = load_robot("fish-rolling"), load_robot(EXAMPLES / "snake/snake.toml")
+    episode = assess(run, 1, parameters=[rolling.space.published], robot=rolling).episodes[0]
+    assert episode.markers.shape == (100, 11, 2)
+    assert np.abs(episode.rolls).max() > 0.02 > np.abs(assess(run, 1).episodes[0].rolls).max()
+    with pytest.raises(RunError, match=r"doesn't fit: its 'markers' has 22 numbers, that of robot 'snake' 0; .* "
+                                       r"it commands motor, robot 'snake' has servo1, servo2, servo3, servo4; take"):  # fmt: skip
+        assess(run, 1, parameters=[snake.space.published], robot=snake, disturbances=Disturbances())
+
+
 def test_commands_are_those_of_the_policy_in_its_simulator(run):
-    actuators, commands = policy_commands(run, 0.6)
+    actuators, episode = policy_commands(run, 0.6)
+    commands = episode.commands
     assert (actuators.names, actuators.units) == (("motor",), ("rad/s",))
     assert commands.shape == (30, 1)
     assert np.abs(np.diff(commands[:, 0], prepend=0.0)).max() <= CHANGE + 1e-9
@@ -140,6 +155,8 @@ def test_what_is_not_there_is_named(run, tmp_path):
         _ = TrainingRun.open(tmp_path).robot
     with pytest.raises(RunError, match=r"has no best\.npz yet; wait for its first evaluation"):
         load_policy(TrainingRun.open(tmp_path))
+    with pytest.raises(ArgumentError, match=r"the goal is -300, 0 m; it must be within 100 m of the start"):
+        policy_commands(run, 1.0, goal=(-300.0, 0.0))
     with pytest.raises(ArgumentError, match="a goal is for policies of a task with goals"):
         policy_commands(run, 1.0, goal=(-1.0, 0.0))
     with pytest.raises(ArgumentError, match=r"an episode of 0 s is asked for; it must have at least 0\.02 s"):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import PositionalRequiredArgs
 
-from swim2real.cli.options import Positional, word
+from swim2real.cli.options import PUBLISHED, Positional, word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError, Swim2RealError
 from swim2real.settings import TrainingSettings, expand_seeds
@@ -183,7 +183,9 @@ def rollout(
         policy: Folder that `train` wrote.
         episodes: Episodes to run.
         goals: For a task with goals: number of random goals, instead of --episodes.
-        parameters: Run folder or parameters file of another simulator; by default that of the training.
+        parameters: Run folder or parameters file of another simulator, which may be of another robot with the same
+            observations and actuators: fish-rolling for a policy that was trained in fish. By default that of the
+            training.
         robot: Robot file, if it has moved since the training was written.
         which: best: in the evaluations during training. last: at its end.
         stage: Stage of the curriculum: distance of the goals and how closely they must be met; by default the last.
@@ -199,7 +201,7 @@ def rollout(
         film: Write the film.
         json: Print the figures as JSON.
     """
-    from swim2real.cli.subject import values_for
+    from swim2real.cli.subject import robot_for, values_for
     from swim2real.report.training_page import write_training_page
     from swim2real.rl.assessment import TEST_SEED, assess, run_policy
     from swim2real.rl.conditions import StateEstimate
@@ -218,6 +220,8 @@ def rollout(
     if stage is not None and stage not in stages:
         raise ArgumentError(f"--stage is {stage}; this task has {', '.join(map(str, stages)) or 'no stages'}")
     body, cores = run.robot, os.cpu_count() or 1
+    if robot is None and parameters is not None and str(parameters) != PUBLISHED:
+        body = robot_for(parameters)
     values = None if parameters is None else [values_for(parameters, body)]
     disturbances = run.settings.disturbances
     if tendon_friction is not None:
@@ -225,10 +229,11 @@ def rollout(
     if current is not None:
         disturbances = replace(disturbances, current=current)
     assessment = assess(
-        run, goals or episodes, parameters=values, disturbances=disturbances, which=which, stage=stage,
+        run, goals or episodes, parameters=values, robot=body, disturbances=disturbances, which=which, stage=stage,
         estimate=StateEstimate(noise, delay) if closed_loop else None, threads=cores,
     )  # fmt: skip
-    content = {**assessment.as_dict(), "parameters": str(parameters or source_at(policy, run.settings.reference))}
+    source = str(parameters or source_at(policy, run.settings.reference))
+    content = {**assessment.as_dict(), "parameters": source, "robot": body.name}
     folder = out or policy
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "rollout.json", content)
@@ -249,6 +254,8 @@ def rollout(
         say_json(content)
     else:
         _print(assessment)
+        if body.name != run.settings.robot:
+            say(f"Trained in a simulator of robot '{run.settings.robot}', assessed in one of '{body.name}'")
         say(f"Written: {page}, rollout.json, episodes.npz")
     return 0
 
@@ -282,7 +289,8 @@ def export_commands(
     if out.suffix not in (".csv", ".npz"):
         raise ArgumentError(f"--out is '{out}'; it must end in .csv, for `deploy`, or in .npz, for other controllers")
     run = TrainingRun.open(policy, robot=robot)
-    actuators, commands = policy_commands(run, seconds, which=which, phase=phase, goal=goal)
+    actuators, episode = policy_commands(run, seconds, which=which, phase=phase, goal=goal)
+    commands = episode.commands
     columns = {
         f"{name}_{unit.replace('/', '_')}": commands[:, i].tolist()
         for i, (name, unit) in enumerate(zip(actuators.names, actuators.units, strict=True))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import RunError
-from swim2real.store import read_arrays, write_arrays
+from swim2real.store import from_json, read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from stable_baselines3 import SAC
@@ -49,11 +49,13 @@ class Actor:
         hidden: Hidden layers.
         mean: Layer of the mean.
         log_std: Layer of the logarithm of the standard deviation.
+        about: What its file says of it: `robot`, `task`, the parts of the `observation`, the names of the `actions`.
     """
 
     hidden: tuple[Linear, ...]
     mean: Linear
     log_std: Linear
+    about: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     @staticmethod
     def of(learner: SAC) -> Actor:
@@ -66,11 +68,6 @@ class Actor:
 
         hidden = tuple(layer(module) for module in actor.latent_pi if hasattr(module, "weight"))
         return Actor(hidden, layer(actor.mu), layer(actor.log_std))
-
-    @property
-    def inputs(self) -> int:
-        """Length of the observations."""
-        return len((self.hidden or (self.mean,))[0].weight)
 
     def __call__(self, observations: NDArray[np.float32], commands: Array, step: int) -> Array:
         """The actor as a policy, which is deterministic: it takes the means."""
@@ -134,7 +131,8 @@ class Actor:
             return Linear(weight, bias)
 
         count = sum(name.startswith("hidden") and name.endswith(".weight") for name in arrays)
-        actor = Actor(tuple(layer(f"hidden{i}") for i in range(count)), layer("mean"), layer("log_std"))
+        hidden, about = tuple(layer(f"hidden{i}") for i in range(count)), from_json(str(arrays.get(_ABOUT, "{}")))
+        actor = Actor(hidden, layer("mean"), layer("log_std"), about if isinstance(about, dict) else {})
         shapes = [layer.weight.shape for layer in (*actor.hidden, actor.mean)]
         if any(one[1] != next_one[0] for one, next_one in pairwise(shapes)) or actor.log_std.weight.shape != shapes[-1]:
             raise ValueError(f"its layers' shapes {shapes} and {actor.log_std.weight.shape} don't fit one another")

@@ -33,6 +33,7 @@ class RobotState:
         heading: Its heading, 0 at the start, without jumps [rad]. Shape (N,).
         turning: Rates at which it turns about the axes of the world [rad/s]. Shape (N, 3).
         heading_rate: Rate of the heading [rad/s]. Shape (N,).
+        roll: Angle by which it leans toward the y side of its frame [rad]; an estimate doesn't know it. Shape (N,).
         motor_angles: Angles of the motors [rad]. Shape (N, P).
         motor_speeds: Their speeds [rad/s]. Shape (N, P).
         joint_angles: Positions of the other joints [rad or m]. Shape (N, J).
@@ -49,6 +50,7 @@ class RobotState:
     heading: Array
     turning: Array
     heading_rate: Array
+    roll: Array
     motor_angles: Array
     motor_speeds: Array
     joint_angles: Array
@@ -62,8 +64,8 @@ class RobotState:
         """A state of zeros."""
         layout, actuators = bodies.layout, len(bodies.actuators)
         k, p, j = layout.markers, layout.motors.shape[1], layout.joints.shape[1]
-        shapes = [(k, 2), (k, 2), (2,), (2,), (), (3,), (), (p,), (p,), (j,), (j,), (len(bodies.sensors),),
-                  (actuators,), (actuators,)]  # fmt: skip
+        shapes = [(k, 2), (k, 2), (2,), (2,), (), (3,), (), (), (p,), (p,), (j,), (j,),
+                  (len(bodies.sensors),), (actuators,), (actuators,)]  # fmt: skip
         return RobotState(*(np.zeros((count, *shape)) for shape in shapes))
 
 
@@ -154,6 +156,8 @@ class Robots:
             state.heading[:] = unwrapped(bodies.heading(places), state.heading)
             state.turning[:] = sensors[:, bodies.first + 6 * objects :][:, :3]
             state.heading_rate[:] = state.turning @ layout.normal
+            x, y = bodies.seen_from_start(sensors[:, bodies.first + 6 * objects :][:, 3:6]).T
+            state.roll[:] = np.arcsin(np.clip(np.cos(state.heading) * y - np.sin(state.heading) * x, -1.0, 1.0))
         state.motor_angles[:], state.motor_speeds[:] = qpos[:, layout.motors[0]], qvel[:, layout.motors[1]]
         state.joint_angles[:], state.joint_rates[:] = qpos[:, layout.joints[0]], qvel[:, layout.joints[1]]
         late = self._readings_late[self.batch.members][:, None]

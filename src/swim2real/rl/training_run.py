@@ -8,7 +8,7 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, Field
 
@@ -33,6 +33,9 @@ from swim2real.store import (
 SETTINGS, OUTCOME = "settings.json", "outcome.json"
 EPISODES, EVALUATIONS, PROGRESS = "episodes.jsonl", "evaluations.jsonl", "progress.jsonl"
 LAST, BEST = "policy.npz", "best.npz"
+if TYPE_CHECKING:
+    from swim2real.rl.environment import Environments
+
 _WRITTEN = (SETTINGS, OUTCOME, EPISODES, EVALUATIONS, PROGRESS, LAST, BEST, "checkpoints/step-*")
 
 
@@ -171,18 +174,30 @@ class TrainingRun:
             self.folder, settings.robot, settings.robot_file, self.given_robot, allow_code=self.allow_code
         )
 
-    def check_fits(self, actor: Actor, observations: int, actions: int) -> None:
-        """Checks that a policy takes the observations of the robot as it is now, and commands its actuators.
+    def check_fits(self, actor: Actor, environments: Environments) -> None:
+        """Checks that a policy takes what is observed of a robot as it is now, and commands its actuators.
 
         Raises:
             RunError: It doesn't.
         """
-        made_for = (actor.inputs, len(actor.mean.bias))
-        if made_for != (observations, actions):
+        robot, names = environments.bodies.robot.name, environments.bodies.actuators.names
+        commanded = ", ".join(map(str, actor.about.get("actions", ())))
+        seen = {name: part.stop - part.start for name, part in environments.names.items()}
+        trained = actor.about.get("observation", {})
+        trained = {str(name): int(end) - int(start) for name, (start, end) in trained.items()}
+        faults = [
+            f"its '{name}' has {trained.get(name, 0)} numbers, that of robot '{robot}' {seen.get(name, 0)}"
+            for name in dict.fromkeys((*trained, *seen)) if trained.get(name) != seen.get(name)
+        ]  # fmt: skip
+        if commanded != ", ".join(names):
+            faults.append(f"it commands {commanded or 'nothing'}, robot '{robot}' has {', '.join(names)}")
+        width, inputs = sum(seen.values()), len((actor.hidden or (actor.mean,))[0].weight)
+        if not faults and (inputs, len(actor.mean.bias)) != (width, len(names)):
+            faults.append(f"its network takes {inputs} numbers, of robot '{robot}' there are {width}")
+        if faults:
             raise RunError(
-                f"the policy of '{self.folder}' takes {made_for[0]} numbers and commands {made_for[1]} actuators; "
-                f"robot '{self.settings.robot}' has {observations} and {actions} now: take the robot file of the "
-                f"training, or train anew"
+                f"the policy of '{self.folder}' doesn't fit: {'; '.join(faults)}; take the robot file of the training, "
+                f"or train anew"
             )
 
     @property
