@@ -13,6 +13,7 @@ from swim2real.rl.assessment import Wave, assess, compare_loops, policy_commands
 from swim2real.rl.body import Actuators
 from swim2real.rl.conditions import Disturbances, StateEstimate
 from swim2real.rl.environment import make_environments
+from swim2real.rl.expectation import expect
 from swim2real.rl.rollout import EpisodeStatistics, followed, load_policy, repeated, run_episodes, save_episodes
 from swim2real.rl.training import train
 from swim2real.rl.training_run import TrainingRun
@@ -124,8 +125,8 @@ def test_a_policy_swims_in_another_robot_that_it_fits_and_in_no_other(run, monke
     episode = assess(run, 1, parameters=[rolling.space.published], robot=rolling).episodes[0]
     assert episode.markers.shape == (100, 11, 2)
     assert np.abs(episode.rolls).max() > 0.02 > np.abs(assess(run, 1).episodes[0].rolls).max()
-    with pytest.raises(RunError, match=r"doesn't fit: its 'markers' has 22 numbers, that of robot 'snake' 0; .* "
-                                       r"it commands motor, robot 'snake' has servo1, servo2, servo3, servo4; take"):  # fmt: skip
+    says = r"doesn't fit: its 'markers' has 22 numbers, that of robot 'snake' 0; .* it commands motor, robot 'snake' ha"
+    with pytest.raises(RunError, match=says):
         assess(run, 1, parameters=[snake.space.published], robot=snake, disturbances=Disturbances())
 
 
@@ -138,6 +139,21 @@ def test_commands_are_those_of_the_policy_in_its_simulator(run):
     assert np.abs(commands).max() <= MOTOR.upper[0] + 1e-9
     environments = make_environments("forward", [PUBLISHED], 1, seconds=0.6)
     assert np.array_equal(run_episodes(environments, load_policy(run), [5])[0].commands, commands)
+
+
+def test_what_commands_are_expected_to_do_is_what_they_do_with_every_set(run):
+    _, episode = policy_commands(run, 0.6)
+    longer_arm = {**PUBLISHED, "motor_arm_length": 0.05}
+    expected = expect(run, episode, 0.0, [longer_arm])
+    assert (expected.sets, expected.seconds, expected.frame, expected.roll) == (2, 0.6, ("M0", "M1"), None)
+    np.testing.assert_allclose(expected.x.expected, episode.heads[:, 0], atol=1e-5)
+    np.testing.assert_allclose(expected.y.expected, episode.heads[:, 1], atol=1e-4)
+    environments = make_environments("forward", [longer_arm], 1, seconds=0.6)
+    other = run_episodes(environments, repeated([episode.actions]), [0])[0]
+    ends = sorted((episode.heads[-1, 0], other.heads[-1, 0]))
+    assert (expected.x.low[-1], expected.x.high[-1]) == pytest.approx(ends, abs=1e-5)
+    assert ends[0] < ends[1]
+    assert expected.sentence.startswith(f"{-episode.heads[-1, 0]:.3f} m forward (")
 
 
 def test_what_is_not_there_is_named(run, tmp_path):

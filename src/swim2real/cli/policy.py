@@ -263,9 +263,12 @@ def rollout(
 def export_commands(
     policy: Positional[Path], *, out: Path, seconds: float, robot: str | None = None,
     which: Literal["best", "last"] = "best", phase: float = 0.0, goal: tuple[float, float] | None = None,
-    json: bool = False,
+    ensemble: Path | None = None, json: bool = False,
 ) -> int:  # fmt: skip
     """Write a policy's commands as a table, 50 rows per second: .csv for `deploy`, or .npz for other controllers.
+
+    Beside it, in NAME.expected.json, is what the robot is expected to do under them: path, heading, roll where it has
+    any, and time to the goal. `evaluate` compares that with a film of the real run.
 
     The policy runs from rest in the simulator that it was trained in, within the limits and rates of its robot file's
     [policy]. The table has a column per actuator, named after it and its unit. An .npz has the arrays times, commands,
@@ -279,18 +282,24 @@ def export_commands(
         which: best: in the evaluations during training. last: at its end.
         phase: Angle of the motor at the start [rad].
         goal: Goal of a task with goals [m]: x (ahead is negative) and y; by default 1 m straight ahead.
+        ensemble: File from `swim2real ensemble`, whose sets give the spread of what is expected; by default the further
+            sets that the policy was trained with.
         json: Print what was written as JSON.
     """
     from swim2real.deployment.commands import FISH, RATE, CommandTable, write_table
+    from swim2real.identification.ensemble import read_ensemble
     from swim2real.rl.assessment import policy_commands
+    from swim2real.rl.expectation import expect
     from swim2real.rl.training_run import TrainingRun
-    from swim2real.store import write_arrays
+    from swim2real.store import write_arrays, write_json
 
     if out.suffix not in (".csv", ".npz"):
         raise ArgumentError(f"--out is '{out}'; it must end in .csv, for `deploy`, or in .npz, for other controllers")
     run = TrainingRun.open(policy, robot=robot)
     actuators, episode = policy_commands(run, seconds, which=which, phase=phase, goal=goal)
     commands = episode.commands
+    sets = run.settings.parameters[1:] if ensemble is None else read_ensemble(ensemble, run.robot)
+    expected = expect(run, episode, phase, sets)
     columns = {
         f"{name}_{unit.replace('/', '_')}": commands[:, i].tolist()
         for i, (name, unit) in enumerate(zip(actuators.names, actuators.units, strict=True))
@@ -304,11 +313,21 @@ def export_commands(
         times = [k / RATE for k in range(len(commands))]
         write_arrays(out, {"times": times, "commands": commands, "names": actuators.names, "units": actuators.units})
     about = {"commands": len(table.rows), "seconds": table.duration, "columns": list(columns), "out": str(out)}
+    beside = out.with_suffix(".expected.json")
+    if expected is not None:
+        write_json(beside, expected.model_dump(), indent=None)
+        about |= {"expected": str(beside), "arrivals": expected.arrivals}
     if json:
         say_json(about)
     else:
         trial = f"; `swim2real deploy {word(out)} --dry-run` tries them" if out.suffix == ".csv" else ""
         say(f"{out}: {len(table.rows)} rows of {', '.join(columns)}, {table.duration:.2f} s{trial}")
+        if expected is not None:
+            say(f"{beside}: {expected.sentence}")
+            say(f"`swim2real evaluate {word(beside)} --reference TRACKS` compares a film of the real run with it")
+    if episode.goal is not None and not episode.success:
+        tell(f"the goal isn't reached in {table.duration:.2f} s: {episode.goal_distance:.2f} m are left; take a nearer "
+             f"goal or more --seconds")  # fmt: skip
     return 0
 
 

@@ -263,7 +263,7 @@ def _reader(robot: Robot, values: Values, disturbances: Disturbances, layout: _L
     kinds = [mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMELINVEL]
     readings = [(kind, site) for kind in kinds for site in layout.sites]
     if layout.frame is not None:
-        readings += [(kind, ORIGIN) for kind in (mujoco.mjtSensor.mjSENS_FRAMEANGVEL, mujoco.mjtSensor.mjSENS_FRAMEZAXIS)]
+        readings += [(mujoco.mjtSensor.mjSENS_FRAMEANGVEL, ORIGIN), (mujoco.mjtSensor.mjSENS_FRAMEZAXIS, ORIGIN)]
     for i, (kind, site) in enumerate(readings):
         spec.add_sensor(name=_SENSOR.format(i), type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
     return spec.compile()

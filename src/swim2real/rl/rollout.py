@@ -200,7 +200,8 @@ def run_episodes(
         episodes.append(Episode(
             seed=seed, rate=1 / CONTROL_INTERVAL, actions=actions[:n, i], commands=commands[:n, i],
             rewards=rewards[:n, i], heads=np.array(heads)[: n + 1, i], markers=markers[:n, i],
-            rolls=rolls[:n, i], goal=goal, goal_distance=info.get("goal_distance"), distance=float(info["distance"]), success=bool(succeeded[i]),
+            rolls=rolls[:n, i], goal=goal, goal_distance=info.get("goal_distance"), distance=float(info["distance"]),
+            success=bool(succeeded[i]),
             failure=str(info.get("diverged", "")),
         ))  # fmt: skip
     return episodes
