@@ -213,6 +213,7 @@ def test_settings_out_of_range_are_refused(wrong, sentence):
 
 def test_noise_may_stay_alike_for_a_while_and_is_as_strong(tmp_path):
     def actions(noise_time, out):
+        out.mkdir()
         settings = replace(SHORT, env_steps=4000, exploration=3999, noise_time=noise_time)
         with closing(Trainer(settings, VALUES, FISH, out, ANY_PHASE, 1)) as trainer:
             trainer.begin({}, resume=False)

@@ -288,6 +288,7 @@ def export_commands(
     """
     from swim2real.deployment.commands import FISH, RATE, CommandTable, write_table
     from swim2real.identification.ensemble import read_ensemble
+    from swim2real.objective.expected_run import ENDING
     from swim2real.rl.assessment import policy_commands
     from swim2real.rl.expectation import expect
     from swim2real.rl.training_run import TrainingRun
@@ -313,7 +314,7 @@ def export_commands(
         times = [k / RATE for k in range(len(commands))]
         write_arrays(out, {"times": times, "commands": commands, "names": actuators.names, "units": actuators.units})
     about = {"commands": len(table.rows), "seconds": table.duration, "columns": list(columns), "out": str(out)}
-    beside = out.with_suffix(".expected.json")
+    beside = out.with_suffix(ENDING)
     if expected is not None:
         write_json(beside, expected.model_dump(), indent=None)
         about |= {"expected": str(beside), "arrivals": expected.arrivals}

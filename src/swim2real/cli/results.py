@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,9 +36,7 @@ def evaluate(
             of its controls, or of its first frame.
         json: Print JSON in SI units.
     """
-    from swim2real.objective.expected_run import is_expected_run
-
-    if is_expected_run(parameters):
+    if parameters.name.endswith(".expected.json"):
         return _evaluate_run(parameters, reference, begin, json)
     if begin is not None:
         raise ArgumentError(f"--begin is for an expected run, and '{parameters}' is none; leave it out")
@@ -67,27 +65,22 @@ def evaluate(
 def _evaluate_run(path: Path, reference: Path, begin: float | None, json: bool) -> int:
     """Compares real runs with what was expected of their commands."""
     from swim2real.cli import tables
-    from swim2real.objective.expected_run import Measured, compare_run, read_expected_run
+    from swim2real.objective.expected_run import compare_run, read_expected_run
     from swim2real.trials import load_reference
 
     expected, trials = read_expected_run(path), load_reference(reference)
     runs = [compare_run(expected, trials, trial, begin) for trial in trials]
     if json:
-        say_json({"expected": str(path), "runs": [run.as_dict() for run in runs]})
+        say_json({"expected": str(path), "runs": [asdict(run) for run in runs]})
         return 0
     for run in runs:
-
-        def row(name: str, figure: Measured, factor: float = 1.0, digits: int = 3) -> tuple[str, ...]:
-            cells = (figure.expected, figure.low, figure.high, figure.measured)
-            return name, *("–" if cell is None else f"{factor * cell:.{digits}f}" for cell in cells)
-
-        rows = [row("forward m", run.forward), row("sideways m", run.sideways),
-                row("heading °", run.heading, math.degrees(1), 1)]  # fmt: skip
-        if run.goal_distance is not None:
-            rows.append(row("goal reached s", run.arrival, digits=1))
+        rows = [
+            (name, *("–" if figure is None else f"{figure:.3f}" for figure in figures))
+            for name, figures in run.figures.items()
+        ]
         within = "" if run.within is None else f", {100 * run.within:.0f} % of the time within the spread"
         title = f"{run.trial}, {run.seconds:.1f} s: {run.path_error:.3f} m from the expected path{within}"
-        tables.table(title, ("figure", "expected", "least", "most", "measured"), rows)
+        tables.table(title, ("in m, rad, s", "expected", "least", "most", "measured"), rows)
     for run in runs:
         say(run.sentence)
     return 0

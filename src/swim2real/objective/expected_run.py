@@ -6,9 +6,9 @@ hull that rolls sways in the expectation as its markers do in the film.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import MinLen
@@ -23,7 +23,7 @@ from swim2real.trials import Trial, TrialSet, frames
 Array = NDArray[np.float64]
 Series = Annotated[list[Number], MinLen(2)]
 
-KIND = "expected run"
+ENDING = ".expected.json"  # of the file's name, in place of the table's
 _AT_REST = 0.1  # s after the first command, in which the film shows where the robot starts
 _SHORT = 0.1  # s by which a film may end before the last command
 _NEAR = 0.005  # m; a tracked path that is as near to the spread of the sets counts as within it
@@ -70,7 +70,7 @@ class ExpectedRun(BaseModel):
     """
 
     format: Literal[1] = 1
-    kind: Literal["expected run"] = KIND
+    kind: Literal["expected run"] = "expected run"
     robot: Label
     task: str
     frame: tuple[Label, Label]
@@ -100,14 +100,6 @@ class ExpectedRun(BaseModel):
         spread = f" ({-x.high[-1]:.3f} to {-x.low[-1]:.3f}{of})" if self.sets > 1 else ""
         roll = "" if self.roll is None else f", roll up to {np.degrees(np.abs(self.roll.expected).max()):.0f}°"
         return f"{-x.expected[-1]:.3f} m forward{spread}, heading {heading:.0f}°{roll}{goal}"
-
-
-def is_expected_run(path: Path) -> bool:
-    """Whether a file says that it is an expected run."""
-    if not path.is_file() or path.suffix != ".json":
-        return False
-    with path.open("rb") as file:
-        return f'"kind": "{KIND}"'.encode() in file.read(200)
 
 
 def read_expected_run(path: Path) -> ExpectedRun:
@@ -149,21 +141,7 @@ def arrival(places: Array, rate: float, goal: tuple[float, float] | None, thresh
     return float(reached[0]) / rate if reached.size else None
 
 
-@dataclass(frozen=True)
-class Measured:
-    """A figure of a run.
-
-    Attributes:
-        expected: With the parameters that the policy was trained with; None for an arrival that isn't expected.
-        low: The least of all sets.
-        high: The greatest.
-        measured: What the film shows; None for no arrival.
-    """
-
-    expected: float | None
-    low: float | None
-    high: float | None
-    measured: float | None
+Row = tuple[float | None, float | None, float | None, float | None]
 
 
 @dataclass(frozen=True)
@@ -175,56 +153,25 @@ class RealRun:
         came: Whether it reached its goal, or without one whether it ends within the spread of the sets; None where the
             film ends too early to say, or nothing spreads.
         seconds: Time after the first command that is compared [s].
-        table_seconds: Length of the table [s].
         beats: Swings of the heading that the whole table is expected to make, and that the film shows.
         path_error: Root mean square distance from where it is expected at the same time [m].
         within: Share of the time that it is within the spread of the sets, in x and y, or at most 5 mm beside it; None
             with one set.
-        forward: Distance forward at the end [m].
-        sideways: Place to the side at the end [m].
-        heading: Heading at the end [rad].
         goal_distance: Least distance from the goal, to the film's end [m]; None without a goal.
-        arrival: When the goal was reached [s].
+        figures: At the end of the time `forward` and `sideways` [m] and `heading` [rad], and the `arrival` at the goal
+            [s]: each as expected, the least and the most of all sets, and measured; None for no arrival.
+        sentence: What became of it, in words.
     """
 
     trial: str
     came: bool | None
     seconds: float
-    table_seconds: float
     beats: tuple[int, int]
     path_error: float
     within: float | None
-    forward: Measured
-    sideways: Measured
-    heading: Measured
     goal_distance: float | None
-    arrival: Measured
-
-    def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @property
-    def sentence(self) -> str:
-        """What became of it, in words."""
-        came, late, forward = "it came", self.arrival, self.forward
-        if self.goal_distance is None:
-            spread = "" if forward.low == forward.high else f", {forward.low:.3f} to {forward.high:.3f}"
-            came = f"{forward.measured:.3f} m forward in {self.seconds:.1f} s, expected {forward.expected:.3f}{spread}"
-        elif late.measured is not None:
-            came = f"it came: goal reached after {late.measured:.1f} s"
-        elif self.came is None:
-            came = "whether it came isn't in the film"
-        else:
-            came = f"it did not come: {self.goal_distance:.2f} m from the goal at its nearest"
-        if self.goal_distance is not None:
-            sets = "" if late.low == late.high else f", {late.low:.1f} to {late.high:.1f}"
-            came += f", expected {'not to' if late.expected is None else f'after {late.expected:.1f} s'}{sets}"
-        if self.seconds < self.table_seconds - _SHORT:
-            table = f"the commands at {self.table_seconds:.1f} s"
-            came += f"; the film ends at {self.seconds:.1f} s, {table}: give all of it"
-        if self.beats[1] < self.beats[0] - 1:
-            came += f"; it shows {self.beats[1]} of {self.beats[0]} beats: look at the motor's log"
-        return f"{self.trial}: {came}"
+    figures: dict[str, Row]
+    sentence: str
 
 
 def compare_run(expected: ExpectedRun, trials: TrialSet, trial: Trial, begin: float | None = None) -> RealRun:
@@ -251,8 +198,7 @@ def compare_run(expected: ExpectedRun, trials: TrialSet, trial: Trial, begin: fl
     one, other = (trials.marker_names.index(name) for name in expected.frame)
     places, headings = motion_of(trial.track.positions, (one, other), np.array(expected.origin))
     times, seen = trial.track.times - begin, np.isfinite(headings)
-    first = seen & (times >= -_AT_REST) & (times <= _AT_REST)
-    last = float(times[seen].max(initial=-np.inf))
+    first, last = seen & (np.abs(times) <= _AT_REST), float(times[seen].max(initial=-np.inf))
     if not first.any() or last <= 1 / expected.rate:
         raise TrialError(
             f"trial '{trial.name}': {expected.frame[0]} and {expected.frame[1]} must be seen within {_AT_REST:g} s of "
@@ -263,36 +209,48 @@ def compare_run(expected: ExpectedRun, trials: TrialSet, trial: Trial, begin: fl
     real = frames.components(places[seen] - start, np.array([np.cos(turned), np.sin(turned)]))
     x, y, heading = (np.interp(grid, times[seen], column) for column in (*real.T, headings[seen] - turned))
     path, n = np.column_stack([x, y]), min(len(grid), len(expected.x.expected))
-
-    def at_end(band: Band, measured: Array, sign: float = 1.0) -> Measured:
-        ends = sorted((sign * band.low[n - 1], sign * band.high[n - 1]))
-        return Measured(sign * band.expected[n - 1], *ends, sign * float(measured[n - 1]))
-
-    bands = [(expected.x, x[:n]), (expected.y, y[:n])]
-    off = [real_one - band.expected[:n] for band, real_one in bands]
-    inside = np.all(
-        [(v >= np.subtract(band.low[:n], _NEAR)) & (v <= np.add(band.high[:n], _NEAR)) for band, v in bands], axis=0
-    )
+    inside, off, rows = np.ones(n, np.bool_), np.zeros(n), dict[str, Row]()
+    names = ("forward", expected.x, x), ("sideways", expected.y, y), ("heading", expected.heading, heading)
+    for name, band, series in names:
+        told, low, high = (np.array(each[:n]) for each in (band.expected, band.low, band.high))
+        sign = -1.0 if name == "forward" else 1.0
+        least, most = sorted((sign * float(low[-1]), sign * float(high[-1])))
+        rows[name] = (sign * float(told[-1]), least, most, sign * float(series[n - 1]))
+        if name != "heading":
+            inside &= (series[:n] >= low - _NEAR) & (series[:n] <= high + _NEAR)
+            off += (series[:n] - told) ** 2
     came_at = [time for time in expected.arrivals if time is not None]
     reached = arrival(path, expected.rate, expected.goal, expected.threshold)
-    forward = at_end(expected.x, x, -1.0)
+    rows["arrival"] = (expected.arrivals[0], min(came_at, default=None), max(came_at, default=None), reached)
     cut = last < expected.seconds - _SHORT
-    came: bool | None = reached is not None
-    if expected.goal is None:
-        came = None if cut or expected.sets == 1 else bool(inside[-1])
-    elif reached is None and cut:
-        came = None
+    came = bool(inside[-1]) if expected.goal is None else reached is not None
+    unknown = (expected.sets == 1 or cut) if expected.goal is None else (cut and not came)
+    nearest = None if expected.goal is None else float(np.hypot(*(path - np.array(expected.goal)).T).min())
+    one, other = (len(find_peaks(each, prominence=_SWING)[0]) for each in (expected.heading.expected, heading[:n]))
+    beats = one, other
     return RealRun(
-        trial.name, came, float(grid[n - 1]), expected.seconds,
-        (_beats(np.array(expected.heading.expected)), _beats(heading[:n])),
-        float(np.sqrt(np.mean(np.sum(np.square(off), axis=0)))),
-        None if expected.sets == 1 else float(inside.mean()), forward, at_end(expected.y, y),
-        at_end(expected.heading, heading),
-        None if expected.goal is None else float(np.hypot(*(path - np.array(expected.goal)).T).min()),
-        Measured(expected.arrivals[0], min(came_at, default=None), max(came_at, default=None), reached),
+        trial.name, None if unknown else came, float(grid[n - 1]), beats, float(np.sqrt(off.mean())),
+        None if expected.sets == 1 else float(inside.mean()), nearest, rows,
+        f"{trial.name}: {_sentence(rows, nearest, unknown, expected.seconds, float(grid[n - 1]), beats)}",
     )  # fmt: skip
 
 
-def _beats(headings: Array) -> int:
-    """How often a heading swings to one side and back."""
-    return len(find_peaks(headings, prominence=_SWING)[0])
+def _sentence(
+    rows: dict[str, Row], nearest: float | None, unknown: bool, table: float, seconds: float, beats: tuple[int, int]
+) -> str:
+    told, low, high, measured = rows["forward" if nearest is None else "arrival"]
+    spread = "" if low == high else f", {low:.2f} to {high:.2f}"
+    if nearest is None:
+        said = f"{measured:.3f} m forward in {seconds:.1f} s, expected {told:.3f}{spread}"
+    else:
+        said = f"it did not come: {nearest:.2f} m from the goal at its nearest"
+        if measured is not None:
+            said = f"it came: goal reached after {measured:.1f} s"
+        elif unknown:
+            said = "whether it came isn't in the film"
+        said += f", expected {'not to' if told is None else f'after {told:.1f} s'}{spread}"
+    if seconds < table - _SHORT:
+        said += f"; the film ends at {seconds:.1f} s, the commands at {table:.1f} s: give all of it"
+    if beats[1] < beats[0] - 1:
+        said += f"; it shows {beats[1]} of {beats[0]} beats: look at the motor's log"
+    return said

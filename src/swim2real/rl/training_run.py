@@ -180,24 +180,16 @@ class TrainingRun:
         Raises:
             RunError: It doesn't.
         """
-        robot, names = environments.bodies.robot.name, environments.bodies.actuators.names
-        commanded = ", ".join(map(str, actor.about.get("actions", ())))
-        seen = {name: part.stop - part.start for name, part in environments.names.items()}
-        trained = actor.about.get("observation", {})
-        trained = {str(name): int(end) - int(start) for name, (start, end) in trained.items()}
-        faults = [
-            f"its '{name}' has {trained.get(name, 0)} numbers, that of robot '{robot}' {seen.get(name, 0)}"
-            for name in dict.fromkeys((*trained, *seen)) if trained.get(name) != seen.get(name)
-        ]  # fmt: skip
-        if commanded != ", ".join(names):
-            faults.append(f"it commands {commanded or 'nothing'}, robot '{robot}' has {', '.join(names)}")
-        width, inputs = sum(seen.values()), len((actor.hidden or (actor.mean,))[0].weight)
-        if not faults and (inputs, len(actor.mean.bias)) != (width, len(names)):
-            faults.append(f"its network takes {inputs} numbers, of robot '{robot}' there are {width}")
-        if faults:
+        robot, names = environments.bodies.robot.name, list(environments.bodies.actuators.names)
+        here = {part: [where.start, where.stop] for part, where in environments.names.items()}
+        trained, commanded = actor.about.get("observation", {}), actor.about.get("actions")
+        differing = [part for part in {**trained, **here} if trained.get(part) != here.get(part)]
+        if differing or commanded != names:
+            what = f"{', '.join(differing)} of what it observes differ" if differing else "its actuators differ"
             raise RunError(
-                f"the policy of '{self.folder}' doesn't fit: {'; '.join(faults)}; take the robot file of the training, "
-                f"or train anew"
+                f"the policy of '{self.folder}' doesn't fit robot '{robot}': {what}; it observes {', '.join(trained)} and "
+                f"commands {', '.join(commanded or ())}, the robot has {', '.join(here)} and {', '.join(names)}: take "
+                f"another robot, or train anew"
             )
 
     @property
