@@ -125,7 +125,7 @@ def test_a_policy_swims_in_another_robot_that_it_fits_and_in_no_other(run, monke
     episode = assess(run, 1, parameters=[rolling.space.published], robot=rolling).episodes[0]
     assert episode.markers.shape == (100, 11, 2)
     assert np.abs(episode.rolls).max() > 0.02 > np.abs(assess(run, 1).episodes[0].rolls).max()
-    says = r"doesn't fit robot 'snake': markers, .* differ; it observes markers, .* and commands motor, the robot has posit"
+    says = r"doesn't fit robot 'snake': markers, .* differ; it observes markers, .* commands motor, the robot has posi"
     with pytest.raises(RunError, match=says):
         assess(run, 1, parameters=[snake.space.published], robot=snake, disturbances=Disturbances())
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from swim2real.errors import RunError
 from swim2real.store import from_json, read_arrays, write_arrays
@@ -41,6 +42,18 @@ class Linear:
         return x @ self.weight + self.bias
 
 
+class AboutPolicy(BaseModel):
+    """What a policy is for.
+
+    Attributes:
+        observation: Where in an observation each part of it is: first place, and the one after the last.
+        actions: Names of the actuators.
+    """
+
+    observation: dict[str, list[int]] = {}
+    actions: list[str] = []
+
+
 @dataclass(frozen=True)
 class Actor:
     """The actor of soft actor-critic: hidden layers with ReLU, mean and logarithmic deviation of a Gaussian, tanh.
@@ -49,13 +62,13 @@ class Actor:
         hidden: Hidden layers.
         mean: Layer of the mean.
         log_std: Layer of the logarithm of the standard deviation.
-        about: What its file says of it: `robot`, `task`, the parts of the `observation`, the names of the `actions`.
+        about: What its file says of it.
     """
 
     hidden: tuple[Linear, ...]
     mean: Linear
     log_std: Linear
-    about: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    about: AboutPolicy = field(default_factory=lambda: AboutPolicy())
 
     @staticmethod
     def of(learner: SAC) -> Actor:
@@ -132,7 +145,7 @@ class Actor:
 
         count = sum(name.startswith("hidden") and name.endswith(".weight") for name in arrays)
         hidden, about = tuple(layer(f"hidden{i}") for i in range(count)), from_json(str(arrays.get(_ABOUT, "{}")))
-        actor = Actor(hidden, layer("mean"), layer("log_std"), about if isinstance(about, dict) else {})
+        actor = Actor(hidden, layer("mean"), layer("log_std"), AboutPolicy.model_validate(about))
         shapes = [layer.weight.shape for layer in (*actor.hidden, actor.mean)]
         if any(one[1] != next_one[0] for one, next_one in pairwise(shapes)) or actor.log_std.weight.shape != shapes[-1]:
             raise ValueError(f"its layers' shapes {shapes} and {actor.log_std.weight.shape} don't fit one another")

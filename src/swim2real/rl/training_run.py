@@ -182,13 +182,14 @@ class TrainingRun:
         """
         robot, names = environments.bodies.robot.name, list(environments.bodies.actuators.names)
         here = {part: [where.start, where.stop] for part, where in environments.names.items()}
-        trained, commanded = actor.about.get("observation", {}), actor.about.get("actions")
-        differing = [part for part in {**trained, **here} if trained.get(part) != here.get(part)]
-        if differing or commanded != names:
-            what = f"{', '.join(differing)} of what it observes differ" if differing else "its actuators differ"
+        trained, commanded = actor.about.observation, actor.about.actions
+        differing = [part for part in {**trained, **here} if trained and trained.get(part) != here.get(part)]
+        size = len((actor.hidden or (actor.mean,))[0].weight), len(actor.mean.bias)
+        if differing or (commanded or names) != names or size != (environments.observations.shape[1], len(names)):
+            what = f"{', '.join(differing)} of what it observes differ" if differing else f"its network has {size}"
             raise RunError(
-                f"the policy of '{self.folder}' doesn't fit robot '{robot}': {what}; it observes {', '.join(trained)} and "
-                f"commands {', '.join(commanded or ())}, the robot has {', '.join(here)} and {', '.join(names)}: take "
+                f"the policy of '{self.folder}' doesn't fit robot '{robot}': {what}; it observes {', '.join(trained)} "
+                f"and commands {', '.join(commanded)}, the robot has {', '.join(here)} and {', '.join(names)}: take "
                 f"another robot, or train anew"
             )
 
