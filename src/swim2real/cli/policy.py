@@ -44,7 +44,8 @@ def train(
         settings: What decides the result; the defaults are the paper's.
         parameters: Run folder or parameters file; 'published' for the prior work's values, or the model's of --robot.
         out: Folder to write; with --seeds it contains one folder per seed.
-        ensemble: File from `swim2real ensemble`: one of its sets is drawn per episode, instead of --parameters.
+        ensemble: File from `swim2real ensemble`: one of its sets is drawn per episode; of --parameters only the robot
+            counts then.
         robot: Robot or robot file, for --parameters published, or if the file has moved.
         seeds: Several seeds instead of --seed: numbers, and ranges without their end: 0:3 is 0 1 2.
         workers: Seeds trained in parallel; 0 for all cores.
