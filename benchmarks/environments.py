@@ -2,7 +2,7 @@
 
 The plain one has the same model, actions, observations and rewards, and is checked to give the same numbers. All are
 measured in turns in one process, so that other work disturbs their ratios least. Run with the package installed:
-`OPENBLAS_NUM_THREADS=1 python benchmarks/environments.py`, `--quick` for a look.
+`OPENBLAS_NUM_THREADS=1 python benchmarks/environments.py`, `--quick` for a look, `--updates` for what an update costs.
 """
 
 from __future__ import annotations
@@ -20,10 +20,12 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
+import torch
 from gymnasium import spaces
 
 from swim2real.rl import UNDISTURBED, make_env, make_environments
 from swim2real.rl.body import Bodies
+from swim2real.rl.learner import Learner, RobotVecEnv
 from swim2real.rl.training import Trainer
 from swim2real.robots.fish import FISH
 from swim2real.settings import TRAIN_FREQ, TrainingSettings
@@ -144,10 +146,46 @@ def training(threads: int, steps: int) -> Callable[[], None]:
     return run
 
 
+def updates(turns: int) -> None:
+    """An update as it is made, and as Stable-Baselines3 makes it on its own: in turns, with the ratio of the two."""
+    learners: dict[str, Learner] = {}
+    for name in ("as Stable-Baselines3 has it", "fused optimizer", "no gradients of critics for the actor", "both"):
+        learner = Learner(
+            TrainingSettings("forward", 20_000), RobotVecEnv(make_environments("forward", None, COUNT)), 0.99
+        )
+        sac, buffer, rng = learner._sac, learner._buffer, np.random.default_rng(0)
+        for array in (buffer.observations, buffer.next_observations, buffer.actions, buffer.rewards):
+            array[:] = 0.3 * rng.standard_normal(array.shape)
+        buffer.full = True
+        if name not in ("both", "no gradients of critics for the actor"):
+            sac.critic._forward_pre_hooks.clear()
+        if name not in ("both", "fused optimizer"):
+            for optimizer in learner._optimizers().values():
+                for group in optimizer.param_groups:
+                    group["foreach"], group["fused"] = True, False
+        learners[name] = learner
+    torch.set_num_threads(1)
+    seconds: dict[str, list[float]] = {name: [] for name in learners}
+    for _ in range(turns):
+        for name, learner in learners.items():
+            begun = time.perf_counter()
+            learner._sac.train(10, TrainingSettings.batch)
+            seconds[name].append((time.perf_counter() - begun) / 10)
+    first = next(iter(seconds.values()))
+    for name, each in seconds.items():
+        ratio = statistics.median(a / b for a, b in zip(each, first, strict=True))
+        print(f"update, {name}: {1e3 * statistics.median(each):.1f} ms, {ratio:.3f} of the first")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true")
-    quick = parser.parse_args().quick
+    parser.add_argument("--updates", action="store_true", help="what an update is made of, instead")
+    arguments = parser.parse_args()
+    quick = arguments.quick
+    if arguments.updates:
+        updates(3 if quick else 25)
+        return
     turns, steps = (3, 400) if quick else (15, 2000)
     gap = agreement(20 if quick else 100)
     runs: dict[str, Callable[[], None]] = {

@@ -1,15 +1,19 @@
-"""Does calibration matter to a policy? Trains in several simulators, and swims in all of them and in one that none is.
+"""Do calibration and roll matter to a policy? Trains in several simulators, swims in all of them and in held-out ones.
 
-    python experiments/calibration_matters.py forward --out matters --held-out runs/extended-1 \
-        line-search=runs/fish-0 bayesopt=runs/bayesopt-0 published=published random=runs/random-0
+    python experiments/calibration_matters.py forward target --out matters \\
+        --held-out fit=simulators/held-out.json rolling=simulators/rolling.json \\
+        --simulators extended=simulators/extended.json published=published line-search=simulators/line-search.json
+
+These are eighteen runs, one after another: the paper's 5 million steps, three seeds. Ctrl-C leaves a checkpoint; the
+same command goes on, with what is done already kept, and `--tables` prints the tables of what is done.
 
 A simulator may also be a file of `swim2real ensemble`, of which a set is drawn for every episode, and +tracked behind a
 path trains on what a tracker with noise and delay sees.
-The held-out simulator stands for the real robot: parameters that fit the real tracks, and what no calibration knows of:
-friction of the left tendon, a current, and a tracker's noise and delay. A policy swims there in open loop (its commands
-are recorded in the simulator that it was trained in and replayed, as the paper transfers them), in closed loop on the
-true state, and on the tracked one. Figures are means over starts, then mean and standard deviation over the seeds of
-the training; the test of a difference is Welch's, over seeds. What is done already is kept: an interrupted run goes on.
+A held-out simulator stands for the real robot: parameters that fit the real tracks, of whatever robot has the same
+observations, and what no calibration knows of: friction of the left tendon, a current, a tracker's noise and delay. A
+policy swims there in open loop (its commands are recorded in the simulator that it was trained in and replayed, as the
+paper transfers them), in closed loop on the true state, and on the tracked one. Figures are means over starts, then
+mean and standard deviation over the seeds of the training; the test of a difference is Welch's, over seeds.
 """
 
 import argparse
@@ -24,6 +28,7 @@ from scipy.stats import ttest_ind
 
 from swim2real.cli.subject import robot_for, values_for
 from swim2real.identification.ensemble import read_ensemble
+from swim2real.interruption import Interruption
 from swim2real.rl.assessment import TEST_SEED, constant_waves, scan_waves, sine_waves
 from swim2real.rl.conditions import Disturbances, StateEstimate
 from swim2real.rl.environment import make_environments
@@ -32,6 +37,7 @@ from swim2real.rl.training import train
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots import load_robot
 from swim2real.settings import TrainingSettings
+from swim2real.store import read_json, write_json
 
 ANY_PHASE = (-math.pi, math.pi)
 SCAN_PHASES = tuple(np.linspace(*ANY_PHASE, 4, endpoint=False))
@@ -39,71 +45,111 @@ SCAN_PHASES = tuple(np.linspace(*ANY_PHASE, 4, endpoint=False))
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("task", choices=("forward", "target", "paper-target"))
-    parser.add_argument("simulators", nargs="+", help="NAME=RUN_OR_PARAMETERS_OR_ENSEMBLE[+tracked]")
-    parser.add_argument("--held-out", type=Path, required=True)
+    parser.add_argument("tasks", nargs="+", choices=("forward", "target", "paper-target"))
+    parser.add_argument("--simulators", nargs="+", required=True, help="NAME=RUN_OR_PARAMETERS_OR_ENSEMBLE[+tracked]")
+    parser.add_argument("--held-out", nargs="+", required=True, help="NAME=RUN_OR_PARAMETERS")
     parser.add_argument("--tendon-friction", type=float, default=0.5)
     parser.add_argument("--current", type=float, nargs=2, default=(0.0, 0.02), help="m/s, backward and to the side")
     parser.add_argument("--env-steps", type=int, default=5_000_000)
-    parser.add_argument("--updates", type=int, default=1, help="after every 200 steps")
+    parser.add_argument("--updates", type=int, help="after every 200 steps; by default about 25,000 in all")
+    parser.add_argument("--near-goals", type=float, default=0.0, help="for target")
     parser.add_argument("--environments", type=int, default=TrainingSettings.environments)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--episodes", type=int, default=50)
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--tables", action="store_true", help="print the tables of what is done, and end")
     parser.add_argument("--out", type=Path, required=True)
     a = parser.parse_args()
-    simulators = {}
-    for word in a.simulators:
-        name, _, path = word.partition("=")
-        simulators[name] = simulator_of(path)
-    start = Disturbances(ANY_PHASE)
-    rough = Disturbances(ANY_PHASE, tuple(a.current), a.tendon_friction)
-    tracked = Disturbances(ANY_PHASE, tuple(a.current), a.tendon_friction, StateEstimate())
-    held_out = simulator_of(str(a.held_out))
+    simulators, held_out = (
+        {name: simulator_of(path) for name, _, path in (word.partition("=") for word in words)}
+        for words in (a.simulators, a.held_out)
+    )
+    jobs = [(task, seed, name) for task in a.tasks for seed in range(a.seeds) for name in simulators]
+    with Interruption() as interruption:
+        for task, seed, name in [] if a.tables else jobs:
+            folder = a.out / task / name / f"seed-{seed}"
+            if not trained(a, task, seed, simulators[name], folder, interruption):
+                break
+            swims = assessed(a, task, name, folder, simulators, held_out)
+            print(f"{task}, {name}, seed {seed}: {json.dumps({k: round(v['distance'], 3) for k, v in swims.items()})}")
+    for task in a.tasks:
+        policies = {
+            name: [read_json(path) for path in sorted((a.out / task / name).glob("seed-*/swims.json"))]
+            for name in simulators
+        }
+        print_tables({name: seeds for name, seeds in policies.items() if seeds}, task)
+    if "forward" in a.tasks and not interruption:
+        print_waves(a, held_out)
 
-    def swim(simulator, policy, disturbances):
-        environments = make_environments(
-            a.task, simulator[1], a.episodes, robot=simulator[0], disturbances=disturbances, threads=a.threads
+
+def trained(a, task, seed, simulator, folder, interruption):
+    """Trains a policy, or goes on with it; whether it is done."""
+    robot, sets, source, tracked = simulator
+    begun = (folder / "settings.json").is_file()
+    outcome = TrainingRun.open(folder).outcome if begun else None
+    if outcome is None or not outcome.complete:
+        settings = TrainingSettings(
+            task, a.env_steps, seed, updates=a.updates, environments=a.environments,
+            near_goals=0.0 if task == "forward" else a.near_goals,
+        )  # fmt: skip
+        outcome = train(
+            settings, sets, robot, folder, about={"reference": source}, threads=a.threads, resume=begun,
+            disturbances=Disturbances(ANY_PHASE, estimate=StateEstimate() if tracked else None),
+            on_progress=lambda now: show(folder, now), stop=lambda: bool(interruption),
+        )  # fmt: skip
+    return outcome.complete
+
+
+def show(folder, now):
+    if now.evaluation:
+        left = now.seconds_left / 60
+        print(
+            f"{folder}: {now.step:,} of {now.total:,} steps, {now.rate:.0f} a second, {left:.0f} min left", flush=True
         )
+
+
+def assessed(a, task, name, folder, simulators, held_out):
+    """Figures of a policy's swims, by where: as kept in its folder, or made and kept."""
+    conditions = {"held_out": a.held_out, "simulators": a.simulators, "episodes": a.episodes,
+                  "current": list(a.current), "tendon_friction": a.tendon_friction}  # fmt: skip
+    kept = folder / "swims.json"
+    if kept.is_file() and (content := read_json(kept))["conditions"] == conditions:
+        return content["swims"]
+    run = TrainingRun.open(folder)
+    policy = load_policy(run)
+
+    def swim(simulator, policy, current=(0.0, 0.0), friction=0.0, estimate=None):
+        environments = make_environments(
+            task, simulator[1], a.episodes, robot=simulator[0], threads=a.threads,
+            disturbances=Disturbances(ANY_PHASE, tuple(current), friction, estimate),
+        )  # fmt: skip
+        run.check_fits(load_policy(run), environments)
         episodes = run_episodes(environments, policy, range(TEST_SEED, TEST_SEED + a.episodes))
         environments.close()
         return episodes
 
-    results = {"settings": {**vars(a), "out": str(a.out), "held_out": str(a.held_out)}, "policies": {}, "waves": {}}
-    if a.task == "forward":
-        for name, waves in {"constant": constant_waves(), "sine": sine_waves(1)}.items():
-            scan = scan_waves(
-                waves, a.task, held_out[1][0], held_out[0], SCAN_PHASES, 2.0, disturbances=rough, threads=a.threads
-            )
-            results["waves"][name] = scan.as_dict()
-            print(f"best {name} wave in the held-out simulator: {1e3 * scan.best_distance:.0f} mm, {scan.farthest}")
-    for seed in range(a.seeds):
-        for name, simulator in simulators.items():
-            folder = a.out / a.task / name / f"seed-{seed}"
-            begun = (folder / "settings.json").is_file()
-            outcome = TrainingRun.open(folder).outcome if begun else None
-            if outcome is None or not outcome.complete:
-                settings = TrainingSettings(a.task, a.env_steps, seed, updates=a.updates, environments=a.environments)
-                outcome = train(
-                    settings, simulator[1], simulator[0], folder,
-                    disturbances=Disturbances(ANY_PHASE, estimate=StateEstimate() if simulator[3] else None),
-                    about={"reference": simulator[2]}, threads=a.threads, resume=begun,
-                )  # fmt: skip
-            policy = load_policy(TrainingRun.open(folder))
-            own = swim(simulator, policy, start)
-            swims = {
-                "own": own,
-                **{f"in {other}": swim(one, policy, start) for other, one in simulators.items() if other != name},
-                "held out, open": swim(held_out, repeated([episode.actions for episode in own]), rough),
-                "held out, closed": swim(held_out, policy, rough),
-                "held out, tracked": swim(held_out, policy, tracked),
-            }
-            results["policies"].setdefault(name, []).append(
-                {where: asdict(EpisodeStatistics.of(episodes)) for where, episodes in swims.items()}
-            )
-            print(f"{name}, seed {seed}: {outcome.seconds.total:.0f} s", flush=True)
-            (a.out / f"{a.task}.json").write_text(json.dumps(results, indent=2, default=str))
-    print_tables(results["policies"], a.task)
+    rough = {"current": a.current, "friction": a.tendon_friction}
+    own = swim(simulators[name], policy)
+    swims = {"own": own}
+    for other, one in simulators.items():
+        if other != name:
+            swims[f"in {other}"] = swim(one, policy)
+    for other, one in held_out.items():
+        swims[f"{other}, open"] = swim(one, repeated([episode.actions for episode in own]), **rough)
+        swims[f"{other}, closed"] = swim(one, policy, **rough)
+        swims[f"{other}, tracked"] = swim(one, policy, **rough, estimate=StateEstimate())
+    figures = {where: asdict(EpisodeStatistics.of(episodes)) for where, episodes in swims.items()}
+    write_json(kept, {"conditions": conditions, "swims": figures})
+    return figures
+
+
+def print_waves(a, held_out):
+    """The best commands that don't look at the robot, in the held-out simulators."""
+    rough = Disturbances(ANY_PHASE, tuple(a.current), a.tendon_friction)
+    for name, (robot, sets, *_) in held_out.items():
+        for kind, waves in {"constant": constant_waves(), "sine": sine_waves(1)}.items():
+            scan = scan_waves(waves, "forward", sets[0], robot, SCAN_PHASES, 2.0, disturbances=rough, threads=a.threads)
+            print(f"best {kind} wave in {name}: {1e3 * scan.best_distance:.0f} mm, {scan.farthest}")
 
 
 def simulator_of(word):
@@ -122,29 +168,28 @@ def print_tables(policies, task):
     figures = [("distance", 1e3, "mm"), ("episode_return", 1.0, "return")]
     if task != "forward":
         figures = [("success", 100.0, "% reached"), ("median_time_to_target", 1.0, "s to the goal, median")]
-    first = next(iter(policies))
-    for key, factor, unit in figures:
-        columns = [
-            "own",
-            *(f"in {name}" for name in policies),
-            "held out, open",
-            "held out, closed",
-            "held out, tracked",
-        ]
-        print(f"\n| trained in, {unit} | {' | '.join(columns)} |\n|{'---|' * (len(columns) + 1)}")
-        for name, seeds in policies.items():
+    columns = list(dict.fromkeys(where for seeds in policies.values() for seed in seeds for where in seed["swims"]))
+
+    def values(name, where, key):
+        each = [seed["swims"].get(where, {}).get(key) for seed in policies[name]]
+        return np.array([value for value in each if value is not None])
+
+    for key, factor, unit in figures if policies else []:
+        print(f"\n| {task}, trained in, {unit} | {' | '.join(columns)} |\n|{'---|' * (len(columns) + 1)}")
+        for name in policies:
             cells = []
             for where in columns:
-                values = np.array([seed[where][key] for seed in seeds if seed.get(where, {}).get(key) is not None])
-                spread = f" ± {factor * values.std(ddof=1):.1f}" if len(values) > 1 else ""
-                cells.append(f"{factor * values.mean():.1f}{spread}" if len(values) else "–")
-            print(f"| {name} | " + " | ".join(cells) + " |")
+                found = factor * values(name, where, key)
+                spread = f" ± {found.std(ddof=1):.1f}" if len(found) > 1 else ""
+                cells.append(f"{found.mean():.1f}{spread}" if len(found) else "–")
+            print(f"| {name}, {len(policies[name])} seeds | " + " | ".join(cells) + " |")
+        first = next(iter(policies))
         for name in list(policies)[1:]:
-            for where in ("own", "held out, open", "held out, closed"):
-                ours, theirs = ([seed[where][key] for seed in policies[one]] for one in (first, name))
-                if min(len(ours), len(theirs)) > 1 and None not in [*ours, *theirs]:
+            for where in columns:
+                ours, theirs = values(first, where, key), values(name, where, key)
+                if min(len(ours), len(theirs)) > 1:
                     p = ttest_ind(ours, theirs, equal_var=False).pvalue
-                    difference = factor * (np.mean(ours) - np.mean(theirs))
+                    difference = factor * (ours.mean() - theirs.mean())
                     print(f"{first} against {name}, {where}: {difference:+.1f} {unit}, p = {p:.3f}")
 
 

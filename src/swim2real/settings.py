@@ -351,6 +351,8 @@ class TrainingSettings:
             0.995 for target.
         target_rate: Share by which the target critics follow per gradient step.
         layers: Widths of the hidden layers of actor and critics.
+        near_goals: For target and paper-target: share of the episodes that have a goal of an earlier stage.
+        noise_time: Time over which the noise of exploration stays alike [s]; with 0 every step draws anew.
     """
 
     task: str
@@ -365,8 +367,14 @@ class TrainingSettings:
     discount: float | None = None
     target_rate: float = 0.1
     layers: tuple[int, ...] = (256, 256)
+    near_goals: float = 0.0
+    noise_time: float = 0.0
 
     def __post_init__(self) -> None:
+        if not 0 <= self.near_goals < 1:
+            raise ArgumentError(f"near_goals is {self.near_goals:g}; it is a share, from 0 below 1")
+        if not 0 <= self.noise_time < math.inf:
+            raise ArgumentError(f"noise_time is {self.noise_time:g} s; it must be finite and 0 or above")
         if self.env_steps < TRAIN_FREQ:
             raise ArgumentError(f"env_steps is {self.env_steps}; learning needs {TRAIN_FREQ} at least")
         if not 0 <= self.seed < 2**31:

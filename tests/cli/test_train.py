@@ -16,9 +16,11 @@ pytest.importorskip("stable_baselines3")
 from program import process, until
 
 from swim2real.cli import main
+from swim2real.objective.expected_run import read_expected_run
 from swim2real.rl.assessment import Wave
 from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
+from swim2real.trials import MarkerTrack, Trial, TrialSet, save_reference
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHORT = (
@@ -85,6 +87,19 @@ def test_export_commands_writes_a_table_that_deploy_takes(run, program, tmp_path
     assert lines[0] == "time_s,velocity_rad_s"
     assert len(lines) - 1 == about["commands"] >= 50
     program("deploy", table, "--dry-run", "--log", tmp_path / "log.csv").done()
+    beside = tmp_path / "commands.expected.json"
+    assert about["expected"] == str(beside)
+    expected = read_expected_run(beside)
+    film = np.stack([expected.x.expected, expected.y.expected], axis=1)[:, None] + [[-0.1, 0.0], [0.04, 0.0]]
+    track = MarkerTrack(np.arange(len(film)) / 50, film)
+    save_reference(TrialSet((Trial("run-1", track),), ("M0", "M1")), tmp_path / "real")
+    compared = program("evaluate", beside, "--reference", tmp_path / "real", "--json").done().json["runs"][0]
+    told, *_, measured = compared["figures"]["forward"]
+    assert measured == pytest.approx(told, abs=2e-3)
+    assert "run-1: " in program("evaluate", beside, "--reference", tmp_path / "real").done().out
+    assert "--begin is for an expected run, and 'published' is none" in program(
+        "evaluate", "published", "--reference", tmp_path / "real", "--begin", 1
+    ).sentence(2)
     program("export-commands", out, "--seconds", 1, "--out", tmp_path / "commands.npz").done()
     with np.load(tmp_path / "commands.npz") as arrays:
         assert list(arrays["names"]) == ["motor"]

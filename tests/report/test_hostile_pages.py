@@ -186,8 +186,9 @@ def rollout_page(folder: Path) -> Path:
     (place / "rollout.mp4").write_bytes(b"</video><script>" + OWN.encode())
     steps = np.zeros((5, 2))
     episode = Episode(
-        1, 50.0, steps, steps, np.ones(5), np.zeros((6, 2)), np.zeros((5, 3, 2)), None, None, 0.1, True, ATTACK
-    )
+        1, 50.0, steps, steps, np.ones(5), np.zeros((6, 2)), np.zeros((5, 3, 2)), np.zeros(5), None, None, 0.1, True,
+        ATTACK,
+    )  # fmt: skip
     statistics = EpisodeStatistics.of([episode])
     assessment = Assessment(ATTACK, "best", [episode], statistics, {}, {"open": LoopResult(statistics, 0, 0, [])})
     return write_training_page(Run.open(place), place, assessment)

@@ -1,6 +1,7 @@
 """Rollouts, what they are measured by, open and closed loop, and the files and films made of them."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,16 +9,20 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 from swim2real.errors import ArgumentError, RunError
+from swim2real.objective.expected_run import motion_of
 from swim2real.rl.assessment import Wave, assess, compare_loops, policy_commands, scan_waves
 from swim2real.rl.body import Actuators
 from swim2real.rl.conditions import Disturbances, StateEstimate
 from swim2real.rl.environment import make_environments
+from swim2real.rl.expectation import expect
 from swim2real.rl.rollout import EpisodeStatistics, followed, load_policy, repeated, run_episodes, save_episodes
 from swim2real.rl.training import train
 from swim2real.rl.training_run import TrainingRun
+from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 PUBLISHED = FISH.space.published
 CHANGE = 2.0  # rad/s, by an action of 1
 MOTOR = Actuators.of(FISH.policy.actuators)
@@ -115,14 +120,43 @@ def test_a_policy_is_assessed_the_same_way_every_time(run, tmp_path, monkeypatch
         assert np.isnan(kept["goals"]).all()
 
 
+def test_a_policy_swims_in_another_robot_that_it_fits_and_in_no_other(run, monkeypatch):
+    monkeypatch.setattr("swim2real.rl.assessment._scans", lambda *given: {})
+    rolling, snake = load_robot("fish-rolling"), load_robot(EXAMPLES / "snake/snake.toml")
+    episode = assess(run, 1, parameters=[rolling.space.published], robot=rolling).episodes[0]
+    assert episode.markers.shape == (100, 11, 2)
+    assert np.abs(episode.rolls).max() > 0.02 > np.abs(assess(run, 1).episodes[0].rolls).max()
+    says = r"doesn't fit robot 'snake': markers, .* differ; it observes markers, .* commands motor, the robot has posi"
+    with pytest.raises(RunError, match=says):
+        assess(run, 1, parameters=[snake.space.published], robot=snake, disturbances=Disturbances())
+
+
 def test_commands_are_those_of_the_policy_in_its_simulator(run):
-    actuators, commands = policy_commands(run, 0.6)
+    actuators, episode = policy_commands(run, 0.6)
+    commands = episode.commands
     assert (actuators.names, actuators.units) == (("motor",), ("rad/s",))
     assert commands.shape == (30, 1)
     assert np.abs(np.diff(commands[:, 0], prepend=0.0)).max() <= CHANGE + 1e-9
     assert np.abs(commands).max() <= MOTOR.upper[0] + 1e-9
     environments = make_environments("forward", [PUBLISHED], 1, seconds=0.6)
     assert np.array_equal(run_episodes(environments, load_policy(run), [5])[0].commands, commands)
+
+
+def test_what_commands_are_expected_to_do_is_what_they_do_with_every_set(run):
+    _, episode = policy_commands(run, 0.6)
+    longer_arm = {**PUBLISHED, "motor_arm_length": 0.05}
+    expected = expect(run, episode, 0.0, [longer_arm])
+    assert (expected.sets, expected.seconds, expected.frame, expected.roll) == (2, 0.6, ("M0", "M1"), None)
+    told = np.column_stack([expected.x.expected, expected.y.expected])
+    np.testing.assert_allclose(told, episode.heads, atol=1e-3)  # by the markers, which roll and pitch move a little
+    environments = make_environments("forward", [longer_arm], 1, seconds=0.6)
+    other = run_episodes(environments, repeated([episode.actions]), [0])[0]
+    each = [motion_of(swim.markers, (0, 1), np.array(expected.origin))[0][:, 0] for swim in (episode, other)]
+    np.testing.assert_allclose(expected.x.expected[1:], each[0], atol=1e-6)
+    np.testing.assert_allclose(expected.x.low[1:], np.min(each, axis=0), atol=1e-6)
+    np.testing.assert_allclose(expected.x.high[1:], np.max(each, axis=0), atol=1e-6)
+    assert np.abs(each[0] - each[1]).max() > 1e-4
+    assert expected.sentence.startswith(f"{-each[0][-1]:.3f} m forward (")
 
 
 def test_what_is_not_there_is_named(run, tmp_path):
@@ -140,6 +174,8 @@ def test_what_is_not_there_is_named(run, tmp_path):
         _ = TrainingRun.open(tmp_path).robot
     with pytest.raises(RunError, match=r"has no best\.npz yet; wait for its first evaluation"):
         load_policy(TrainingRun.open(tmp_path))
+    with pytest.raises(ArgumentError, match=r"the goal is -300, 0 m; it must be within 100 m of the start"):
+        policy_commands(run, 1.0, goal=(-300.0, 0.0))
     with pytest.raises(ArgumentError, match="a goal is for policies of a task with goals"):
         policy_commands(run, 1.0, goal=(-1.0, 0.0))
     with pytest.raises(ArgumentError, match=r"an episode of 0 s is asked for; it must have at least 0\.02 s"):

@@ -7,12 +7,13 @@ import swim2real.rl as rl
 from swim2real.rl.body import Bodies
 from swim2real.rl.state import Robots
 from swim2real.rl.state_estimation import StateEstimator
+from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
 
 PUBLISHED = FISH.space.published
 COLUMNS = (
     "heading", "position", "joint_angles", "velocity", "heading_rate", "joint_rates", "markers", "marker_velocities",
-    "motor_angles", "motor_speeds",
+    "turning", "motor_angles", "motor_speeds",
 )  # fmt: skip
 
 
@@ -65,9 +66,9 @@ def test_friction_of_the_left_tendon_turns_the_robot_to_its_left():
     assert turns[1] + 0.01 < turns[2]
 
 
-def started(estimate):
+def started(estimate, robot=FISH):
     """A robot and the estimator of its state, at the start."""
-    robots, rng, which = Robots(Bodies(FISH, PUBLISHED), 1), np.random.default_rng(0), np.zeros(1, int)
+    robots, rng, which = Robots(Bodies(robot, robot.space.published), 1), np.random.default_rng(0), np.zeros(1, int)
     estimator = StateEstimator(robots.bodies, estimate, 1)
     robots.start(0, 0, 0.0)
     robots.read(which)
@@ -75,9 +76,9 @@ def started(estimate):
     return robots, estimator, rng, which
 
 
-def tracked(estimate, steps=60):
+def tracked(estimate, steps=60, robot=FISH):
     """True and tracked readings of a swim, as columns: heading, place, tail angles, rates."""
-    robots, estimator, rng, which = started(estimate)
+    robots, estimator, rng, which = started(estimate, robot)
     rows = []
     for _ in range(steps):
         rows.append([
@@ -97,6 +98,15 @@ def test_a_perfect_tracker_sees_the_true_pose_and_tail():
     assert np.abs(off.sum(axis=1)).max() < 0.03  # the fin's direction is known well
     assert np.abs(true[:, 3:8]).max() > 0.4
     np.testing.assert_array_equal(seen[:, 16:38], true[:, 16:38])
+
+
+def test_a_hull_that_rolls_is_not_taken_for_one_that_sways():
+    true, seen = tracked(rl.StateEstimate(noise=0.0, delay=0), robot=load_robot("fish-rolling"))
+    off = np.abs(seen - true).max(axis=0)
+    assert off[1:3].max() < 0.002  # m, while its markers sway by more than ten times that
+    assert off[3:8].max() < 0.05  # rad
+    assert off[-5:-2].max() < 0.3  # rad/s
+    assert np.ptp(true[:, -5]) > 1.0  # rolling
 
 
 def test_speeds_are_differences_of_tracked_places():

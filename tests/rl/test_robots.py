@@ -10,8 +10,11 @@ import pytest
 import swim2real.rl as rl
 from swim2real.errors import ArgumentError, RobotError
 from swim2real.rl.assessment import Wave, scan_waves
+from swim2real.rl.body import Bodies
+from swim2real.rl.state import Robots
 from swim2real.robots import load_robot
 from swim2real.robots.robot import PolicySetup
+from swim2real.robots.targets import Delay
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 REACH = f"python:{EXAMPLES / 'finger/reach.py'}:Reach"
@@ -61,6 +64,45 @@ def test_a_robot_may_point_anywhere_at_its_start(snake):
     for _ in range(30):
         seen = [env.step(np.array([1.0, 0.2, -0.5, 0.3]))[0] for env in envs]
     np.testing.assert_allclose(*seen, atol=1e-3)
+
+
+def late(robot, line, seconds):
+    """Two of a robot, started: as it is, and with something late."""
+    delayed = dataclasses.replace(robot, delays={next(iter(robot.space.published)): (Delay.parse(line, 0.0, seconds),)})
+    pair = [Robots(Bodies(each, each.space.published), 1) for each in (robot, delayed)]
+    for robots in pair:
+        robots.start(0, 0, 0.0)
+        robots.read(np.zeros(1, int))
+    return pair
+
+
+def test_servos_that_a_calibration_found_to_be_late_follow_late(snake):
+    actions = np.random.default_rng(0).uniform(-1, 1, (20, 1, 4))
+    on_time, two_late = late(snake, 'control "*" delay', 0.04)
+    _, half_late = late(snake, 'control "servo1" delay', 0.05)
+    bends = []
+    for action in actions:
+        for robots in (on_time, two_late, half_late):
+            robots.advance(action)
+        bends.append([robots.state.joint_angles[0].copy() for robots in (on_time, two_late, half_late)])
+        np.testing.assert_array_equal(two_late.state.commands, on_time.state.commands)
+    bends = np.array(bends)
+    np.testing.assert_array_equal(bends[2:, 1], bends[:-2, 0])
+    np.testing.assert_array_equal(bends[:2, 1], 0)
+    assert bends[1, 2, 0] == pytest.approx(0, abs=0.02)  # the others push against it
+    assert 0 < abs(bends[2, 2, 0]) < abs(bends[2, 1, 0])  # for half of the third interval
+
+
+def test_sensors_that_are_late_show_what_was(finger):
+    on_time, delayed = late(finger, 'sensor "*" delay', 0.03)
+    readings = []
+    for _ in range(12):
+        for robots in (on_time, delayed):
+            robots.advance(np.full((1, 1), 0.3))
+        readings.append([robots.state.sensors[0, 0] for robots in (on_time, delayed)])
+    true, seen = np.array(readings).T
+    np.testing.assert_allclose(seen[2:], (true[:-2] + true[1:-1]) / 2, rtol=1e-12)
+    assert np.ptp(true) > 0.3  # N
 
 
 def test_a_task_of_ones_own_for_a_robot_that_goes_nowhere(finger):

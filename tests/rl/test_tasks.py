@@ -110,6 +110,21 @@ def test_goals_fill_the_region_of_the_stage(number, kind):
     assert np.hypot(x, y).min() > 2 * stage.threshold
 
 
+def test_near_goals_are_mixed_into_later_stages_and_count_as_earlier_ones():
+    task, rng = ReachGoal(FISH, 400, stage=3), np.random.default_rng(0)
+    task.near_share = 0.4
+    seconds = [task.begin(i, rng, {}) for i in range(400)]
+    near = task.episode_stages < 3
+    assert near.mean() == pytest.approx(0.4, abs=0.07)
+    assert {1, 2, 3} == set(task.episode_stages)
+    assert (task.thresholds == STAGES[3].threshold).all()
+    for goal, stage, length in zip(task.goals, task.episode_stages, seconds, strict=True):
+        assert -goal[0] <= STAGES[stage].ahead
+        assert length == STAGES[stage].seconds
+    task.stage = 1
+    assert {task.begin(i, rng, {}) for i in range(50)} == {STAGES[1].seconds}
+
+
 def test_a_new_stage_counts_from_the_next_episode_on():
     env = rl.make_env("target", stage=1)
     env.reset(seed=0, options={"goal": (-1.0, 0.0)})

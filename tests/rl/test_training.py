@@ -5,6 +5,7 @@ import json
 import math
 import re
 import shutil
+from contextlib import closing
 from dataclasses import replace
 
 import pytest
@@ -21,15 +22,16 @@ from swim2real.rl.conditions import Disturbances
 from swim2real.rl.environment import make_environments
 from swim2real.rl.learner import Learner, RobotVecEnv, list_checkpoints
 from swim2real.rl.tasks import Curriculum
-from swim2real.rl.training import train
+from swim2real.rl.training import Trainer, train
 from swim2real.rl.training_run import EPISODES, EVALUATIONS, SETTINGS, TrainingRun, locked_folder, read_record
 from swim2real.robots.fish import FISH
 from swim2real.settings import TrainingSettings
 from swim2real.store import LOCK
 
 SHORT = TrainingSettings(
-    "forward", 800, exploration=200, checkpoint_every=400, updates=1, batch=32, layers=(16, 16), environments=8
-)
+    "forward", 800, exploration=200, checkpoint_every=400, updates=1, batch=32, layers=(16, 16), environments=8,
+    noise_time=0.1,
+)  # fmt: skip
 ANY_PHASE = Disturbances(start_phase=(-math.pi, math.pi))
 VALUES = [FISH.space.published]
 
@@ -199,12 +201,32 @@ def test_the_rules_for_short_runs():
     [
         ({"environments": 3}, "environments is 3; it must divide 200"),
         ({"env_steps": 100}, "env_steps is 100; learning needs 200 at least"),
+        ({"near_goals": 1.0}, "near_goals is 1; it is a share, from 0 below 1"),
+        ({"noise_time": -1.0}, "noise_time is -1 s; it must be finite and 0 or above"),
         ({"env_steps": 300, "exploration": 300}, "exploration is 300; it must be 0 or more and below env_steps"),
     ],
 )
 def test_settings_out_of_range_are_refused(wrong, sentence):
     with pytest.raises(ArgumentError, match=sentence):
         TrainingSettings("forward", **wrong)
+
+
+def test_noise_may_stay_alike_for_a_while_and_is_as_strong(tmp_path):
+    def actions(noise_time, out):
+        out.mkdir()
+        settings = replace(SHORT, env_steps=4000, exploration=3999, noise_time=noise_time)
+        with closing(Trainer(settings, VALUES, FISH, out, ANY_PHASE, 1)) as trainer:
+            trainer.begin({}, resume=False)
+            made = [trainer._step().actions[:, 0] for _ in range(400)]
+        return np.array(made)
+
+    fresh, alike = actions(0.0, tmp_path / "fresh"), actions(0.1, tmp_path / "alike")
+    for series in (fresh, alike):  # uniform between -1 and 1
+        assert series.std() == pytest.approx(3**-0.5, abs=0.06)
+    same = [np.corrcoef(series[:-1].ravel(), series[1:].ravel())[0, 1] for series in (fresh, alike)]
+    assert same == pytest.approx([0.0, math.exp(-0.2)], abs=0.08)
+    with pytest.raises(ArgumentError, match=r"near_goals is 0\.2; task 'forward' has no goals of stages: leave it out"):
+        trained(tmp_path / "no", replace(SHORT, near_goals=0.2))
 
 
 def test_the_curriculum_goes_on_when_a_stage_is_learned():
@@ -223,7 +245,7 @@ def test_a_policy_is_the_network_that_learned():
     learner = Learner(SHORT, RobotVecEnv(make_environments("forward", None, 8)), 0.99)
     actor, seen = learner.actor, np.random.default_rng(0).standard_normal((5, 52)).astype(np.float32)
     np.testing.assert_allclose(actor.best(seen), learner._sac.predict(seen, deterministic=True)[0], atol=1e-6)
-    samples = np.array([actor.sample(seen, np.random.default_rng(i)) for i in range(2000)])
+    samples = np.array([actor.sample(seen, np.random.default_rng(i).standard_normal((5, 1))) for i in range(2000)])
     with torch.no_grad():
         mean, log_std, _ = learner._sac.actor.get_action_dist_params(torch.from_numpy(seen))
     before_tanh = np.arctanh(np.clip(samples, -1 + 1e-9, 1 - 1e-9))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import PositionalRequiredArgs
 
-from swim2real.cli.options import Positional, word
+from swim2real.cli.options import PUBLISHED, Positional, word
 from swim2real.cli.terminal import say, say_json, tell
 from swim2real.errors import ArgumentError, Swim2RealError
 from swim2real.settings import TrainingSettings, expand_seeds
@@ -44,7 +44,8 @@ def train(
         settings: What decides the result; the defaults are the paper's.
         parameters: Run folder or parameters file; 'published' for the prior work's values, or the model's of --robot.
         out: Folder to write; with --seeds it contains one folder per seed.
-        ensemble: File from `swim2real ensemble`: one of its sets is drawn per episode, instead of --parameters.
+        ensemble: File from `swim2real ensemble`: one of its sets is drawn per episode; of --parameters only the robot
+            counts then.
         robot: Robot or robot file, for --parameters published, or if the file has moved.
         seeds: Several seeds instead of --seed: numbers, and ranges without their end: 0:3 is 0 1 2.
         workers: Seeds trained in parallel; 0 for all cores.
@@ -183,7 +184,9 @@ def rollout(
         policy: Folder that `train` wrote.
         episodes: Episodes to run.
         goals: For a task with goals: number of random goals, instead of --episodes.
-        parameters: Run folder or parameters file of another simulator; by default that of the training.
+        parameters: Run folder or parameters file of another simulator, which may be of another robot with the same
+            observations and actuators: fish-rolling for a policy that was trained in fish. By default that of the
+            training.
         robot: Robot file, if it has moved since the training was written.
         which: best: in the evaluations during training. last: at its end.
         stage: Stage of the curriculum: distance of the goals and how closely they must be met; by default the last.
@@ -199,7 +202,7 @@ def rollout(
         film: Write the film.
         json: Print the figures as JSON.
     """
-    from swim2real.cli.subject import values_for
+    from swim2real.cli.subject import robot_for, values_for
     from swim2real.report.training_page import write_training_page
     from swim2real.rl.assessment import TEST_SEED, assess, run_policy
     from swim2real.rl.conditions import StateEstimate
@@ -218,6 +221,8 @@ def rollout(
     if stage is not None and stage not in stages:
         raise ArgumentError(f"--stage is {stage}; this task has {', '.join(map(str, stages)) or 'no stages'}")
     body, cores = run.robot, os.cpu_count() or 1
+    if robot is None and parameters is not None and str(parameters) != PUBLISHED:
+        body = robot_for(parameters)
     values = None if parameters is None else [values_for(parameters, body)]
     disturbances = run.settings.disturbances
     if tendon_friction is not None:
@@ -225,10 +230,11 @@ def rollout(
     if current is not None:
         disturbances = replace(disturbances, current=current)
     assessment = assess(
-        run, goals or episodes, parameters=values, disturbances=disturbances, which=which, stage=stage,
+        run, goals or episodes, parameters=values, robot=body, disturbances=disturbances, which=which, stage=stage,
         estimate=StateEstimate(noise, delay) if closed_loop else None, threads=cores,
     )  # fmt: skip
-    content = {**assessment.as_dict(), "parameters": str(parameters or source_at(policy, run.settings.reference))}
+    source = str(parameters or source_at(policy, run.settings.reference))
+    content = {**assessment.as_dict(), "parameters": source, "robot": body.name}
     folder = out or policy
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "rollout.json", content)
@@ -249,6 +255,8 @@ def rollout(
         say_json(content)
     else:
         _print(assessment)
+        if body.name != run.settings.robot:
+            say(f"Trained in a simulator of robot '{run.settings.robot}', assessed in one of '{body.name}'")
         say(f"Written: {page}, rollout.json, episodes.npz")
     return 0
 
@@ -256,9 +264,12 @@ def rollout(
 def export_commands(
     policy: Positional[Path], *, out: Path, seconds: float, robot: str | None = None,
     which: Literal["best", "last"] = "best", phase: float = 0.0, goal: tuple[float, float] | None = None,
-    json: bool = False,
+    ensemble: Path | None = None, json: bool = False,
 ) -> int:  # fmt: skip
     """Write a policy's commands as a table, 50 rows per second: .csv for `deploy`, or .npz for other controllers.
+
+    Beside it, in NAME.expected.json, is what the robot is expected to do under them: path, heading, roll where it has
+    any, and time to the goal. `evaluate` compares that with a film of the real run.
 
     The policy runs from rest in the simulator that it was trained in, within the limits and rates of its robot file's
     [policy]. The table has a column per actuator, named after it and its unit. An .npz has the arrays times, commands,
@@ -272,17 +283,25 @@ def export_commands(
         which: best: in the evaluations during training. last: at its end.
         phase: Angle of the motor at the start [rad].
         goal: Goal of a task with goals [m]: x (ahead is negative) and y; by default 1 m straight ahead.
+        ensemble: File from `swim2real ensemble`, whose sets give the spread of what is expected; by default the further
+            sets that the policy was trained with.
         json: Print what was written as JSON.
     """
     from swim2real.deployment.commands import FISH, RATE, CommandTable, write_table
+    from swim2real.identification.ensemble import read_ensemble
+    from swim2real.objective.expected_run import ENDING
     from swim2real.rl.assessment import policy_commands
+    from swim2real.rl.expectation import expect
     from swim2real.rl.training_run import TrainingRun
-    from swim2real.store import write_arrays
+    from swim2real.store import write_arrays, write_json
 
     if out.suffix not in (".csv", ".npz"):
         raise ArgumentError(f"--out is '{out}'; it must end in .csv, for `deploy`, or in .npz, for other controllers")
     run = TrainingRun.open(policy, robot=robot)
-    actuators, commands = policy_commands(run, seconds, which=which, phase=phase, goal=goal)
+    actuators, episode = policy_commands(run, seconds, which=which, phase=phase, goal=goal)
+    commands = episode.commands
+    sets = run.settings.parameters[1:] if ensemble is None else read_ensemble(ensemble, run.robot)
+    expected = expect(run, episode, phase, sets)
     columns = {
         f"{name}_{unit.replace('/', '_')}": commands[:, i].tolist()
         for i, (name, unit) in enumerate(zip(actuators.names, actuators.units, strict=True))
@@ -296,11 +315,21 @@ def export_commands(
         times = [k / RATE for k in range(len(commands))]
         write_arrays(out, {"times": times, "commands": commands, "names": actuators.names, "units": actuators.units})
     about = {"commands": len(table.rows), "seconds": table.duration, "columns": list(columns), "out": str(out)}
+    beside = out.with_suffix(ENDING)
+    if expected is not None:
+        write_json(beside, expected.model_dump(), indent=None)
+        about |= {"expected": str(beside), "arrivals": expected.arrivals}
     if json:
         say_json(about)
     else:
         trial = f"; `swim2real deploy {word(out)} --dry-run` tries them" if out.suffix == ".csv" else ""
         say(f"{out}: {len(table.rows)} rows of {', '.join(columns)}, {table.duration:.2f} s{trial}")
+        if expected is not None:
+            say(f"{beside}: {expected.sentence}")
+            say(f"`swim2real evaluate {word(beside)} --reference TRACKS` compares a film of the real run with it")
+    if episode.goal is not None and not episode.success:
+        tell(f"the goal isn't reached in {table.duration:.2f} s: {episode.goal_distance:.2f} m are left; take a nearer "
+             f"goal or more --seconds")  # fmt: skip
     return 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,21 +18,28 @@ if TYPE_CHECKING:
 
 def evaluate(
     parameters: Positional[Path], settings: EvaluationSettings, *, reference: Path, robot: str | None = None,
-    sensitivity: bool = False, json: bool = False,
+    sensitivity: bool = False, begin: float | None = None, json: bool = False,
 ) -> int:  # fmt: skip
     """Compare parameters with real trials: every figure, per trial and per marker.
 
-    Reads a run folder or parameters file and a reference; writes nothing. Takes one evaluation, under a second.
+    Reads a run folder or parameters file and a reference; writes nothing. Takes one evaluation, under a second. With
+    what `export-commands` expects of a table of commands, it compares each trial, a real run under that table, with it.
 
     Args:
-        parameters: Run folder or parameters file; 'published' for the prior work's values.
+        parameters: Run folder or parameters file; 'published' for the prior work's values. Or COMMANDS.expected.json.
         settings: How they are compared.
         reference: Folder with the real trials.
         robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
             whose own values are used.
         sensitivity: Also print each parameter's effect on the loss: about 30 more evaluations.
+        begin: For an expected run: time of the first command on the trial's clock [s]; by default that of the first row
+            of its controls, or of its first frame.
         json: Print JSON in SI units.
     """
+    if parameters.name.endswith(".expected.json"):
+        return _evaluate_run(parameters, reference, begin, json)
+    if begin is not None:
+        raise ArgumentError(f"--begin is for an expected run, and '{parameters}' is none; leave it out")
     from swim2real.calibration import sensitivities
     from swim2real.cli import tables
     from swim2real.cli.subject import problem_of
@@ -51,6 +59,30 @@ def evaluate(
     tables.marker_errors(fit, simulated.marker_names)
     if effects is not None:
         tables.sensitivities(effects)
+    return 0
+
+
+def _evaluate_run(path: Path, reference: Path, begin: float | None, json: bool) -> int:
+    """Compares real runs with what was expected of their commands."""
+    from swim2real.cli import tables
+    from swim2real.objective.expected_run import compare_run, read_expected_run
+    from swim2real.trials import load_reference
+
+    expected, trials = read_expected_run(path), load_reference(reference)
+    runs = [compare_run(expected, trials, trial, begin) for trial in trials]
+    if json:
+        say_json({"expected": str(path), "runs": [asdict(run) for run in runs]})
+        return 0
+    for run in runs:
+        rows = [
+            (name, *("–" if figure is None else f"{figure:.3f}" for figure in figures))
+            for name, figures in run.figures.items()
+        ]
+        within = "" if run.within is None else f", {100 * run.within:.0f} % of the time within the spread"
+        title = f"{run.trial}, {run.seconds:.1f} s: {run.path_error:.3f} m from the expected path{within}"
+        tables.table(title, ("in m, rad, s", "expected", "least", "most", "measured"), rows)
+    for run in runs:
+        say(run.sentence)
     return 0
 
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from swim2real.errors import RunError
-from swim2real.store import read_arrays, write_arrays
+from swim2real.store import from_json, read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from stable_baselines3 import SAC
@@ -41,6 +42,18 @@ class Linear:
         return x @ self.weight + self.bias
 
 
+class AboutPolicy(BaseModel):
+    """What a policy is for.
+
+    Attributes:
+        observation: Where in an observation each part of it is: first place, and the one after the last.
+        actions: Names of the actuators.
+    """
+
+    observation: dict[str, list[int]] = {}
+    actions: list[str] = []
+
+
 @dataclass(frozen=True)
 class Actor:
     """The actor of soft actor-critic: hidden layers with ReLU, mean and logarithmic deviation of a Gaussian, tanh.
@@ -49,11 +62,13 @@ class Actor:
         hidden: Hidden layers.
         mean: Layer of the mean.
         log_std: Layer of the logarithm of the standard deviation.
+        about: What its file says of it.
     """
 
     hidden: tuple[Linear, ...]
     mean: Linear
     log_std: Linear
+    about: AboutPolicy = field(default_factory=lambda: AboutPolicy())
 
     @staticmethod
     def of(learner: SAC) -> Actor:
@@ -67,11 +82,6 @@ class Actor:
         hidden = tuple(layer(module) for module in actor.latent_pi if hasattr(module, "weight"))
         return Actor(hidden, layer(actor.mu), layer(actor.log_std))
 
-    @property
-    def inputs(self) -> int:
-        """Length of the observations."""
-        return len((self.hidden or (self.mean,))[0].weight)
-
     def __call__(self, observations: NDArray[np.float32], commands: Array, step: int) -> Array:
         """The actor as a policy, which is deterministic: it takes the means."""
         return self.best(observations)
@@ -80,12 +90,12 @@ class Actor:
         """The means of the actions. Shapes (N, n) to (N, A)."""
         return np.tanh(self.mean(self._features(observations)).astype(np.float64))
 
-    def sample(self, observations: NDArray[np.float32], rng: np.random.Generator) -> Array:
-        """Random actions, as the policy explores. Shapes (N, n) to (N, A)."""
+    def sample(self, observations: NDArray[np.float32], noise: Array) -> Array:
+        """Actions of the Gaussian, at so many standard deviations (N, A) from its mean. Shapes (N, n) to (N, A)."""
         features = self._features(observations)
         mean = self.mean(features).astype(np.float64)
         std = np.exp(np.clip(self.log_std(features).astype(np.float64), _LEAST_LOG_STD, _MOST_LOG_STD))
-        return np.tanh(mean + std * rng.standard_normal(mean.shape))
+        return np.tanh(mean + std * noise)
 
     def _features(self, observations: NDArray[np.float32]) -> Weights:
         x = observations
@@ -134,7 +144,8 @@ class Actor:
             return Linear(weight, bias)
 
         count = sum(name.startswith("hidden") and name.endswith(".weight") for name in arrays)
-        actor = Actor(tuple(layer(f"hidden{i}") for i in range(count)), layer("mean"), layer("log_std"))
+        hidden, about = tuple(layer(f"hidden{i}") for i in range(count)), from_json(str(arrays.get(_ABOUT, "{}")))
+        actor = Actor(hidden, layer("mean"), layer("log_std"), AboutPolicy.model_validate(about))
         shapes = [layer.weight.shape for layer in (*actor.hidden, actor.mean)]
         if any(one[1] != next_one[0] for one, next_one in pairwise(shapes)) or actor.log_std.weight.shape != shapes[-1]:
             raise ValueError(f"its layers' shapes {shapes} and {actor.log_std.weight.shape} don't fit one another")

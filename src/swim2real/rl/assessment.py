@@ -25,6 +25,7 @@ from swim2real.rl.rollout import (
     repeated,
     run_episodes,
 )
+from swim2real.rl.state import MOST_PLACE
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.robot import Robot
 
@@ -162,8 +163,8 @@ class Assessment:
 
 def assess(
     run: TrainingRun, episodes: int, *, parameters: Sequence[Values] | None = None,
-    disturbances: Disturbances | None = None, which: Which = "best", estimate: StateEstimate | None = None,
-    stage: int | None = None, threads: int = 1,
+    robot: Robot | None = None, disturbances: Disturbances | None = None, which: Which = "best",
+    estimate: StateEstimate | None = None, stage: int | None = None, threads: int = 1,
 ) -> Assessment:  # fmt: skip
     """Assesses a policy.
 
@@ -171,6 +172,7 @@ def assess(
         run: Its training.
         episodes: Number of episodes; their starts depend on their numbers alone.
         parameters: Parameter sets of the simulator; None for those that it was trained with.
+        robot: Robot whose sets they are; None for that of the training.
         disturbances: Disturbances of the simulator; None for those that it was trained with.
         which: Which policy of the run.
         estimate: Tracker's view to compare open and closed loop with, under `disturbances`; None for no comparison.
@@ -183,7 +185,7 @@ def assess(
     """
     if episodes < 1:
         raise ArgumentError(f"{episodes} episodes are asked for; an assessment needs at least 1")
-    settings, robot = run.settings, run.robot
+    settings, robot = run.settings, robot or run.robot
     sets: list[Values] = list(settings.parameters if parameters is None else parameters)
     disturbed = settings.disturbances if disturbances is None else disturbances
     seeds = range(TEST_SEED, TEST_SEED + episodes)
@@ -222,7 +224,7 @@ def run_policy(
         environments = make_environments(
             run.task, parameters, len(chunk), robot=robot, disturbances=disturbances, threads=threads, stage=stage
         )
-        run.check_fits(policy, environments.observations.shape[1], len(environments.bodies.actuators))
+        run.check_fits(policy, environments)
         episodes += run_episodes(environments, policy, chunk)
         environments.close()
     return episodes
@@ -327,7 +329,7 @@ def compare_loops(
 def policy_commands(
     run: TrainingRun, seconds: float, *, which: Which = "best", phase: float = 0.0,
     goal: tuple[float, float] | None = None,
-) -> tuple[Actuators, Array]:  # fmt: skip
+) -> tuple[Actuators, Episode]:  # fmt: skip
     """Commands of a policy in the simulator that it was trained in, from rest.
 
     An episode that reaches its goal ends there, others when the seconds are over.
@@ -340,22 +342,25 @@ def policy_commands(
         goal: Goal of a task with goals [m]; ahead is -x. None for 1 m straight ahead.
 
     Returns:
-        The actuators, and their commands [unit]. Shape (T, A).
+        The actuators, and the episode with their commands.
 
     Raises:
         RunError: The run has no policy, or it doesn't fit the robot.
-        ArgumentError: The length isn't allowed, a task without goals is given one, or the simulation diverges.
+        ArgumentError: The length or the goal isn't allowed, a task without goals is given one, or the simulation
+            diverges.
     """
+    if goal is not None and not math.hypot(*goal) <= MOST_PLACE:
+        raise ArgumentError(f"the goal is {goal[0]:g}, {goal[1]:g} m; it must be within {MOST_PLACE:g} m of the start")
     policy, settings = load_policy(run, which), run.settings
     environments = make_environments(run.task, settings.parameters, 1, robot=run.robot, seconds=seconds)
-    run.check_fits(policy, environments.observations.shape[1], len(environments.bodies.actuators))
+    run.check_fits(policy, environments)
     options: dict[str, Any] = {"phase": phase, "member": 0, "goal": goal or (-1.0, 0.0)}
     episode = run_episodes(environments, policy, [TEST_SEED], [options])[0]
     if goal is not None and episode.goal is None:
         raise ArgumentError(f"a goal is for policies of a task with goals; this one was trained for '{settings.task}'")
     if episode.failure:
         raise ArgumentError(f"the policy can't be recorded: {episode.failure}")
-    return environments.bodies.actuators, episode.commands
+    return environments.bodies.actuators, episode
 
 
 def _drift(episode: Episode, reference: Episode) -> float:

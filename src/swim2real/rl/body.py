@@ -129,13 +129,15 @@ class Bodies:
         layout: Where its parts are.
         models: The sets to step, without sensors.
         readers: The same with sensors: the robot's own, then positions of what is seen and of the floating body, their
-            velocities, and the floating body's turning rates.
+            velocities, the floating body's turning rates, and where what was toward the camera is now.
         first: Place of the first of these positions in the readings.
         sensors: Places of the robot's own sensors in the readings. Shape (S,).
         steps: Physics steps in a control interval.
         origin: Where the floating body is at the start [m]; 0 without a frame. Shape (3,).
         turned: Direction of the frame's x axis at the start [rad].
         starts: Positions at the start. Shape (B, nq).
+        control_delays: By how much the actuators follow their commands later, as calibrated [s]. Shape (B, A).
+        sensor_delays: By how much the sensors' readings are late [s]. Shape (B, S).
     """
 
     def __init__(
@@ -164,6 +166,11 @@ class Bodies:
         self.readers = [_reader(robot, values, disturbances, self.layout) for values in checked]
         self.first = int(self.readers[0].sensor(_SENSOR.format(0)).adr[0])
         self.sensors = np.array([sensor_address(self.readers[0], one.name) for one in robot.trials.sensors], int)
+        delays = [robot.delays_of(values) for values in checked]
+        names = [sensor.name for sensor in robot.trials.sensors]
+        # what is ahead of its command or of what it measures can't be simulated: it is on time
+        self.control_delays = np.array([[max(d.of("control", n), 0.0) for n in self.actuators.names] for d in delays])
+        self.sensor_delays = np.array([[max(d.of("sensor", n), 0.0) for n in names] for d in delays])
         timestep = self.models[0].opt.timestep
         self.steps = round(CONTROL_INTERVAL / timestep)
         if abs(self.steps * timestep - CONTROL_INTERVAL) > 1e-9:
@@ -252,23 +259,33 @@ def _reader(robot: Robot, values: Values, disturbances: Disturbances, layout: _L
     """The disturbed robot with sensors of what is seen, of the floating body, and its own that trials record."""
     spec = _disturbed(robot, values, disturbances, {sensor.name.partition("[")[0] for sensor in robot.trials.sensors})
     if layout.frame is not None:
-        _add_origin(spec, layout.seen[layout.frame[0]])
+        _add_origin(spec, layout)
     kinds = [mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMELINVEL]
     readings = [(kind, site) for kind in kinds for site in layout.sites]
     if layout.frame is not None:
-        readings.append((mujoco.mjtSensor.mjSENS_FRAMEANGVEL, ORIGIN))
+        readings += [(mujoco.mjtSensor.mjSENS_FRAMEANGVEL, ORIGIN), (mujoco.mjtSensor.mjSENS_FRAMEZAXIS, ORIGIN)]
     for i, (kind, site) in enumerate(readings):
         spec.add_sensor(name=_SENSOR.format(i), type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
     return spec.compile()
 
 
-def _add_origin(spec: mujoco.MjSpec, marker: str) -> None:
-    """Adds a site at the point that the floating body turns about: its last hinge, or else its center of mass."""
+def _add_origin(spec: mujoco.MjSpec, layout: _Layout) -> None:
+    """Adds a site at the point that the floating body turns about: its last hinge, or else its center of mass.
+
+    Its z axis is toward the camera.
+    """
+    assert layout.frame is not None  # a robot without one floats nowhere
     model = spec.compile()
-    body = int(model.site(marker).bodyid[0])
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    body = int(model.site(layout.seen[layout.frame[0]]).bodyid[0])
+    back, upright, quat = np.zeros(4), np.zeros(4), np.zeros(4)
+    mujoco.mju_negQuat(back, data.xquat[body])
+    mujoco.mju_quatZ2Vec(upright, layout.normal)
+    mujoco.mju_mulQuat(quat, back, upright)
     hinges = [j for j in range(model.njnt) if model.jnt_bodyid[j] == body and int(model.jnt_type[j]) == _HINGE]
     place = model.jnt_pos[hinges[-1]] if hinges else model.body_ipos[body]
-    spec.body(model.body(body).name).add_site(name=ORIGIN, pos=place)
+    spec.body(model.body(body).name).add_site(name=ORIGIN, pos=place, quat=quat)
 
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)

@@ -244,7 +244,7 @@ class Environments:
 
     def _kept(self) -> list[tuple[dict[str, Any], str]]:
         """The arrays that decide how episodes go on, beside the physics: their owners and names."""
-        owners: list[tuple[str, object]] = [("state", self.state), ("task", self.task)]
+        owners: list[tuple[str, object]] = [("state", self.state), ("robots", self.robots), ("task", self.task)]
         if self._estimator is not None:
             owners += [("estimator", self._estimator), ("seen", self._estimator.seen)]
         return [(vars(owner), f"{name}.{key}") for name, owner in owners for key, value in vars(owner).items()

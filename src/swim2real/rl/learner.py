@@ -155,9 +155,13 @@ class Learner:
         self._sac = SAC(
             "MlpPolicy", environments, learning_rate=settings.learning_rate, buffer_size=settings.replay,
             batch_size=settings.batch, tau=settings.target_rate, gamma=discount,
-            policy_kwargs={"net_arch": list(settings.layers), "optimizer_kwargs": {"foreach": True}},
+            policy_kwargs={"net_arch": list(settings.layers), "optimizer_kwargs": {"fused": True}},
             seed=settings.seed, device="cpu",
         )  # fmt: skip
+        # what the critics' weights would change isn't needed where the actor learns from them
+        self._sac.critic.register_forward_pre_hook(
+            lambda critic, inputs: critic.requires_grad_(not inputs[1].requires_grad) and None
+        )
         self._sac.set_logger(Logger(None, []))
         if self._sac.replay_buffer is None:
             raise RunError("Stable-Baselines3 made a learner without a replay buffer, which can't learn")

@@ -78,6 +78,7 @@ class Episode:
         rewards: Rewards. Shape (T,).
         heads: Positions of the floating body, the start first [m]. Shape (T + 1, 2).
         markers: Positions of the markers after each step [m]. Shape (T, K, 2).
+        rolls: Roll of the floating body after each step [rad]. Shape (T,).
         goal: Goal [m]; None in a task without one. Shape (2,).
         goal_distance: Distance from the goal at the end [m]; None in a task without one.
         distance: Distance covered forward [m].
@@ -92,6 +93,7 @@ class Episode:
     rewards: Array
     heads: Array
     markers: Array
+    rolls: Array
     goal: Array | None
     goal_distance: float | None
     distance: float
@@ -180,24 +182,26 @@ def run_episodes(
     which, state = np.arange(environments.count), environments.state
     environments.begin(which, options)
     lengths, succeeded = np.zeros(environments.count, int), np.zeros(environments.count, np.bool_)
-    heads, rows = [state.position.copy()], list[tuple[Array, Array, Array, Array]]()
+    heads, rows = [state.position.copy()], list[tuple[Array, ...]]()
     while len(which):
         actions = np.clip(policy(environments.observations, state.commands, len(rows)), -1.0, 1.0)
         stepped = environments.step(actions, which)
-        rows.append((actions.astype(float), state.commands.copy(), stepped.rewards, state.markers.copy()))
+        present = (state.commands.copy(), stepped.rewards, state.markers.copy(), state.roll.copy())
+        rows.append((actions.astype(float), *present))
         heads.append(state.position.copy())
         lengths[which] += 1
         succeeded[which] = stepped.success[which]
         which = which[~stepped.ended[which]]
-    actions, commands, rewards, markers = (np.array(series) for series in zip(*rows, strict=True))
+    actions, commands, rewards, markers, rolls = (np.array(series) for series in zip(*rows, strict=True))
     episodes: list[Episode] = []
     for i, (seed, n) in enumerate(zip(seeds, lengths, strict=True)):
         info = environments.info(i)
         goal = np.array(info["goal"]) if "goal" in info else None
         episodes.append(Episode(
             seed=seed, rate=1 / CONTROL_INTERVAL, actions=actions[:n, i], commands=commands[:n, i],
-            rewards=rewards[:n, i], heads=np.array(heads)[: n + 1, i], markers=markers[:n, i], goal=goal,
-            goal_distance=info.get("goal_distance"), distance=float(info["distance"]), success=bool(succeeded[i]),
+            rewards=rewards[:n, i], heads=np.array(heads)[: n + 1, i], markers=markers[:n, i],
+            rolls=rolls[:n, i], goal=goal, goal_distance=info.get("goal_distance"), distance=float(info["distance"]),
+            success=bool(succeeded[i]),
             failure=str(info.get("diverged", "")),
         ))  # fmt: skip
     return episodes

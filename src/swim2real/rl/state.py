@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.rl.body import Bodies, Indices
+from swim2real.rl.conditions import CONTROL_INTERVAL
 from swim2real.simulation.batch import Batch
 
 Array = NDArray[np.float64]
 _PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
+_ROUNDING = 1e-9  # intervals
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class RobotState:
         heading: Its heading, 0 at the start, without jumps [rad]. Shape (N,).
         turning: Rates at which it turns about the axes of the world [rad/s]. Shape (N, 3).
         heading_rate: Rate of the heading [rad/s]. Shape (N,).
+        roll: Angle by which it leans toward the y side of its frame [rad]; an estimate doesn't know it. Shape (N,).
         motor_angles: Angles of the motors [rad]. Shape (N, P).
         motor_speeds: Their speeds [rad/s]. Shape (N, P).
         joint_angles: Positions of the other joints [rad or m]. Shape (N, J).
@@ -47,6 +50,7 @@ class RobotState:
     heading: Array
     turning: Array
     heading_rate: Array
+    roll: Array
     motor_angles: Array
     motor_speeds: Array
     joint_angles: Array
@@ -60,8 +64,8 @@ class RobotState:
         """A state of zeros."""
         layout, actuators = bodies.layout, len(bodies.actuators)
         k, p, j = layout.markers, layout.motors.shape[1], layout.joints.shape[1]
-        shapes = [(k, 2), (k, 2), (2,), (2,), (), (3,), (), (p,), (p,), (j,), (j,), (len(bodies.sensors),),
-                  (actuators,), (actuators,)]  # fmt: skip
+        shapes = [(k, 2), (k, 2), (2,), (2,), (), (3,), (), (), (p,), (p,), (j,), (j,),
+                  (len(bodies.sensors),), (actuators,), (actuators,)]  # fmt: skip
         return RobotState(*(np.zeros((count, *shape)) for shape in shapes))
 
 
@@ -71,7 +75,9 @@ class Robots:
     Attributes:
         bodies: The compiled sets.
         state: True state, as last read.
-        failed: Whether a robot's simulation diverged in the last interval. Shape (N,).
+        commanded: Commands of the last intervals, the present one first, of which late actuators follow an older one.
+            Shape (N, D, A).
+        measured: Readings of the robot's sensors at the ends of the last intervals, likewise. Shape (N, D, S).
     """
 
     def __init__(self, bodies: Bodies, count: int, threads: int = 1) -> None:
@@ -84,17 +90,26 @@ class Robots:
         """
         self.bodies, self.batch = bodies, Batch(bodies.models, bodies.readers, count, threads)
         self.state = RobotState.zeros(bodies, count)
-        self._controls = np.zeros((count, bodies.models[0].nu))
+        self._controls = np.zeros((count, bodies.steps, bodies.models[0].nu))
+        # what is late by d follows the command before the present one for the first d of an interval, and so on
+        since = np.arange(bodies.steps)[:, None] / bodies.steps
+        late = bodies.control_delays[:, None] / CONTROL_INTERVAL
+        self._older = np.ceil(np.maximum(late - since, 0.0) - _ROUNDING).astype(int)
+        self._readings_late = bodies.sensor_delays / CONTROL_INTERVAL
+        self.commanded = np.zeros((count, self._older.max(initial=0) + 1, len(bodies.actuators)))
+        depth = int(np.ceil(self._readings_late.max(initial=0.0))) + 1
+        self.measured = np.zeros((count, depth, len(bodies.sensors)))
 
     def start(self, index: int, member: int, phase: float) -> None:
         """Places a robot at rest at its start, to be read."""
         self.batch.start(index, member).qpos[:] = self.bodies.start(member, phase)
         self.state.heading[index] = 0.0
-        self.state.commands[index] = self.state.previous_actions[index] = 0.0
+        self.state.commands[index] = self.state.previous_actions[index] = self.commanded[index] = 0.0
 
     def read(self, which: Indices) -> None:
         """Reads robots that were started."""
         self.batch.step(self._controls, 0, which)
+        self.measured[which] = self.batch.sensors[which][:, None, self.bodies.sensors]
         self._decode()
 
     def advance(self, actions: Array, which: Indices | None = None) -> None:
@@ -107,13 +122,18 @@ class Robots:
         state, rows = self.state, slice(None) if which is None else which
         state.commands[rows] = self.bodies.actuators.next_commands(state.commands[rows], actions[rows])
         state.previous_actions[rows] = actions[rows]
-        self._controls[:, self.bodies.layout.controls] = state.commands
+        self.commanded[rows, 1:], self.commanded[rows, 0] = self.commanded[rows, :-1], state.commands[rows]
+        members = self.batch.members
+        followed = np.take_along_axis(self.commanded, self._older[members], axis=1)
+        self._controls[:, :, self.bodies.layout.controls] = followed
         self.batch.step(self._controls, self.bodies.steps, which)
+        self.measured[rows, 1:] = self.measured[rows, :-1]
+        self.measured[rows, 0] = self.batch.sensors[rows][:, self.bodies.sensors]
         self._decode()
 
     def physics(self, index: int) -> tuple[int, Array]:
         """Parameter set and state of the engine of one robot, to go on from."""
-        member = self.batch.member(index)
+        member = int(self.batch.members[index])
         model = self.bodies.models[member]
         out = np.empty(mujoco.mj_stateSize(model, _PHYSICS))
         mujoco.mj_getState(model, self.batch.data(index), out, _PHYSICS)
@@ -136,9 +156,15 @@ class Robots:
             state.heading[:] = unwrapped(bodies.heading(places), state.heading)
             state.turning[:] = sensors[:, bodies.first + 6 * objects :][:, :3]
             state.heading_rate[:] = state.turning @ layout.normal
+            x, y = bodies.seen_from_start(sensors[:, bodies.first + 6 * objects :][:, 3:6]).T
+            state.roll[:] = np.arcsin(np.clip(np.cos(state.heading) * y - np.sin(state.heading) * x, -1.0, 1.0))
         state.motor_angles[:], state.motor_speeds[:] = qpos[:, layout.motors[0]], qvel[:, layout.motors[1]]
         state.joint_angles[:], state.joint_rates[:] = qpos[:, layout.joints[0]], qvel[:, layout.joints[1]]
-        state.sensors[:] = sensors[:, bodies.sensors]
+        late = self._readings_late[self.batch.members][:, None]
+        newer = late.astype(int)
+        older = np.minimum(newer + 1, self.measured.shape[1] - 1)
+        at, before = (np.take_along_axis(self.measured, place, axis=1)[:, 0] for place in (newer, older))
+        state.sensors[:] = at + (late - newer)[:, 0] * (before - at)
 
 
 def _wrapped(angles: Array) -> Array:

@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 
 _SPREAD = 0.1  # rad or m, standard deviation of a joint's position before any marker is seen
 _LEAST_NOISE = 0.0002  # m: markers above the floating body move that much when it rolls
-_HELD = 1e-6  # rad or m: of what motors report, and of what a camera can't see
+_HELD = 1e-6  # rad: of what motors report
+_LOAD = 0.005  # N·m or N, by which water pushes a floating body out of the plane, against the springs of its joints
 _FREE = 1e3  # of the floating body in the plane
 _ITERATIONS = 2
 
@@ -25,8 +26,8 @@ class StateEstimator:
     """Estimates the states of N robots from tracked markers.
 
     The pose is the most likely one: markers are as precise as the tracker's noise, the robot's joints are near their
-    places at rest, motors are where they report, and the floating body doesn't leave the plane. Markers alone determine
-    short joints badly: half a millimeter would make them zigzag.
+    places at rest, motors are where they report, and the floating body leaves the plane as far as its springs let it:
+    a hull rolls. Markers alone determine short joints badly: half a millimeter would make them zigzag.
     """
 
     def __init__(self, bodies: Bodies, estimate: StateEstimate, count: int) -> None:
@@ -55,7 +56,9 @@ class StateEstimator:
         self.members = np.zeros(count, int)
         spreads = np.full(model.nv, _FREE)
         spreads[layout.joints[1]] = _SPREAD
-        spreads[layout.motors[1]] = spreads[layout.held] = _HELD
+        spreads[layout.motors[1]] = _HELD
+        springs = np.reshape(model.jnt_stiffness, (model.njnt, -1))[model.dof_jntid[layout.held], 0]
+        spreads[layout.held] = np.minimum(_LOAD / np.maximum(springs, _HELD), _SPREAD)
         self._certainty = 1 / spreads**2
         self._noise = max(estimate.noise, _LEAST_NOISE)
 
@@ -80,11 +83,14 @@ class StateEstimator:
         seen, before = self.seen, self._before
         for name in ("markers", "position", "heading", "joint_angles"):
             getattr(before, name)[:] = getattr(seen, name)
+        pose_before = self.qpos.copy()
         self._fit(which, state)
         seen.marker_velocities[which] = (seen.markers - before.markers)[which] / CONTROL_INTERVAL
         seen.velocity[which] = (seen.position - before.position)[which] / CONTROL_INTERVAL
         seen.heading_rate[which] = (seen.heading - before.heading)[which] / CONTROL_INTERVAL
-        seen.turning[which] = seen.heading_rate[which, None] * self._bodies.layout.normal
+        if self._bodies.layout.frame is not None:
+            rates = (self.qpos - pose_before) / CONTROL_INTERVAL
+            seen.turning[which] = [self._looks[self.members[i]].turning(rates[i], self.qpos[i]) for i in which]
         seen.joint_rates[which] = (seen.joint_angles - before.joint_angles)[which] / CONTROL_INTERVAL
 
     def _measured(self, state: RobotState, index: int, rng: np.random.Generator) -> Array:
@@ -130,6 +136,14 @@ class _Look:
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         return self._bodies.seen_from_start(self._data.site_xpos[self._sites] - self._bodies.origin)
+
+    def turning(self, rates: Array, qpos: Array) -> Array:
+        """Rates at which the floating body turns about the axes of the world, from those of the joints. Shape (3,)."""
+        self.places(qpos)
+        mujoco.mj_comPos(self._model, self._data)
+        slope = np.zeros((3, self._model.nv))
+        mujoco.mj_jacSite(self._model, self._data, None, slope, self._sites[-1])
+        return slope @ rates
 
     def at(self, qpos: Array) -> tuple[Array, Array]:
         """Places and their derivatives by the joints' positions. Shapes (K + 1, 2) and (K + 1, 2, nv)."""

@@ -136,6 +136,8 @@ class ReachGoal:
     Attributes:
         goals: Goals of the episodes [m]. Shape (N, 2).
         stage: Stage of the curriculum. A new one counts from the next episode on.
+        near_share: Share of the episodes whose goal is one of an earlier stage, to be met as closely as the present
+            stage asks for. They count as episodes of that earlier stage.
     """
 
     PROGRESS: ClassVar[float] = 100.0
@@ -162,18 +164,21 @@ class ReachGoal:
         del robot
         if stage not in STAGES:
             raise ArgumentError(f"the curriculum has no stage {stage}; there are {', '.join(map(str, STAGES))}")
-        self._seconds, self.stage = seconds, stage
+        self._seconds, self.stage, self.near_share = seconds, stage, 0.0
         self.goals, self.thresholds, self.before = np.zeros((count, 2)), np.zeros(count), np.zeros(count)
         self.episode_stages = np.zeros(count, int)
 
     def begin(self, index: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
-        region = STAGES[self.stage]
-        self.episode_stages[index], self.thresholds[index] = self.stage, region.threshold
+        stage, threshold = self.stage, STAGES[self.stage].threshold
+        if self.near_share and stage > 1 and rng.random() < self.near_share:
+            stage = int(rng.integers(1, stage))
+        region = STAGES[stage]
+        self.episode_stages[index], self.thresholds[index] = stage, threshold
         if "goal" in options:
             self.goals[index] = options["goal"]
         else:
             goal = np.zeros(2)
-            while math.hypot(*goal) <= 2 * region.threshold:  # not where the robot is already
+            while math.hypot(*goal) <= 2 * threshold:  # not where the robot is already
                 goal = rng.uniform((-region.ahead, -region.across / 2), (0.0, region.across / 2))
             self.goals[index] = goal
         self.before[index] = math.hypot(*self.goals[index])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -19,8 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr
 
-from swim2real.errors import RunError
+from swim2real.errors import ArgumentError, RunError
 from swim2real.parameters import Values
 from swim2real.rl import training_run as files
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
@@ -36,7 +38,7 @@ from swim2real.rl.learner import (
     write_checkpoint,
 )
 from swim2real.rl.rollout import EpisodeStatistics, run_episodes
-from swim2real.rl.tasks import Curriculum
+from swim2real.rl.tasks import Curriculum, ReachGoal
 from swim2real.rl.training_run import TrainingOutcome, TrainingSeconds
 from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
@@ -46,7 +48,7 @@ from swim2real.store import append_lines, path_from, write_json
 REPORT_EVERY = 2.0  # s, between two reports of progress
 EVALUATION_SEED = 1_000_000  # of the episodes that choose the best policy; an assessment's begin elsewhere
 EVALUATION_EPISODES = 8
-_EXPLORATION, _RETURNS = 1, "returns"  # number of a random stream; name of an array of a checkpoint
+_EXPLORATION, _RETURNS, _NOISE = 1, "returns", "noise"  # number of a random stream; arrays of a checkpoint
 RECENT_EPISODES = 50  # of which progress reports the means
 _FIGURES = ("episode_return", "distance", "success")
 _RECORDS = (files.EPISODES, files.EVALUATIONS, files.PROGRESS)
@@ -138,7 +140,15 @@ class Trainer:
         self.discount = task.discount if settings.discount is None else settings.discount
         self.learner = Learner(settings, RobotVecEnv(self.environments), self.discount, pool)
         self.actor = self.learner.actor
+        if settings.near_goals and not isinstance(task, ReachGoal):
+            raise ArgumentError(
+                f"near_goals is {settings.near_goals:g}; task '{settings.task}' has no goals of stages: leave it out"
+            )
+        if isinstance(task, ReachGoal):
+            task.near_share = settings.near_goals
         self.exploration = np.random.default_rng(np.random.SeedSequence([settings.seed, _EXPLORATION]))
+        self.noise = self.exploration.standard_normal((settings.environments, len(self.environments.bodies.actuators)))
+        self.memory = math.exp(-CONTROL_INTERVAL / settings.noise_time) if settings.noise_time else 0.0
         self.returns = np.zeros(settings.environments)
         self.ended: list[dict[str, Any]] = []
         self.recent: deque[dict[str, Any]] = deque(maxlen=RECENT_EPISODES)
@@ -261,9 +271,11 @@ class Trainer:
         environments = self.environments
         before = environments.observations.copy()
         if self.step < self.settings.exploration_steps:
-            actions = self.exploration.uniform(-1.0, 1.0, (environments.count, len(environments.bodies.actuators)))
+            actions = 2.0 * ndtr(self.noise) - 1.0  # each is uniform, and alike from step to step as the noise is
         else:
-            actions = self.actor.sample(before, self.exploration)
+            actions = self.actor.sample(before, self.noise)
+        fresh = self.exploration.standard_normal(self.noise.shape)
+        self.noise = self.memory * self.noise + math.sqrt(1.0 - self.memory**2) * fresh
         stepped = environments.step(actions)
         after = environments.observations.copy()
         self.returns += stepped.rewards
@@ -351,7 +363,8 @@ class Trainer:
             "best": self.best, "curriculum": self.curriculum.state(),
             "exploration": self.exploration.bit_generator.state, "environments": rest,
         }  # fmt: skip
-        write_checkpoint(self.out, self.step, self.learner, {**arrays, _RETURNS: self.returns}, state)
+        arrays |= {_RETURNS: self.returns, _NOISE: self.noise}
+        write_checkpoint(self.out, self.step, self.learner, arrays, state)
         self._write_policy(files.LAST)
 
     def _restore(self, arrays: dict[str, Any], state: dict[str, Any]) -> None:
@@ -365,7 +378,7 @@ class Trainer:
         self.exploration.bit_generator.state = state["exploration"]
         self.curriculum.restore(state["curriculum"])
         self._set_stage()
-        self.returns[:] = arrays[_RETURNS]
+        self.returns[:], self.noise[:] = arrays[_RETURNS], arrays[_NOISE]
         self.environments.restore(arrays, state["environments"])
         self.actor = self.learner.actor
 

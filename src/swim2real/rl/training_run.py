@@ -8,7 +8,7 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, Field
 
@@ -33,6 +33,9 @@ from swim2real.store import (
 SETTINGS, OUTCOME = "settings.json", "outcome.json"
 EPISODES, EVALUATIONS, PROGRESS = "episodes.jsonl", "evaluations.jsonl", "progress.jsonl"
 LAST, BEST = "policy.npz", "best.npz"
+if TYPE_CHECKING:
+    from swim2real.rl.environment import Environments
+
 _WRITTEN = (SETTINGS, OUTCOME, EPISODES, EVALUATIONS, PROGRESS, LAST, BEST, "checkpoints/step-*")
 
 
@@ -171,18 +174,23 @@ class TrainingRun:
             self.folder, settings.robot, settings.robot_file, self.given_robot, allow_code=self.allow_code
         )
 
-    def check_fits(self, actor: Actor, observations: int, actions: int) -> None:
-        """Checks that a policy takes the observations of the robot as it is now, and commands its actuators.
+    def check_fits(self, actor: Actor, environments: Environments) -> None:
+        """Checks that a policy takes what is observed of a robot as it is now, and commands its actuators.
 
         Raises:
             RunError: It doesn't.
         """
-        made_for = (actor.inputs, len(actor.mean.bias))
-        if made_for != (observations, actions):
+        robot, names = environments.bodies.robot.name, list(environments.bodies.actuators.names)
+        here = {part: [where.start, where.stop] for part, where in environments.names.items()}
+        trained, commanded = actor.about.observation, actor.about.actions
+        differing = [part for part in {**trained, **here} if trained and trained.get(part) != here.get(part)]
+        size = len((actor.hidden or (actor.mean,))[0].weight), len(actor.mean.bias)
+        if differing or (commanded or names) != names or size != (environments.observations.shape[1], len(names)):
+            what = f"{', '.join(differing)} of what it observes differ" if differing else f"its network has {size}"
             raise RunError(
-                f"the policy of '{self.folder}' takes {made_for[0]} numbers and commands {made_for[1]} actuators; "
-                f"robot '{self.settings.robot}' has {observations} and {actions} now: take the robot file of the "
-                f"training, or train anew"
+                f"the policy of '{self.folder}' doesn't fit robot '{robot}': {what}; it observes {', '.join(trained)} "
+                f"and commands {', '.join(commanded)}, the robot has {', '.join(here)} and {', '.join(names)}: take "
+                f"another robot, or train anew"
             )
 
     @property

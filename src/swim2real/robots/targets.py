@@ -317,7 +317,11 @@ class Delays:
 
     def sensor(self, sensor: str, trial: str) -> float:
         """By how much readings of a trial's table are older than their time stamps say [s]."""
-        return sum(self._found("sensor", sensor)) - sum(self._found("trial", trial))
+        return self.of("sensor", sensor) - self.of("trial", trial)
+
+    def of(self, kind: _Kind, name: str) -> float:
+        """By how much one actuator or sensor is late, whatever a trial's clock says [s]."""
+        return sum(self._found(kind, name))
 
     def _found(self, kind: _Kind, name: str) -> list[float]:
         return [seconds for delay, seconds in self._set if delay.of(kind, name)]

@@ -120,9 +120,10 @@ class Batch:
             raise EngineError(f"simulation {index} has no state yet; start it first")
         return data
 
-    def member(self, index: int) -> int:
-        """Parameter set of one simulation."""
-        return int(self._member[index])
+    @property
+    def members(self) -> NDArray[np.int64]:
+        """Parameter set of each simulation. Shape (N,)."""
+        return self._member
 
     def start(self, index: int, member: int) -> mujoco.MjData:
         """Begins a simulation anew with a parameter set, and returns its state, to be set."""
@@ -138,10 +139,10 @@ class Batch:
         return data
 
     def step(self, controls: Array, steps: int, which: NDArray[np.int64] | None = None) -> None:
-        """Makes steps with constant controls, and reads.
+        """Makes steps, and reads.
 
         Args:
-            controls: Controls of each simulation. Shape (N, nu).
+            controls: Controls of each simulation, constant or one a step. Shape (N, nu) or (N, steps, nu).
             steps: Number of steps; with 0 it only reads.
             which: Simulations that are stepped; None for all. The others keep what was read.
 
@@ -152,7 +153,7 @@ class Batch:
         size = len(everything) if self.pool is None else min(_SHARE, math.ceil(len(everything) / self._threads))
         shares = [everything[i : i + size] for i in range(0, len(everything), max(size, 1))]
         rows, taken, loop = (
-            np.ascontiguousarray(controls[:, None], dtype=np.float64),
+            np.ascontiguousarray(controls if controls.ndim == 3 else controls[:, None], dtype=np.float64),
             itertools.count(),
             compiled_loop(),
         )
