@@ -123,8 +123,7 @@ def standing(
     best = min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
     if best is None or (settings.budget is not None and not settings.finish):
         return ()
-    done = outcome is not None and outcome.ending == "done" and outcome.evaluations == len(entries)
-    ends = _ends(entries, done)
+    done, ends = _done(entries, outcome), ends_of(entries, outcome)
     near = agreeing([best.loss, *ends]) - 1
     last = _gain_lately(entries)
     state, more = ("is done", "") if done else ("was cut off", "; --resume goes on with it")
@@ -155,8 +154,18 @@ def standing(
     return tuple(said)
 
 
-def _ends(entries: Sequence[RecordedEvaluation], done: bool) -> list[float]:
-    """Lowest loss of each start that was followed to the end of the last stage, in order [m]."""
+def _done(entries: Sequence[RecordedEvaluation], outcome: Outcome | None) -> bool:
+    return outcome is not None and outcome.ending == "done" and outcome.evaluations == len(entries)
+
+
+def ends_of(entries: Sequence[RecordedEvaluation], outcome: Outcome | None) -> list[float]:
+    """Lowest loss of each start that was followed to the end of the last stage, in order [m].
+
+    Args:
+        entries: Evaluations on record.
+        outcome: What was found; None for a run that was interrupted, whose last start isn't at its end.
+    """
+    done = _done(entries, outcome)
     lowest: dict[int, float] = {}
     ended: dict[int, None] = {}
     for index, entry in enumerate(entries):
