@@ -135,9 +135,6 @@ def standing(
         f"the last minute {gained}",
     ]
     noise = None if outcome is None else outcome.noise
-    if noise:
-        of = "of the markers" if outcome is not None and outcome.marker_names else "of the readings"
-        said.append(f"the best loss is {best.loss / noise:.1f} times the noise {of} ({1e3 * noise:.2f} mm)")
     places = dict(zip(space.names, space.to_cube(best.values), strict=True))
     bound = [name for name, place in places.items() if not _ON_BOUND < place < 1 - _ON_BOUND]
     if bound:
