@@ -119,7 +119,7 @@ def test_of_two_that_make_up_for_one_another_the_sum_is_determined(studied):
 
 @pytest.mark.slow
 def test_a_study_that_is_cut_anywhere_is_the_same_file(run_path, reference, tmp_path):
-    """Every write is a place to be killed at, and so is every evaluation between two: what wasn't written is done again."""
+    """Every write is a place to be killed at, and so is every evaluation: what wasn't written is done again."""
 
     def study(folder, stop_at=()):
         told = 0

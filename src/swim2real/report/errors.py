@@ -145,26 +145,18 @@ def _scaled(run: ReportedRun) -> tuple[str, bool]:
     far = bool(noise) and error > max(_FAR * (noise or 0.0), _UNEXPLAINED * size)
     bad = error > _POOR * size or (far and (apart or not run.robot.marker_names))
     what = "markers move" if run.robot.marker_names else "readings vary, as they count,"
-    kind = (
-        "bad"
-        if bad
-        else "as good as the noise lets it be"
-        if noise and error <= _AT_NOISE * noise
-        else "above the noise"
-    )
+    kind = " is bad" if bad else ""
+    if noise and not bad:
+        kind = " is as good as the noise lets it be" if error <= _AT_NOISE * noise else " is above the noise"
     times = f", {error / noise:.{0 if error > 9.5 * noise else 1}f} times the noise of the data" if noise else ""
     found = f"; of {len(ends)} starts the next best ended at {1e3 * sorted(ends)[1]:.3g} mm" if len(ends) > 1 else ""
-    said = (
-        f"the fit is {kind}: its error is {1e3 * error:.3g} mm{times}, and the real {what} by {1e3 * size:.3g} mm about their mean "
-        f"places (root mean square), so it leaves {_share(error / size)} of the motion unexplained{found}"
-    )
-    if bad:
-        said += "; look at the film for what is wrong, and try other seeds (--seeds 0:3) or a larger --budget"
-    return (said if noise or bad else said.replace(" above the noise:", ":", 1)), bad
-
-
-def _share(share: float) -> str:
-    return f"{100 * share:.0f} %" if share > 0.015 else f"{100 * share:.1g} %"
+    advice = "; look at the film for what is wrong, and try other seeds (--seeds 0:3) or a larger --budget" * bad
+    share = 100 * error / size
+    return (
+        f"the fit{kind}: its error is {1e3 * error:.3g} mm{times}, and the real {what} by {1e3 * size:.3g} mm about "
+        f"their mean places (root mean square), so it leaves {share:.{0 if share > 1.5 else 2}f} % of the motion "
+        f"unexplained{found}{advice}"
+    ), bad
 
 
 @dataclass(frozen=True)
