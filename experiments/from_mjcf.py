@@ -3,9 +3,9 @@
     python experiments/from_mjcf.py FOLDER --names swimmer fish
 
 FOLDER holds swimmer.xml (gymnasium/envs/mujoco/assets), fish.xml, dm_swimmer.xml and finger.xml (dm_control/suite;
-the swimmer as its swimmer.py makes it) and car.xml (MuJoCo's model/car). Each gets markers (sites), or encoders in their
-place, and hidden changes; four trials from rest are recorded with noise, the last of which is held out. All commands
-are run as a person runs them; what they print is in log.txt of each folder of --out. Prints the losses [mm] of the
+the swimmer as its swimmer.py makes it) and car.xml (MuJoCo's model/car). Each gets markers (sites), or encoders in
+their place, and hidden changes; four trials from rest are recorded with noise, the last of which is held out. Commands
+are run as by a person; what they print is in log.txt of each folder of --out. Prints the losses [mm] of the
 hidden values, of the model's own and of what was found, and the intervals beside what was hidden.
 """
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.calibration.convergence import ends_of
-from swim2real.formatting import NOTHING, significant
+from swim2real.formatting import NOTHING, mm, significant
 from swim2real.objective.figures import (
     AVERAGED,
     SENSORS,
@@ -23,6 +23,7 @@ from swim2real.objective.figures import (
     figures_for,
     sensor_figure,
 )
+from swim2real.objective.trial import TAIL_FIRST_LOSS
 from swim2real.optimizers.multi_start import agreeing
 from swim2real.report.run import ReportedRun
 
@@ -107,7 +108,14 @@ def _unregistered(run: ReportedRun) -> str:
 def warnings(run: ReportedRun) -> tuple[str, ...]:
     """What to know before the best parameters are used: those of the run, and that the fit is bad where it is."""
     said, bad = _scaled(run)
-    return (*run.warnings, said) if bad else run.warnings
+    found = [*run.warnings, said] if bad else [*run.warnings]
+    loss = run.of_best.fit.loss or 0.0
+    if loss >= TAIL_FIRST_LOSS and run.settings.protocol == "motion":
+        found.append(
+            f"a trial goes tail first, so the loss, {mm(loss)} mm, has {mm(TAIL_FIRST_LOSS, 0)} mm added; the other "
+            f"errors are without it"
+        )
+    return tuple(found)
 
 
 def standing(run: ReportedRun) -> tuple[str, ...]:
