@@ -313,7 +313,7 @@ class TrackingSettings:
         tags: Dictionary of the tags for --tracker aruco, as OpenCV names it: 4X4_50, APRILTAG_36h11 and others.
         camera: JSON file with known lengths, camera height, plane or lens; docs/tracking.md describes it.
         smooth: Smooth the track over time; at 60 frames per second it keeps 98 % of a beat of 2.25 Hz and its harmonic.
-        overlay: Write the overlay video.
+        overlay: Whether the overlay video is written; --no-overlay leaves it out.
     """
 
     tracker: TrackerName = "detection"

@@ -7,11 +7,13 @@ import shutil
 import pytest
 import small_run
 
+from refused import says
 from swim2real.calibration import RunFolder
 from swim2real.calibration.convergence import marker_noise, standing
 from swim2real.errors import ArgumentError, RunError
 from swim2real.pipeline import calibrate
-from swim2real.report import write_report
+from swim2real.report import read_run, write_report
+from swim2real.report import standing as standing_of
 from swim2real.settings import CalibrationSettings
 
 SECOND = 1 / 60  # min
@@ -89,7 +91,8 @@ def test_what_a_search_knows_is_said(reference, tmp_path):
     assert said[0].startswith(f"the search was cut off after {len(run.record())} evaluations, at ")
     assert "--resume goes on" in said[0]
     assert said[1] == "no start has been followed to its end" or said[1].startswith("starts followed to their end: ")
-    assert any("times the noise of the markers (" in line for line in said)
+    *_, scale = standing_of(read_run(tmp_path / "run", small_run.ROBOT))
+    assert says(scale, "the fit is ", "its error is ", "times the noise of the data", "the real markers move by")
     noise = marker_noise([trial.track for trial in reference])
     assert noise == pytest.approx(0.5e-3 * 2**0.5, rel=0.1)
     assert marker_noise([]) is None

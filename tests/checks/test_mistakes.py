@@ -151,3 +151,8 @@ def test_few_markers_and_frames_without_any_are_judged_as_far_as_they_tell(sound
     assert mistakes(lone, swung) == []
     (said,) = mistakes(lone, changed(swung, signals("controls", np.negative)))
     assert "commands of actuator 'torque' look of the other sign" in said or "in a mirror" in said
+
+
+def test_encoders_without_readings_tell_nothing(sound):
+    robot, trials = sound["pendulum"]
+    assert mistakes(robot, changed(trials, lambda trial: replace(trial, sensors=None))) == []

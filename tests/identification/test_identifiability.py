@@ -15,6 +15,7 @@ from swim2real.identification.identifiability import (
     IDENTIFIABILITY,
     IDENTIFIED,
     directions,
+    doubted,
     identify,
     known_so_far,
     read_study,
@@ -72,9 +73,36 @@ def test_intervals_hold_the_truth_and_are_narrow_where_the_trials_tell(studied):
         assert low < hidden < high
         inner = found[name]["interval_50"]
         assert low < inner[0] < found[name]["median"] < inner[1] < high
-    assert [found[name]["verdict"] for name in NAMES] == ["identified", "not identified", "not identified",
-                                                          "not identified"]  # fmt: skip
+    assert [found[name]["verdict"] for name in NAMES] == ["weak", *["not identified"] * 3]
     assert found["mass"]["width"] < 0.1
+    assert "followed 0 of its starts" in studied[0]["doubt"]
+
+
+@pytest.mark.slow
+def test_a_parameter_is_identified_only_by_several_descents_to_one_minimum_at_the_noise(reference, tmp_path):
+    folder = toy.make_run(reference, tmp_path / "run", budget=None)
+    whole = (folder.path / "record.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
+    last = [json.loads(line)["note"].get("last", False) for line in whole]
+    ended = next(i for i in range(1, len(last)) if last[i - 1] and not last[i])
+
+    def study(lines):
+        (folder.path / "record.jsonl").write_text("".join(lines), encoding="utf-8")
+        found = identify(reopen(folder.path, reference, toy.ROBOT, 2), QUICK, again=True)
+        return found["intervals"]["mass"]["verdict"], found["doubt"]
+
+    assert study(whole) == ("identified", "")
+    verdict, doubt = study(whole[: ended + 1])
+    assert verdict == "weak"
+    assert says(doubt, "followed 1 of its starts", "one minimum", "--resume")
+
+
+def test_far_above_the_noise_or_where_descents_end_apart_nothing_is_identified():
+    for misfit, ends, part in (
+        (0.02, [0.02] * 3, "20 times the noise"), (0.004, [0.004, 0.012, 0.02], "1 ended within 10 %"),
+        (0.004, [0.004], "1 of its starts"), (0.004, [0.004, 0.0041], ""), (0.0015, [0.0015, 0.3], ""),
+    ):  # fmt: skip
+        doubt = doubted(misfit, 1e-3, min(ends), ends)
+        assert part in doubt if part else not doubt
 
 
 def test_of_two_that_make_up_for_one_another_the_sum_is_determined(studied):
@@ -91,7 +119,7 @@ def test_of_two_that_make_up_for_one_another_the_sum_is_determined(studied):
 
 @pytest.mark.slow
 def test_a_study_that_is_cut_anywhere_is_the_same_file(run_path, reference, tmp_path):
-    """Every write is a place to be killed at, and so is every batch between two: what wasn't written is done again."""
+    """Every write is a place to be killed at, and so is every evaluation: what wasn't written is done again."""
 
     def study(folder, stop_at=()):
         told = 0
@@ -109,8 +137,8 @@ def test_a_study_that_is_cut_anywhere_is_the_same_file(run_path, reference, tmp_
         content = (folder / IDENTIFIABILITY).read_text(encoding="utf-8")
         return told, re.sub(r'"created": "[^"]*"', "", content), (folder / IDENTIFIED).read_bytes()
 
-    batches, *whole = study(tmp_path / "whole")
-    stops = (1, batches, batches + 2)
+    evaluations, *whole = study(tmp_path / "whole")
+    stops = (1, evaluations - 4, evaluations)
     _, *cut = study(tmp_path / "cut", stops)
     assert cut == whole
 
@@ -195,10 +223,10 @@ def test_draws_of_a_linear_problem_have_the_covariance_of_least_squares():
     assert found.draws[:, 2].std() == pytest.approx(12**-0.5, rel=0.15)
 
 
-def test_first_points_are_the_best_others_near_its_loss_and_both_sides():
+def test_first_points_are_the_best_both_sides_of_it_and_others_near_its_loss():
     points = [np.array(point) for point in ([0.5, 0.5], [0.505, 0.5], [0.8, 0.2], [0.1, 0.99])]
     found = first_points(list(zip(points, (1.0, 1.1, 2.0, 4.0), strict=True)))
-    expected = [(0.5, 0.5), (0.8, 0.2), (0.44, 0.5), (0.56, 0.5), (0.5, 0.44), (0.5, 0.56)]
+    expected = [(0.5, 0.5), (0.44, 0.5), (0.56, 0.5), (0.5, 0.44), (0.5, 0.56), (0.8, 0.2)]
     np.testing.assert_allclose(found, expected)
 
 

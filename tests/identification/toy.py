@@ -8,8 +8,8 @@ from pathlib import Path
 
 from recorded import PENDULUM, blank, build_pendulum, recorded, telling
 from run_settings import settings_of
-from swim2real.calibration import Problem, RunFolder, minimize
-from swim2real.optimizers import RandomSearch, streams
+from swim2real.calibration import Problem, RunFolder, conclude, minimize
+from swim2real.optimizers import MultiStart, RandomSearch, streams
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.trials import TrialSet
 
@@ -41,14 +41,17 @@ def make_reference(noise: float = 1e-3) -> TrialSet:
     return recorded(ROBOT, HIDDEN, [blank(ROBOT, "released", SECONDS)], noise)
 
 
-def make_run(reference: TrialSet, out: Path, budget: int = 3, seed: int = 0) -> RunFolder:
-    """A short run that begins near the hidden values."""
+def make_run(reference: TrialSet, out: Path, budget: int | None = 3, seed: int = 0) -> RunFolder:
+    """A short run that begins near the hidden values; without a budget a search until it is done."""
     problem = Problem(ROBOT, reference, threads=2)
     folder = RunFolder(out)
     with folder.locked():
         folder.begin(
             replace(settings_of(problem, reference, budget=budget, seed=seed), reference="the toy's reference")
         )
-        optimizer = RandomSearch(len(SPACE), streams(seed)[1], SPACE.to_cube(START))
-        minimize(problem, SPACE, optimizer, budget, folder)
+        first, rng = SPACE.to_cube(START), streams(seed)[1]
+        optimizer = MultiStart([first], rng) if budget is None else RandomSearch(len(SPACE), rng, first)
+        best, ending = minimize(problem, SPACE, optimizer, budget, folder)
+        if budget is None:
+            conclude(folder, problem, None, best.values, ending=ending)
     return folder

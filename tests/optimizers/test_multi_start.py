@@ -103,7 +103,7 @@ def test_a_start_and_stages_are_needed():
         answered(MultiStart([MIDDLE], streams(0)[1]), 1, lambda i, one: Evaluation(one, 1.0))
 
 
-def test_it_is_done_when_three_ends_agree_or_six_are_there():
+def test_it_is_done_when_three_ends_agree_and_goes_on_beyond_six_where_none_does():
     optimizer = MultiStart([MIDDLE, np.full(D, 0.2)], streams(0)[1])
     assert not optimizer.done
     asked = 0
@@ -114,3 +114,9 @@ def test_it_is_done_when_three_ends_agree_or_six_are_there():
         asked += 1
         assert asked < 2000
     assert agreeing([0.010, 0.0109, 0.02]) == 2
+    apart = MultiStart([MIDDLE], streams(0)[1])
+    while not apart.done:  # each start leaves another loss
+        one = apart.ask()
+        residual = np.append(linear(one.point), 0.01 * 1.3 ** one.note.get("start", 1))
+        apart.tell(Evaluation(one, float(np.linalg.norm(residual)), stages=staged(residual)))
+    assert len(apart.ends) == 12

@@ -70,6 +70,17 @@ def test_a_pendulum_has_its_missing_damping_calibrated(begun):
     assert "shoulder_armature" in draft.aside
 
 
+def test_what_others_make_up_for_is_left_out_with_the_reason(begun):
+    cable = '<tendon><fixed name="cable" damping="0.01"><joint joint="shoulder" coef="1"/></fixed></tendon></mujoco>'
+    twice = PENDULUM.replace('name="shoulder"', 'name="shoulder" damping="0.01"').replace("</mujoco>", cable)
+    draft, out = begun(twice)
+    dampings = {"shoulder_damping", "cable_damping"}
+    (kept,) = dampings & set(draft.calibrated)
+    (left_out,) = dampings - {kept}
+    assert "others make up for it: over its range it alone changes the motion by" in draft.aside[left_out]
+    assert f"# left out: {draft.aside[left_out]}\n" in out.read_text()
+
+
 @pytest.mark.slow
 def test_a_snake_swims_in_the_plane_with_one_value_for_its_joints(begun):
     draft, out = begun(snake())

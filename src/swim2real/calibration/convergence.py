@@ -123,8 +123,7 @@ def standing(
     best = min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
     if best is None or (settings.budget is not None and not settings.finish):
         return ()
-    done = outcome is not None and outcome.ending == "done" and outcome.evaluations == len(entries)
-    ends = _ends(entries, done)
+    done, ends = _done(entries, outcome), ends_of(entries, outcome)
     near = agreeing([best.loss, *ends]) - 1
     last = _gain_lately(entries)
     state, more = ("is done", "") if done else ("was cut off", "; --resume goes on with it")
@@ -136,9 +135,6 @@ def standing(
         f"the last minute {gained}",
     ]
     noise = None if outcome is None else outcome.noise
-    if noise:
-        of = "of the markers" if outcome is not None and outcome.marker_names else "of the readings"
-        said.append(f"the best loss is {best.loss / noise:.1f} times the noise {of} ({1e3 * noise:.2f} mm)")
     places = dict(zip(space.names, space.to_cube(best.values), strict=True))
     bound = [name for name, place in places.items() if not _ON_BOUND < place < 1 - _ON_BOUND]
     if bound:
@@ -155,8 +151,18 @@ def standing(
     return tuple(said)
 
 
-def _ends(entries: Sequence[RecordedEvaluation], done: bool) -> list[float]:
-    """Lowest loss of each start that was followed to the end of the last stage, in order [m]."""
+def _done(entries: Sequence[RecordedEvaluation], outcome: Outcome | None) -> bool:
+    return outcome is not None and outcome.ending == "done" and outcome.evaluations == len(entries)
+
+
+def ends_of(entries: Sequence[RecordedEvaluation], outcome: Outcome | None) -> list[float]:
+    """Lowest loss of each start that was followed to the end of the last stage, in order [m].
+
+    Args:
+        entries: Evaluations on record.
+        outcome: What was found; None for a run that was interrupted, whose last start isn't at its end.
+    """
+    done = _done(entries, outcome)
     lowest: dict[int, float] = {}
     ended: dict[int, None] = {}
     for index, entry in enumerate(entries):

@@ -350,9 +350,9 @@ def _of_sensors(robot: Robot, reference: TrialSet) -> list[str]:
     if not pairs:
         return []
     made, read = (np.concatenate(part) for part in zip(*pairs, strict=True))  # (N, S)
-    spread = made.std(axis=0)
     if len(made) < _FRAMES:
         return []
+    spread = made.std(axis=0)
 
     def off(i: int, readings: Array) -> float:
         return float(np.sqrt(np.nanmean(np.square(made[:, i] - readings))) / spread[i])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -35,6 +35,8 @@ _POSITION = 0.5  # rad or m, of a position servo without a range
 _ANGLE = 0.3  # rad
 _SHIFT = 0.1  # of the robot's size
 _EDGE = 0.1  # of a joint's range, which the start keeps away from its ends
+_STEP = 0.1  # of a parameter's range, for slopes
+_OWN = 0.005  # of the motion: a parameter whose own part is less is made up for by others
 
 Simulate = Callable[[Sequence[Values]], list[TrialSet]]
 
@@ -110,6 +112,48 @@ def probe(robot: Robot, reference: TrialSet | None = None, threads: int | None =
     shifts = [_shift(robot, nominal, next(made)) if refused is None else Shift(np.nan, refused)
               for _, _, refused in wanted]  # fmt: skip
     return [Probe(effect, shifts[2 * i], shifts[2 * i + 1]) for i, effect in enumerate(effects)]
+
+
+def made_up_for(robot: Robot, threads: int | None = None) -> dict[str, str]:
+    """Parameters that the others can make up for in the motion by which they are told apart, with the reason.
+
+    One after the other, the one whose own part of the change is least, by slopes about the published values; never all.
+
+    Raises:
+        EngineError: The robot can't be simulated with its own values.
+    """
+    space, (nominal, simulate) = robot.space, _begun(robot, None, threads)
+    middle = space.to_cube(space.published)
+    steps = np.where(middle < 0.5, _STEP, -_STEP)
+    made = simulate([space.to_values(middle + step) for step in np.diag(steps)])
+    scales = {sensor.name: sensor.meters_per_unit for sensor in robot.trials.sensors}
+    base = _numbers(nominal, scales)
+    slopes = {
+        name: (_numbers(one, scales) - base) / step for name, one, step in zip(space.names, made, steps, strict=True)
+        if not any(trial.divergence for trial in one)
+    }  # fmt: skip
+    limit, found = _OWN * float(np.std(base - base.mean(axis=0), axis=0).max(initial=0.0)), dict[str, str]()
+    while len(slopes) > 1:
+        own: dict[str, float] = {}
+        for name, slope in slopes.items():
+            others = np.stack([other.ravel() for key, other in slopes.items() if key != name], axis=1)
+            left = slope.ravel() - others @ np.linalg.lstsq(others, slope.ravel(), rcond=1e-6)[0]
+            own[name] = float(np.sqrt(np.square(left).mean()))
+        least = min(own, key=lambda name: own[name])
+        if own[least] > limit:
+            break
+        del slopes[least]
+        found[least] = f"others make up for it: over its range it alone changes the motion by {1e3 * own[least]:.2g} mm"
+    return found
+
+
+def _numbers(trials: TrialSet, scales: Mapping[str, float]) -> Array:
+    """What is compared of trials, over time [m]. Shape (T, N)."""
+    columns = [trial.track.positions.reshape(trial.track.frame_count, -1) for trial in trials]
+    read = [trial.sensors for trial in trials if trial.sensors is not None]
+    sensed = [one.column(name)[:, None] * scale for one in read for name, scale in scales.items()]
+    rows = min(map(len, (*columns, *sensed)))
+    return np.concatenate([column[:rows] for column in (*columns, *sensed)], axis=1)
 
 
 def made_up_motion(robot: Robot) -> str:

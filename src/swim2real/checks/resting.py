@@ -31,6 +31,7 @@ _SURE = 4.0  # standard errors of a velocity that is none
 _ALIKE = 0.5  # share by which velocities of several stretches may differ
 _LEAST = 4  # frames in which a marker is seen
 _WORSE = 1.5  # times the error from a fitted start, from which on a recording doesn't begin at rest
+_STRONGER = 5.0  # times the model's own, which what drives a robot may do at once
 _MOST_KEYS = 8  # keyframes that are tried
 
 
@@ -128,7 +129,8 @@ def _better(robot: Robot, reference: TrialSet, begun: Mapping[str, Beginning]) -
     for name, one in begun.items():
         trial = reference[name].cut(HORIZON)
         rest, fitted = (playback_errors(player.robot, player, trial)[0] for player in players)
-        made[name] = BetterStart(REST if one.rests and not rest > _WORSE * fitted else FITTED, rest, fitted)
+        rests = one.rests and not rest > _WORSE * fitted
+        made[name] = BetterStart(REST if rests or (np.isfinite(rest) and fitted == np.inf) else FITTED, rest, fitted)
     return made
 
 
@@ -205,7 +207,12 @@ def _beginning(robot: Robot, about: Trials, real: Trial, simulated: Trial) -> Be
     fastest = int(np.nanargmax(np.linalg.norm(first.velocity, axis=1)))
     velocity, other = first.velocity[fastest], second.velocity[fastest]
     speed, noise = float(np.linalg.norm(velocity)), max(first.noise[fastest], second.noise[fastest])
-    own = _motion(played_at[:count] - played_at[0], played[:count]).velocity[fastest] if count >= _LEAST else 0.0
+    own = (
+        _motion(played_at[:count] - played_at[0], played[:count]).velocity[fastest]
+        if count >= _LEAST
+        else 0.0 * velocity
+    )
+    own = own * np.clip(velocity @ own / max(float(own @ own), 1e-30), 0.0, _STRONGER)
     moves = (
         speed > _SURE * noise * first.spread
         and _UNIT_TIME * speed > _MOVING * size

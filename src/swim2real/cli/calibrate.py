@@ -184,7 +184,7 @@ def _told(outcome: Outcome, folder: Path, quiet: bool, as_json: bool) -> int:
     from swim2real.api import run_robot
     from swim2real.calibration import RunFolder
     from swim2real.cli import tables
-    from swim2real.report import read_run, warnings, write_report
+    from swim2real.report import read_run, standing, warnings, write_report
     from swim2real.report.tables import parameter_rows
 
     reported = read_run(folder, run_robot(RunFolder(folder)))
@@ -194,7 +194,7 @@ def _told(outcome: Outcome, folder: Path, quiet: bool, as_json: bool) -> int:
         tables.parameters(parameter_rows(reported), outcome.ranges)
         _print(outcome, reported.robot.trials.sensors)
     if not as_json and not quiet:
-        for line in reported.standing:
+        for line in standing(reported):
             say(f"{line[0].upper()}{line[1:]}.")
     for warning in warnings(reported):
         tell(f"warning: {warning}")

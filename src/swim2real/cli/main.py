@@ -120,7 +120,7 @@ def parsed(words: list[str]) -> Callable[[], int]:
         near = begun or difflib.get_close_matches(name.lower().replace("_", "-"), commands, n=1)
         hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else "."
         raise ArgumentError(f"there is no command '{name}'{hint} There are {', '.join(commands)}")
-    flags = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
+    flags = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone)
     try:
         work: Any = tyro.cli(_deferred(commands[name]), prog=f"swim2real {name}", args=rest, config=flags)
     except SystemExit as ended:

@@ -199,7 +199,7 @@ def rollout(
         beside: Further training folders, whose policies swim beside this one in the film, in the same simulator and
             from the same start.
         out: Folder to write; by default the policy's.
-        film: Write the film.
+        film: Whether the film is written; --no-film leaves it out.
         json: Print the figures as JSON.
     """
     from swim2real.cli.subject import robot_for, values_for

@@ -9,12 +9,13 @@ import numpy as np
 
 from swim2real.calibration import Problem
 from swim2real.checks.effects import why_no_effect
+from swim2real.checks.mistakes import mistakes
 from swim2real.checks.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
 from swim2real.checks.reference import judged, misfits, reference_warnings, starts
 from swim2real.checks.resting import better_starts, other_start, started
 from swim2real.cli.tables import millimeters, table
 from swim2real.cli.terminal import say
-from swim2real.errors import ArgumentError, TrialError
+from swim2real.errors import ArgumentError, EngineError, TrialError
 from swim2real.rendering.drawing import to_pillow
 from swim2real.rendering.marker_map import marker_map
 from swim2real.robots import ROBOTS, load_robot, robot_file
@@ -46,7 +47,15 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
     reference = None if reference_folder is None else load_reference(reference_folder)
     wrong = [] if reference is None else misfits(robot, reference)
     fits = not wrong
-    probes = probe(robot, reference if fits else None, threads)
+    try:
+        probes = probe(robot, reference if fits else None, threads)
+    except EngineError:  # it may be the trials' fault
+        doubts = mistakes(robot, reference) if reference is not None and fits else []
+        if not doubts:
+            raise
+        for sentence in doubts:
+            say(f"Probably wrong: {sentence}.")
+        return False
     _parameters(file, probes, bool(robot.marker_names))
     _moved(robot, None if not fits or reference is None else reference.names[:TRIALS])
     if robot.marker_names:

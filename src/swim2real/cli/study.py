@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _DIRECTIONS = 4  # that are printed of the best determined ones, and of the others
 _NAMED = 3  # parameters that are named in a cell
+_OFTEN = 5.0  # s between lines of progress
 
 
 def identify(
@@ -72,12 +73,18 @@ def study_shown(
     from swim2real.interruption import Interruption
 
     console, begun = progress_console(), time.monotonic()
+    shown, before = begun - _OFTEN, -1
     try:
         with Interruption() as interruption:
 
             def show(progress: StudyProgress) -> None:
-                if not quiet:
-                    left = (time.monotonic() - begun) / progress.evaluations * (progress.most - progress.evaluations)
+                nonlocal shown, before
+                if before < 0:  # what an earlier call has evaluated takes no time
+                    before = progress.evaluations - 1
+                now, made = time.monotonic(), progress.evaluations - before
+                if not quiet and ((made > 1 and now - shown > _OFTEN) or progress.evaluations == progress.most):
+                    shown = now
+                    left = (now - begun) / made * (progress.most - progress.evaluations)
                     console.print(
                         f"{progress.evaluations:5d}/{progress.most}  intervals, lowest {1e3 * progress.lowest:.2f} mm, "
                         f"about {left:.0f} s left"
@@ -99,11 +106,12 @@ def _print_so_far(run: FinishedRun) -> None:
 
     with suppress(Swim2RealError, OSError):  # nothing is evaluated yet
         lowest, ranges = known_so_far(run)
+        if not ranges:
+            say(f"So far, lowest {1e3 * lowest:.2f} mm; too little is evaluated to tell how well parameters are known.")
+            return
         rows = [(name, f"{low:.3g} to {high:.3g}") for name, (low, high) in ranges.items()]
-        title = (
-            f"So far, lowest {1e3 * lowest:.2f} mm: the error rises by less than a tenth within, all others following"
-        )
-        tables.table(title, ("parameter", "within"), rows)
+        say(f"So far, lowest {1e3 * lowest:.2f} mm. The error rises by less than a tenth within, all others following:")
+        tables.table("", ("parameter", "within"), rows)
 
 
 def ensemble(
@@ -239,7 +247,7 @@ def _print_trials(judged: Sequence[JudgedTrial]) -> None:
 def _print(content: Mapping[str, Any]) -> None:
     """The verdicts of a study of identifiability."""
     from swim2real.cli import tables
-    from swim2real.identification.identifiability import EXPLAINED, IDENTIFIED
+    from swim2real.identification.identifiability import IDENTIFIED
 
     start, lowest = (1e3 * content[key]["loss"] for key in ("start", "lowest"))
     say(f"Lowest loss: {lowest:.2f} mm.")
@@ -248,13 +256,8 @@ def _print(content: Mapping[str, Any]) -> None:
             f"That is a better fit than the run's, {start:.2f} mm, by {100 * (1 - lowest / start):.0f} %: the "
             f"intervals are about it, and its values are in {IDENTIFIED}."
         )
-    if content["noise"] and content["misfit"] > EXPLAINED * content["noise"]:
-        say(
-            f"The residual's root mean square is {1e3 * content['misfit']:.2f} mm, far above the markers' noise of "
-            f"{1e3 * content['noise']:.2f} mm: the model is wrong, or a better fit wasn't found, so no parameter "
-            f"counts as identified. Intervals are as wide as the residual makes them; calibrate longer, with other "
-            f"seeds, or with a model that has more parameters, to narrow them."
-        )
+    if content["doubt"]:
+        say(f"{content['doubt']}.")
     rows = [
         (name, one["verdict"], "{:.3g} to {:.3g}".format(*one["interval_95"]), f"{100 * one['width']:.0f} %")
         for name, one in content["intervals"].items()

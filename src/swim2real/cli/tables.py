@@ -35,6 +35,7 @@ class PlainConsole(Console):
 console = PlainConsole()
 MOST_COLUMNS = 10  # markers with a column each; of more only the worst are named
 _WORST = "worst first"
+_WHOLE = 32  # characters of a name that isn't broken; numbers wrap in its place
 _TEXTS = ("driven by", "finding", _WORST)  # columns of words
 
 
@@ -59,8 +60,10 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
         title=title, title_justify="left", title_style="bold",
         box=SIMPLE_HEAD, padding=(0, 1), collapse_padding=True, pad_edge=False,
     )  # fmt: skip
+    whole = min(max((len(row[0].partition("\n")[0]) for row in rows), default=0), _WHOLE)
     for i, column in enumerate(columns):
-        out.add_column(column, justify="left" if i == 0 or column in _TEXTS else "right", overflow="fold")
+        justify = "left" if i == 0 or column in _TEXTS else "right"
+        out.add_column(column, justify=justify, overflow="fold", min_width=0 if i else whole)
     for row in rows:
         out.add_row(*row)
     console.print(out)

@@ -36,7 +36,8 @@ def view(
         robot: Robot file, if it has moved since the run or the parameters file was written; with 'published', the robot
             whose own values are used.
         reference: Folder with the real trials shown as ghosts; by default the run's own.
-        trial: Name of the trial; by default the first, or the one whose frequency is nearest to --frequency.
+        trial: Name of the trial; by default the one that a run fits worst, else the one that moves most, or the one
+            whose frequency is nearest to --frequency.
         frequency: Frequency of the motor [Hz]; by default that of the trial, or 1 Hz.
         seconds: Longest duration shown [s].
         camera: Camera at first, by default the one it was filmed with; it follows a robot that travels. ahead: from -x,
@@ -83,7 +84,7 @@ def _of_robot(
             robot, values, None, seconds
         )  # fmt: skip
     trials = load_reference(folder)
-    chosen = _chosen(trials.trials, trial, frequency)
+    chosen = _chosen(trials.trials, trial, frequency, Path(subject))
     problem = Problem.with_settings(
         robot, TrialSet((chosen,), trials.marker_names), EvaluationSettings(horizon=seconds)
     )  # fmt: skip
@@ -123,12 +124,25 @@ def _own_reference(path: Path) -> Path | None:
     return next((folder for folder in (path / source, Path(source)) if source and folder.is_dir()), None)
 
 
-def _chosen(trials: Sequence[Trial], name: str | None, frequency: float | None) -> Trial:
+def _chosen(trials: Sequence[Trial], name: str | None, frequency: float | None, subject: Path) -> Trial:
+    from swim2real.calibration import RunFolder
+
     if name is not None:
         for trial in trials:
             if trial.name == name:
                 return trial
         raise ArgumentError(f"there is no trial '{name}'; there are {', '.join(trial.name for trial in trials)}")
     if frequency is None:
-        return trials[0]
+        outcome = RunFolder(subject).outcome() if subject.is_dir() else None
+        fits = () if outcome is None else (outcome.fit, outcome.held_out)
+        losses = {name: one.loss or 0.0 for fit in fits if fit is not None for name, one in fit.trials.items()}
+        return max(trials, key=lambda trial: (losses.get(trial.name, -1.0), _moving(trial)))
     return min(trials, key=lambda trial: abs((trial.nominal_frequency or float("inf")) - frequency))
+
+
+def _moving(trial: Trial) -> float:
+    """How far the marker comes that moves most [m]."""
+    import numpy as np
+
+    seen = trial.track.positions[:, np.isfinite(trial.track.positions).all(axis=2).any(axis=0)]
+    return float(np.linalg.norm(np.nanmax(seen, axis=0) - np.nanmin(seen, axis=0), axis=1).max(initial=0.0))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, FiniteFloat, NonNegativeFloat, NonNegativeInt, model_validator
 
 from swim2real import store
-from swim2real.calibration.convergence import marker_noise
+from swim2real.calibration.convergence import ends_of, noise_of
 from swim2real.calibration.file_models import Share
 from swim2real.calibration.loop import write_fit
 from swim2real.calibration.provenance import commit, versions
@@ -30,11 +30,12 @@ from swim2real.errors import RunError
 from swim2real.identification.evaluated import EvaluatedPoint, evaluated, independent_numbers
 from swim2real.identification.finished_run import FinishedRun
 from swim2real.identification.posterior import BATCH, Posterior, draw, first_points
+from swim2real.optimizers.multi_start import AGREEMENT, agreeing
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import IdentifiabilitySettings
 from swim2real.simulation import Simulator, Swim
-from swim2real.trials import Actuation
+from swim2real.trials import Actuation, TrialSet
 
 Array = NDArray[np.float64]
 
@@ -45,7 +46,8 @@ EVALUATED = "identifiability.npz"  # evaluated points with their residuals, from
 _WIDER = 2.5  # times as wide as the draws' own, 95 % intervals hold 95 % of known truths (interval_coverage.py)
 _SHARES = {"50": (25.0, 75.0, 1.15), "95": (2.5, 97.5, _WIDER)}  # percentiles of the draws, and how much wider
 _KNOWN, _OPEN = 0.25, 0.8  # of the range: widest 95 % interval of an identified parameter, narrowest of an unknown one
-EXPLAINED = 25.0  # times the noise of the markers; residuals of true values are 8 to 20 times as large in the examples
+_FAR = 15.0  # times the noise of the markers; residuals of true values are 8 to 13 times as large in demo and snake
+_AT_NOISE = 2.0  # times it: where so little is left, no other minimum can be much lower
 _NAMED = 0.8  # of a direction's square that its named parameters hold
 _KEPT = 200  # draws in the file
 PREDICTING = 25  # sets whose swims are a prediction
@@ -113,7 +115,8 @@ class Study(BaseModel, extra="allow"):
         intervals: By parameter.
         directions: The best determined one first.
         determined: Number of directions that the trials determine.
-        noise: Noise of the markers [m].
+        noise: Noise of the markers, or of the readings where there are none [m].
+        doubt: Why no parameter counts as identified, in a sentence; empty where some may.
         misfit: Root of the lowest mean square of the residual [m].
         weight: What the mean square of one trial's residual counts in the draws' likelihood [1/m²].
         draws: Points of the unit cube, as likely as they fit.
@@ -132,6 +135,7 @@ class Study(BaseModel, extra="allow"):
     determined: FiniteFloat = 0.0
     noise: FiniteFloat | None = None
     misfit: FiniteFloat = 0.0
+    doubt: str = ""
     weight: FiniteFloat = 0.0
     draws: list[list[Share]] = []
     checked: list[_Point] = []
@@ -181,7 +185,7 @@ def identify(
         run: The run; its folder is locked meanwhile.
         settings: Settings of the study.
         again: Whether to begin anew even if there is a study.
-        on_progress: Called after each batch of evaluations.
+        on_progress: Called after each evaluation.
         check: Called after each evaluation, and as chains go on; what it raises ends the study, which goes on from
             there when called again.
 
@@ -222,7 +226,7 @@ class _Studying:
         self._most = len(self._first) + BATCH * settings.rounds
         self._evaluated: list[EvaluatedPoint] = []
         self._given = 0
-        start = _start(run)
+        start, self._lowest = _start(run), run.best.loss
         self._state: dict[str, Any] = {
             "format": FORMAT, **run.conditions(), "settings": asdict(settings), "start": start, "lowest": start,
             "complete": False, "evaluations": 0,
@@ -255,11 +259,12 @@ class _Studying:
                 try:
                     for one in evaluated(self._run.problem, self._run.space, missing):
                         self._evaluated.append(one)
+                        self._lowest = min(self._lowest, np.inf if one.failed else one.loss)
+                        self._tell(StudyProgress(len(self._evaluated), self._most, self._lowest))
                         self._check()
                 finally:
                     self._keep()
             self._given += len(batch)
-            self._tell(StudyProgress(self._given, self._most, self._state["lowest"]["loss"]))
         return self._evaluated[self._given - len(points) : self._given]
 
     def _keep(self) -> None:
@@ -296,21 +301,24 @@ class _Studying:
             except (OSError, ValueError, KeyError) as error:
                 raise RunError(f"'{kept}' can't be read: {error}; begin anew with --again") from error
             self._state |= {"lowest": study.lowest.model_dump(), "evaluations": study.evaluations}
+            self._lowest = study.lowest.loss
         return study
 
     def _content(self, found: Posterior) -> dict[str, Any]:
-        space, noise = self._run.space, marker_noise([trial.track for trial in self._run.problem.trials])
-        ends = {share: interval(found.draws, share) for share in _SHARES}
-        values = {share: [space.to_array(end) for end in both] for share, both in ends.items()}
+        space, problem = self._run.space, self._run.problem
+        noise = noise_of(problem.trials, problem.robot.trials.sensors)
+        within = {share: interval(found.draws, share) for share in _SHARES}
+        values = {share: [space.to_array(end) for end in both] for share, both in within.items()}
         median = space.to_array(np.median(found.draws, axis=0))
         misfit = min(one.misfit for one in (*found.checked, found.lowest))
-        explained = noise is None or misfit <= EXPLAINED * noise
+        ends = ends_of(self._run.folder.record(), self._run.folder.outcome())
+        doubt = doubted(misfit, noise, found.lowest.loss, ends)
         intervals = {
             name: {
                 "median": float(median[i]),
                 **{f"interval_{share}": [float(end[i]) for end in both] for share, both in values.items()},
-                "width": float(ends["95"][1][i] - ends["95"][0][i]),
-                "verdict": _verdict(float(ends["95"][1][i] - ends["95"][0][i]), explained),
+                "width": float(within["95"][1][i] - within["95"][0][i]),
+                "verdict": _verdict(float(within["95"][1][i] - within["95"][0][i]), not doubt),
             }
             for i, name in enumerate(space.names)
         }
@@ -320,7 +328,8 @@ class _Studying:
             "intervals": intervals,
             "directions": axes,
             "determined": sum(1 - one["spread"] ** 2 for one in axes),
-            "weight": found.weight / len(self._run.problem.trials),  # of the mean square of one trial [1/m²]
+            "doubt": doubt,
+            "weight": found.weight / len(problem.trials),  # of the mean square of one trial [1/m²]
             "noise": noise,
             "misfit": misfit,
             "draws": np.round(kept, 6).tolist(),
@@ -338,7 +347,10 @@ class _Studying:
         frequencies = np.geomspace(min(known) / 1.3, max(known) * 1.3, _FREQUENCIES).round(3).tolist()
         swims = [Swim(f"{f:g} Hz", Actuation(f, 0.0, _START_SPEED), _SECONDS) for f in frequencies]
         sets = [self._run.space.to_values(draw) for draw in draws[:: len(draws) // PREDICTING]]
-        made = problem.simulator.simulate_many(sets, swims)
+        made: list[TrialSet] = []
+        for one in sets:  # one by one, so that Ctrl-C is answered between them
+            self._check()
+            made += problem.simulator.simulate_many([one], swims)
         speeds = [[trial.track.speed for trial in trials] for trials in made if not any(t.divergence for t in trials)]
         if not speeds:
             return None
@@ -366,6 +378,39 @@ def interval(draws: Array, share: str) -> Array:
     low, high, wider = _SHARES[share]
     median = np.median(draws, axis=0)
     return np.clip(median + wider * (np.percentile(draws, (low, high), axis=0) - median), 0.0, 1.0)
+
+
+def doubted(misfit: float, noise: float | None, lowest: float, ends: Sequence[float]) -> str:
+    """Why no parameter counts as identified; empty where some may.
+
+    Args:
+        misfit: Root of the lowest mean square of the residual [m].
+        noise: Of the markers, or of the readings [m]; None where nothing tells it.
+        lowest: Lowest loss that is known [m].
+        ends: Losses at which descents from independent starts ended [m].
+    """
+    near = agreeing([lowest, *ends]) - 1
+    if noise and misfit > _FAR * noise:
+        why = (
+            f"the residual's root mean square is {1e3 * misfit:.2f} mm, {misfit / noise:.0f} times the noise of the "
+            f"data ({1e3 * noise:.2g} mm): the model is wrong, or a better fit wasn't found"
+        )
+    elif len(ends) < 2:
+        why = (
+            f"the run has followed {len(ends)} of its starts to the end, so one minimum was looked at, at most, and "
+            f"another may fit as well"
+        )
+    elif near < 2 and (noise is None or misfit > _AT_NOISE * noise):
+        why = (
+            f"of {len(ends)} starts that were followed to their end, {near} ended within {100 * AGREEMENT:.0f} % of "
+            f"the lowest loss, {1e3 * lowest:.2f} mm, which is above the noise: a lower minimum may be left"
+        )
+    else:
+        return ""
+    return (
+        f"No parameter counts as identified: {why}. Search on with swim2real calibrate --resume, without --budget, or "
+        f"from another --seed; where that finds nothing, the model lacks something"
+    )
 
 
 def _verdict(width: float, explained: bool) -> str:

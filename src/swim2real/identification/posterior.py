@@ -48,7 +48,7 @@ class Posterior:
 
 
 def first_points(record: Sequence[tuple[Array, float]]) -> list[Array]:
-    """Points to begin with: the best of a run, those of it that are near its loss, and on both sides of the best one.
+    """Points to begin with: the best of a run, on both sides of it, and others of the run that are near its loss.
 
     Args:
         record: Points of the unit cube, shapes (d,), with their losses.
@@ -60,7 +60,7 @@ def first_points(record: Sequence[tuple[Array, float]]) -> list[Array]:
         if loss <= _NEAR * lowest and len(taken) < _MOST_NEAR and min(np.abs(point - p).max() for p in taken) > _APART:
             taken.append(point)
     sides = [sign * _AROUND * side for side in np.eye(best.size) for sign in (-1, 1)]
-    return [*taken, *(np.clip(best + side, 0.0, 1.0) for side in sides)]
+    return [best, *(np.clip(best + side, 0.0, 1.0) for side in sides), *taken[1:]]
 
 
 def draw(

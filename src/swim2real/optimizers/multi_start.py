@@ -29,7 +29,7 @@ _FORMING_RADII = (0.2, 0.05)  # of a parameter's range: far apart, points see pa
 _FORMING_TRUST = 0.4  # of it, as all that follow
 _START_RADIUS, _WIDE_RADIUS, _CLOSE_RADIUS = 0.05, 0.1, 0.02
 _WORTHWHILE = 0.95  # share of the loss to which going the way from an end again must lower it, to be repeated
-_AGREEING, _MOST_ENDS = 3, 6  # ends that agree with the best, and ends in all, after which a search is done
+_AGREEING = {0: 3, 6: 2, 12: 1}  # after so many ends, how many that agree with the best end a search
 AGREEMENT = 0.1  # of the lowest loss, within which ends agree
 
 Start: TypeAlias = tuple[int, Evaluation]
@@ -110,7 +110,8 @@ class MultiStart(Optimizer):
         number, points = min(reached, key=lambda one: one[1].squares[0])
         self._followed[number] = yield from self._to_the_end(points, number)
         yield from self._repeat()
-        self.done = agreeing(self.ends) >= _AGREEING or len(self.ends) >= _MOST_ENDS
+        wanted = min(agree for ends, agree in _AGREEING.items() if len(self.ends) >= ends)
+        self.done = agreeing(self.ends) >= wanted
 
     def _formed(self, begun: list[Start]) -> Search[Start]:
         """The start whose body comes nearest, and of the points that are as near the one that also swims best."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from swim2real.checks.probing import FAINT, Probe, moved, probe
+from swim2real.checks.probing import FAINT, Probe, made_up_for, moved, probe
 from swim2real.errors import RobotError
 from swim2real.names import label_fault, quoted
 from swim2real.robots import ROBOTS
@@ -50,6 +50,7 @@ def draft_robot(path: Path, threads: int | None = None) -> Draft:
     wrong = {one.parameter.name: why for one in probes if (why := _unfit(one, markers))}
     if len(wrong) < len(draft.calibrated):  # else a person must see to it; `check` says what is wrong
         draft = replace(draft, aside={**draft.aside, **wrong})
+        draft = replace(draft, aside={**draft.aside, **made_up_for(_loaded(draft, path), threads)})
     return draft
 
 

@@ -37,6 +37,7 @@ class Determined:
         open: Those that are not.
         pairs: Names of the charts of pairs.
         lower: How much lower the study's lowest loss is than the run's [m].
+        doubt: Why no parameter counts as identified; empty where some may.
     """
 
     evaluations: int
@@ -47,6 +48,7 @@ class Determined:
     open: tuple[str, ...]
     pairs: tuple[str, ...]
     lower: float
+    doubt: str
 
 
 def determined(run: ReportedRun) -> tuple[Determined, Charts] | None:
@@ -65,7 +67,7 @@ def determined(run: ReportedRun) -> tuple[Determined, Charts] | None:
     left = tuple(_worded(one) for one in reversed(combined) if one.spread >= _OPEN)
     return Determined(
         study.evaluations, study.determined, study.intervals, places, known, left, tuple(charts),
-        max(run.best.loss - study.lowest.loss, 0.0),
+        max(run.best.loss - study.lowest.loss, 0.0), study.doubt,
     ), charts  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.calibration.convergence import ends_of
 from swim2real.formatting import NOTHING, mm, significant
 from swim2real.objective.figures import (
     AVERAGED,
@@ -22,12 +23,15 @@ from swim2real.objective.figures import (
     figures_for,
     sensor_figure,
 )
+from swim2real.objective.trial import TAIL_FIRST_LOSS
+from swim2real.optimizers.multi_start import agreeing
 from swim2real.report.run import ReportedRun
 
 Array = NDArray[np.float64]
 
 _POOR = 0.5  # of the size of the motion: an error above it is bad
-_FAR, _UNEXPLAINED = 10.0, 0.1  # times the noise of readings, and of the motion: above both it is bad as well
+_FAR, _UNEXPLAINED = 10.0, 0.1  # times the noise, and of the motion: above both it may be bad as well
+_AT_NOISE = 1.5  # times the noise, up to which nothing more can be asked for
 _SUMS = ("loss", "motion_error", "aligned_marker_error", "marker_error")  # of which the others are parts
 _LARGE = ("loss", "motion_error", "recoil_error", "aligned_marker_error", "shape_error", "velocity_error")
 
@@ -102,11 +106,31 @@ def _unregistered(run: ReportedRun) -> str:
 
 
 def warnings(run: ReportedRun) -> tuple[str, ...]:
-    """What to know before the best parameters are used: those of the run, and that the fit is bad where it is.
+    """What to know before the best parameters are used: those of the run, and that the fit is bad where it is."""
+    said, bad = _scaled(run)
+    found = [*run.warnings, said] if bad else [*run.warnings]
+    loss = run.of_best.fit.loss or 0.0
+    if loss >= TAIL_FIRST_LOSS and run.settings.protocol == "motion":
+        found.append(
+            f"a trial goes tail first, so the loss, {mm(loss)} mm, has {mm(TAIL_FIRST_LOSS, 0)} mm added; the other "
+            f"errors are without it"
+        )
+    return tuple(found)
 
-    It is by the size of the real motion: the root mean square distance of the real markers from their mean places, on
-    the way of a trial that is scored by it, else in the frame of comparison; without markers, how far readings are from
-    their means, as they count, of which a tenth is bad, too, far above their noise.
+
+def standing(run: ReportedRun) -> tuple[str, ...]:
+    """Where the search stands, and how good its fit is, in sentences; a bad fit is among the warnings."""
+    said, bad = _scaled(run)
+    return run.standing if bad or not said else (*run.standing, said)
+
+
+def _scaled(run: ReportedRun) -> tuple[str, bool]:
+    """How good the fit is, in a sentence, and whether it is bad; empty where all trials diverged.
+
+    The scale is the noise of the data, the size of the real motion, and what other starts came to. The size is the root
+    mean square distance of the real markers from their mean places, on the way of a trial that is scored by it, else in
+    the frame of comparison; without markers, how far readings are from their means, as they count. Half of it is bad;
+    so is a tenth far above the noise, of readings, or where no two of several starts agree.
     """
     sizes: list[tuple[float, float]] = []
     for trial in (one.compared for one in run.saved if not one.held_out and one.compared.divergence is None):
@@ -122,17 +146,25 @@ def warnings(run: ReportedRun) -> tuple[str, ...]:
         sizes.append((float(getattr(trial, trial.loss_figure)), float((apart**2).sum() / max(int(seen.sum()), 1))))
     error, square = np.mean(sizes, axis=0).tolist() if sizes else (0.0, 0.0)
     size, noise = math.sqrt(square), run.of_best.noise
-    far = not run.robot.marker_names and bool(noise) and error > max(_FAR * (noise or 0.0), _UNEXPLAINED * size)
-    if not (error > _POOR * size or far):
-        return run.warnings
+    if not size:
+        return "", False
+    ends = ends_of(run.entries, run.outcome)
+    apart = len(ends) > 1 and agreeing(ends) == 1
+    far = bool(noise) and error > max(_FAR * (noise or 0.0), _UNEXPLAINED * size)
+    bad = error > _POOR * size or (far and (apart or not run.robot.marker_names))
     what = "markers move" if run.robot.marker_names else "readings vary, as they count,"
-    times = f", {error / noise:.0f} times the noise of the data" if noise else ""
+    kind = " is bad" if bad else ""
+    if noise and not bad:
+        kind = " is as good as the noise lets it be" if error <= _AT_NOISE * noise else " is above the noise"
+    times = f", {error / noise:.{0 if error > 9.5 * noise else 1}f} times the noise of the data" if noise else ""
+    found = f"; of {len(ends)} starts the next best ended at {1e3 * sorted(ends)[1]:.3g} mm" if len(ends) > 1 else ""
+    advice = "; look at the film for what is wrong, and try other seeds (--seeds 0:3) or a larger --budget" * bad
+    share = 100 * error / size
     return (
-        *run.warnings,
-        f"the fit is bad: its error is {mm(error)} mm{times}, and the real {what} by {mm(size)} mm about their mean "
-        f"places (root mean square), so it leaves {100 * error / size:.0f} % of the motion unexplained; look at the "
-        f"film for what is wrong, and try other seeds (--seeds 0:3) or a larger --budget",
-    )
+        f"the fit{kind}: its error is {1e3 * error:.3g} mm{times}, and the real {what} by {1e3 * size:.3g} mm about "
+        f"their mean places (root mean square), so it leaves {share:.{0 if share > 1.5 else 2}f} % of the motion "
+        f"unexplained{found}{advice}"
+    ), bad
 
 
 @dataclass(frozen=True)

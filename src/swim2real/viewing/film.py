@@ -31,7 +31,6 @@ _SHARPNESS = 2  # times as large as the picture, for smooth edges
 _DIRECTIONS = 48
 _HIDDEN_GROUP = 3  # from which on MuJoCo's viewer hides geometry
 _EDGE: Color = (70, 84, 98)
-_NEAR = 1e-3  # m, nearer to the camera than which nothing is drawn
 
 Array = NDArray[np.float64]
 
@@ -98,8 +97,8 @@ class Outlines:
         """
         model = motion.model
         self._motion, self._model, self._data = motion, model, mujoco.MjData(model)
-        self._camera, self._size = model.camera(camera).id, (width, height)
-        self._scale = height / 2 / np.tan(np.radians(model.cam_fovy[self._camera]) / 2)
+        self._size = width, height
+        self._lens = offscreen.Lens(model, self._data, camera, self._size)
         seen = (model.geom_group < _HIDDEN_GROUP) & (model.geom_rgba[:, 3] > 0)
         clouds = {int(geom): _cloud(model, int(geom)) for geom in np.flatnonzero(seen)}
         self._clouds = {geom: cloud for geom, cloud in clouds.items() if len(cloud)}
@@ -111,11 +110,11 @@ class Outlines:
         mujoco.mj_forward(self._model, data)
         image = Image.new("RGB", (_SHARPNESS * width, _SHARPNESS * height), PAGE)
         brush = ImageDraw.Draw(image)
-        away = {geom: self._seen(data.geom_xpos[geom][None])[0, 2] for geom in self._clouds}
+        away = {geom: self._lens.seen(data.geom_xpos[geom][None])[0, 2] for geom in self._clouds}
         for geom in sorted(away, key=lambda geom: -away[geom]):
             points = data.geom_xpos[geom] + self._clouds[geom] @ data.geom_xmat[geom].reshape(3, 3).T
-            seen = self._seen(points)
-            if seen[:, 2].min() < _NEAR:
+            seen = self._lens.seen(points)
+            if seen[:, 2].min() < offscreen.NEAR:
                 continue
             material = int(self._model.geom_matid[geom])
             color = self._model.mat_rgba[material] if material >= 0 else self._model.geom_rgba[geom]
@@ -123,19 +122,7 @@ class Outlines:
             if len(outline) > 2:
                 brush.polygon(outline, fill=_dyed(color), outline=_EDGE)
         canvas = Canvas(image.resize((width, height), Image.Resampling.LANCZOS))
-        for markers, color in ((motion.simulated[row], offscreen.SIMULATED), (motion.real[row], offscreen.REAL)):
-            for x, y, depth in self._seen(markers[np.isfinite(markers).all(axis=1)]):
-                if depth > _NEAR:
-                    canvas.dot((x, y), height / 100, _dyed(color), 1.0)
-        return canvas.pixels()
-
-    def _seen(self, points: Array) -> Array:
-        """Places in the picture and distances along the camera's axis [px, px, m]. Shape (N, 3)."""
-        local = (points - self._data.cam_xpos[self._camera]) @ self._data.cam_xmat[self._camera].reshape(3, 3)
-        depth = -local[:, 2]
-        scale = self._scale / np.maximum(depth, _NEAR)
-        width, height = self._size
-        return np.stack([width / 2 + scale * local[:, 0], height / 2 - scale * local[:, 1], depth], axis=1)
+        return self._lens.with_markers(canvas, motion.simulated[row], motion.real[row])
 
 
 def _dyed(color: Sequence[float] | Array) -> Color:

@@ -1,7 +1,8 @@
-"""Markers in MuJoCo's own scene; and, as a process of its own, a film of a motion rendered by OpenGL.
+"""Markers on the pictures of a film; and, as a process of its own, a film of a motion rendered by OpenGL.
 
-Markers are small spheres: blue ones simulated, red ones real, as on all pictures. A process has one OpenGL, chosen by
-MUJOCO_GL before MuJoCo is imported, and a driver that can't be used may end it.
+Markers are drawn on the finished picture, so that nothing hides them: blue ones simulated, red ones real, as on all
+pictures, the red ones smaller and last. A process has one OpenGL, chosen by MUJOCO_GL before MuJoCo is imported, and a
+driver that can't be used may end it.
 """
 
 from __future__ import annotations
@@ -13,34 +14,57 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.rendering.drawing import INK, PAGE, Bytes, Canvas, Color, to_pillow
 from swim2real.video import VideoWriter
 
 MODEL, MOTION = "model.mjb", "motion.npz"
-SIMULATED, REAL = (0.08, 0.35, 0.75, 1.0), (0.86, 0.15, 0.15, 0.6)
-_RADIUS = 0.013  # of the model's extent
+SIMULATED: Color = (20, 89, 191)
+REAL: Color = (219, 38, 38)
+SMALLER = 0.6  # of a simulated marker's radius: where both are in one place, both are seen
+NEAR = 1e-3  # m, nearer to the camera than which nothing is drawn
+_RADIUS, _TEXT = 0.01, 0.035  # of a picture's height: of a marker, and the size of the legend
+
+Array = NDArray[np.float64]
 
 
-def add_markers(
-    scene: mujoco.MjvScene, model: mujoco.MjModel, simulated: NDArray[np.float64], real: NDArray[np.float64]
-) -> None:
-    """Adds spheres to a scene, as far as it has room.
+class Lens:
+    """Where a camera of a model sees points."""
 
-    Args:
-        scene: Gets them after what it has.
-        model: Whose extent their size is a share of.
-        simulated: Places [m]. Shape (M, 3).
-        real: Places, NaN for markers that aren't drawn [m]. Shape (M, 3).
-    """
-    size = np.full(3, _RADIUS * model.stat.extent)
-    for places, color in ((simulated, SIMULATED), (real, REAL)):
-        for place in places[np.isfinite(places).all(axis=1)]:
-            if scene.ngeom >= scene.maxgeom:
-                return
-            mujoco.mjv_initGeom(
-                scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_SPHERE, size, place, np.eye(3).ravel(),
-                np.array(color, dtype=np.float32),
-            )  # fmt: skip
-            scene.ngeom += 1
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, camera: str, size: tuple[int, int]) -> None:
+        """Takes a camera, of which the data tell the place at any time.
+
+        Args:
+            model: Has the camera.
+            data: Its state.
+            camera: Name of the camera.
+            size: Width and height of the pictures [px].
+        """
+        self._data, self._camera, self._size = data, model.camera(camera).id, size
+        self._scale = size[1] / 2 / np.tan(np.radians(model.cam_fovy[self._camera]) / 2)
+
+    def seen(self, points: Array) -> Array:
+        """Places in the picture and distances along the camera's axis [px, px, m]. Shape (N, 3)."""
+        local = (points - self._data.cam_xpos[self._camera]) @ self._data.cam_xmat[self._camera].reshape(3, 3)
+        depth = -local[:, 2]
+        scale = self._scale / np.maximum(depth, NEAR)
+        width, height = self._size
+        return np.stack([width / 2 + scale * local[:, 0], height / 2 - scale * local[:, 1], depth], axis=1)
+
+    def with_markers(self, canvas: Canvas, simulated: Array, real: Array) -> Bytes:
+        """The picture with markers on top of all, and what their colors mean. Shapes (M, 3), NaN for ones not seen."""
+        radius, size = _RADIUS * canvas.height, _TEXT * canvas.height
+        row = size
+        for places, color, share, name in (
+            (simulated, SIMULATED, 1.0, "simulated"), (real, REAL, SMALLER, "real"),
+        ):  # fmt: skip
+            for x, y, depth in self.seen(places[np.isfinite(places).all(axis=1)]):
+                if depth > NEAR:
+                    canvas.dot((x, y), share * radius, color, 1.0)
+            if len(places):
+                canvas.dot((size, row), share * radius, color, 1.0)
+                canvas.text((2 * size, row), name, INK, size, (0.0, 0.5), PAGE)
+                row += 1.6 * size
+        return canvas.pixels()
 
 
 def _main(folder: Path, film: Path) -> None:
@@ -50,13 +74,13 @@ def _main(folder: Path, film: Path) -> None:
         qpos, simulated, real = motion["qpos"], motion["simulated"], motion["real"]
         (width, height), fps, camera = map(int, motion["size"]), float(motion["fps"]), str(motion["camera"])
     data = mujoco.MjData(model)
+    lens = Lens(model, data, camera, (width, height))
     with mujoco.Renderer(model, height, width) as renderer, VideoWriter(film, width, height, fps) as writer:
         for k in range(len(qpos)):
             data.qpos[:] = qpos[k]
             mujoco.mj_forward(model, data)
             renderer.update_scene(data, camera)
-            add_markers(renderer.scene, model, simulated[k], real[k])
-            writer.write(renderer.render())
+            writer.write(lens.with_markers(Canvas(to_pillow(renderer.render())), simulated[k], real[k]))
 
 
 if __name__ == "__main__":

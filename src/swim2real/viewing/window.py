@@ -8,15 +8,21 @@ import time
 
 import mujoco
 import mujoco.viewer
+import numpy as np
+from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError
 from swim2real.viewing.motion import Motion
-from swim2real.viewing.offscreen import add_markers
+from swim2real.viewing.offscreen import REAL, SIMULATED, SMALLER
 
 KEYS = "space pauses, up and down change the speed, left and right step, [ and ] change the camera, Esc frees it"
 _SPACE, _RIGHT, _LEFT, _DOWN, _UP = 32, 262, 263, 264, 265  # as GLFW numbers them
 _PERIOD = 1 / 60  # s between pictures
 _SLOWEST, _FASTEST = 1 / 16, 4.0
+_RADIUS = 0.013  # of the model's extent
+_BEFORE = 3.0  # times as far as the nearest that is drawn, where markers are that nothing is to hide
+
+Array = NDArray[np.float64]
 
 
 class _Player:
@@ -67,7 +73,10 @@ def open_window(motion: Motion, camera: str) -> None:
         )
     except RuntimeError as error:  # on a Mac the viewer needs Python's main thread, which only mjpython gives
         raise ArgumentError(f"MuJoCo's viewer can't open: {error}; --film FILE.mp4 renders the same") from error
+    legend = "blue\nred", "simulated\nreal"
     with viewer:
+        if motion.simulated.size:
+            viewer.set_texts((None, mujoco.mjtGridPos.mjGRID_TOPLEFT, *legend))
         viewer.cam.type, viewer.cam.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(camera).id
         while viewer.is_running():
             began = time.perf_counter()
@@ -77,8 +86,43 @@ def open_window(motion: Motion, camera: str) -> None:
                 mujoco.mj_forward(model, data)
                 if viewer.user_scn is not None:
                     viewer.user_scn.ngeom = 0
-                    add_markers(viewer.user_scn, model, motion.simulated[k], motion.real[k])
+                    eye = eye_of(viewer.cam, data)
+                    add_markers(viewer.user_scn, model, eye, motion.simulated[k], motion.real[k])
             viewer.sync()
             if not player.paused:
                 player.move(_PERIOD * player.speed)
             time.sleep(max(0.0, _PERIOD - (time.perf_counter() - began)))
+
+
+def eye_of(camera: mujoco.MjvCamera, data: mujoco.MjData) -> Array:
+    """Where a camera is in the world [m]. Shape (3,)."""
+    if camera.type == mujoco.mjtCamera.mjCAMERA_FIXED:
+        return np.array(data.cam_xpos[camera.fixedcamid])
+    turn, rise = np.radians([camera.azimuth, camera.elevation])
+    ahead = np.array([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
+    return np.array(camera.lookat) - camera.distance * ahead
+
+
+def add_markers(scene: mujoco.MjvScene, model: mujoco.MjModel, eye: Array, simulated: Array, real: Array) -> None:
+    """Adds spheres to a scene, as far as it has room, right before the eye, where nothing hides them.
+
+    So much smaller as they are nearer, they look as they would where they belong.
+
+    Args:
+        scene: Gets them after what it has.
+        model: Whose extent their size is a share of.
+        eye: Place of the camera [m]. Shape (3,).
+        simulated: Places [m]. Shape (M, 3).
+        real: Places, NaN for markers that aren't drawn [m]. Shape (M, 3).
+    """
+    extent, near = model.stat.extent, _BEFORE * model.vis.map.znear * model.stat.extent
+    for places, color, share, depth in ((simulated, SIMULATED, 1.0, near), (real, REAL, SMALLER, near / 1.2)):
+        for place in places[np.isfinite(places).all(axis=1)]:
+            if scene.ngeom >= scene.maxgeom:
+                return
+            nearer = min(depth / max(float(np.linalg.norm(place - eye)), depth), 1.0)
+            mujoco.mjv_initGeom(
+                scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, share * _RADIUS * extent * nearer),
+                eye + nearer * (place - eye), np.eye(3).ravel(), np.array([*color, 255], dtype=np.float32) / 255,
+            )  # fmt: skip
+            scene.ngeom += 1
