@@ -127,8 +127,6 @@ def track(
     for option, values in per_video.items():
         one_each(option, values, count, "videos")
     finite_above_0("frequency", *frequency, unit=" Hz")
-    if not quiet and not json:
-        tell(f"tracking {count} video{'s' * (count > 1)} of robot '{robot}'")  # what follows takes a second to load
     from swim2real.cli.progress import films_shown
     from swim2real.pipeline import TRACKS, TrackedVideo, track_videos
     from swim2real.robots import load_robot
