@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import RunError
-from swim2real.store import read_arrays, write_arrays
+from swim2real.store import from_json, read_arrays, write_arrays
 
 if TYPE_CHECKING:
     from stable_baselines3 import SAC
@@ -49,11 +49,13 @@ class Actor:
         hidden: Hidden layers.
         mean: Layer of the mean.
         log_std: Layer of the logarithm of the standard deviation.
+        about: What its file says that it is about, as `save` was given it; empty of one that is learning.
     """
 
     hidden: tuple[Linear, ...]
     mean: Linear
     log_std: Linear
+    about: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     @staticmethod
     def of(learner: SAC) -> Actor:
@@ -134,7 +136,10 @@ class Actor:
             return Linear(weight, bias)
 
         count = sum(name.startswith("hidden") and name.endswith(".weight") for name in arrays)
-        actor = Actor(tuple(layer(f"hidden{i}") for i in range(count)), layer("mean"), layer("log_std"))
+        about = from_json(str(arrays.get(_ABOUT, "{}")))
+        if not isinstance(about, dict):
+            raise ValueError(f"its '{_ABOUT}' is no object")
+        actor = Actor(tuple(layer(f"hidden{i}") for i in range(count)), layer("mean"), layer("log_std"), about)
         shapes = [layer.weight.shape for layer in (*actor.hidden, actor.mean)]
         if any(one[1] != next_one[0] for one, next_one in pairwise(shapes)) or actor.log_std.weight.shape != shapes[-1]:
             raise ValueError(f"its layers' shapes {shapes} and {actor.log_std.weight.shape} don't fit one another")

@@ -222,7 +222,7 @@ def run_policy(
         environments = make_environments(
             run.task, parameters, len(chunk), robot=robot, disturbances=disturbances, threads=threads, stage=stage
         )
-        run.check_fits(policy, environments.observations.shape[1], len(environments.bodies.actuators))
+        run.check_fits(policy, environments)
         episodes += run_episodes(environments, policy, chunk)
         environments.close()
     return episodes
@@ -348,7 +348,7 @@ def policy_commands(
     """
     policy, settings = load_policy(run, which), run.settings
     environments = make_environments(run.task, settings.parameters, 1, robot=run.robot, seconds=seconds)
-    run.check_fits(policy, environments.observations.shape[1], len(environments.bodies.actuators))
+    run.check_fits(policy, environments)
     options: dict[str, Any] = {"phase": phase, "member": 0, "goal": goal or (-1.0, 0.0)}
     episode = run_episodes(environments, policy, [TEST_SEED], [options])[0]
     if goal is not None and episode.goal is None:

@@ -8,11 +8,11 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, Field
 
-from swim2real.checking import PathText, read, shown
+from swim2real.checking import Number, PathText, check, read, shown
 from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.conditions import Disturbances
@@ -22,6 +22,7 @@ from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
 from swim2real.store import (
     drop_cut_line,
+    from_json,
     locked,
     read_json,
     read_lines,
@@ -29,6 +30,9 @@ from swim2real.store import (
     remove_leftovers,
     write_text,
 )
+
+if TYPE_CHECKING:
+    from swim2real.rl.environment import Environments
 
 SETTINGS, OUTCOME = "settings.json", "outcome.json"
 EPISODES, EVALUATIONS, PROGRESS = "episodes.jsonl", "evaluations.jsonl", "progress.jsonl"
@@ -171,19 +175,26 @@ class TrainingRun:
             self.folder, settings.robot, settings.robot_file, self.given_robot, allow_code=self.allow_code
         )
 
-    def check_fits(self, actor: Actor, observations: int, actions: int) -> None:
+    def check_fits(self, actor: Actor, environments: Environments) -> None:
         """Checks that a policy takes the observations of the robot as it is now, and commands its actuators.
 
         Raises:
-            RunError: It doesn't.
+            RunError: It doesn't, or its file says that it was made for others of as many numbers.
         """
         made_for = (actor.inputs, len(actor.mean.bias))
-        if made_for != (observations, actions):
+        now = (environments.observations.shape[1], len(environments.bodies.actuators))
+        remedy = "take the robot file of the training, or train anew"
+        if made_for != now:
             raise RunError(
                 f"the policy of '{self.folder}' takes {made_for[0]} numbers and commands {made_for[1]} actuators; "
-                f"robot '{self.settings.robot}' has {observations} and {actions} now: take the robot file of the "
-                f"training, or train anew"
+                f"robot '{self.settings.robot}' has {now[0]} and {now[1]} now: {remedy}"
             )
+        for key, value in environments.interface.items():
+            if actor.about.get(key, value) != value:
+                raise RunError(
+                    f"the policy of '{self.folder}' was trained with other {key}: {shown(actor.about[key])}, and "
+                    f"robot '{self.settings.robot}' has {shown(value)} now: {remedy}"
+                )
 
     @property
     def outcome(self) -> TrainingOutcome | None:
@@ -259,16 +270,28 @@ def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
             )
 
 
+class _Line(BaseModel, extra="allow"):
+    """What charts take from a line of a record; the line says more."""
+
+    step: int
+    episode_return: Number | None = None
+    distance: Number | None = None
+    success: Number | bool | None = None
+
+
 def read_record(path: Path) -> list[dict[str, Any]]:
     """Lines of a record; a line that a crash cut off doesn't count, and a file that isn't there has none.
 
     Raises:
-        RunError: A line isn't JSON.
+        RunError: A line isn't JSON, or lacks a number that is drawn.
     """
     try:
-        return [json.loads(line) for line in read_lines(path)]
+        lines = [from_json(line) for line in read_lines(path)]
     except ValueError as error:
         raise RunError(f"record '{path}' is damaged: {error}") from error
+    for number, line in enumerate(lines, start=1):
+        check(_Line, line, f"record '{path}', line {number}", RunError, "restore it, or train anew")
+    return lines
 
 
 def cut_record(path: Path, step: int) -> None:
