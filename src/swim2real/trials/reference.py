@@ -44,7 +44,7 @@ _RECORDED = ("controls", "sensors", "start", "start_velocities")  # kept when th
 
 
 class _Open(BaseModel, extra="allow"):
-    """May have other keys, which are kept as they are; one that is nearly a known key is a mistake in its name."""
+    """May have other keys, but none that is nearly a known one, which is a mistake in its name."""
 
     @model_validator(mode="after")
     def _known(self) -> _Open:
@@ -55,7 +55,7 @@ class _Open(BaseModel, extra="allow"):
 
 
 class TrialEntry(_Open):
-    """What the index of a reference folder says of a trial.
+    """What the index of a reference folder says of a trial. Other keys are kept as they are.
 
     Attributes:
         name: Name of the trial.
