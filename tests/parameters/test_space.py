@@ -115,5 +115,6 @@ def test_bounds_that_arent_a_range_are_refused(bounds, offset, parts):
 
 def test_spaces_and_names_that_arent_there_are_refused():
     assert says(refusal(ParameterError, SPACE.__getitem__, "stifness"), "'stifness'", "did you mean 'stiffness'")
+    assert len(refusal(ParameterError, SPACE.__getitem__, "x" * 20_000)) < 300
     assert says(refusal(ParameterError, ParameterSpace, (DRAG, DRAG)), "names must differ", "drag, drag")
     assert says(refusal(ParameterError, ParameterSpace, (DRAG,), "cubic"), "'cubic'", "'log' and 'linear'")

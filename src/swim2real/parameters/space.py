@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swim2real.checking import did_you_mean
 from swim2real.errors import ParameterError
+from swim2real.names import quoted
 from swim2real.settings import Scale
 
 Values = Mapping[str, float]
@@ -181,4 +182,4 @@ class ParameterSpace:
 
 def unknown_name(name: str, known: tuple[str, ...]) -> str:
     """A sentence on an unknown parameter, with the nearest known name."""
-    return f"unknown parameter '{name}'" + (did_you_mean(name, known) or f"; known are {', '.join(known)}")
+    return f"unknown parameter {quoted(name)}" + (did_you_mean(name, known) or f"; known are {', '.join(known)}")
