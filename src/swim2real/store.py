@@ -224,7 +224,7 @@ def from_json(content: bytes | str) -> Any:
     """What a JSON text says.
 
     Raises:
-        ValueError: It isn't JSON in UTF-8, or it holds what no file of ours does: a name twice in one object, numbers
+        ValueError: It isn't JSON in UTF-8, or it holds what no file of ours does: a name with two values, numbers
             that aren't finite or have more than 40 digits, or texts with NUL or with half a character. The message
             says what.
     """
@@ -233,7 +233,7 @@ def from_json(content: bytes | str) -> Any:
         constants: list[str] = []
         keep = partial(_keep_constant, constants)
         found = json.loads(
-            text, parse_constant=keep, parse_float=_finite, parse_int=_whole, object_pairs_hook=_named_once
+            text, parse_constant=keep, parse_float=_finite, parse_int=_whole, object_pairs_hook=named_once
         )
         if constants:
             raise ValueError(f"{_place_of_constant(found)} is {constants[0]}; it must be finite")
@@ -307,12 +307,16 @@ def _holds_constant(entry: Any) -> bool:
     return isinstance(entry, float) and not math.isfinite(entry)
 
 
-def _named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The entries of a JSON object, of which Python would take the last of a name and other programs the first.
+
+    Raises:
+        ValueError: A name has two values.
+    """
     content = dict(pairs)
-    if len(content) < len(pairs):  # Python takes the last, other programs the first
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"'{twice[:60]}' stands in it twice; keep one of them")
+    for name, value in pairs if len(content) < len(pairs) else []:
+        if content[name] != value and not (isinstance(value, float) and math.isnan(value)):
+            raise ValueError(f"'{name[:60]}' stands there twice")
     return content
 
 
