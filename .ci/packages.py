@@ -32,8 +32,7 @@ def lowest() -> list[str]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     wanted = chain(project["dependencies"], *project["optional-dependencies"].values())
     bounds = [match.groups() for text in wanted if (match := re.match(r"([\w-]+)(?:\[.*\])?>=([\d.]+)", text))]
-    exact = {name: version if version.count(".") > 1 else f"{version}.*" for name, version in bounds}
-    return sorted(f"{name}=={version}" for name, version in exact.items())
+    return sorted({f"{name}=={version}" for name, version in bounds})
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from typing import Literal
 from swim2real.deployment import control_table as ct
 from swim2real.deployment.emulator import STATUS, Emulator, build_packet
 
+OVERLOAD = 0x20
 UNASKED = {"flood": bytes(range(256)), "chatter": build_packet(200, STATUS, bytes(5))}
 
 
@@ -17,7 +18,7 @@ class Fault:
     """Something that goes wrong with some packets (on the bus they count from 0), with one motor's or with all."""
 
     kind: Literal[
-        "silent", "bad-crc", "garbage", "noise-before", "slow", "overheated", "unplugged", "echo", "half",
+        "silent", "bad-crc", "garbage", "noise-before", "slow", "overheated", "overloaded", "unplugged", "echo", "half",
         "flood",  # bytes without end
         "chatter",  # answers of a motor that wasn't asked, without end
     ]  # fmt: skip
@@ -56,6 +57,9 @@ class FaultyEmulator(Emulator):
             for motor in self.motors:
                 if active["overheated"].device in (None, motor.get(ct.ID)):
                     motor.temperature = motor.get(ct.TEMPERATURE_LIMIT) + 1
+        if "overloaded" in active:  # as a motor says that is held fast
+            for motor in self.motors:
+                motor.set(ct.HARDWARE_ERROR, OVERLOAD)
         answer = super().handle(packet)
         if answer is None or "silent" in active:
             return None

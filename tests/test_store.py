@@ -123,6 +123,11 @@ def test_a_record_that_is_a_link_or_too_large_is_left_alone(tmp_path):
         RunFolder(tmp_path).record()
 
 
+def test_a_name_with_two_values_in_an_object_is_refused():
+    with pytest.raises(ValueError, match="'drag' stands there twice"):
+        store.from_json('{"format": 1, "parameters": {"drag": 1.0, "mass": 2.0, "drag": 3.0}}')
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="its folders can't be made read-only")
 def test_leftovers_that_cant_be_removed_stop_nobody(tmp_path, monkeypatch):
     (tmp_path / "settings.json.part").write_text("{")

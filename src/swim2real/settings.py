@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from swim2real.errors import ArgumentError
+from swim2real.names import quoted
 
 Method = Literal[
     "line-search", "proposal-search", "random", "cma-es", "bayesopt", "least-squares", "multi-start", "mujoco-sysid",
@@ -467,7 +468,7 @@ def check_advisor(name: str) -> None:
         return
     if ":" not in name:
         vlms = ", ".join(f"{provider}:MODEL" for provider in EXAMPLE_MODELS)
-        raise ArgumentError(f"advisor is '{name}'; there are {PHYSICS}, {FILES}, {REPLAY}RUN, {vlms}")
+        raise ArgumentError(f"advisor is {quoted(name)}; there are {PHYSICS}, {FILES}, {REPLAY}RUN, {vlms}")
     split_vlm_name(name)
 
 
@@ -495,9 +496,9 @@ def split_vlm_name(name: str) -> tuple[str, str]:
         is_model = near and "-" in provider and families.get(provider.split("-")[0].lower()) == near[0]
         hint = f"; did you mean {near[0]}:{model or (provider if is_model else 'MODEL')}?" if near else ""
         forms = ", ".join(f"{kind}:MODEL" for kind in EXAMPLE_MODELS)
-        raise ArgumentError(f"there is no advisor '{name}'; a VLM is {forms}{hint}")
+        raise ArgumentError(f"there is no advisor {quoted(name)}; a VLM is {forms}{hint}")
     if not colon or not model or re.search(r"\s", model):
-        raise ArgumentError(f"'{name}' names no model; say which one, such as {EXAMPLE_MODELS[provider]}")
+        raise ArgumentError(f"{quoted(name)} names no model; say which one, such as {EXAMPLE_MODELS[provider]}")
     return provider, model
 
 

@@ -224,14 +224,17 @@ def from_json(content: bytes | str) -> Any:
     """What a JSON text says.
 
     Raises:
-        ValueError: It isn't JSON in UTF-8, or it holds what no file of ours does: numbers that aren't finite or have
-            more than 40 digits, or texts with NUL or with half a character. The message says what.
+        ValueError: It isn't JSON in UTF-8, or it holds what no file of ours does: a name with two values, numbers
+            that aren't finite or have more than 40 digits, or texts with NUL or with half a character. The message
+            says what.
     """
     text = content.decode() if isinstance(content, bytes) else content
     try:
         constants: list[str] = []
         keep = partial(_keep_constant, constants)
-        found = json.loads(text, parse_constant=keep, parse_float=_finite, parse_int=_whole)
+        found = json.loads(
+            text, parse_constant=keep, parse_float=_finite, parse_int=_whole, object_pairs_hook=named_once
+        )
         if constants:
             raise ValueError(f"{_place_of_constant(found)} is {constants[0]}; it must be finite")
         if "\\u" in text:
@@ -302,6 +305,19 @@ def _holds_constant(entry: Any) -> bool:
         values = cast("dict[str, Any]", entry).values() if isinstance(entry, dict) else cast("list[Any]", entry)
         return any(map(_holds_constant, values))
     return isinstance(entry, float) and not math.isfinite(entry)
+
+
+def named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The entries of a JSON object, of which Python would take the last of a name and other programs the first.
+
+    Raises:
+        ValueError: A name has two values.
+    """
+    content = dict(pairs)
+    for name, value in pairs if len(content) < len(pairs) else []:
+        if content[name] != value and not (isinstance(value, float) and math.isnan(value)):
+            raise ValueError(f"'{name[:60]}' stands there twice")
+    return content
 
 
 def _finite(digits: str) -> float:

@@ -17,13 +17,13 @@ HERE = {"format": 1, "robot": "fish", "parameters": FISH.space.published}
 @pytest.fixture
 def here(tmp_path, monkeypatch) -> Path:
     """The folder that the commands are given in, with some files that they can't use."""
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "films").mkdir()
-    (tmp_path / "run").mkdir()
+    for folder in ("empty", "films", "run", "policy"):
+        (tmp_path / folder).mkdir()
     texts = {
         "text": "mine", "films/a.mp4": "", "films/b.MOV": "", "cut.json": "{", "table.csv": "frame,x,y\n0,1,2\n",
         "model.xml": PENDULUM, "unmarked.xml": PENDULUM.replace("site", "sight"),
         "run/settings.json": '{"format": 1, "robot": "fish", "method": "random"}',
+        "policy/settings.json": '{"kind": "training", "robot": "fish", "task": "forward"}',
         "eel.json": json.dumps({**HERE, "robot": "eel"}), "later.json": json.dumps({**HERE, "format": 2}),
         "more.json": json.dumps({**HERE, "parameters": {**HERE["parameters"], "fluid_bluntdrag": 0.4}}),
         "less.json": json.dumps({**HERE, "parameters": {}}),
@@ -89,6 +89,7 @@ REFUSALS = [
     ("report", 2, "no run was given", "give the folder of a run"),
     ("report empty", 1, "'empty' is no run folder", "settings.json"),
     ("report empty gone", 1, "is no run folder"),
+    ("report policy", 1, "'policy' is a training run, not a calibration", "`swim2real rollout`"),
     ("report empty --out page.html", 2, "--out 'page.html'", "several runs"),
     # overlay, view
     ("overlay published --reference {POOL} --out new --width 481", 2, "width is 481 px", "even and at least 320"),

@@ -66,6 +66,7 @@ def swim(*faults, table=TABLE, log=None):
         slow("garbage", MIDDLE, DAMAGED),
         slow("unplugged", MIDDLE, "is the cable still in? Without packets a motor's watchdog stops it"),
         ("overheated", MIDDLE, "motor 1 reports overheating"),
+        ("overloaded", MIDDLE, "motor 1 reports overload (Hardware Error Status (70) is 32)"),
         slow("echo", MIDDLE, UNANSWERED),
         slow("half", MIDDLE, UNANSWERED),
         ("flood", MIDDLE, ""),  # unanswered, or the watchdog

@@ -5,6 +5,7 @@ import random
 import re
 import subprocess
 import sys
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ pytest.importorskip("torch")
 
 from swim2real.errors import RunError
 from swim2real.rl.actor import Actor, Linear
+from swim2real.rl.environment import make_environments
 from swim2real.rl.rollout import load_policy
 from swim2real.rl.training_run import TrainingRun
 from swim2real.robots.fish import FISH
@@ -73,6 +75,23 @@ def test_an_array_that_is_wrong_is_named(folder, change, said):
     write_arrays(folder / "best.npz", arrays)
     with pytest.raises(RunError, match=r"best\.npz' is damaged: .*" + re.escape(said) + ".*train anew"):
         load_policy(TrainingRun.open(folder))
+
+
+def test_a_policy_of_other_observations_or_actuators_of_as_many_numbers_is_refused(folder):
+    run = TrainingRun.open(folder)
+    environments = make_environments("forward", run.settings.parameters, 1, robot=FISH)
+    interface = environments.interface
+    for about, says in (
+        ({"task": "forward", **interface}, None),
+        (interface | {"actions": ["tail"]}, r'trained with other actions: \["tail"\]'),
+        (interface | {"observation": {"goal": [0, 52]}}, r'trained with other observation: \{"goal": \[0, 52\]\}'),
+        ([], r"is damaged: its 'about' is no object"),
+    ):
+        with np.load(folder / "best.npz") as stored:
+            arrays = dict(stored) | {"about": np.array(json.dumps(about))}
+        write_arrays(folder / "best.npz", arrays)
+        with nullcontext() if says is None else pytest.raises(RunError, match=says):
+            run.check_fits(load_policy(run), environments)
 
 
 def test_arrays_that_unpack_to_too_much_are_refused_before(tmp_path):

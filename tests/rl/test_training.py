@@ -180,6 +180,13 @@ def test_a_damaged_or_foreign_checkpoint_is_a_sentence(checkpoint, tmp_path, fil
         trained(tmp_path / "run", resume=True)
 
 
+@pytest.mark.parametrize("line", ["3", "{}", '{"step": 1, "distance": "far"}', '{"step": 1, "success": NaN}'])
+def test_a_damaged_line_of_a_record_is_a_sentence(tmp_path, line):
+    (tmp_path / EPISODES).write_text(f'{{"step": 200}}\n{line}\n')
+    with pytest.raises(RunError, match=r"episodes\.jsonl'.* (line 2: |is damaged: )"):
+        read_record(tmp_path / EPISODES)
+
+
 def test_without_any_checkpoint_it_is_begun_anew(checkpoint, tmp_path):
     shutil.rmtree(checkpoint.parent)
     again = trained(tmp_path / "run", resume=True, stop_after=1)

@@ -110,6 +110,7 @@ def test_picked_on_another_video(file):
     assert load_points(file(frame=7), NAMES, 640, 480, first=5).frame == 7
     assert "'frame' is -1" in refusal(file(frame=-1))
     assert "'format' is 2; it must be 1" in refusal(file(format=2))
+    assert "there is no 'fram'; remove it or correct its name; did you mean 'frame'?" in refusal(file(fram=7))
 
 
 @pytest.mark.parametrize(

@@ -254,6 +254,9 @@ def test_ordinary_names_are_read_in_either_form_and_found_by_the_other(tmp_path,
         (lambda i: i["trials"][0].update(nominal_frequency_hz="fast"), ("nominal_frequency_hz'", '"fast"', "number")),
         (lambda i: i["trials"][0].update(meters_per_pixel=float("nan")), ("meters_per_pixel'", "NaN", "finite")),
         (lambda i: i["trials"][0].update(table="none.csv"), ("reference.json", "'none.csv' of trial 'slow'", "not in")),
+        (lambda i: i["trials"][0].update(fps=30.0), ("'fps' of trial 'slow' is 30", "slow.csv", "60 frames a second")),
+        (lambda i: i["trials"][0].update(video_begin=1.0), ("no 'video_begin'", "did you mean 'video_begin_s'")),
+        (lambda i: i.update(marker=[]), ("there is no 'marker'", "did you mean 'markers'")),
     ],
 )
 def test_a_damaged_index_is_refused(folder, change, parts):

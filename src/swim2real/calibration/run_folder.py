@@ -97,6 +97,8 @@ class RunFolder:
             RunError: No run here, or of another format.
         """
         content = self._read_json(SETTINGS, "is no run folder: it has no settings.json")
+        if content.get("kind") == "training":
+            raise RunError(f"'{self.path}' is a training run, not a calibration; `swim2real rollout` writes its page")
         if content.pop("format", None) != FORMAT:
             raise RunError(f"{self.settings_path} is of another format than {FORMAT}; {self.RESTORE}")
         try:

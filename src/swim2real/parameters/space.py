@@ -13,8 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swim2real.checking import did_you_mean
+from swim2real.checking import did_you_mean, shown
 from swim2real.errors import ParameterError
+from swim2real.names import quoted
 from swim2real.settings import Scale
 
 Values = Mapping[str, float]
@@ -64,7 +65,7 @@ class Parameter:
         place = f" in {where}" if where else ""
         allowed = f"allowed is {self.lower:g} to {self.upper:g} {self.unit}".removesuffix(" -")
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-            raise ParameterError(f"parameter '{self.name}'{place} is {value!r}, not a number; {allowed}")
+            raise ParameterError(f"parameter '{self.name}'{place} is {shown(value)}, not a number; {allowed}")
         try:
             number = float(value)
         except OverflowError:  # a whole number beyond any float
@@ -181,4 +182,4 @@ class ParameterSpace:
 
 def unknown_name(name: str, known: tuple[str, ...]) -> str:
     """A sentence on an unknown parameter, with the nearest known name."""
-    return f"unknown parameter '{name}'" + (did_you_mean(name, known) or f"; known are {', '.join(known)}")
+    return f"unknown parameter {quoted(name)}" + (did_you_mean(name, known) or f"; known are {', '.join(known)}")

@@ -321,9 +321,7 @@ class Trainer:
 
     def _write_policy(self, name: str) -> None:
         about = {
-            "robot": self.robot.name, "task": self.settings.task, "step": self.step,
-            "observation": {part: [where.start, where.stop] for part, where in self.environments.names.items()},
-            "actions": list(self.environments.bodies.actuators.names),
+            "robot": self.robot.name, "task": self.settings.task, "step": self.step, **self.environments.interface,
         }  # fmt: skip
         self.actor.save(self.out / name, about)
 

@@ -178,7 +178,7 @@ class TrainingRun:
         """Checks that a policy takes what is observed of a robot as it is now, and commands its actuators.
 
         Raises:
-            RunError: It doesn't.
+            RunError: It doesn't, or its file says that it was made for others of as many numbers.
         """
         robot, names = environments.bodies.robot.name, list(environments.bodies.actuators.names)
         here = {part: [where.start, where.stop] for part, where in environments.names.items()}

@@ -48,14 +48,14 @@ class Anchor:
     hidden: Mask
 
 
-class _Entry(BaseModel):
+class _Entry(BaseModel, extra="forbid"):
     """What a corrections file says of one frame."""
 
     frame: _FrameNumber
     markers: dict[str, _Pair | None]
 
 
-class _Content(BaseModel):
+class _Content(BaseModel, extra="forbid"):
     """What a file says: markers of one frame by name, a plain list of points, or markers of several frames."""
 
     format: Literal[1] = 1

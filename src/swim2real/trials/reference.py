@@ -13,12 +13,13 @@ import csv
 import re
 import shlex
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field, model_validator
 
 from swim2real.checking import FileName, Label, Number, PathText, Positive, read
 from swim2real.errors import TrialError
@@ -37,17 +38,30 @@ _LOCK_TIMEOUT = 60  # s, longer than anybody writes a trial
 _PUBLISHED_NAME = re.compile(r"(?:markers_)?(f(\d+)_(\d+))$")
 FILMS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".ts", ".mts", ".mpg", ".mpeg", ".webm", ".wmv")
 _MOST_FILMS = 3  # that a sentence names
+_NEARLY = 0.8  # how alike names are that mean the same
+_SAME_FPS = 0.01  # relative difference of a rate that was rounded
 _RECORDED = ("controls", "sensors", "start", "start_velocities")  # kept when the video is tracked again
 
 
-class TrialEntry(BaseModel):
+class _Open(BaseModel, extra="allow"):
+    """May have other keys, but none that is nearly a known one, which is a mistake in its name."""
+
+    @model_validator(mode="after")
+    def _known(self) -> _Open:
+        for key in self.model_extra or {}:
+            if near := get_close_matches(key, type(self).model_fields, 1, _NEARLY):
+                raise ValueError(f"there is no '{key}'; did you mean '{near[0]}'?")
+        return self
+
+
+class TrialEntry(_Open):
     """What the index of a reference folder says of a trial. Other keys are kept as they are.
 
     Attributes:
         name: Name of the trial.
         table: File with its track, in the same folder; by default `NAME.csv`. A reference without markers has none.
         nominal_frequency_hz: Frequency that the motor was commanded to turn at [Hz].
-        fps: Frames a second, for a person who reads the file.
+        fps: Frames a second, for a person who reads the file; the time stamps must have as many.
         meters_per_pixel: Scale of the video [m].
         provenance: Where the trial comes from, in words.
         video: Path of its video, from the folder.
@@ -57,8 +71,6 @@ class TrialEntry(BaseModel):
         start: Positions of joints at the first time stamp [m or rad].
         start_velocities: Velocities of joints at the first time stamp [m/s or rad/s].
     """
-
-    model_config = ConfigDict(extra="allow")
 
     name: FileName
     table: PathText | None = None
@@ -80,7 +92,7 @@ class TrialEntry(BaseModel):
         return {track, *(name for name in (self.controls, self.sensors) if name)}
 
 
-class Index(BaseModel):
+class Index(_Open):
     """The content of `reference.json`.
 
     Attributes:
@@ -351,7 +363,13 @@ def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
         start=entry.start,
         start_velocities=entry.start_velocities,
     )
-    return _check_motion(trial, table)
+    _check_motion(trial, table)
+    if entry.fps is not None and abs(entry.fps / trial.fps - 1) > _SAME_FPS:
+        raise TrialError(
+            f"{folder / INDEX}: 'fps' of trial '{entry.name}' is {entry.fps:g}; the time stamps in {table.name}, which "
+            f"are used, have {trial.fps:g} frames a second: correct them, or leave 'fps' out"
+        )
+    return trial
 
 
 def _no_track(sensors: Signals | None) -> MarkerTrack:

@@ -17,6 +17,7 @@ from swim2real.errors import AdvisorError
 from swim2real.optimizers import Proposal
 from swim2real.parameters import ParameterSpace
 from swim2real.parameters.space import unknown_name
+from swim2real.store import named_once
 
 SAME = 1e-3  # relative: a value that is repeated as it was shown, rounded, is no change
 _LONGEST_TEXT = 20_000  # characters that are kept of a diagnosis
@@ -236,15 +237,7 @@ def _json_object(text: str) -> dict[str, Any]:
     raise ReplyError(f"the reply is not valid JSON: {problem}" if problem else "'parameters' is missing")
 
 
-def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    for name, value in pairs:
-        if content[name] != value and not (isinstance(value, float) and math.isnan(value)):
-            raise ValueError(f"'{name}' stands there twice")
-    return content
-
-
-_DECODER = json.JSONDecoder(object_pairs_hook=_without_duplicates)
+_DECODER = json.JSONDecoder(object_pairs_hook=named_once)
 
 
 def _number(value: Any) -> float | None:
