@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, Field
 
-from swim2real.checking import PathText, read, shown
+from swim2real.checking import Number, PathText, check, read, shown
 from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.conditions import Disturbances
@@ -22,6 +22,7 @@ from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
 from swim2real.store import (
     drop_cut_line,
+    from_json,
     locked,
     read_json,
     read_lines,
@@ -267,16 +268,28 @@ def check_same_settings(folder: Path, content: Mapping[str, Any]) -> None:
             )
 
 
+class _Line(BaseModel, extra="allow"):
+    """What charts take from a line of a record; the line says more."""
+
+    step: int
+    episode_return: Number | None = None
+    distance: Number | None = None
+    success: Number | bool | None = None
+
+
 def read_record(path: Path) -> list[dict[str, Any]]:
     """Lines of a record; a line that a crash cut off doesn't count, and a file that isn't there has none.
 
     Raises:
-        RunError: A line isn't JSON.
+        RunError: A line isn't JSON, or lacks a number that is drawn.
     """
     try:
-        return [json.loads(line) for line in read_lines(path)]
+        lines = [from_json(line) for line in read_lines(path)]
     except ValueError as error:
         raise RunError(f"record '{path}' is damaged: {error}") from error
+    for number, line in enumerate(lines, start=1):
+        check(_Line, line, f"record '{path}', line {number}", RunError, "restore it, or train anew")
+    return lines
 
 
 def cut_record(path: Path, step: int) -> None:
