@@ -17,6 +17,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.checking import shown
 from swim2real.errors import MissingExtraError, RunError
 from swim2real.parameters import Values
 from swim2real.rl.actor import Actor
@@ -350,8 +351,8 @@ def checkpoint_errors(checkpoint: _Checkpoint) -> Generator[None]:
         yield
     except _DAMAGED as error:
         raise RunError(
-            f"checkpoint '{checkpoint.folder}' is damaged: {error!r}; remove it to go on from an older one, or begin a "
-            f"new run"
+            f"checkpoint '{checkpoint.folder}' is damaged: {type(error).__name__}, {shown(str(error))}; remove it "
+            f"to go on from an older one, or begin a new run"
         ) from error
 
 
