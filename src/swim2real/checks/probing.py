@@ -35,8 +35,8 @@ _POSITION = 0.5  # rad or m, of a position servo without a range
 _ANGLE = 0.3  # rad
 _SHIFT = 0.1  # of the robot's size
 _EDGE = 0.1  # of a joint's range, which the start keeps away from its ends
-_STEP = 0.1  # of a parameter's range, for slopes
-_OWN = 0.005  # of the motion: a parameter whose own part is less is made up for by others
+_STEP, _INSIDE = 0.1, 0.7  # of a parameter's range: for slopes; how far one that the model doesn't have is moved
+_OWN = 0.008  # of the motion: a parameter whose own part is less is made up for by others
 
 Simulate = Callable[[Sequence[Values]], list[TrialSet]]
 
@@ -124,15 +124,16 @@ def made_up_for(robot: Robot, threads: int | None = None) -> dict[str, str]:
     """
     space, (nominal, simulate) = robot.space, _begun(robot, None, threads)
     middle = space.to_cube(space.published)
-    steps = np.where(middle < 0.5, _STEP, -_STEP)
-    made = simulate([space.to_values(middle + step) for step in np.diag(steps)])
+    up = np.where(middle < _STEP, _INSIDE, np.minimum(middle + _STEP, 1.0))  # hardly anything changes near 0
+    ends = [np.where(own, end, middle) for own in np.eye(len(space)) > 0 for end in (np.maximum(middle - _STEP, 0), up)]
+    made = simulate([space.to_values(end) for end in ends])
     scales = {sensor.name: sensor.meters_per_unit for sensor in robot.trials.sensors}
-    base = _numbers(nominal, scales)
-    slopes = {
-        name: (_numbers(one, scales) - base) / step for name, one, step in zip(space.names, made, steps, strict=True)
-        if not any(trial.divergence for trial in one)
-    }  # fmt: skip
-    limit, found = _OWN * float(np.std(base - base.mean(axis=0), axis=0).max(initial=0.0)), dict[str, str]()
+    slopes: dict[str, Array] = {}
+    for k, name in enumerate(space.names):
+        if not any(trial.divergence for one in made[2 * k : 2 * k + 2] for trial in one):
+            change = _numbers(made[2 * k + 1], scales) - _numbers(made[2 * k], scales)
+            slopes[name] = change / float(np.sum(ends[2 * k + 1] - ends[2 * k]))
+    limit, found = _OWN * float(np.std(_numbers(nominal, scales), axis=0).max(initial=0.0)), dict[str, str]()
     while len(slopes) > 1:
         own: dict[str, float] = {}
         for name, slope in slopes.items():

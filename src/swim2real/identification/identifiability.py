@@ -226,7 +226,7 @@ class _Studying:
         self._most = len(self._first) + BATCH * settings.rounds
         self._evaluated: list[EvaluatedPoint] = []
         self._given = 0
-        start, self._lowest = _start(run), run.best.loss
+        start = _start(run)
         self._state: dict[str, Any] = {
             "format": FORMAT, **run.conditions(), "settings": asdict(settings), "start": start, "lowest": start,
             "complete": False, "evaluations": 0,
@@ -259,8 +259,9 @@ class _Studying:
                 try:
                     for one in evaluated(self._run.problem, self._run.space, missing):
                         self._evaluated.append(one)
-                        self._lowest = min(self._lowest, np.inf if one.failed else one.loss)
-                        self._tell(StudyProgress(len(self._evaluated), self._most, self._lowest))
+                        if not one.failed and one.loss < self._state["lowest"]["loss"]:
+                            self._state["lowest"] = {"point": one.point.tolist(), "loss": one.loss}
+                        self._tell(StudyProgress(len(self._evaluated), self._most, self._state["lowest"]["loss"]))
                         self._check()
                 finally:
                     self._keep()
@@ -268,10 +269,6 @@ class _Studying:
         return self._evaluated[self._given - len(points) : self._given]
 
     def _keep(self) -> None:
-        known = [one for one in self._evaluated if not one.failed]
-        lowest = min(known, key=lambda one: one.loss, default=None)
-        if lowest is not None and lowest.loss < self._state["lowest"]["loss"]:
-            self._state["lowest"] = {"point": lowest.point.tolist(), "loss": lowest.loss}
         self._state["evaluations"] = len(self._evaluated)
         arrays = {
             "points": [one.point for one in self._evaluated], "losses": [one.loss for one in self._evaluated],
@@ -301,7 +298,6 @@ class _Studying:
             except (OSError, ValueError, KeyError) as error:
                 raise RunError(f"'{kept}' can't be read: {error}; begin anew with --again") from error
             self._state |= {"lowest": study.lowest.model_dump(), "evaluations": study.evaluations}
-            self._lowest = study.lowest.loss
         return study
 
     def _content(self, found: Posterior) -> dict[str, Any]:
