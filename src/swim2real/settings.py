@@ -243,6 +243,11 @@ class CalibrationSettings(EvaluationSettings):
         return self.method or "multi-start"
 
     @property
+    def steps_of_a_rejection(self) -> int:
+        """Steps after which a round that gained nothing may be over; proposal-search may ask again after one."""
+        return self.max_steps if self.method == "line-search" else 1
+
+    @property
     def resolved_scale(self) -> Scale:
         """The scale of the parameters, chosen by the protocol where the scale is `auto`."""
         if self.scale == "auto":

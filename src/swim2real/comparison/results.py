@@ -262,7 +262,7 @@ def _read_run(job: Job) -> RunResult:
         held_out=job.held_out,
         losses=tuple(entry.loss for entry in record),
         failed=tuple(entry.failed for entry in record),
-        rounds=_step_rounds(record, job.settings.max_steps if job.settings.method == "line-search" else 1),
+        rounds=_step_rounds(record, job.settings.steps_of_a_rejection),
         calls=sum(entry.note.proposal is not None for entry in record) if spent is None else spent.calls,
         spent=spent,
         fit=outcome.fit,

@@ -124,6 +124,11 @@ class Round:
     accepted: bool
     measurements: tuple[Evaluation, ...] = ()
 
+    @property
+    def result(self) -> Evaluation:
+        """The incumbent after the round."""
+        return self.steps[-1].evaluation if self.accepted else self.incumbent
+
 
 @dataclass(frozen=True)
 class Situation:

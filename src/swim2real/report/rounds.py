@@ -153,8 +153,8 @@ def _round(
     proposal = steps[0].note.proposal or Proposal(point=[])
     notes = proposal.notes
     asks = run.calls is not None and "calls" in notes
-    most = run.settings.max_steps if run.settings.method == "line-search" else 1
-    missed = "cut short" if steps[-1] is run.entries[-1] and len(steps) < most else "rejected"
+    is_short = len(steps) < run.settings.steps_of_a_rejection
+    missed = "cut short" if steps[-1] is run.entries[-1] and is_short else "rejected"
     return AdvisorRound(
         number=number,
         status=missed if accepted is None else "accepted",

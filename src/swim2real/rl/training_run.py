@@ -181,8 +181,8 @@ class TrainingRun:
         Raises:
             RunError: It doesn't, or its file says that it was made for others of as many numbers.
         """
-        robot, names = environments.bodies.robot.name, list(environments.bodies.actuators.names)
-        here = {part: [where.start, where.stop] for part, where in environments.names.items()}
+        robot, interface = environments.bodies.robot.name, environments.interface
+        here, names = interface["observation"], interface["actions"]
         trained, commanded = actor.about.observation, actor.about.actions
         differing = [part for part in {**trained, **here} if trained and trained.get(part) != here.get(part)]
         size = len((actor.hidden or (actor.mean,))[0].weight), len(actor.mean.bias)

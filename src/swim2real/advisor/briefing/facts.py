@@ -328,15 +328,13 @@ class RoundFacts:
 
     def of(self, evaluation: Evaluation) -> EvaluationFacts:
         """What is known of one of the run's evaluations, made once."""
-        return self._known.setdefault(id(evaluation), EvaluationFacts.of(evaluation, self.robot))
+        known = self._known.get(id(evaluation)) or EvaluationFacts.of(evaluation, self.robot)
+        return self._known.setdefault(id(evaluation), known)
 
     @property
     def before_measurements(self) -> Evaluation:
         """The best evaluation before those that were measured for this round."""
-        last = self.situation.rounds[-1] if self.situation.rounds else None
-        if last is None:
-            return self.situation.first
-        return last.steps[-1].evaluation if last.accepted else last.incumbent
+        return self.situation.rounds[-1].result if self.situation.rounds else self.situation.first
 
     @property
     def at_bounds(self) -> list[str]:

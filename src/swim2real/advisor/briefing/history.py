@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.advisor.briefing.facts import RoundFacts
+from swim2real.advisor.briefing.facts import Ratio, RoundFacts
 from swim2real.advisor.briefing.texts import mm, number, reading, shortened, significant
 from swim2real.objective import TAIL_FIRST_LOSS
 from swim2real.objective.figures import FitFigures
@@ -23,6 +23,7 @@ _CORRECTED = {
     "ignored": "no parameters of this simulator, so ignored",
 }
 _PARTS = ("progress", "shape", "recoil")
+_RATIOS: dict[str, Ratio] = {"amplitude": "amplitude_ratio", "yaw": "yaw_ratio", "sway": "sway_ratio"}
 
 
 def rounds_told(facts: RoundFacts, numbers: bool) -> list[str]:
@@ -40,12 +41,12 @@ def rounds_told(facts: RoundFacts, numbers: bool) -> list[str]:
             kept = finished.steps[-1]
             result = f"accepted at step {significant(kept.step_size, _DIGITS)}"
             if numbers:
-                loss = "failed" if finished.incumbent.failed else mm(finished.incumbent.loss, 2)
-                result += f", loss {loss} → {mm(kept.evaluation.loss, 2)} mm"
+                before = "failed" if finished.incumbent.failed else mm(finished.incumbent.loss, 2)
+                result += f", loss {before} → {mm(kept.evaluation.loss, 2)} mm"
         lines = [f"**Round {nth}: {result}**", *measured(finished.measurements, best, facts, numbers)]
         lines += _proposed(finished, facts, numbers)
         blocks.append("\n".join([lines[0], *(f"- {line}" for line in lines[1:])]))
-        best = finished.steps[-1].evaluation if finished.accepted else finished.incumbent
+        best = finished.result
     return blocks
 
 
@@ -104,12 +105,8 @@ def effects(evaluation: Evaluation, facts: RoundFacts) -> str:
         parts.append("trials " + " ".join(mm(trial.error, 2) for trial in known.trials))
     errors = ((part, known.mean_of(f"{part}_error")) for part in _PARTS)
     parts += [f"{part} {mm(error, 2)}" for part, error in errors if error is not None]
-    ratios = {
-        "amplitude": known.ratio("amplitude_ratio"),
-        "yaw": known.ratio("yaw_ratio"),
-        "sway": known.ratio("sway_ratio"),
-    }
-    parts += [f"{name} {number(ratio, 2)}" for name, ratio in ratios.items() if ratio is not None]
+    ratios = ((name, known.ratio(kind)) for name, kind in _RATIOS.items())
+    parts += [f"{name} {number(ratio, 2)}" for name, ratio in ratios if ratio is not None]
     return "".join(f", {part}" for part in parts)
 
 

@@ -93,9 +93,8 @@ class TrialPromptBuilder:
         key = (len(situation.rounds), len(situation.measurements))
         if key != self._asked:  # a question that is asked once more shows the same
             self._asked, self._before = key, self._shown
-        self._shown, before = situation.incumbent, self._before
-        if self._show == "pictures":  # there is nothing else
-            before = None
+        before = None if self._show == "pictures" else self._before  # pictures alone: there is nothing else
+        self._shown = situation.incumbent
         if before is not situation.incumbent:
             most, films = (detail.trials, self._videos) if before is None else (detail.again, {})
             return gather_media(self._scenes(situation.incumbent), detail, self._takes_video, films, most)
@@ -136,8 +135,8 @@ def describe(facts: RoundFacts, show: Show = "both", several: bool = False) -> t
     """
     numbers = show != "pictures"
     instructions = _written("instructions.md.j2", facts=facts, numbers=numbers, show=show, several=several)
-    begun = f"\n\nThe first point of the run: {loss(facts.situation.first, facts)}" if numbers else ""
-    begun += f"{effects(facts.situation.first, facts)}." if numbers else ""
+    first = facts.situation.first
+    begun = f"\n\nThe first point of the run: {loss(first, facts)}{effects(first, facts)}." if numbers else ""
     told = [f"## What was tried{begun}", *rounds_told(facts, numbers)] if facts.situation.rounds else []
     current = _written("briefing.md.j2", facts=facts, numbers=numbers)
     return plain_markdown(instructions), [plain_markdown(block) for block in told], plain_markdown(current)
