@@ -33,6 +33,7 @@ from swim2real.simulation.fast_plan import (
     Water,
     addresses,
     array_at,
+    borrowing,
     call,
     call_flag,
     compiled,
@@ -203,7 +204,8 @@ def scratch_of(model: mujoco.MjModel) -> Scratch:
     """Memory that steps of a model need, for one thread."""
     return Scratch(
         np.empty((model.nbody, 36)), np.empty((model.nbody, 6)), np.empty((model.nbody, 10)),
-        np.empty((model.nv, 6)), np.empty((model.nv, model.nv)),
+        np.empty((model.nv, 6)), np.empty((model.nv, model.nv)), np.empty((3, 36)), np.empty((4, 6)),
+        np.empty((2, model.nv)),
     )  # fmt: skip
 
 
@@ -288,7 +290,6 @@ def _run(
         kept: What was before each step, written; for one simulation only.
     """
     calls, members, sizes, made = program.calls, program.members, program.sizes, fleet.made
-    x, spare = np.empty(sizes[1]), np.empty(sizes[1])
     keeps = len(kept.qpos) > 0
     for index in which:
         of = fleet.member[index]
@@ -307,7 +308,7 @@ def _run(
                 kept.qvel[step] = state.qvel
             if not program.fast:
                 call(calls.step, water.wet, state.data)
-            elif not _step(calls, program.plan, water, state, place.scratch, x, spare):
+            elif not _step(calls, program.plan, water, state, place.scratch):
                 made[index] = step
                 break
             if keeps:
@@ -344,10 +345,10 @@ def _read(calls: Calls, model: int, row: Addresses, forces: bool, state: EngineS
     call(calls.sensor_vel, model, data)
 
 
-@compiled
-def _step(calls: Calls, plan: Plan, water: Water, state: EngineState, scratch: Scratch, x: Array, kept: Array) -> bool:
-    """One step, with x and kept for its own use; False where it can't be made."""
-    A = scratch.A
+@borrowing
+def _step(calls: Calls, plan: Plan, water: Water, state: EngineState, scratch: Scratch) -> bool:
+    """One step; False where it can't be made."""
+    A, x, kept = scratch.A, scratch.vectors[0], scratch.vectors[1]
     call(calls.step1, water.dry, state.data)
     add_fluid(plan, water, state, scratch)
     call(calls.actuation, water.dry, state.data)
@@ -375,7 +376,7 @@ def _step(calls: Calls, plan: Plan, water: Water, state: EngineState, scratch: S
     return True
 
 
-@compiled
+@borrowing
 def _assemble(plan: Plan, state: EngineState, A: Array) -> None:
     """A += M - h D with the engine's derivative, which has no fluid in it."""
     h = plan.timestep
@@ -396,7 +397,7 @@ def _assemble(plan: Plan, state: EngineState, A: Array) -> None:
                 A[j, i] += state.M[k]
 
 
-@compiled
+@borrowing
 def _solve(parent: Indices, symmetric: bool, A: Array, b: Array) -> bool:
     """Solves A x = b in place; A only couples degrees of freedom with those above them in the tree: no fill-in.
 
@@ -427,7 +428,7 @@ def _solve(parent: Indices, symmetric: bool, A: Array, b: Array) -> bool:
     return True
 
 
-@compiled
+@borrowing
 def _bad(values: Array) -> bool:
     """Whether a number counts as diverged."""
     for value in values:

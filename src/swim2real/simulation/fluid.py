@@ -20,8 +20,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from swim2real.simulation.fast_plan import (
     ABC,
     DRAG_BLUNT,
@@ -40,7 +38,7 @@ from swim2real.simulation.fast_plan import (
     EngineState,
     Plan,
     Water,
-    compiled,
+    borrowing,
 )
 
 
@@ -53,6 +51,9 @@ class Scratch(NamedTuple):
         inertia: Spatial inertias of the subtrees, as the engine's `cinert`. Shape (bodies, 10).
         change: What a velocity adds to the accelerations below it. Shape (nv, 6).
         A: Mass matrix minus timestep times derivative. Shape (nv, nv).
+        derivatives: Of a geom, of a body's sum, and turned. Shape (3, 36).
+        wrenches: Of a geom and of a body's sum, then two momenta. Shape (4, 6).
+        vectors: Over degrees of freedom. Shape (2, nv).
     """
 
     B: Array
@@ -60,22 +61,26 @@ class Scratch(NamedTuple):
     inertia: Array
     change: Array
     A: Array
+    derivatives: Array
+    wrenches: Array
+    vectors: Array
 
 
-@compiled
+@borrowing
 def add_fluid(plan: Plan, water: Water, state: EngineState, scratch: Scratch) -> None:
     """Adds the fluid's forces to the passive ones, and writes -timestep times its derivative to A, and the bias's."""
     scratch.A[:] = 0.0
-    _sum_bodies(plan, water, state, scratch.B, scratch.W)
+    _sum_bodies(plan, water, state, scratch)
     _sum_subtrees(plan, state, scratch)
     _project(plan, state, scratch)
 
 
-@compiled
-def _sum_bodies(plan: Plan, water: Water, state: EngineState, B: Array, W: Array) -> None:
+@borrowing
+def _sum_bodies(plan: Plan, water: Water, state: EngineState, scratch: Scratch) -> None:
     """Derivative and force of each body's geoms, about the center of mass of its tree."""
-    local, F = np.empty(36), np.empty(6)
-    sum_B, sum_W, turned = np.empty(36), np.empty(6), np.empty(36)
+    B, W = scratch.B, scratch.W
+    local, sum_B, turned = scratch.derivatives[0], scratch.derivatives[1], scratch.derivatives[2]
+    F, sum_W = scratch.wrenches[0], scratch.wrenches[1]
     B[:] = 0.0
     W[:] = 0.0
     for body in range(1, len(plan.body_first)):
@@ -121,7 +126,8 @@ def _sum_bodies(plan: Plan, water: Water, state: EngineState, B: Array, W: Array
                 turned[:] = 0.0
                 for k in range(4):
                     _turn(Q, local[9 * k : 9 * k + 9], turned[9 * k : 9 * k + 9])
-                local[:] = turned
+                for k in range(36):
+                    local[k] = turned[k]
                 t0, t1, t2, f0, f1, f2 = F[0], F[1], F[2], F[3], F[4], F[5]
                 for k in range(3):
                     F[k] = Q[3 * k] * t0 + Q[3 * k + 1] * t1 + Q[3 * k + 2] * t2
@@ -148,7 +154,7 @@ def _sum_bodies(plan: Plan, water: Water, state: EngineState, B: Array, W: Array
         wrench[2] += rx * wrench[4] - ry * wrench[3]
 
 
-@compiled
+@borrowing
 def _sum_subtrees(plan: Plan, state: EngineState, scratch: Scratch) -> None:
     """Adds the bodies' bias, sums from the leaves to the root, and takes the symmetric part where that is asked."""
     B, W, inertia = scratch.B, scratch.W, scratch.inertia
@@ -185,13 +191,13 @@ def _sum_subtrees(plan: Plan, state: EngineState, scratch: Scratch) -> None:
                     out[18 + 3 * j + i] = tl
 
 
-@compiled
+@borrowing
 def _project(plan: Plan, state: EngineState, scratch: Scratch) -> None:
     """Onto the degrees of freedom: forces, and A between each and those above it in the tree."""
     B, W, inertia, change, A = scratch.B, scratch.W, scratch.inertia, scratch.change, scratch.A
     h = plan.timestep
     full = not plan.symmetric
-    pull, push = np.empty(6), np.empty(6)
+    pull, push = scratch.wrenches[2], scratch.wrenches[3]
     for dof in range(len(plan.dof_body)):
         body = plan.dof_body[dof]
         b, c = B[body], state.cdof[dof]
@@ -238,7 +244,7 @@ def _project(plan: Plan, state: EngineState, scratch: Scratch) -> None:
             other = plan.dof_parent[other]
 
 
-@compiled
+@borrowing
 def _add_bias(i: Array, v: Array, B: Array) -> None:
     """B -= derivative by velocity of a body's bias force, V x* (I V), minus I (V x .); about the tree's center."""
     h0, h1, h2, m = i[6], i[7], i[8], i[9]
@@ -276,7 +282,7 @@ def _add_bias(i: Array, v: Array, B: Array) -> None:
     B[7] -= t - L0
 
 
-@compiled
+@borrowing
 def _momentum(i: Array, v: Array, out: Array) -> None:
     """Writes I v to out, for the 10 numbers of a spatial inertia."""
     h0, h1, h2 = i[6], i[7], i[8]
@@ -288,7 +294,7 @@ def _momentum(i: Array, v: Array, out: Array) -> None:
     out[5] = i[9] * v[5] - h0 * v[1] + h1 * v[0]
 
 
-@compiled
+@borrowing
 def _change(plan: Plan, state: EngineState, dof: int, out: Array) -> None:
     """What a velocity adds to the accelerations beyond it, but for the part that grows with their velocity."""
     dot = state.cdof_dot[dof]
@@ -316,7 +322,7 @@ def _change(plan: Plan, state: EngineState, dof: int, out: Array) -> None:
     out[5] = dot[5] + w0 * c[4] - w1 * c[3] + v0 * c[1] - v1 * c[0]
 
 
-@compiled
+@borrowing
 def _geom_fluid(
     g: Array, density: float, floor: float,
     wx: float, wy: float, wz: float, x: float, y: float, z: float, B: Array, F: Array,
@@ -419,7 +425,7 @@ def _geom_fluid(
     F[5] = -z * (drag + up * fz) + q0 * wy - q1 * wx
 
 
-@compiled
+@borrowing
 def _turn(R: Array, A: Array, out: Array) -> None:
     """Adds R A R^T to out, for the 3x3 A given as 9 numbers."""
     for j in range(3):
@@ -433,7 +439,7 @@ def _turn(R: Array, A: Array, out: Array) -> None:
             out[6 + k] += t2 * r
 
 
-@compiled
+@borrowing
 def _shift(B: Array, x: float, y: float, z: float) -> None:
     """Moves a derivative to the origin, from a point at (x, y, z)."""
     TT, TL, LT, LL = B[0:9], B[9:18], B[18:27], B[27:36]

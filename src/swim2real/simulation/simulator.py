@@ -156,8 +156,11 @@ class Simulator:
                 note = "from rest"
             else:
                 stepper = Stepper(model, self.robot, actuation.start_speed, speed, 0.0, fast)
-                steady = self._steady_at_length if self._full_length else self._steady_cycle
-                track, note = steady(stepper, swim)
+                if self._full_length:
+                    track = self._at_length(stepper, swim, None, np.ceil(SETTLING * actuation.frequency))
+                    note = "at full length"
+                else:
+                    track, note = self._steady_cycle(stepper, swim)
         except DivergedError as error:
             rest = np.zeros((2, len(self.robot.marker_names), 2)) + self.robot.rest_markers
             track = MarkerTrack([0.0, _UNROLLED_SAMPLE], rest)
@@ -166,23 +169,23 @@ class Simulator:
 
     def _steady_cycle(self, stepper: Stepper, swim: Swim) -> tuple[MarkerTrack, str]:
         period = swim.actuation.period
-        cycle = steady_cycle(stepper, period)
-        note = f"steady cycle after {cycle.cycles:.2f} periods" + (
-            "" if cycle.settled else f", not settled: {1e3 * cycle.speed_to_come:.2f} mm/s still to come"
-        )
+        simulated, cycle = steady_cycle(stepper, period)
+        if cycle is None:
+            return self._at_length(stepper, swim, simulated, np.ceil(simulated.turns[-1])), "at full length: no cycle"
+        note = f"steady cycle after {cycle.cycles:.2f} periods"
         lead = swim.actuation.phase / (2 * np.pi) % 1.0 * period
         times, markers = cycle.unroll(int(np.ceil((lead + swim.duration) / period)))
         samples = self._samples(swim.duration)
         return MarkerTrack(samples, CubicSpline(times, markers, axis=0)(lead + samples)), note
 
-    def _steady_at_length(self, stepper: Stepper, swim: Swim) -> tuple[MarkerTrack, str]:
-        period = swim.actuation.period
-        start = np.ceil(SETTLING / period) + swim.actuation.phase / (2 * np.pi) % 1.0  # turns
-        chunk = run_to(None, stepper, period, start + swim.duration / period)
+    def _at_length(self, stepper: Stepper, swim: Swim, begun: Chunk | None, turns: float) -> MarkerTrack:
+        """The swim from the first motor angle of its phase on, once the motor has made so many turns."""
+        start = turns + swim.actuation.phase / (2 * np.pi) % 1.0
+        chunk = run_to(begun, stepper, swim.actuation.period, start + swim.duration / swim.actuation.period)
         times = np.arange(len(chunk.turns)) * stepper.timestep
         samples = self._samples(swim.duration)
         begin = float(np.interp(start, chunk.turns, times))
-        return MarkerTrack(samples, CubicSpline(times, chunk.markers, axis=0)(begin + samples)), "at full length"
+        return MarkerTrack(samples, CubicSpline(times, chunk.markers, axis=0)(begin + samples))
 
     def _samples(self, duration: float) -> np.ndarray:
         return np.linspace(0.0, duration, int(np.ceil(duration / self._sample_interval - 1e-9)) + 1)
@@ -209,17 +212,11 @@ class Cycle:
         period: Duration of a period [s].
         markers: Positions at equally spaced phases from motor angle 0 to one full turn, both included [m].
             Shape (P + 1, M, 2).
-        settled: False when it didn't come to repeat within the cycles allowed.
-        speed_to_come: Estimated change of the mean speed that was still to come [m/s].
-        shape_change: Mean marker distance in the body frame between start and end [m].
         cycles: Simulated periods that it took.
     """
 
     period: float
     markers: Array
-    settled: bool
-    speed_to_come: float
-    shape_change: float
     cycles: float
 
     def unroll(self, count: int) -> tuple[Array, Array]:
@@ -248,10 +245,12 @@ class Cycle:
         return np.arange(count * samples + 1, dtype=np.float64) * (self.period / samples), np.concatenate(pieces)
 
 
-def steady_cycle(stepper: Stepper, period: float) -> Cycle:
-    """Simulates until the cycle repeats.
+def steady_cycle(stepper: Stepper, period: float) -> tuple[Chunk, Cycle | None]:
+    """Simulates until the cycle repeats: all that was simulated, and the cycle, if it comes to repeat.
 
-    Cycles are counted by the motor's angle, not by time: under load the motor turns a little slower than it should.
+    Cycles are counted by the motor's angle, not by time: under load the motor turns a little slower than it should. A
+    robot that sways with a slow mode of its own, as a hull that rolls, wavers about its mean speed from cycle to cycle;
+    its last cycle says little of the next one.
 
     Args:
         stepper: Fresh, with its motor at angle 0.
@@ -261,7 +260,7 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
         DivergedError: The engine gave up.
     """
     end = max(0.5, np.ceil(2 * _SETTLING_TIME / period) / 2) + 1.0  # turns
-    swim, change_before = run_to(None, stepper, period, end), None
+    swim, change_before, last_push, wavers = run_to(None, stepper, period, end), None, np.inf, False
     while True:
         first, last = _instant(swim, end - 1), _instant(swim, end)
         shape_change = float(np.linalg.norm(last.body - first.body, axis=1).mean())
@@ -270,16 +269,19 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
         # the change decays geometrically, so this is missing from the mean speed of the cycle
         to_come = change * np.sqrt(ratio) / (1 - ratio)
         tolerance = max(_SPEED_TOLERANCE, _SPEED_SHARE * float(np.linalg.norm(last.head - first.head)) / period)
-        settled = abs(to_come) < tolerance and shape_change < _SHAPE_TOLERANCE
-        if settled or end >= _MAX_CYCLES:
-            break
-        if change_before is not None and ratio > _SLOW and shape_change < _PUSH_SHAPE:
-            stepper.push(change * ratio / (1 - ratio) * last.forward)
-            change_before, end = None, float(swim.turns[-1]) + 1.25
+        if not wavers and abs(to_come) < tolerance and shape_change < _SHAPE_TOLERANCE:
+            return swim, Cycle(period, _one_turn(swim, end, period), float(end))
+        wavers = wavers or (change_before is not None and change * change_before < 0)
+        if end >= _MAX_CYCLES or (wavers and end * period >= SETTLING):
+            return swim, None
+        push = change * ratio / (1 - ratio)
+        decays = change_before is not None and not wavers and abs(push) < last_push / 2
+        if decays and ratio > _SLOW and shape_change < _PUSH_SHAPE:
+            stepper.push(push * last.forward)
+            change_before, last_push, end = None, abs(push), float(swim.turns[-1]) + 1.25
         else:
             change_before, end = change, end + 0.5
         swim = run_to(swim, stepper, period, end)
-    return Cycle(period, _one_turn(swim, end, period), bool(settled), float(to_come), shape_change, float(end))
 
 
 def run_to(swim: Chunk | None, stepper: Stepper, period: float, turns: float) -> Chunk:
@@ -330,7 +332,7 @@ def _one_turn(swim: Chunk, end: float, period: float) -> Array:
     start = end - 1
     first = max(int(np.searchsorted(swim.turns, start)) - 3, 0)
     spline = CubicSpline(swim.turns[first:], swim.markers[first:], axis=0)
-    cycle = Cycle(period, spline(start + np.arange(samples + 1) / samples), True, 0.0, 0.0, 0.0)
+    cycle = Cycle(period, spline(start + np.arange(samples + 1) / samples), 0.0)
     _, twice = cycle.unroll(2)
     lead = (np.ceil(start) - start) * samples  # to the next angle 0
     return CubicSpline(np.arange(len(twice)), twice, axis=0)(lead + np.arange(samples + 1))
