@@ -75,6 +75,17 @@ def test_the_cycle_is_what_a_swim_at_full_length_does():
         assert gap.mean() < 1e-3
 
 
+def test_a_hull_that_rolls_slower_than_the_tail_beats_has_no_cycle_of_one_beat():
+    robot = load_robot("fish-rolling")
+    loose = {"fluid_kutta_lift": 10.0, "fluid_blunt_drag": 1.81, "fluid_slender_drag": 0.39, "roll_stiffness": 0.057,
+             "roll_damping": 0.002}  # fmt: skip
+    swims = [Swim("a", Actuation(1.2, 0.0, 0.0), 4.0)]
+    (found,) = Simulator(robot).simulate({**robot.space.published, **loose}, swims)
+    (whole,) = Simulator(robot, full_length=True).simulate({**robot.space.published, **loose}, swims)
+    assert "no cycle" in found.provenance
+    assert found.track.speed == pytest.approx(whole.track.speed, abs=1e-3)
+
+
 def test_a_swim_from_rest_begins_at_rest_and_at_the_motor_angle_that_is_asked():
     swims = [Swim(name, Actuation(1.5, phase), 0.5) for name, phase in (("zero", 0.0), ("half", np.pi))]
     trials = Simulator(FISH, threads=1).simulate(PUBLISHED, swims)

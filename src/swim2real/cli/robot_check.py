@@ -9,6 +9,7 @@ import numpy as np
 
 from swim2real.calibration import Problem
 from swim2real.checks.effects import why_no_effect
+from swim2real.checks.floating import afloat
 from swim2real.checks.mistakes import mistakes
 from swim2real.checks.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
 from swim2real.checks.reference import judged, misfits, reference_warnings, starts
@@ -61,7 +62,7 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
     if robot.marker_names:
         _markers(robot)
     _trials(robot)
-    wrong += [sentence for result in probes for sentence in _wrong(file, robot, result)]
+    wrong += [*(sentence for result in probes for sentence in _wrong(file, robot, result)), *afloat(robot)]
     for sentence in (*wrong, *_notes(probes, bool(robot.marker_names))):
         say(sentence)
     if reference is not None and fits:
