@@ -47,7 +47,7 @@ def _told(robot: Robot, model: mujoco.MjModel, given: str) -> Iterator[str]:
             yield (
                 f"body '{name}' sinks by {sunk:.2g} m within {_SECONDS:g} s{given}: nothing holds it at the water's "
                 f"line, since MuJoCo's water has no buoyancy; set gravity to 0 0 0 in <option>, gravcomp to 1 in its "
-                f"bodies, or give it a vertical slide joint with a stiffness (9.81 × density × area at the water's line)"
+                f"bodies, or give it a vertical slide joint with a stiffness (9.81 × density × area there)"
             )
         elif tilted > _OVER:
             yield (
