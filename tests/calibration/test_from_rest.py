@@ -44,6 +44,15 @@ def test_a_perfect_fit_that_swims_backward_from_rest_is_told(simulator, new_flui
     assert all(trial.progress.velocity_simulated < -0.1 for trial in started.trials)
 
 
+def test_beats_between_trials_that_lie_far_apart_are_tried_as_well(simulator, tmp_path):
+    swims = [Swim(name, Actuation(f, 0.0, 0.15), 3.0) for name, f in (("slow", 0.7), ("fast", 1.7))]
+    filmed = TrialSet(tuple(simulator.simulate(FISH.space.published, swims)), FISH.marker_names)
+    problem = Problem(FISH, filmed, simulator=simulator)
+    begun = conclude(RunFolder(tmp_path), problem, None, FISH.space.published).to_json()["from_rest"]
+    assert list(begun) == ["slow", "fast", "1 of 3 between slow and fast", "2 of 3 between slow and fast"]
+    assert [one["frequency"] for one in begun.values()] == pytest.approx([0.7, 1.7, 0.94, 1.26], abs=0.02)
+
+
 def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, reference, tmp_path):
     outcome = conclude(RunFolder(tmp_path), problem, None, small_run.HIDDEN).to_json()
     for name, trial in outcome["fit"]["trials"].items():

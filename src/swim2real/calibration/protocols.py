@@ -7,6 +7,8 @@ Steady swims are compared by `motion`, `aligned` or `paper`, recordings by `play
 
 from __future__ import annotations
 
+import itertools
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -41,6 +43,7 @@ Model = TypeVar("Model", bound=ForwardModel[Any])
 
 _ROUNDING = 1e-3  # s, of a table's time stamps
 _SAME_FACTOR = 0.04  # share by which a factor of two may be off
+_GAP = 0.35  # share by which frequencies of trials may differ
 _CLEARLY = 5.0  # standard errors of a speed
 
 
@@ -180,9 +183,9 @@ class _Steady(Protocol[Simulator]):
         return compare_steady(target, simulated, fit_phase=self.fit_phase)
 
     def check_fit(self, simulator: Simulator, values: Values, prepared: Sequence[PreparedTrial]) -> dict[str, Any]:
-        """How each trial's beat swims from rest."""
+        """How each trial's beat swims from rest, and beats between those of two trials that lie far apart."""
         frequencies = {one.trial.name: one.request.actuation.frequency for one in prepared}
-        swims = from_rest(simulator, values, frequencies)
+        swims = from_rest(simulator, values, frequencies | _between(frequencies))
         return rounded({"from_rest": {name: swim.as_dict() for name, swim in swims.items()}})
 
     @abstractmethod
@@ -294,6 +297,17 @@ class Playback(Protocol[PlaybackSimulator]):
             summary["findings"] += too_fast(cut, weights)
         seen = bool(request.pieces) or request.first is not None or request.stretch is not None
         return PreparedTrial(trial, target, request, summary, seen)
+
+
+def _between(frequencies: Mapping[str, float]) -> dict[str, float]:
+    """Frequencies between those of trials, where a fit to them may still swim tail first: at most 35 % apart [Hz]."""
+    found: dict[str, float] = {}
+    ascending = sorted(frequencies.items(), key=lambda one: one[1])
+    for (first, low), (last, high) in itertools.pairwise(ascending):
+        steps = math.ceil(math.log(high / low) / math.log(1 + _GAP))
+        for k in range(1, steps):
+            found[f"{k} of {steps} between {first} and {last}"] = low * (high / low) ** (k / steps)
+    return found
 
 
 def protocol_for(
