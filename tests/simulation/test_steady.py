@@ -39,7 +39,7 @@ def assert_same_cycle(cycle, markers, frequency):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "frequency"), [(None, 0.75), (None, 1.5), (0, 0.6), (1, 1.0), (3, 1.4)])
+@pytest.mark.parametrize(("seed", "frequency"), [(None, 0.75), (None, 1.5), (0, 0.6), (1, 1.0), (2, 1.4)])
 def test_the_steady_cycle_is_what_a_long_swim_of_any_fish_ends_in(seed, frequency):
     random = None if seed is None else np.random.default_rng(seed).random(16)
     values = FISH.space.published if random is None else FISH.space.to_values(random)

@@ -385,6 +385,7 @@ def _swims(file: RobotFile, table: SwimsTable, markers: tuple[str, ...]) -> Tria
         surge_joints=(table.surge_joints[0], table.surge_joints[1]),
         tail_markers=tuple(_index(where, "tail_markers", name, markers) for name in table.tail_markers),
         motor_joint=table.motor_joint,
+        slow_mode=table.slow_mode,
         response=None if table.response is None else _call(table.response, folder, f"{where}: 'response'"),
         fit_plan=None if table.fit_plan is None else _call(table.fit_plan, folder, f"{where}: 'fit_plan'"),
     )

@@ -112,6 +112,7 @@ class SteadySwims:
         surge_joints: The two joints that carry the robot along world x and y.
         tail_markers: Indices of the markers whose sideways motion shows the beat best.
         motor_joint: The joint that turns once a beat, at a constant speed; None for a tail that swings with a servo.
+        slow_mode: Whether something swings slower than the tail beats, so that swims may not repeat beat by beat.
         response: What the built-in physics advisor believes at first; None where nothing was measured.
         fit_plan: Stages in which a person would fit the robot; None where nobody has planned any.
     """
@@ -119,6 +120,7 @@ class SteadySwims:
     surge_joints: tuple[str, str]
     tail_markers: tuple[int, ...]
     motor_joint: str | None = None
+    slow_mode: bool = False
     response: Response | None = None
     fit_plan: FitPlan | None = None
 

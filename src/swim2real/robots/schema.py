@@ -152,6 +152,7 @@ class SwimsTable(_Table):
     motor_joint: Label | None = None
     servo: SineTable | None = None
     tail_markers: Annotated[list[Label], Field(min_length=1)]
+    slow_mode: bool = False
     response: Hook | None = None
     fit_plan: Hook | None = None
 

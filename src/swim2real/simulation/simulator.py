@@ -169,7 +169,7 @@ class Simulator:
 
     def _steady_cycle(self, stepper: Stepper, swim: Swim) -> tuple[MarkerTrack, str]:
         period = swim.actuation.period
-        simulated, cycle = steady_cycle(stepper, period)
+        simulated, cycle = steady_cycle(stepper, period, self.robot.swims.slow_mode)
         if cycle is None:
             return self._at_length(stepper, swim, simulated, np.ceil(simulated.turns[-1])), "at full length: no cycle"
         note = f"steady cycle after {cycle.cycles:.2f} periods"
@@ -245,7 +245,7 @@ class Cycle:
         return np.arange(count * samples + 1, dtype=np.float64) * (self.period / samples), np.concatenate(pieces)
 
 
-def steady_cycle(stepper: Stepper, period: float) -> tuple[Chunk, Cycle | None]:
+def steady_cycle(stepper: Stepper, period: float, slow_mode: bool = False) -> tuple[Chunk, Cycle | None]:
     """Simulates until the cycle repeats: all that was simulated, and the cycle, if it comes to repeat.
 
     Cycles are counted by the motor's angle, not by time: under load the motor turns a little slower than it should. A
@@ -255,6 +255,7 @@ def steady_cycle(stepper: Stepper, period: float) -> tuple[Chunk, Cycle | None]:
     Args:
         stepper: Fresh, with its motor at angle 0.
         period: Period of the motor [s].
+        slow_mode: Whether the robot may waver. If not, its last cycle is taken even where the speed still changes.
 
     Raises:
         DivergedError: The engine gave up.
@@ -269,14 +270,15 @@ def steady_cycle(stepper: Stepper, period: float) -> tuple[Chunk, Cycle | None]:
         # the change decays geometrically, so this is missing from the mean speed of the cycle
         to_come = change * np.sqrt(ratio) / (1 - ratio)
         tolerance = max(_SPEED_TOLERANCE, _SPEED_SHARE * float(np.linalg.norm(last.head - first.head)) / period)
-        if not wavers and abs(to_come) < tolerance and shape_change < _SHAPE_TOLERANCE:
+        settled = not wavers and abs(to_come) < tolerance and shape_change < _SHAPE_TOLERANCE
+        if settled or (end >= _MAX_CYCLES and not slow_mode):
             return swim, Cycle(period, _one_turn(swim, end, period), float(end))
-        wavers = wavers or (change_before is not None and change * change_before < 0)
+        wavers = wavers or (slow_mode and change_before is not None and change * change_before < 0)
         if end >= _MAX_CYCLES or (wavers and end * period >= SETTLING):
             return swim, None
         push = change * ratio / (1 - ratio)
-        decays = change_before is not None and not wavers and abs(push) < last_push / 2
-        if decays and ratio > _SLOW and shape_change < _PUSH_SHAPE:
+        decays = not slow_mode or (not wavers and abs(push) < last_push / 2)
+        if change_before is not None and decays and ratio > _SLOW and shape_change < _PUSH_SHAPE:
             stepper.push(push * last.forward)
             change_before, last_push, end = None, abs(push), float(swim.turns[-1]) + 1.25
         else:
