@@ -7,6 +7,7 @@ import sys
 import time
 
 import mujoco
+import mujoco.viewer
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,12 +65,12 @@ def open_window(motion: Motion, camera: str) -> None:
     Raises:
         ArgumentError: It can't open.
     """
-    from mujoco.viewer import launch_passive  # loads OpenGL
-
     model, data = motion.model, mujoco.MjData(motion.model)
     player = _Player(float(motion.times[-1]))
     try:
-        viewer = launch_passive(model, data, key_callback=player.press, show_left_ui=False, show_right_ui=False)
+        viewer = mujoco.viewer.launch_passive(
+            model, data, key_callback=player.press, show_left_ui=False, show_right_ui=False
+        )
     except RuntimeError as error:  # on a Mac the viewer needs Python's main thread, which only mjpython gives
         raise ArgumentError(f"MuJoCo's viewer can't open: {error}; --film FILE.mp4 renders the same") from error
     legend = "blue\nred", "simulated\nreal"
