@@ -34,7 +34,7 @@ SPACE = ParameterSpace(
     )
 )
 MARKERS = ("M0", "M1", "M2", "M3")
-ROBOT = replace(FISH, space=SPACE, marker_names=MARKERS)
+ROBOT = replace(FISH, space=SPACE, marker_names=MARKERS, build=lambda values: FISH.build(FISH.space.published))
 TIMES = np.arange(120) / 60
 
 

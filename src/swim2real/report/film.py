@@ -3,34 +3,71 @@
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.calibration import SavedTrial
 from swim2real.objective import ComparedTrial
+from swim2real.parameters import Values
 from swim2real.rendering.trial_view import TrialView, common_limits, grid_step, length_text, view_of
+from swim2real.report.ahead import SeenAhead, seen_ahead
 from swim2real.robots.robot import Robot
 from swim2real.trials import frames
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 RATE = 30.0  # Hz, at most
 STEP = 0.1  # mm of a whole number, at least
 _MOST = 2**15 - 1
 _LOST = -(2**15)  # the whole number of a marker that isn't known
 _BYTES = 300_000  # of all films of a page, about
+_BYTES_AHEAD = 100_000  # of all that is seen from ahead, about
 _FRAMES = (60, 900)  # of a film at most, where there are many and few trials
+
+
+class Picture(NamedTuple):
+    """Points in a plane as the page's script draws them.
+
+    Positions are little-endian 16-bit numbers in base64, in the order frame, point, coordinate: multiples of `step`
+    from the middle of the picture, the second coordinate up.
+
+    Attributes:
+        real: Real positions.
+        simulated: Simulated positions.
+        every: How many frames of the film each of its frames is for.
+        points: How many; those that come after the markers are ends of lines.
+        step: [mm].
+        lines: Indices of the points that each line goes through.
+        width: Of what is shown [mm].
+        height: Of what is shown [mm].
+        grid: Distance of the lines behind the robot [mm].
+    """
+
+    real: str
+    simulated: str
+    every: int
+    points: int
+    step: float
+    lines: tuple[tuple[int, ...], ...]
+    width: float
+    height: float
+    grid: float
+
+    @property
+    def grid_text(self) -> str:
+        """Distance of the lines behind the robot, in words."""
+        return f"Lines are {length_text(self.grid / 1e3)} apart."
 
 
 @dataclass(frozen=True)
 class Film:
     """A trial as the page's script draws it.
-
-    Positions are little-endian 16-bit numbers in base64, in the order frame, marker, coordinate: multiples of `step`
-    from the middle of the picture, y up.
 
     Attributes:
         name: Name of the trial, with its frequency where it has a beat.
@@ -39,13 +76,9 @@ class Film:
         rate: Frames to a second [Hz].
         frames: How many.
         markers: How many, M.
-        real: Real positions.
-        simulated: Simulated positions, moved as the loss sees them.
-        step: [mm].
-        lines: Indices of the markers that each line of the skeleton goes through.
-        size: Width and height of what is shown [mm].
-        grid: Distance of the lines behind the robot [mm].
-        grid_text: The same in words.
+        picture: The markers, the simulated ones moved as the loss sees them.
+        ahead: The same from ahead; None where the hull doesn't roll.
+        roll: Amplitude of the simulated hull's roll [degrees]; None without a picture from ahead.
         cut: Seconds that are shown where the trial is longer; else None.
     """
 
@@ -55,23 +88,28 @@ class Film:
     rate: float
     frames: int
     markers: int
-    real: str
-    simulated: str
-    step: float
-    lines: tuple[tuple[int, ...], ...]
-    size: tuple[float, float]
-    grid: float
-    grid_text: str
+    picture: Picture
+    ahead: Picture | None
+    roll: float | None
     cut: float | None
 
 
-def films(trials: Sequence[SavedTrial], robot: Robot) -> tuple[Film, ...]:
-    """A film of each trial; none for a robot without markers."""
+def films(trials: Sequence[SavedTrial], robot: Robot, values: Values) -> tuple[Film, ...]:
+    """A film of each trial; none for a robot without markers.
+
+    Args:
+        trials: Simulated with the values.
+        robot: The robot.
+        values: Values of its parameters.
+    """
     if not robot.marker_names:
         return ()
+    shown = [(one, _view(one.compared, robot)) for one in trials if len(one.compared.times) > 1]
+    ahead = seen_ahead([(one.compared, view) for one, view in shown], robot, values)
     whole = _BYTES * 3 / 4 / (8 * len(robot.marker_names) * max(len(trials), 1))
     most = int(np.clip(whole, *_FRAMES))
-    return tuple(_film(one, _view(one.compared, robot), most) for one in trials if len(one.compared.times) > 1)
+    room = _BYTES_AHEAD / max(len(ahead), 1)
+    return tuple(_film(one, view, ahead.get(view.name), most, room) for one, view in shown)
 
 
 def _view(trial: ComparedTrial, robot: Robot) -> TrialView:
@@ -87,35 +125,46 @@ def _view(trial: ComparedTrial, robot: Robot) -> TrialView:
     return replace(view, path_simulated=view.path_simulated + shift)
 
 
-def _film(saved: SavedTrial, view: TrialView, most: int) -> Film:
-    limits = common_limits([view])
-    box, real, simulated = limits.plane, view.real, view.simulated
-    if limits.path is not None and view.path_real is not None and view.path_simulated is not None:
-        box, real, simulated = limits.path, view.path_real, view.path_simulated
+def _film(saved: SavedTrial, view: TrialView, ahead: SeenAhead | None, most: int, room: float) -> Film:
     rate = max(min(RATE, (len(view.times) - 1) / view.duration), 1 / view.duration)
     wanted = np.arange(0.0, view.duration + 0.5 / rate, 1 / rate)[:most]
-    between = (view.times[1:] + view.times[:-1]) / 2 - view.times[0]
-    picked = np.searchsorted(between, wanted)  # the sample that is nearest to each
-    middle = np.array([box.left + box.right, box.bottom + box.top]) / 2
-    size = (1e3 * (box.right - box.left), 1e3 * (box.top - box.bottom))
-    step = max(STEP, max(size) / _MOST)
-    grid = grid_step(box)
+    picked = view.nearest(view.times[0] + wanted)
     shown = float(wanted[-1])
+    from_ahead = None if ahead is None else _picture(ahead.view, picked, room)
     return Film(
         name=view.name if view.frequency is None else f"{view.frequency:.2f} Hz, {view.name}",
         held_out=saved.held_out,
         diverged=view.diverged,
         rate=round(rate, 4),
         frames=len(picked),
-        markers=real.shape[1],
-        real=_packed(1e3 * (real[picked] - middle) / step),
-        simulated=_packed(1e3 * (simulated[picked] - middle) / step),
+        markers=len(view.marker_names),
+        picture=_picture(view, picked),
+        ahead=from_ahead,
+        roll=None if ahead is None else ahead.roll,
+        cut=shown if shown < view.duration - 1.5 / rate else None,
+    )
+
+
+def _picture(view: TrialView, picked: Indices, room: float = np.inf) -> Picture:
+    """A picture of no more bytes than there is room for."""
+    every = math.ceil(len(picked) * len(view.marker_names) * 8 * 4 / 3 / room) or 1
+    limits = common_limits([view])
+    box, real, simulated = limits.plane, view.real, view.simulated
+    if limits.path is not None and view.path_real is not None and view.path_simulated is not None:
+        box, real, simulated = limits.path, view.path_real, view.path_simulated
+    middle = np.array([box.left + box.right, box.bottom + box.top]) / 2
+    width, height = 1e3 * (box.right - box.left), 1e3 * (box.top - box.bottom)
+    step = max(STEP, max(width, height) / _MOST)
+    return Picture(
+        real=_packed(1e3 * (real[picked[::every]] - middle) / step),
+        simulated=_packed(1e3 * (simulated[picked[::every]] - middle) / step),
+        every=every,
+        points=real.shape[1],
         step=step,
         lines=view.lines,
-        size=(round(size[0], 1), round(size[1], 1)),
-        grid=round(1e3 * grid, 6),
-        grid_text=length_text(grid),
-        cut=shown if shown < view.duration - 1.5 / rate else None,
+        width=round(width, 1),
+        height=round(height, 1),
+        grid=round(1e3 * grid_step(box), 6),
     )
 
 
