@@ -51,8 +51,13 @@ def from_rest(simulator: Simulator, values: Values, frequencies: Mapping[str, fl
         values: Values of its parameters, by name.
         frequencies: Frequencies of the motor, by name of the swim [Hz].
     """
-    swims = [Swim(name, Actuation(f), 2 * math.ceil(_SETTLING * f) / f) for name, f in frequencies.items()]
-    return {trial.name: _settled(trial, frequencies[trial.name]) for trial in simulator.simulate(values, swims)}
+    trials = simulator.simulate(values, swims_from_rest(frequencies))
+    return {trial.name: settled(trial, frequencies[trial.name]) for trial in trials}
+
+
+def swims_from_rest(frequencies: Mapping[str, float]) -> list[Swim]:
+    """What `from_rest` asks of a simulator."""
+    return [Swim(name, Actuation(f), 2 * math.ceil(_SETTLING * f) / f) for name, f in frequencies.items()]
 
 
 def backward_from_rest(found: Mapping[str, Mapping[str, Any]]) -> str | None:
@@ -74,10 +79,16 @@ def backward_from_rest(found: Mapping[str, Mapping[str, Any]]) -> str | None:
     )
 
 
-def _settled(trial: Trial, frequency: float) -> FromRest:
+def settled(trial: Trial, frequency: float) -> FromRest:
+    """What came of one of those swims.
+
+    Args:
+        trial: The simulated swim.
+        frequency: Frequency of its motor [Hz].
+    """
     if trial.divergence:
         return FromRest(frequency, None, trial.divergence)
     times, positions = trial.track.times, trial.track.positions
     early, late = times <= 2 / frequency, times >= times[-1] / 2
-    first, settled = (MarkerTrack(times[part], positions[part]).speed for part in (early, late))
-    return FromRest(frequency, settled, None, first)
+    first, last = (MarkerTrack(times[part], positions[part]).speed for part in (early, late))
+    return FromRest(frequency, last, None, first)

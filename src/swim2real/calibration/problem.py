@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from swim2real.calibration.from_rest import settled, swims_from_rest
 from swim2real.calibration.protocols import Protocol, protocol_for
 from swim2real.errors import TrialError
 from swim2real.objective import Comparison
@@ -15,6 +16,8 @@ from swim2real.settings import HORIZON, EvaluationSettings, ProtocolName, Start
 from swim2real.simulation import Engine, ForwardModel
 from swim2real.simulation.forward_model import thread_count
 from swim2real.trials import Trial, TrialSet
+
+_LONG = 2.0  # s, of a swim that no trial shows: about what a trial counts for
 
 
 class Problem:
@@ -59,6 +62,7 @@ class Problem:
         )
         self.simulator: Any = simulator or self.protocol.simulator(robot, threads)
         self.prepared = self.protocol.prepare(reference, robot, self.simulator, horizon)
+        self._head_first = self.protocol.known_head_first(robot)
 
     @classmethod
     def with_settings(cls, robot: Robot, reference: TrialSet, settings: EvaluationSettings) -> Problem:
@@ -133,9 +137,11 @@ class Problem:
 
     @property
     def _requests(self) -> list[Any]:
-        return [prepared.request for prepared in self.prepared]
+        return [*(prepared.request for prepared in self.prepared), *swims_from_rest(self._head_first)]
 
     def _compared(self, simulated: TrialSet) -> Comparison:
-        pairs = zip(self.prepared, simulated, strict=True)
+        pairs = zip(self.prepared, simulated.trials[: len(self.prepared)], strict=True)
         trials = tuple(self.protocol.compare(prepared.target, trial) for prepared, trial in pairs)
-        return Comparison(trials, self.protocol.name, self.horizon)
+        unfilmed = zip(simulated.trials[len(self.prepared) :], self._head_first.values(), strict=True)
+        ways = tuple(_LONG * max(-(settled(trial, f).speed or 0.0), 0.0) for trial, f in unfilmed)
+        return Comparison(trials, self.protocol.name, self.horizon, ways)

@@ -100,6 +100,11 @@ class Protocol(ABC, Generic[Model]):
     def compare(self, target: Target, simulated: Trial) -> ComparedTrial:
         """Matches a simulated trial with its real one."""
 
+    def known_head_first(self, robot: Robot) -> dict[str, float]:
+        """Frequencies of swims from rest that no trial shows, but that are known to go head first, by name [Hz]."""
+        del robot
+        return {}
+
     def check_fit(self, simulator: Model, values: Values, prepared: Sequence[PreparedTrial]) -> dict[str, Any]:
         """What else a fit is tried on when a run ends: entries of its outcome, ready for JSON."""
         del simulator, values, prepared
@@ -228,6 +233,10 @@ class Motion(Aligned):
     whole_motion: ClassVar[bool] = True
 
     start: Start = "rest"
+
+    def known_head_first(self, robot: Robot) -> dict[str, float]:
+        known = robot.swims.head_first if self.start == "rest" else ()
+        return {f"unfilmed_{f:g}": f for f in known}
 
 
 class Paper(_Steady):

@@ -25,11 +25,14 @@ class Comparison:
         trials: Compared trials, in the order of the real ones.
         protocol: Name of the protocol by which they were compared.
         horizon: Seconds that are compared, None for all of each trial.
+        tail_first_ways: How far each simulated swim that no trial shows, and that the robot is known to do head first,
+            goes tail first instead; 0 where it doesn't [m].
     """
 
     trials: tuple[ComparedTrial, ...]
     protocol: str
     horizon: float | None
+    tail_first_ways: tuple[float, ...] = ()
 
     @property
     def divergence(self) -> str | None:
@@ -38,8 +41,8 @@ class Comparison:
 
     @property
     def tail_first(self) -> bool:
-        """Whether any trial whose whole motion is compared is simulated tail first."""
-        return any(trial.tail_first for trial in self.trials)
+        """Whether any trial whose whole motion is compared is simulated tail first, or a swim that no trial shows."""
+        return any(trial.tail_first for trial in self.trials) or any(self.tail_first_ways)
 
     @property
     def loss(self) -> float:
@@ -50,7 +53,7 @@ class Comparison:
         """
         if self.divergence is not None:
             return FAILED_LOSS
-        loss = float(np.mean([trial.loss for trial in self.trials]))
+        loss = float(np.mean([trial.loss for trial in self.trials]) + np.sum(self.tail_first_ways) / len(self.trials))
         return loss + TAIL_FIRST_LOSS if self.tail_first else loss
 
     def residual_vector(self) -> Array:
@@ -61,13 +64,19 @@ class Comparison:
     def residual_stages(self) -> tuple[tuple[Array, Array], ...]:
         """Residuals and weights in the order in which they are lowered best, as each trial gives them.
 
-        The last two are the residual vector, as it is and weighted such that its squares add up to the loss. Shapes
-        (n_k,) twice.
+        The last two are the residual vector, as it is and weighted such that its squares add up to the loss. In all but
+        the first of several the ways of swims that no trial shows follow. Shapes (n_k,) twice.
         """
         stages: list[tuple[Array, Array]] = []
+        ways = np.array(self.tail_first_ways)
         for parts in zip(*(trial.residual_stages() for trial in self.trials), strict=True):
             residuals, weights = zip(*parts, strict=True)
             stages.append((np.concatenate(residuals) / np.sqrt(len(parts)), np.concatenate(weights)))
+        if ways.size:
+            added = ways / np.sqrt(len(self.trials))
+            stages[1:] = [
+                (np.append(residual, added), np.append(weights, np.ones_like(ways))) for residual, weights in stages[1:]
+            ]
         return tuple(stages)
 
     def figure(self, name: str) -> float:
