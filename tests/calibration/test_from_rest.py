@@ -7,6 +7,7 @@ import small_run
 
 from swim2real.calibration import Problem, RunFolder, conclude
 from swim2real.calibration.from_rest import backward_from_rest, from_rest
+from swim2real.objective import TAIL_FIRST_LOSS
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Simulator, Swim
 from swim2real.trials import Actuation, TrialSet
@@ -51,6 +52,25 @@ def test_beats_between_trials_that_lie_far_apart_are_tried_as_well(simulator, tm
     begun = conclude(RunFolder(tmp_path), problem, None, FISH.space.published).to_json()["from_rest"]
     assert list(begun) == ["slow", "fast", "1 of 3 between slow and fast", "2 of 3 between slow and fast"]
     assert [one["frequency"] for one in begun.values()] == pytest.approx([0.7, 1.7, 0.94, 1.26], abs=0.02)
+
+
+def test_a_robot_known_to_swim_head_first_where_no_trial_shows_it_refuses_what_does_not(simulator, new_fluid_law):
+    if new_fluid_law:
+        pytest.skip("with the newer lift force these parameters swim another way")
+    swims = [Swim("slow", Actuation(0.7, 0.0, 0.0), 3.0)]
+    filmed = TrialSet(tuple(simulator.simulate(FISH.space.published, swims)), FISH.marker_names)
+    known = replace(FISH, trials=replace(FISH.trials, swims=replace(FISH.swims, head_first=(1.3, 1.7))))
+    plain, strict = Problem(FISH, filmed, simulator=simulator), Problem(known, filmed, simulator=simulator)
+    forward = strict.evaluate(FISH.space.published)
+    assert forward.loss == plain.evaluate(FISH.space.published).loss
+    assert [len(one[0]) for one in forward.residual_stages()] == [
+        len(one[0]) + 2 * (k > 0) for k, one in enumerate(plain.evaluate(FISH.space.published).residual_stages())
+    ]
+    backward = strict.evaluate(BOTH_WAYS)
+    assert backward.tail_first
+    assert min(backward.tail_first_ways) > 0.2  # 2 s at more than 0.1 m/s
+    assert backward.loss > TAIL_FIRST_LOSS + sum(backward.tail_first_ways)
+    assert Problem(known, filmed, "aligned", simulator=simulator).evaluate(BOTH_WAYS).tail_first_ways == ()
 
 
 def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, reference, tmp_path):
