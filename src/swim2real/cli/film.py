@@ -127,6 +127,8 @@ def track(
     for option, values in per_video.items():
         one_each(option, values, count, "videos")
     finite_above_0("frequency", *frequency, unit=" Hz")
+    if not (quiet or json):
+        tell(f"reading {', '.join(video.name for video in videos)}")
     from swim2real.cli.progress import films_shown
     from swim2real.pipeline import TRACKS, TrackedVideo, track_videos
     from swim2real.robots import load_robot
