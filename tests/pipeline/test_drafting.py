@@ -70,6 +70,13 @@ def test_a_pendulum_has_its_missing_damping_calibrated(begun):
     assert "shoulder_armature" in draft.aside
 
 
+def test_a_joint_that_nothing_drives_has_no_inertia_of_motor_and_gears(begun):
+    heavy = PENDULUM.replace('joint name="elbow"', 'joint name="elbow" armature="0.002"')
+    assert begun(heavy)[0].aside["elbow_armature"] == "no motor and no gears are there"
+    motor = '<actuator><motor name="motor" joint="elbow"/></actuator></mujoco>'
+    assert "elbow_armature" not in begun(heavy.replace("</mujoco>", motor))[0].aside
+
+
 def test_what_others_make_up_for_is_left_out_with_the_reason(begun):
     cable = '<tendon><fixed name="cable" damping="0.01"><joint joint="shoulder" coef="1"/></fixed></tendon></mujoco>'
     twice = PENDULUM.replace('name="shoulder"', 'name="shoulder" damping="0.01"').replace("</mujoco>", cable)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, count
 from typing import Any, TypeVar
 
@@ -63,6 +63,7 @@ def candidates(spec: mujoco.MjSpec, model: mujoco.MjModel) -> dict[str, Candidat
 
 
 _NO_RESISTANCE = "the model has none"
+_NO_MOTOR = "no motor and no gears are there"
 _LOG_SHARE = 1e-3  # of an upper bound, as the offset of a scale that begins at 0
 _TURN, _SLIDE = "turn", "slide"
 
@@ -117,8 +118,11 @@ def _joints(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[Candidate]:
     for name, about in _JOINT.items():
         for (value, turns), members in _grouped(there, lambda joint, name=name: (_read(joint, name), _turns(joint))):
             way = _TURN if turns else _SLIDE
-            carries = any(carrying(model, model.joint(joint.name).id) for joint in members)
-            yield _resistance("joint", name, about, way, value, members, max(map(inertia, members)), not carries)
+            numbers = [model.joint(joint.name).id for joint in members]
+            carries = any(carrying(model, number) for number in numbers)
+            found = _resistance("joint", name, about, way, value, members, max(map(inertia, members)), not carries)
+            idle = name == "armature" and not any(_driven(model, number) for number in numbers)
+            yield replace(found, aside=_NO_MOTOR) if idle else found
 
 
 def _tendons(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[Candidate]:
@@ -138,6 +142,13 @@ def carrying(model: mujoco.MjModel, joint: int) -> bool:
     body = model.jnt_bodyid[joint]
     on_body = [j for j in range(model.njnt) if model.jnt_bodyid[j] == body]
     return bool(model.body_parentid[body] == 0 and sum(_glides(model, j) for j in on_body) > 1)
+
+
+def _driven(model: mujoco.MjModel, joint: int) -> bool:
+    """Whether an actuator moves a joint, or may by a tendon or a crank."""
+    at_joints = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    kinds, ends = model.actuator_trntype, model.actuator_trnid[:, 0]
+    return any(kind not in at_joints or end == joint for kind, end in zip(kinds, ends, strict=True))
 
 
 def _glides(model: mujoco.MjModel, joint: int) -> bool:
