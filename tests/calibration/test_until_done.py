@@ -4,6 +4,7 @@ import contextlib
 import json
 import shutil
 
+import numpy as np
 import pytest
 import small_run
 
@@ -15,6 +16,7 @@ from swim2real.pipeline import calibrate
 from swim2real.report import read_run, write_report
 from swim2real.report import standing as standing_of
 from swim2real.settings import CalibrationSettings
+from swim2real.trials import MarkerTrack
 
 SECOND = 1 / 60  # min
 
@@ -82,6 +84,13 @@ def test_a_method_with_a_budget_is_finished_as_one_command(reference, tmp_path):
 
 def read_best(run):
     return json.loads((run / "best.json").read_text())["parameters"]
+
+
+def test_fast_motion_is_no_noise():
+    times = np.arange(240) / 60
+    swing = 0.2 * np.sin(2 * np.pi * 3 * times[:, None, None] + [[0, 1], [2, 3]])
+    track = MarkerTrack(times, swing + np.random.default_rng(0).normal(0, 0.5e-3, swing.shape))
+    assert marker_noise([track]) == pytest.approx(0.5e-3 * 2**0.5, rel=0.1)
 
 
 def test_what_a_search_knows_is_said(reference, tmp_path):

@@ -101,12 +101,12 @@ def noise_of(trials: Sequence[Trial], sensors: Sequence[Sensor]) -> float | None
 def _scatter(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Standard deviation of noise in columns over time, NaN where nothing tells it. Shape (T, ...) to (...).
 
-    Third differences in time leave little of the motion: those of white noise have 20 times its variance.
+    Fifth differences in time leave little of the motion: those of white noise have 252 times its variance.
     """
-    thirds = np.diff(values, n=3, axis=0)
-    if not np.isfinite(thirds).any():
+    fifths = np.diff(values, n=5, axis=0)
+    if not np.isfinite(fifths).any():
         return np.full(values.shape[1:], np.nan)
-    return np.asarray(1.4826 * np.nanmedian(np.abs(thirds - np.nanmedian(thirds, axis=0)), axis=0) / np.sqrt(20))
+    return np.asarray(1.4826 * np.nanmedian(np.abs(fifths - np.nanmedian(fifths, axis=0)), axis=0) / np.sqrt(252))
 
 
 def standing(
