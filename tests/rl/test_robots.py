@@ -207,8 +207,9 @@ def test_a_package_that_takes_long_to_import_is_named(package, monkeypatch, capl
 def test_commands_go_on_or_name_a_broken_package(offers, code, told, package, tmp_path):
     package("strange", offers, odd_code=code)
     path = os.pathsep.join([str(EXAMPLES.parent / "src"), str(tmp_path)])
-    words = [sys.executable, "-m", "swim2real", "check", EXAMPLES / "finger/finger.toml"]
-    ended = subprocess.run(words, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, check=False)
+    words = [sys.executable, "-m", "swim2real", "check", "fish"]
+    env = {**os.environ, "PYTHONPATH": path}
+    ended = subprocess.run(words, capture_output=True, text=True, env=env, cwd=tmp_path, check=False)
     assert ended.returncode == bool(told), ended.stderr
     assert told in ended.stderr
 
