@@ -28,7 +28,11 @@ SECONDS = 4.0
 def differs(spec: mujoco.MjSpec) -> None:
     """What the real arm has, and its model hasn't."""
     spec.option.timestep, spec.option.integrator = 2.5e-4, mujoco.mjtIntegrator.mjINT_EULER
-    spec.joint("shoulder").stiffness[0] = 0.03  # N·m/rad of the cables to the elbow
+    shoulder = spec.joint("shoulder")
+    if np.ndim(shoulder.stiffness):  # a polynomial's coefficients since MuJoCo 3.7
+        shoulder.stiffness[0] = 0.03  # N·m/rad of the cables to the elbow
+    else:
+        shoulder.stiffness = 0.03
     spec.geom("tool").pos[0] += 2e-3  # m, by which the tool isn't quite in line
 
 

@@ -32,7 +32,11 @@ SECONDS = 4.0
 def differs(spec: mujoco.MjSpec) -> None:
     """What the real finger has, and its model hasn't."""
     spec.option.timestep, spec.option.integrator = 2.5e-4, mujoco.mjtIntegrator.mjINT_EULER
-    spec.tendon("cable").damping[0] = 0.5  # N·s/m in the cable itself
+    cable = spec.tendon("cable")
+    if np.ndim(cable.damping):  # a polynomial's coefficients since MuJoCo 3.7
+        cable.damping[0] = 0.5  # N·s/m in the cable itself
+    else:
+        cable.damping = 0.5
     spec.site("dist1").pos[0] += 7e-4  # glued beside its place
 
 

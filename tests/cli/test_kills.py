@@ -18,6 +18,8 @@ import numpy as np
 import pytest
 from program import process
 
+import swim2real
+
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(sys.platform != "linux", reason="no /proc to find processes in"),
@@ -68,7 +70,9 @@ def contents(folder: Path) -> dict[str, object]:
     return found
 
 
-def survives(command: str, words, out: Path, monkeypatch, resume: str = "") -> None:
+def survives(
+    command: str, words, out: Path, monkeypatch, resume: str = "", begun: str = "settings.json", start=process
+) -> None:
     """Runs a command once in peace and once with kills, and compares.
 
     Args:
@@ -76,10 +80,12 @@ def survives(command: str, words, out: Path, monkeypatch, resume: str = "") -> N
         words: Gives the words of the command that writes to a folder, as it is when the command starts.
         out: Folder for both.
         monkeypatch: Sets the mark.
-        resume: Option that goes on where there is a settings.json already.
+        resume: Option that goes on where it has begun.
+        begun: What is in the folder by then.
+        start: Starts the program.
     """
     began = time.monotonic()
-    peaceful = process(*words(out / "peace"))
+    peaceful = start(*words(out / "peace"))
     _, err = peaceful.communicate(timeout=600)
     assert peaceful.returncode == 0, err
     duration = time.monotonic() - began
@@ -89,8 +95,8 @@ def survives(command: str, words, out: Path, monkeypatch, resume: str = "") -> N
     for attempt in range(3 * KILLS):
         mark = uuid.uuid4().hex
         monkeypatch.setenv("SWIM2REAL_TEST", mark)
-        more = [resume] if resume and (place / "settings.json").exists() else []
-        started = process(*words(place), *more)
+        more = [resume] if resume and (place / begun).exists() else []
+        started = start(*words(place), *more)
         if killed < KILLS:
             try:  # a first part of the time is spent on imports
                 started.wait(duration * rng.uniform(0.3, 0.9 if attempt < KILLS else 0.6))
@@ -115,6 +121,25 @@ def survives(command: str, words, out: Path, monkeypatch, resume: str = "") -> N
     assert set(peace) == set(war), set(peace) ^ set(war)
     for name, content in peace.items():
         assert war[name] == content, name
+
+
+SMALL_DEMO = """
+from swim2real import demo, settings
+from swim2real.cli import main
+from swim2real.rendering.pool import PoolCamera
+demo.DEMO_FREQUENCIES = (0.75, 1.5)
+demo.film_and_track.__kwdefaults__.update(seconds=1.5, camera=PoolCamera(width=640, height=360, view=1.3, fps=30.0))
+settings.IdentifiabilitySettings.__init__.__defaults__ = (1, 0)
+main()
+"""
+
+
+def small_demo(*words) -> subprocess.Popen:
+    """Starts `demo` with short films in a small picture and few rounds, for which it has no options."""
+    return subprocess.Popen(
+        [sys.executable, "-c", SMALL_DEMO, *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": str(Path(swim2real.__file__).parents[1])},
+    )  # fmt: skip
 
 
 def calibration(folder: Path, *more: object):
@@ -175,3 +200,10 @@ def test_train(tmp_path, monkeypatch):
         ]  # fmt: skip
 
     survives("train", words, tmp_path, monkeypatch, "--resume")
+
+
+def test_demo(tmp_path, monkeypatch):
+    def words(out):
+        return ["demo", "--out", out, "--budget", 10, "--quiet"]
+
+    survives("demo", words, tmp_path, monkeypatch, "--resume", "videos", small_demo)

@@ -97,6 +97,11 @@ ANGLES = {"a_rad": MotorLimits(2.0, 50.0, -1.0, 1.5)}
         (lambda: MotorLimits(1, math.inf), "the limit of the acceleration is inf"),
         (lambda: MotorLimits(1, 1, 1, 0), "the lowest angle is 1 and the highest 0"),
         (lambda: fish([1.0]).ramped(0.0), "the ramps' acceleration is 0"),
+        *(
+            (lambda end=end, a=a: fish([0, end]).ramped(a), f"from rest to {abs(end):g} at {a:g} rad/s² would take")
+            for end, a in ((1e300, 20.0), (-1e308, 20.0), (1.0, 1e-9))
+        ),
+        (lambda: of({"a_rad": [0.0]}).approached({"a_rad": 1.0}, 1e-9), "5e+10 commands; at most 1000000 are made"),
         (lambda: of({"a_rad": [0.0]}).approached({"a_rad": 1.0}, 0.0), "the speed of the approach is 0"),
         (lambda: write_table("/none/c.csv", fish([0.0])), "can't be written: No such file"),
     ],

@@ -1,7 +1,9 @@
 """Robots of other files: what policies command and see of them, tasks of one's own, and what is refused."""
 
 import dataclasses
-from importlib.metadata import EntryPoint, EntryPoints
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from swim2real.errors import ArgumentError, RobotError
 from swim2real.rl.assessment import Wave, scan_waves
 from swim2real.rl.body import Bodies
 from swim2real.rl.state import Robots
+from swim2real.rl.tasks import TASKS, find_task
 from swim2real.robots import load_robot
 from swim2real.robots.robot import PolicySetup
 from swim2real.robots.targets import Delay
@@ -122,15 +125,93 @@ def test_a_task_of_ones_own_for_a_robot_that_goes_nowhere(finger):
     assert seen[names["sensors"]] > 5  # N, the cable pulls
 
 
-def test_a_package_offers_a_task_by_an_entry_point(finger, monkeypatch, tmp_path):
-    (tmp_path / "my_tasks.py").write_text((EXAMPLES / "finger/reach.py").read_text())
+@pytest.fixture
+def package(monkeypatch, tmp_path):
+    """Installs a package that offers tasks, as `name = module:Class`, with modules."""
     monkeypatch.syspath_prepend(tmp_path)
-    offered = EntryPoints([EntryPoint("reach", "my_tasks:Reach", "swim2real.tasks")])
-    monkeypatch.setattr("swim2real.rl.tasks.metadata.entry_points", lambda group: offered.select(group=group))
+
+    def install(name: str, offers: str, **modules: str) -> None:
+        folder = tmp_path / f"{name}-1.0.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        (folder / "entry_points.txt").write_text(f"[swim2real.tasks]\n{offers}\n")
+        for module, text in modules.items():
+            (tmp_path / f"{module}.py").write_text(text)
+
+    return install
+
+
+def test_a_package_offers_a_task_by_an_entry_point(finger, package):
+    package("mine", "reach = my_tasks:Reach", my_tasks=(EXAMPLES / "finger/reach.py").read_text())
     seen, _ = rl.make_env("reach", robot=finger).reset(seed=0)
     assert seen.shape == (8,)
     with pytest.raises(ArgumentError, match="there is no task 'grasp'; there are forward, target, paper-target, reach"):
         rl.make_env("grasp", robot=finger)
+
+
+@pytest.mark.parametrize(
+    ("offers", "code", "sentence"),
+    [
+        (
+            "odd = gone_module:Task",
+            "",
+            "task 'odd' of package 'strange' as 'gone_module:Task' can't be imported: Modul",
+        ),
+        ("odd = odd_code:Gone", "", "can't be imported: AttributeError: "),
+        ("odd = 3:::4", "", "task 'odd' of package 'strange' as '3:::4' can't be imported: "),
+        ("odd = odd_code:Task", "raise OSError('x' * 10_000)", "can't be imported: OSError: xxx"),
+        ("odd = odd_code:Task", "import sys; sys.exit(0)", "can't be imported: SystemExit: 0"),
+        (
+            "odd = odd_code:Task",
+            "class Task: observes = ()",
+            "it lacks adds, needs_frame, stages, begin, observe and s",
+        ),
+        ("odd = odd_code:Task", "Task = 3", "must be a class with observes, adds, needs_frame, stages, .* type int"),
+        (
+            "odd = a:B\nodd = c:D",
+            "",
+            "'odd' is offered by package 'strange' as 'a:B' and package 'strange' as 'c:D'; r",
+        ),
+        ("odd\u202e = a:B", "", r"'odd\\u202e' of package 'strange' as 'a:B' has the character U\+202E"),
+        ("no entry point", "", "no task 'odd'; .*; the entry points of package 'strange-1.0' can't be read"),
+    ],
+)
+def test_what_is_wrong_with_a_packages_task_is_told_when_it_is_asked_for(offers, code, sentence, package):
+    package("mine", "reach = reaching_tasks:Reach", reaching_tasks=(EXAMPLES / "finger/reach.py").read_text())
+    package("strange", f"{offers}\nforward = odd_code:Forward", odd_code=code)
+    sys.modules.pop("odd_code", None)
+    assert find_task("reach").__name__ == "Reach"
+    assert find_task("forward") is TASKS["forward"]
+    assert "odd_code" not in sys.modules
+    with pytest.raises(ArgumentError, match=sentence) as caught:
+        find_task("odd\u202e" if "\u202e" in offers else "odd")
+    assert len(str(caught.value)) < 700
+    assert str(caught.value).isprintable()
+
+
+def test_a_package_that_takes_long_to_import_is_named(package, monkeypatch, caplog):
+    monkeypatch.setattr("swim2real.rl.tasks._LATE", 0.05)
+    package("slow", "late = late_code:Task", late_code="import time; time.sleep(0.5)")
+    with pytest.raises(ArgumentError, match="AttributeError"):
+        find_task("late")
+    assert "task 'late' of package 'slow' as 'late_code:Task' is being imported for 0.05 s" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("offers", "code", "told"),
+    [
+        ("[pydantic]\nodd = odd_code", "raise OSError", ""),  # other libraries' plugins
+        ("no entry point", "", "the entry points of the installed package 'strange-1.0' can't be read, by which libra"),
+    ],
+)
+def test_commands_go_on_or_name_a_broken_package(offers, code, told, package, tmp_path):
+    package("strange", offers, odd_code=code)
+    path = os.pathsep.join([str(EXAMPLES.parent / "src"), str(tmp_path)])
+    words = [sys.executable, "-m", "swim2real", "check", "fish"]
+    env = {**os.environ, "PYTHONPATH": path}
+    ended = subprocess.run(words, capture_output=True, text=True, env=env, cwd=tmp_path, check=False)
+    assert ended.returncode == bool(told), ended.stderr
+    assert told in ended.stderr
 
 
 def test_a_tracked_robot_with_servos_is_seen_with_noise(snake):

@@ -13,6 +13,8 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
+from importlib import metadata
+from pathlib import Path
 from typing import Any, get_type_hints
 
 import tyro
@@ -31,6 +33,7 @@ from swim2real.cli.study import ensemble, identify, next_trial
 from swim2real.cli.terminal import LogLine, say, tell, warning_line
 from swim2real.cli.view import view
 from swim2real.errors import ArgumentError, Swim2RealError
+from swim2real.names import quoted
 from swim2real.store import reason
 
 Command = Callable[..., int]
@@ -70,6 +73,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     # before NumPy is imported: matrices are small, and threads of linear algebra would only wait for one another
     for library in ("OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    # nor does a package of somebody's change, or break, how our files are checked
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
         with consent.allowing(allowed):
             code = parsed(words)()
@@ -97,9 +102,22 @@ def main(argv: Sequence[str] | None = None) -> None:
         what = f"unexpected {type(error).__name__}: {error}; --debug shows where"
         if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in CORE:
             what = f"{error.name} isn't installed; install it with: pip install swim2real"
+        elif strange := _unreadable():
+            what = f"the entry points of the installed package {strange} can't be read, by which libraries find theirs"
+            what += f" ({type(error).__name__}: {error}); install it anew or remove it"
         tell(what)
         code = 1
     sys.exit(code)
+
+
+def _unreadable() -> str:
+    """An installed package whose entry points can't be read, which breaks any library that asks for some; or none."""
+    for package in metadata.distributions():
+        try:
+            _ = package.entry_points
+        except Exception:
+            return quoted(Path(str(getattr(package, "_path", "?"))).stem)
+    return ""
 
 
 def parsed(words: list[str]) -> Callable[[], int]:

@@ -326,20 +326,21 @@ def speeds(runs: Sequence[RunResult]) -> Speeds | None:
     )
 
 
-def marker_errors(runs: Sequence[RunResult], kind: MarkerKind) -> pd.DataFrame:
+def marker_errors(runs: Sequence[RunResult], kind: MarkerKind, count: int) -> pd.DataFrame:
     """Mean error of each marker over the trials, a column for each marker [m].
 
     Args:
         runs: Runs of a method.
         kind: `marker` is without registration, of swims the paper's Eq. 1; `aligned` is registered, in the body frame,
             with the difference in progress; `shape` is the same without progress.
+        count: Number of markers; one of which no run says anything is NaN.
     """
     rows: list[pd.Series[float]] = []
     key = "marker_errors" if kind == "marker" else f"{kind}_marker_errors"
     for run in runs:
         errors = [getattr(trial, key) for trial in run.fit.trials.values()]
         rows.append(pd.DataFrame([known for known in errors if known], dtype=float).mean())
-    return pd.DataFrame(rows, [run.seed for run in runs])
+    return pd.DataFrame(rows, [run.seed for run in runs], range(count), dtype=float)
 
 
 def held_out_errors(results: ComparisonResults, method: str, protocol: str) -> pd.DataFrame | None:

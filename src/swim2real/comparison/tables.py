@@ -221,7 +221,7 @@ def _marker_table(methods: Sequence[MethodStatistics], markers: Sequence[str]) -
     several = len(protocol.markers) > 1
     rows = [(method, described) for method in methods for described in protocol.markers]
     labels = [f"{method.method}, {about}" if several else method.method for method, (_, about) in rows]
-    errors = [list(map(mm_cell, marker_errors(method.runs, kind).mean())) for method, (kind, _) in rows]
+    errors = [list(map(mm_cell, marker_errors(method.runs, kind, len(markers)).mean())) for method, (kind, _) in rows]
     columns = [(f"{marker} (mm)", [row[i] for row in errors]) for i, marker in enumerate(markers)]
     note = f"Mean over seeds and over the trials in which tracking has the marker. {protocol.markers_note}"
     return _table("markers", protocol.markers_title, methods, columns, note, range(len(markers)), labels)

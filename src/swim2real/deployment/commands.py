@@ -141,6 +141,9 @@ class CommandTable:
 
         Args:
             acceleration: Of the speed that changes most [rad/s²].
+
+        Raises:
+            ArgumentError: The acceleration isn't above 0, or so low that a ramp would be longer than a table may be.
         """
         if not (math.isfinite(acceleration) and acceleration > 0):
             raise ArgumentError(f"the ramps' acceleration is {acceleration:g}; it must be finite and above 0")
@@ -148,7 +151,7 @@ class CommandTable:
         def ramp(row: tuple[float, ...]) -> list[tuple[float, ...]]:
             """Rows from rest up to, but without, a row: equal steps, none steeper than the acceleration."""
             fastest = max((abs(v) for name, v in zip(self.columns, row, strict=True) if is_speed(name)), default=0.0)
-            steps = math.ceil(fastest * RATE / acceleration - _ROUNDING)
+            steps = _steps(fastest, acceleration, f"a ramp from rest to {fastest:g} at {acceleration:g} rad/s²")
             return [
                 tuple(v * k / steps if is_speed(name) else v for name, v in zip(self.columns, row, strict=True))
                 for k in range(steps)
@@ -162,12 +165,16 @@ class CommandTable:
         Args:
             angles: Where the actuators are now, by column [rad]. They leave and arrive together.
             speed: Of the actuator with the longest way [rad/s].
+
+        Raises:
+            ArgumentError: The speed isn't above 0, or so low that the way would be longer than a table may be.
         """
         if not (math.isfinite(speed) and speed > 0):
             raise ArgumentError(f"the speed of the approach is {speed:g}; it must be finite and above 0")
         first = self.rows[0]
         ways = {self._place(name): angle - first[self._place(name)] for name, angle in angles.items()}
-        steps = math.ceil(max(map(abs, ways.values()), default=0.0) * RATE / speed - _ROUNDING)
+        longest = max(map(abs, ways.values()), default=0.0)
+        steps = _steps(longest, speed, f"the way of {longest:g} rad to the first angles at {speed:g} rad/s")
 
         def row(left: float) -> tuple[float, ...]:
             return tuple(
@@ -282,6 +289,14 @@ def _clip(name: str, values: Sequence[float], limits: MotorLimits) -> list[float
         step = rate / RATE
         clipped.append(min(max(wanted, clipped[-1] - step), clipped[-1] + step) if clipped else wanted)
     return clipped
+
+
+def _steps(change: float, rate: float, what: str) -> int:
+    """Rows of a steady change, before one is made."""
+    steps = change * RATE / rate - _ROUNDING
+    if steps > MOST_ROWS:
+        raise ArgumentError(f"{what} would take {steps:.3g} commands; at most {MOST_ROWS} are made: make it faster")
+    return math.ceil(steps)
 
 
 def _steepest(values: Sequence[float]) -> float:

@@ -189,7 +189,7 @@ def markers(
     for axes, (kind, description), name in zip(panels, protocol.markers, "abc", strict=False):
         for stats in methods:
             style = styles[stats.method]
-            errors = 1e3 * marker_errors(stats.runs, kind)
+            errors = 1e3 * marker_errors(stats.runs, kind, len(names))
             (line,) = axes.plot(places, errors.mean(), markersize=3.2, zorder=3, clip_on=False, **style.line)
             titled(line, stats.method)
             if len(methods) > MANY:

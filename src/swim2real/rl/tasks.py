@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import math
+import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -15,6 +17,8 @@ from numpy.typing import NDArray
 
 from swim2real import consent
 from swim2real.errors import ArgumentError
+from swim2real.formatting import listed, shortened
+from swim2real.names import label_fault, quoted
 from swim2real.rl.state import MOST_PLACE, MOST_RATE, RobotState
 from swim2real.robots.named_code import NamedCode, request
 from swim2real.robots.robot import Robot
@@ -23,6 +27,9 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 ENTRY_POINTS = "swim2real.tasks"  # group of those by which a package offers tasks
+_NEEDED = ("observes", "adds", "needs_frame", "stages", "begin", "observe", "score")  # of a task's class
+_LATE = 10.0  # s of import after which it is told
+_log = logging.getLogger(__name__)
 SUCCESS_SHARE = 0.7  # of the last episodes, that ends a stage of the curriculum
 SUCCESS_WINDOW = 50  # episodes
 
@@ -236,24 +243,66 @@ def find_task(name: str) -> type[Any]:
             `python:FILE.py:CLASS` or `python:MODULE:CLASS`.
 
     Raises:
-        ArgumentError: There is no such task, or it can't be imported.
+        ArgumentError: There is no such task, it is no task, can't be imported, or is offered twice.
     """
-    if name in TASKS:
+    if name in TASKS:  # ours, whatever packages call theirs
         return TASKS[name]
-    offered = metadata.entry_points(group=ENTRY_POINTS)
-    code = NamedCode.parse(name, Path())
+    where, code = f"task {quoted(name)}", NamedCode.parse(name, Path())
+    if code is not None:
+        check_allowed(name, where, allow_code=True)
+        return _loaded(code.load, where)
+    offers, unread = _offers()
+    if name not in offers:
+        there = shortened(", ".join([*TASKS, *(quoted(other)[1:-1] for other in sorted(offers))]), 1000)
+        also = "".join(f"; the entry points of package {quoted(package)} can't be read" for package in unread)
+        raise ArgumentError(
+            f"there is no {where}; there are {there}, or give a class of your own as python:FILE.py:CLASS{also}"
+        )
+    one, *more = places = [f"package {quoted(package)} as {quoted(point.value)}" for package, point in offers[name]]
+    if more:
+        raise ArgumentError(f"{where} is offered by {listed(places)}; remove one, or name it as python:MODULE:CLASS")
+    if fault := label_fault(name):
+        raise ArgumentError(f"{where} of {one} {fault}")
+    return _loaded(offers[name][0][1].load, f"{where} of {one}")
+
+
+def _offers() -> tuple[dict[str, list[tuple[str, metadata.EntryPoint]]], list[str]]:
+    """Package and entry point of each task that is offered, and packages whose entry points can't be read."""
+    offers, seen, unread = dict[str, list[tuple[str, metadata.EntryPoint]]](), set[str](), list[str]()
+    for package in metadata.distributions():
+        try:
+            name = str(package.name)
+            if name in seen:  # behind another of this name on the path
+                continue
+            seen.add(name)
+            for point in package.entry_points.select(group=ENTRY_POINTS):
+                places = offers.setdefault(point.name, [])
+                if all(point.value != other.value for _, other in places):
+                    places.append((name, point))
+        except Exception:  # whatever an installed package has there
+            unread.append(Path(str(getattr(package, "_path", "?"))).stem)
+    return offers, unread
+
+
+def _loaded(load: Callable[[], Any], where: str) -> type[Any]:
+    """A task's class. Its code may do anything, also end the program or never end."""
+    late = threading.Timer(_LATE, _log.warning, (f"{where} is being imported for {_LATE} s; Ctrl-C ends it",))
+    late.daemon = True
+    late.start()
     try:
-        if name in offered.names:
-            return offered[name].load()
-        if code is not None:
-            check_allowed(name, f"task '{name}'", allow_code=True)
-            return code.load()
-    except Exception as error:  # whatever the user's code does
-        raise ArgumentError(f"task '{name}' can't be imported: {type(error).__name__}: {error}") from error
-    raise ArgumentError(
-        f"there is no task '{name}'; there are {', '.join([*TASKS, *sorted(offered.names)])}, or give a class of your "
-        f"own as python:FILE.py:CLASS"
-    )
+        found = load()
+    except (Exception, SystemExit) as error:
+        raise ArgumentError(f"{where} can't be imported: {shortened(f'{type(error).__name__}: {error}')}") from error
+    finally:
+        late.cancel()
+    lacking = [name for name in _NEEDED if not hasattr(found, name)]
+    if lacking or not isinstance(found, type):
+        raise ArgumentError(f"{where} must be a class with {', '.join(_NEEDED)}; it {_lack(found, lacking)}")
+    return found
+
+
+def _lack(found: object, lacking: Sequence[str]) -> str:
+    return f"lacks {listed(lacking)}" if isinstance(found, type) else f"is of the type {type(found).__name__}"
 
 
 def check_allowed(name: str, where: str, *, allow_code: bool = False) -> None:
