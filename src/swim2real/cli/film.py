@@ -127,17 +127,17 @@ def track(
     for option, values in per_video.items():
         one_each(option, values, count, "videos")
     finite_above_0("frequency", *frequency, unit=" Hz")
-    if not (quiet or json):
-        tell(f"reading {', '.join(video.name for video in videos)}")
-    from swim2real.cli.progress import films_shown
-    from swim2real.pipeline import TRACKS, TrackedVideo, track_videos
-    from swim2real.robots import load_robot
-    from swim2real.trials.span import spans
+    from swim2real.cli.progress import films_shown, loading
 
-    stretches = spans(begin, until, count, "videos")
-    points = [AUTO] * count if markers == (AUTO,) else list(markers)
-    body = load_robot(robot, markers_only=True)
-    body.check_markers("track")
+    with loading(f"reading {', '.join(video.name for video in videos)}", quiet or json):
+        from swim2real.pipeline import TRACKS, TrackedVideo, track_videos
+        from swim2real.robots import load_robot
+        from swim2real.trials.span import spans
+
+        stretches = spans(begin, until, count, "videos")
+        points = [AUTO] * count if markers == (AUTO,) else list(markers)
+        body = load_robot(robot, markers_only=True)
+        body.check_markers("track")
     try:
         with films_shown(quiet or json) as (on_progress, on_done):
             results = track_videos(

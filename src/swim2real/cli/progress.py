@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -194,6 +194,12 @@ def _job_line(p: ComparisonProgress, job: JobReport) -> str:
         return head + job.state
     best = "no swim" if job.best is None else f"best {1e3 * job.best:.1f} mm"
     return head + best + (", done before" if job.state == "read" else f", {job.seconds:.1f} s")
+
+
+def loading(text: str, quiet: bool) -> AbstractContextManager[object]:
+    """Shows on a terminal what is waited for before there is progress; it is gone afterwards."""
+    console = progress_console()
+    return console.status(visible(text)) if console.is_terminal and not quiet else nullcontext()
 
 
 FilmCallbacks: TypeAlias = (
