@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import small_run
 
@@ -64,11 +65,16 @@ def test_a_robot_known_to_swim_head_first_where_no_trial_shows_it_refuses_what_d
     forward = strict.evaluate(FISH.space.published)
     assert forward.loss == plain.evaluate(FISH.space.published).loss
     assert [len(one[0]) for one in forward.residual_stages()] == [
-        len(one[0]) + 2 * (k > 0) for k, one in enumerate(plain.evaluate(FISH.space.published).residual_stages())
+        len(one[0]) + 4 * (k > 0) for k, one in enumerate(plain.evaluate(FISH.space.published).residual_stages())
     ]
     backward = strict.evaluate(BOTH_WAYS)
     assert backward.tail_first
     assert min(backward.tail_first_ways) > 0.2  # 2 s at more than 0.1 m/s
+    assert min(backward.near_turning) > 0.01  # already in their second beats
+    assert max(forward.near_turning) == 0
+    residual, weights = backward.residual_stages()[-1]
+    added = [*backward.tail_first_ways, *backward.near_turning]
+    assert np.square(residual * weights)[-4:] == pytest.approx(added)  # one trial: of the loss, if they were part of it
     assert backward.loss > TAIL_FIRST_LOSS + sum(backward.tail_first_ways)
     assert Problem(known, filmed, "aligned", simulator=simulator).evaluate(BOTH_WAYS).tail_first_ways == ()
 

@@ -42,7 +42,7 @@ def test_a_linear_residual_is_solved_within_a_few_steps():
     assert lowest(told) < 0.02 * told[0].loss
 
 
-def test_the_nearest_bodies_go_first_half_of_them_closer_one_of_them_to_the_end_then_starts_that_swim_best():
+def test_starts_that_swim_best_go_first_then_the_nearest_bodies_half_of_them_closer_one_of_them_to_the_end():
     starts = [np.full(D, share) for share in (0.1, 0.9, 0.4, 0.6, 0.25, 0.7, 0.95, 0.05)]
     told = searched(900, walled, starts)
     np.testing.assert_array_equal(points(told[:8]), starts)
@@ -50,23 +50,24 @@ def test_the_nearest_bodies_go_first_half_of_them_closer_one_of_them_to_the_end_
     eased = list(np.argsort(lengths[:, 1])[:2] + 1)
     bodies = [number for number in np.argsort(lengths[:, 0]) + 1 if number not in eased][:4]
     begun = notes(told)[8:]
-    assert {note["start"] for note in begun[: 4 * D]} == set(bodies)
+    assert {note["start"] for note in begun[: 2 * D]} == set(eased)
+    formed = next(k for k, note in enumerate(begun) if note["start"] in bodies)
+    assert {note.get("stage", 2) for note in begun[:formed]} == {2, 3, 4}
+    assert {note["start"] for note in begun[formed : formed + 4 * D]} == set(bodies)
     first = next(k for k, note in enumerate(begun) if note["source"] == "alike")
     closer = begun[first]["start"]
-    spread = [note["start"] for note in begun[:first] if note["source"] == "spread" and "stage" not in note]
+    spread = [note["start"] for note in begun[formed:first] if note["source"] == "spread" and "stage" not in note]
     assert sorted(spread.count(number) for number in bodies) == [D, D, 2 * D, 2 * D]
     assert spread.count(closer) == 2 * D
     steps = [(note["start"], note["stage"]) for note in begun if note["source"] == "step"]
     assert {start for start, stage in steps if stage == 1} >= set(bodies)
-    after = [step for step in steps[steps.index((closer, 2)) :] if step[0] != closer]
-    assert {start for start, _ in after[: next(k for k, (_, stage) in enumerate(after) if stage == 3)]} == set(eased)
     assert {note["stage"] for note in notes(told) if note.get("last")} == {4}
     assert lowest(told) < 0.01
 
 
 def test_points_alike_leave_a_stage_nearly_as_low_and_spread_where_it_sees_nothing():
-    told = searched(200, walled, [np.full(D, 0.4), np.full(D, 0.6)])
-    alike = [one for one in told if one.candidate.note["source"] == "alike"]
+    told = searched(900, walled, [np.full(D, share) for share in (0.4, 0.6, 0.5, 0.3)])
+    alike = [one for one in told if one.candidate.note["source"] == "alike"][: 2 * D]
     assert len(alike) == 2 * D
     body = [abs(linear(one.candidate.point)[0]) for one in alike]
     assert np.median(body) < 0.1 < np.std([one.candidate.point for one in alike], axis=0).max()  # bounds cut some

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from swim2real.calibration.from_rest import settled, swims_from_rest
+from swim2real.calibration.from_rest import backward_at_first, settled, swims_from_rest
 from swim2real.calibration.protocols import Protocol, protocol_for
 from swim2real.errors import TrialError
 from swim2real.objective import Comparison
@@ -18,6 +18,7 @@ from swim2real.simulation.forward_model import thread_count
 from swim2real.trials import Trial, TrialSet
 
 _LONG = 2.0  # s, of a swim that no trial shows: about what a trial counts for
+_STEEP = 10.0  # times the way backward in the second beat of one, that a search keeps away from turning
 
 
 class Problem:
@@ -142,6 +143,7 @@ class Problem:
     def _compared(self, simulated: TrialSet) -> Comparison:
         pairs = zip(self.prepared, simulated.trials[: len(self.prepared)], strict=True)
         trials = tuple(self.protocol.compare(prepared.target, trial) for prepared, trial in pairs)
-        unfilmed = zip(simulated.trials[len(self.prepared) :], self._head_first.values(), strict=True)
+        unfilmed = list(zip(simulated.trials[len(self.prepared) :], self._head_first.values(), strict=True))
         ways = tuple(_LONG * max(-(settled(trial, f).speed or 0.0), 0.0) for trial, f in unfilmed)
-        return Comparison(trials, self.protocol.name, self.horizon, ways)
+        near = tuple(_STEEP * backward_at_first(trial, f) for trial, f in unfilmed)
+        return Comparison(trials, self.protocol.name, self.horizon, ways, near)

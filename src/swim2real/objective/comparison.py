@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.objective.figures import AVERAGED
-from swim2real.objective.trial import FAILED_LOSS, TAIL_FIRST_LOSS, ComparedTrial
+from swim2real.objective.trial import FAILED_LOSS, LEAST_DISTANCE, TAIL_FIRST_LOSS, ComparedTrial
 
 Array = NDArray[np.float64]
 
@@ -27,12 +27,14 @@ class Comparison:
         horizon: Seconds that are compared, None for all of each trial.
         tail_first_ways: How far each simulated swim that no trial shows, and that the robot is known to do head first,
             goes tail first instead; 0 where it doesn't [m].
+        near_turning: How near each of them is to turning, smoothly before it turns; not part of the loss [m].
     """
 
     trials: tuple[ComparedTrial, ...]
     protocol: str
     horizon: float | None
     tail_first_ways: tuple[float, ...] = ()
+    near_turning: tuple[float, ...] = ()
 
     @property
     def divergence(self) -> str | None:
@@ -65,17 +67,21 @@ class Comparison:
         """Residuals and weights in the order in which they are lowered best, as each trial gives them.
 
         The last two are the residual vector, as it is and weighted such that its squares add up to the loss. In all but
-        the first of several the ways of swims that no trial shows follow. Shapes (n_k,) twice.
+        the first of several follow the ways of swims that no trial shows and how near they are to turning, so that a
+        search sees where trials turn before they do. Shapes (n_k,) twice.
         """
         stages: list[tuple[Array, Array]] = []
-        ways = np.array(self.tail_first_ways)
         for parts in zip(*(trial.residual_stages() for trial in self.trials), strict=True):
             residuals, weights = zip(*parts, strict=True)
             stages.append((np.concatenate(residuals) / np.sqrt(len(parts)), np.concatenate(weights)))
-        if ways.size:
-            added = ways / np.sqrt(len(self.trials))
+        if self.tail_first_ways:
+            added = np.array([*self.tail_first_ways, *self.near_turning])
+            mean = 1 / np.sqrt(np.maximum(np.abs(added), LEAST_DISTANCE))
+            added = added / np.sqrt(len(self.trials))
+            flat = [np.ones_like(added)] * (len(stages) - 2) + [mean]
             stages[1:] = [
-                (np.append(residual, added), np.append(weights, np.ones_like(ways))) for residual, weights in stages[1:]
+                (np.append(residual, added), np.append(weights, more))
+                for (residual, weights), more in zip(stages[1:], flat, strict=True)
             ]
         return tuple(stages)
 

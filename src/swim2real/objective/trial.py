@@ -24,7 +24,7 @@ LossFigure = Literal["motion_error", "aligned_marker_error", "marker_error"]
 
 FAILED_LOSS = 1.0  # m, the loss of a simulation that diverged: finite and of physical size
 PROGRESS_SCALE = 0.01  # m, of a difference in progress; beyond it only its logarithm counts in a search's middle stage
-_LEAST_DISTANCE = 1e-3  # m, below which a distance counts by its square in a search's last stage
+LEAST_DISTANCE = 1e-3  # m, below which a distance counts by its square in a search's last stage
 TAIL_FIRST_LOSS = 0.5  # m, more than the loss of anything that goes forward, whatever it is
 
 
@@ -273,7 +273,7 @@ class ComparedTrial:
         shares = [np.repeat(self._shares(*self._scored).ravel(), 2)]
         shares += [np.full(len(one.times), 1 / max(count, 1)) for one, count in zip(self.sensors, known, strict=True)]
         distances = lengths / np.sqrt(np.maximum(np.concatenate(shares), 1e-30))
-        return 1 / np.sqrt(np.maximum(distances, _LEAST_DISTANCE))
+        return 1 / np.sqrt(np.maximum(distances, LEAST_DISTANCE))
 
     def _weighted(self, residual: Array, weights: Array) -> Array:
         """Distances of the markers in a row, weighted such that the squares add up to the mean square [m]."""

@@ -99,10 +99,10 @@ class MultiStart(Optimizer):
         self._numbers = count(len(begun) + 1)
         while True:
             swimming = yield from self._taken(_EASED, self._eased)
+            yield from self._follow(swimming)
             if self._eased > 0:
                 bodies = yield from self._taken(_BODIES, 0)
                 yield from self._follow([(yield from self._formed(bodies))])
-            yield from self._follow(swimming)
 
     def _follow(self, begun: list[Start]) -> Search[None]:
         """Eases starts, and goes to the end with the best of them."""
