@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from swim2real.robots import load_robot
+from swim2real.robots.compiled import set_linear
 from swim2real.trials import Signals, save_reference
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -28,11 +29,7 @@ SECONDS = 4.0
 def differs(spec: mujoco.MjSpec) -> None:
     """What the real arm has, and its model hasn't."""
     spec.option.timestep, spec.option.integrator = 2.5e-4, mujoco.mjtIntegrator.mjINT_EULER
-    shoulder = spec.joint("shoulder")
-    if np.ndim(shoulder.stiffness):  # a polynomial's coefficients since MuJoCo 3.7
-        shoulder.stiffness[0] = 0.03  # N·m/rad of the cables to the elbow
-    else:
-        shoulder.stiffness = 0.03
+    set_linear(spec.joint("shoulder"), "stiffness", 0.03)  # N·m/rad of the cables to the elbow
     spec.geom("tool").pos[0] += 2e-3  # m, by which the tool isn't quite in line
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from swim2real.rendering.pool import PoolCamera
 from swim2real.robots import load_robot
+from swim2real.robots.compiled import set_linear
 from swim2real.trials import Signals
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -32,11 +33,7 @@ SECONDS = 4.0
 def differs(spec: mujoco.MjSpec) -> None:
     """What the real finger has, and its model hasn't."""
     spec.option.timestep, spec.option.integrator = 2.5e-4, mujoco.mjtIntegrator.mjINT_EULER
-    cable = spec.tendon("cable")
-    if np.ndim(cable.damping):  # a polynomial's coefficients since MuJoCo 3.7
-        cable.damping[0] = 0.5  # N·s/m in the cable itself
-    else:
-        cable.damping = 0.5
+    set_linear(spec.tendon("cable"), "damping", 0.5)  # N·s/m in the cable itself
     spec.site("dist1").pos[0] += 7e-4  # glued beside its place
 
 

@@ -61,6 +61,9 @@ def test_starts_that_swim_best_go_first_then_the_nearest_bodies_half_of_them_clo
     assert spread.count(closer) == 2 * D
     steps = [(note["start"], note["stage"]) for note in begun if note["source"] == "step"]
     assert {start for start, stage in steps if stage == 1} >= set(bodies)
+    assert {start for start, _ in steps[: next(k for k, (_, stage) in enumerate(steps) if stage == 3)]} == set(eased)
+    later = dict.fromkeys(start for start, _ in steps[steps.index((closer, 2)) :] if start not in {closer, *eased})
+    assert set(list(later)[:2]) == set(range(1, 9)) - {*eased, *bodies}
     assert {note["stage"] for note in notes(told) if note.get("last")} == {4}
     assert lowest(told) < 0.01
 

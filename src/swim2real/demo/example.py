@@ -21,7 +21,7 @@ from swim2real.trials import TrialSet, load_reference
 DEMO_FREQUENCIES = (0.5, 0.75, 1.0, 1.25)
 FULL_FREQUENCIES = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25)
 HELD_OUT = "f0_75"
-_MINUTES = 1.0  # of search
+_MINUTES = 1.5  # of search
 _HIDDEN_SEED = 2026
 SECONDS = 4.0
 CAMERA = PoolCamera(width=1280, height=720, view=2.4, camera_height=3.5, glints=3.0)

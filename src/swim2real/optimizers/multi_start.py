@@ -28,7 +28,7 @@ _ALIKE = 2  # per parameter: points that the first stage hardly tells apart
 _FORMING_RADII = (0.2, 0.05)  # of a parameter's range: far apart, points see past the bends that a body snaps into
 _FORMING_TRUST = 0.4  # of it, as all that follow
 _START_RADIUS, _WIDE_RADIUS, _CLOSE_RADIUS = 0.05, 0.1, 0.02
-_WORTHWHILE = 0.95  # share of the loss to which going the way from an end again must lower it, to be repeated
+_WORTHWHILE = 0.8  # share of the loss to which going the way from an end again must lower it, to be repeated
 _AGREEING = {0: 3, 6: 2, 12: 1}  # after so many ends, how many that agree with the best end a search
 AGREEMENT = 0.1  # of the lowest loss, within which ends agree
 

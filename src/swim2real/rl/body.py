@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from swim2real.errors import ArgumentError
 from swim2real.parameters import Values
 from swim2real.rl.conditions import CONTROL_INTERVAL, UNDISTURBED, Disturbances
+from swim2real.robots.compiled import set_linear
 from swim2real.robots.robot import CommandLimits, PolicySetup, Robot
 from swim2real.simulation.batch import Batch
 from swim2real.simulation.playback import sensor_address
@@ -308,10 +309,7 @@ def _disturbed(
                 f"'rubbing_tendon' in [policy] of its robot file; name one, or leave the friction out"
             )
         tendon, kept = spec.tendon(rubbing), 1.0 - disturbances.tendon_friction
-        if np.ndim(tendon.stiffness):  # a polynomial's coefficients since MuJoCo 3.7
-            tendon.stiffness[0] *= kept
-        else:
-            tendon.stiffness *= kept
+        set_linear(tendon, "stiffness", kept * np.ravel(tendon.stiffness)[0])
     return spec
 
 

@@ -36,6 +36,20 @@ def compiled(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
     return model
 
 
+def set_linear(element: Any, attribute: str, value: float) -> None:
+    """Sets a stiffness or damping, the first of a polynomial's coefficients since MuJoCo 3.7.
+
+    Args:
+        element: Joint or tendon of a spec.
+        attribute: `stiffness` or `damping`.
+        value: Of the linear coefficient [SI].
+    """
+    if np.ndim(getattr(element, attribute)):
+        getattr(element, attribute)[0] = value
+    else:
+        setattr(element, attribute, value)
+
+
 def one_line(error: Exception) -> str:
     """The message of an error without line breaks."""
     return " ".join(str(error).split())

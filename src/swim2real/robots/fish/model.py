@@ -15,6 +15,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from swim2real.robots.compiled import set_linear
+
 _WATER_DENSITY = 1000.0
 _WATER_VISCOSITY = 0.0013  # Pa·s
 _ACRYLIC = 1180.0
@@ -180,10 +182,8 @@ def _hinge(
 ) -> None:  # fmt: skip
     kind = mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE
     joint = body.add_joint(name=name, type=kind, axis=axis, pos=pos)
-    if np.ndim(joint.stiffness):  # a polynomial's coefficients since MuJoCo 3.7
-        joint.stiffness[0], joint.damping[0] = stiffness, damping
-    else:
-        joint.stiffness, joint.damping = stiffness, damping
+    set_linear(joint, "stiffness", stiffness)
+    set_linear(joint, "damping", damping)
     if limit is not None:
         joint.limited = True
         joint.range = [-limit, limit]
