@@ -126,11 +126,14 @@ class _CurriculumStage:
 
 
 STAGES = {
-    1: _CurriculumStage(1.0, 1.0, 0.10, 15.0),
-    2: _CurriculumStage(2.0, 2.5, 0.075, 30.0),
-    3: _CurriculumStage(3.0, 4.0, 0.05, 45.0),
+    1: _CurriculumStage(1.0, 1.0, 0.10, 30.0),
+    2: _CurriculumStage(2.0, 2.5, 0.075, 60.0),
+    3: _CurriculumStage(3.0, 4.0, 0.05, 90.0),
 }
-"""The paper's curriculum, 1x1 m to 3x4 m and 10 to 5 cm. The stage between and the lengths of episodes are ours."""
+"""The paper's curriculum, 1x1 m to 3x4 m and 10 to 5 cm. The stage between and the lengths of episodes are ours.
+
+The real fish swims at most 0.12 m/s, so the farthest goals are 10, 20 and 30 s away; a turn takes as long again.
+"""
 
 
 class ReachGoal:
