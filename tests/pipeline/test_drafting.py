@@ -13,6 +13,7 @@ from swim2real.pipeline.drafting import draft_robot, write_draft
 from swim2real.robots import load_robot
 from swim2real.robots.candidates import candidates
 from swim2real.robots.drives import TABLE
+from swim2real.robots.robot import CommandLimits
 
 ENCODERS = '<sensor><jointpos name="angle" joint="shoulder"/></sensor>'
 
@@ -119,6 +120,7 @@ def test_sites_of_tendons_are_no_markers_and_sensors_are_suggested(begun):
 def test_a_free_robot_travels_and_its_keyframes_are_named(begun):
     draft, out = begun(HOPPER)
     assert draft.frame == ("front", "rear")
+    assert load_robot(out).policy.actuators["drive"].upper == 1.0
     assert draft.calibrated == [
         "left_hip_damping", "left_hip_armature", "drive_gain", "drive_braking", "drive_time_constant"
     ]  # fmt: skip
@@ -135,7 +137,9 @@ def test_servos_have_their_gains_calibrated_and_names_of_any_kind_are_written(be
     assert (draft.name, draft.camera, draft.frame) == ("my arm", "front", None)
     assert {"shoulder_servo_kp", "shoulder_servo_kv", "elbow_servo_kp"} <= set(draft.calibrated)
     assert "elbow_servo_kv" not in draft.candidates  # a damping ratio
-    assert load_robot(out).recordings.controls == {"shoulder.servo": TABLE, "elbow.servo": TABLE}
+    robot = load_robot(out)
+    assert robot.recordings.controls == {"shoulder.servo": TABLE, "elbow.servo": TABLE}
+    assert robot.policy.actuators["elbow.servo"] == CommandLimits(-1.0, 1.0, 10.0, "-")  # ready to be trained
     assert "# geoms without a name: 1; parameters write to names or classes (main)" in out.read_text()
 
 

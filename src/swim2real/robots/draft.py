@@ -78,6 +78,7 @@ class Draft:
         classes = {kind: sorted({class_name(element) for element in getattr(self.spec, kind)}) for kind in unnamed}
         text = environment.from_string(template).render(
             draft=self, model=model, description=self._description(driven), driven=driven, sensors=_sensors(self.spec),
+            limits=_limits(self.spec),
             keys=[key.name for key in self.spec.keys if key.name],
             unnamed=[(kind, len(names), classes[kind]) for kind, names in unnamed.items() if names],
             candidates=sorted(self.candidates.items(), key=lambda item: item[0] in self.aside),
@@ -94,6 +95,14 @@ class Draft:
             f"{f'Its markers are {markers}.' if markers else 'Its sensors are recorded, no camera.'}"
         )
         return fill(text.replace("\\", "/").replace('"', "'"), _WIDTH, break_long_words=False, break_on_hyphens=False)
+
+
+def _limits(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
+    """Limits of the commands of the named actuators that have some about 0."""
+    model = spec.copy().compile()
+    limited = [i for i in range(model.nu) if model.actuator(i).name and model.actuator(i).ctrllimited[0]]
+    ranges = {str(model.actuator(i).name): model.actuator(i).ctrlrange for i in limited}
+    return {name: (float(low), float(high)) for name, (low, high) in ranges.items() if low <= 0 <= high}
 
 
 def _sensors(spec: mujoco.MjSpec) -> dict[str, str]:
