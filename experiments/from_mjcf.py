@@ -11,6 +11,7 @@ hidden values, of the model's own and of what was found, and the intervals besid
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 import time
@@ -192,15 +193,17 @@ def studied(path, name, case, folder, encoders, minutes):
     truth, robot = (load_robot(folder / f"{one}.toml") for one in ("hidden", name))
     save_reference(recorded(truth, case.swings), folder / "reference")
     fitted, unseen = load_reference(folder / "reference").split(("trial3",))
-    losses = []
-    for one in (truth, robot):
-        problem = Problem.with_settings(one, fitted, CalibrationSettings())
-        losses.append([1e3 * each.evaluate(one.space.published).loss for each in (problem, problem.of(unseen))])
-    print(f"{folder.name}: {len(robot.space)} parameters; hidden {losses[0]}, the model's own {losses[1]}", flush=True)
     said, seconds = run(folder, "check", f"{name}.toml", "--reference", "reference")
     doubts = [line for line in said.splitlines() if line.startswith("Probably wrong")]
-    print(f"  check, {seconds:.0f} s: {doubts or 'fits'}", flush=True)
-    options = ("--out", "run", "--hold-out", "trial3", "--minutes", minutes)
+    advised = re.search(r"try --horizon\s+([0-9.]+)", said)
+    horizon = float(advised[1].rstrip(".")) if advised else 4.0
+    print(f"{folder.name}: check, {seconds:.0f} s: {doubts or 'fits'}, --horizon {horizon:g}", flush=True)
+    losses = []
+    for one in (truth, robot):
+        problem = Problem.with_settings(one, fitted, CalibrationSettings(horizon=horizon))
+        losses.append([1e3 * each.evaluate(one.space.published).loss for each in (problem, problem.of(unseen))])
+    print(f"  {len(robot.space)} parameters; hidden {losses[0]}, the model's own {losses[1]}", flush=True)
+    options = ("--out", "run", "--hold-out", "trial3", "--minutes", minutes, "--horizon", horizon)
     _, seconds = run(folder, "calibrate", "reference", "--robot", f"{name}.toml", *options)
     outcome = json.loads((folder / "run" / "outcome.json").read_text())
     shares = [1e3 * outcome[key]["loss"] / loss for key, loss in zip(("fit", "held_out"), losses[0], strict=True)]

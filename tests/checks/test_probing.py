@@ -8,7 +8,7 @@ from recorded import PENDULUM as RECORDED
 from recorded import pendulum_reference
 from refused import refusal, says
 from small_models import PENDULUM
-from swim2real.checks.probing import NOISE, excitation, moved, probe
+from swim2real.checks.probing import NOISE, excitation, growing, moved, probe
 from swim2real.checks.reference import misfits, misplaced, other_units
 from swim2real.errors import EngineError
 from swim2real.robots import load_robot
@@ -179,3 +179,19 @@ def test_readings_in_another_unit_are_named():
     )
     (line,) = other_units(RECORDED, TrialSet(degrees, reference.marker_names))
     assert says(line, "'gyro[1]'", "degrees in place of radians", "'rad/s'")
+
+
+def test_small_changes_grow_in_a_pendulum_that_goes_over_the_top_and_not_in_one_that_swings(robot_of):
+    spring = parameter("'joint \"shoulder\" stiffness'", 0.0005, 0.05, "value = 0.005")
+    robot, times = pendulum(robot_of, spring, start="rest"), np.arange(0.0, 4.0, 0.02)
+
+    def said(angle, horizon=None):
+        track = MarkerTrack(times, np.zeros((len(times), 3, 2)))
+        trial = Trial("thrown", track, start={"shoulder": angle, "elbow": angle})
+        return growing(robot, TrialSet((trial,), robot.marker_names), horizon)
+
+    (sentence,) = said(2.5)
+    assert says(sentence, "small changes grow", "trials of 3.98 s", "try --horizon ")
+    shorter = float(sentence.rpartition(" ")[2])
+    assert 0.5 <= shorter < 3.0
+    assert said(2.5, shorter) == said(0.1) == []

@@ -36,6 +36,10 @@ _ANGLE = 0.3  # rad
 _SHIFT = 0.1  # of the robot's size
 _EDGE = 0.1  # of a joint's range, which the start keeps away from its ends
 _STEP, _INSIDE = 0.1, 0.7  # of a parameter's range: for slopes; how far one that the model doesn't have is moved
+_WAYS = 4  # random directions in which all parameters are changed at once
+_LITTLE, _MORE = 1e-3, 1e-2  # of their ranges
+_GROWN, _CALM = 0.17, 0.15  # share of the larger change's motion in the smaller one's, 0.1 where nothing grows
+_SHORTEST = 0.5  # s of a trial, from which on something can be told
 _OWN = 0.008  # of the motion: a parameter whose own part is less is made up for by others
 
 Simulate = Callable[[Sequence[Values]], list[TrialSet]]
@@ -146,6 +150,39 @@ def made_up_for(robot: Robot, threads: int | None = None) -> dict[str, str]:
         del slopes[least]
         found[least] = f"others make up for it: over its range it alone changes the motion by {1e3 * own[least]:.2g} mm"
     return found
+
+
+def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[str]:
+    """A warning where small changes grow in the simulation, as contacts make them, so that no search follows a trial.
+
+    Args:
+        robot: The robot; of one whose trials are swims nothing is said.
+        reference: Real trials.
+        horizon: Seconds of each trial that are compared; None for all.
+    """
+    if robot.trials.swims is not None:
+        return []
+    space, simulator = robot.space, PlaybackSimulator(robot)
+    rollouts = [simulator.request(trial.cut(horizon)) for trial in reference.trials[:TRIALS]]
+    ways = np.random.default_rng(0).choice([-1.0, 1.0], (_WAYS, len(space)))
+    points = space.to_cube(space.published) + np.concatenate([_LITTLE * ways, _MORE * ways])
+    values = [space.published, *(space.to_values(point) for point in np.clip(points, 0, 1))]
+    nominal, *made = simulator.simulate_many(values, rollouts=rollouts)
+    if any(trial.divergence for one in (nominal, *made) for trial in one):
+        return []
+    scales = {sensor.name: sensor.meters_per_unit for sensor in robot.trials.sensors}
+    squares = [np.square(_numbers(one, scales) - _numbers(nominal, scales)).mean(axis=1) for one in made]
+    little, more = np.sqrt(np.cumsum(squares, axis=1)).reshape(2, _WAYS, -1)
+    shares = np.median(little / np.maximum(more, NOISE), axis=0)
+    if not shares[-1] > _GROWN:
+        return []
+    times = nominal.trials[0].track.times
+    calm = max(float(times[np.flatnonzero(shares <= _CALM)[-1]]), _SHORTEST) if (shares <= _CALM).any() else _SHORTEST
+    return [
+        f"small changes grow in the simulation: parameters changed by a thousandth of their ranges move it by "
+        f"{shares[-1]:.0%} of what a hundredth does (contacts, limits of joints and high swings do that), so a search "
+        f"can't follow trials of {times[-1] - times[0]:.3g} s to their ends: try --horizon {calm:.1g}"
+    ]
 
 
 def _numbers(trials: TrialSet, scales: Mapping[str, float]) -> Array:

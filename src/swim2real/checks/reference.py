@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import detrend
 
 from swim2real.checks.mistakes import mistakes
+from swim2real.checks.probing import growing
 from swim2real.checks.resting import in_motion
 from swim2real.errors import Swim2RealError, TrialError
 from swim2real.robots.robot import Robot, Trials
@@ -44,6 +45,7 @@ def reference_warnings(robot: Robot, reference: TrialSet, settings: EvaluationSe
     lines = in_motion(robot, reference)
     if settings.pieces is None:
         lines += [*warn_fast_starts(robot, reference), *long_swings(robot, reference, settings.horizon)]
+        lines += growing(robot, reference, settings.horizon)
     return lines
 
 
