@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -38,9 +39,9 @@ _EDGE = 0.1  # of a joint's range, which the start keeps away from its ends
 _STEP, _INSIDE = 0.1, 0.7  # of a parameter's range: for slopes; how far one that the model doesn't have is moved
 _WAYS = 4  # random directions in which all parameters are changed at once
 _LITTLE, _MORE = 1e-3, 1e-2  # of their ranges
-_GROWN, _CALM = 0.17, 0.15  # share of the larger change's motion in the smaller one's, 0.1 where nothing grows
+_GROWN, _CALM = 0.17, 0.12  # share of the larger change's motion in the smaller one's, 0.1 where nothing grows
 _SHORTEST = 0.5  # s of a trial, from which on something can be told
-_OWN = 0.008  # of the motion: a parameter whose own part is less is made up for by others
+_OWN = 0.004  # of the motion: a parameter whose own part is less is made up for by others
 
 Simulate = Callable[[Sequence[Values]], list[TrialSet]]
 
@@ -177,11 +178,12 @@ def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[st
     if not shares[-1] > _GROWN:
         return []
     times = nominal.trials[0].track.times
-    calm = max(float(times[np.flatnonzero(shares <= _CALM)[-1]]), _SHORTEST) if (shares <= _CALM).any() else _SHORTEST
+    calm = max(float(times[np.flatnonzero(shares <= _CALM)[-1]]) if (shares <= _CALM).any() else 0.0, _SHORTEST)
+    digit = 10.0 ** math.floor(math.log10(calm))
     return [
         f"small changes grow in the simulation: parameters changed by a thousandth of their ranges move it by "
         f"{shares[-1]:.0%} of what a hundredth does (contacts, limits of joints and high swings do that), so a search "
-        f"can't follow trials of {times[-1] - times[0]:.3g} s to their ends: try --horizon {calm:.1g}"
+        f"can't follow trials of {times[-1] - times[0]:.3g} s to their ends: try --horizon {digit * math.floor(calm / digit):g}"
     ]
 
 

@@ -116,8 +116,8 @@ def demo(
 
     Args:
         out: Folder to write.
-        budget: Simulation evaluations; by default it searches until it is done, for a minute at most.
-        seed: Decides the first point and every random choice; of 0 to 9, 0 and 8 aren't done after the minute.
+        budget: Simulation evaluations; by default it searches until it is done, for 90 s at most.
+        seed: Decides the first point and every random choice.
         full: Film all eight frequencies instead of four.
         resume: Continue an interrupted demo.
         quiet: Print no progress.
