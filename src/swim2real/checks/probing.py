@@ -40,7 +40,7 @@ _STEP, _INSIDE = 0.1, 0.7  # of a parameter's range: for slopes; how far one tha
 _WAYS = 4  # random directions in which all parameters are changed at once
 _LITTLE, _MORE = 1e-3, 1e-2  # of their ranges
 _GROWN, _CALM = 0.17, 0.12  # share of the larger change's motion in the smaller one's, 0.1 where nothing grows
-_SHORTEST = 0.5  # s of a trial, from which on something can be told
+_SHORTEST = 0.3  # s of a trial, from which on something can be told
 _OWN = 0.004  # of the motion: a parameter whose own part is less is made up for by others
 
 Simulate = Callable[[Sequence[Values]], list[TrialSet]]
@@ -183,7 +183,7 @@ def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[st
     return [
         f"small changes grow in the simulation: parameters changed by a thousandth of their ranges move it by "
         f"{shares[-1]:.0%} of what a hundredth does (contacts, limits of joints and high swings do that), so a search "
-        f"can't follow trials of {times[-1] - times[0]:.3g} s to their ends: try --horizon {digit * math.floor(calm / digit):g}"
+        f"can't follow trials of {times[-1] - times[0]:.3g} s to their ends: try --horizon {digit * math.floor(calm / digit + 1e-9):g}"
     ]
 
 
