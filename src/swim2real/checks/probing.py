@@ -180,10 +180,11 @@ def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[st
     times = nominal.trials[0].track.times
     calm = max(float(times[np.flatnonzero(shares <= _CALM)[-1]]) if (shares <= _CALM).any() else 0.0, _SHORTEST)
     digit = 10.0 ** math.floor(math.log10(calm))
+    shorter = digit * math.floor(calm / digit + 1e-9)
     return [
         f"small changes grow in the simulation: parameters changed by a thousandth of their ranges move it by "
         f"{shares[-1]:.0%} of what a hundredth does (contacts, limits of joints and high swings do that), so a search "
-        f"can't follow trials of {times[-1] - times[0]:.3g} s to their ends: try --horizon {digit * math.floor(calm / digit + 1e-9):g}"
+        f"can't follow trials of {times[-1] - times[0]:.3g} s to their ends: try --horizon {shorter:g}"
     ]
 
 
