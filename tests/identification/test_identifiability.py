@@ -2,6 +2,7 @@ import json
 import re
 import shutil
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from swim2real.errors import RunError
 from swim2real.identification.evaluated import EvaluatedPoint, autocorrelation, independent_numbers
 from swim2real.identification.finished_run import reopen
 from swim2real.identification.identifiability import (
+    EVALUATED,
     IDENTIFIABILITY,
     IDENTIFIED,
     directions,
@@ -141,6 +143,37 @@ def test_a_study_that_is_cut_anywhere_is_the_same_file(run_path, reference, tmp_
     stops = (1, evaluations - 4, evaluations)
     _, *cut = study(tmp_path / "cut", stops)
     assert cut == whole
+
+
+def test_a_study_that_is_killed_between_two_files_is_the_same(run_path, reference, tmp_path, monkeypatch):
+    class Killed(BaseException):
+        pass
+
+    def study(folder, method="", file="", before=0):
+        """What is there in the end; killed when a method of a path comes to a file and has done so often before."""
+        shutil.copytree(run_path, folder)
+        original, left = getattr(Path, method, None), iter(range(before))
+
+        def killed(path, *args, **kwargs):
+            if path.name == file and next(left, None) is None:
+                raise Killed
+            return original(path, *args, **kwargs)
+
+        if method:
+            with monkeypatch.context() as patch:
+                patch.setattr(Path, method, killed)
+                with pytest.raises(Killed):
+                    identify(reopen(folder, reference, toy.ROBOT, 2), QUICK)
+        identify(reopen(folder, reference, toy.ROBOT, 2), QUICK)
+        tables = {path.name: {} for path in folder.glob("identif*.npz")}
+        files = {path.name: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("identif*.json")}
+        files[IDENTIFIABILITY].pop("created")
+        return tables | files
+
+    whole = study(tmp_path / "whole")
+    # the second batch, with the lowest loss, is in the table and not yet in the file that says which it is
+    assert study(tmp_path / "batch", "replace", f"{IDENTIFIABILITY}.part", 1) == whole
+    assert study(tmp_path / "end", "unlink", EVALUATED) == whole
 
 
 def test_a_study_that_is_cut_within_a_batch_keeps_it_and_tells_what_is_known(run, reference):

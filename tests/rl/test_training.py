@@ -20,7 +20,7 @@ from swim2real.errors import ArgumentError, RunError
 from swim2real.rl.actor import Actor
 from swim2real.rl.conditions import Disturbances
 from swim2real.rl.environment import make_environments
-from swim2real.rl.learner import Learner, RobotVecEnv, list_checkpoints
+from swim2real.rl.learner import Learner, RobotVecEnv, list_checkpoints, write_checkpoint
 from swim2real.rl.tasks import Curriculum
 from swim2real.rl.training import Trainer, train
 from swim2real.rl.training_run import EPISODES, EVALUATIONS, SETTINGS, TrainingRun, locked_folder, read_record
@@ -109,6 +109,24 @@ def test_a_run_is_on_record(finished):
 def test_a_resumed_run_is_the_run_that_was_left_alone(finished, checkpoint, tmp_path):
     ended = trained(tmp_path / "run", resume=True)
     assert (ended.complete, ended.gradient_steps) == (True, 3)
+    assert_same_run(tmp_path / "run", finished[0])
+
+
+def test_a_run_that_is_killed_after_its_last_checkpoint_has_its_last_policy(
+    finished, checkpoint, tmp_path, monkeypatch
+):  # fmt: skip
+    class Killed(BaseException):
+        pass
+
+    def killed(*content):
+        write_checkpoint(*content)
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr("swim2real.rl.training.write_checkpoint", killed)
+        with pytest.raises(Killed):
+            trained(tmp_path / "run", resume=True)
+    assert trained(tmp_path / "run", resume=True).complete
     assert_same_run(tmp_path / "run", finished[0])
 
 

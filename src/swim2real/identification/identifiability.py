@@ -248,7 +248,6 @@ class _Studying:
         self._state |= {"complete": True, "versions": versions(), "commit": commit()}
         self._state["created"] = datetime.now(UTC).isoformat(timespec="seconds")
         self._write(self._state)
-        (self._run.folder.path / EVALUATED).unlink(missing_ok=True)
         return self._state
 
     def _evaluate(self, points: Sequence[Array]) -> list[EvaluatedPoint]:
@@ -258,9 +257,7 @@ class _Studying:
             if missing := batch[max(len(self._evaluated) - self._given, 0) :]:
                 try:
                     for one in evaluated(self._run.problem, self._run.space, missing):
-                        self._evaluated.append(one)
-                        if not one.failed and one.loss < self._state["lowest"]["loss"]:
-                            self._state["lowest"] = {"point": one.point.tolist(), "loss": one.loss}
+                        self._take(one)
                         self._tell(StudyProgress(len(self._evaluated), self._most, self._state["lowest"]["loss"]))
                         self._check()
                 finally:
@@ -268,8 +265,13 @@ class _Studying:
             self._given += len(batch)
         return self._evaluated[self._given - len(points) : self._given]
 
-    def _keep(self) -> None:
+    def _take(self, one: EvaluatedPoint) -> None:
+        self._evaluated.append(one)
         self._state["evaluations"] = len(self._evaluated)
+        if not one.failed and one.loss < self._state["lowest"]["loss"]:
+            self._state["lowest"] = {"point": one.point.tolist(), "loss": one.loss}
+
+    def _keep(self) -> None:
         arrays = {
             "points": [one.point for one in self._evaluated], "losses": [one.loss for one in self._evaluated],
             "residuals": [one.residual for one in self._evaluated], "failed": [one.failed for one in self._evaluated],
@@ -294,10 +296,10 @@ class _Studying:
             try:
                 tables = store.read_arrays(kept)
                 rows = zip(*(tables[name] for name in ("points", "losses", "residuals", "failed")), strict=True)
-                self._evaluated = [EvaluatedPoint(p, float(e), r, bool(f)) for p, e, r, f in rows]
+                for p, e, r, f in rows:  # they may be ahead of the file, if it was killed before that was written
+                    self._take(EvaluatedPoint(p, float(e), r, bool(f)))
             except (OSError, ValueError, KeyError) as error:
                 raise RunError(f"'{kept}' can't be read: {error}; begin anew with --again") from error
-            self._state |= {"lowest": study.lowest.model_dump(), "evaluations": study.evaluations}
         return study
 
     def _content(self, found: Posterior) -> dict[str, Any]:
@@ -359,6 +361,8 @@ class _Studying:
             write_fit(place, self._run.problem, self._run.space.to_values(lowest["point"]), loss=lowest["loss"])
         except OSError as error:
             raise RunError(f"can't write '{place}': {store.reason(error)}; the same command goes on") from error
+        if state["complete"]:
+            (self._run.folder.path / EVALUATED).unlink(missing_ok=True)
 
 
 def interval(draws: Array, share: str) -> Array:

@@ -362,8 +362,8 @@ class Trainer:
             "exploration": self.exploration.bit_generator.state, "environments": rest,
         }  # fmt: skip
         arrays |= {_RETURNS: self.returns, _NOISE: self.noise}
+        self._write_policy(files.LAST)  # first: after the last checkpoint a run that goes on writes no policy
         write_checkpoint(self.out, self.step, self.learner, arrays, state)
-        self._write_policy(files.LAST)
 
     def _restore(self, arrays: dict[str, Any], state: dict[str, Any]) -> None:
         """Goes on with what `_save` kept. Damaged content raises errors of many types."""
