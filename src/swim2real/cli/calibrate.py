@@ -106,7 +106,7 @@ def _best_of(
 
 
 def demo(
-    *, out: Path = Path("demo-out"), budget: int | None = None, seed: int = 1, full: bool = False, resume: bool = False,
+    *, out: Path = Path("demo-out"), budget: int | None = None, seed: int = 2, full: bool = False, resume: bool = False,
     quiet: bool = False,
 ) -> int:  # fmt: skip
     """Run the whole pipeline on an embedded example: no data, no network, no key.

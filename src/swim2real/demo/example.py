@@ -46,7 +46,7 @@ def hidden_values() -> dict[str, float]:
     return replace(FISH.space, scale="log").to_values(point)
 
 
-def demo_settings(budget: int | None = None, seed: int = 1, workers: int | None = None) -> CalibrationSettings:
+def demo_settings(budget: int | None = None, seed: int = 2, workers: int | None = None) -> CalibrationSettings:
     """Settings of the demo's calibration.
 
     Raises:
