@@ -66,6 +66,10 @@ def test_other_settings_are_refused_by_name(folder, change, words):
         folder.resume, replace(SETTINGS, **change)
     )
     assert folder.settings() == SETTINGS
+    changed = refusal(folder.resume, replace(SETTINGS, robot_fingerprint="another"))
+    assert (
+        f"its robot file or model has changed since; begin a new run from its values: --first {folder.path}" in changed
+    )
 
 
 def test_a_briefing_decides_where_a_vlm_is_asked(tmp_path):

@@ -130,6 +130,9 @@ def test_a_fit_that_is_of_no_use_is_said(run: Run) -> None:
     run.conclude(0.3)
     *_, said = warnings(read_run(run.path, ROBOT))
     assert "the fit is bad" in said
+    assert said.endswith(
+        "look at the film and the charts for what is wrong, or try other seeds (--seeds 0:3), without --budget"
+    )
     assert f"Warning: {said.partition(':')[0]}" in page_of(run)
     run.conclude(1.2)
     read = read_run(run.path, ROBOT)

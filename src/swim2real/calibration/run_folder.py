@@ -82,6 +82,11 @@ class RunFolder:
         recorded = self.settings()
         if (differing := recorded.difference(settings)) is not None:
             name, before, now = differing
+            if name == "robot_fingerprint":
+                raise RunError(
+                    f"run '{self.path}' can't go on: its robot file or model has changed since; begin a new run "
+                    f"from its values: --first {self.path}, and another --out"
+                )
             raise RunError(
                 f"run '{self.path}' can't go on: {name} was {shown(before)} and is now {shown(now)}; "
                 f"use the same settings and reference, or begin a new run"

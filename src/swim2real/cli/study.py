@@ -67,6 +67,7 @@ def study_shown(
     run: FinishedRun, settings: IdentifiabilitySettings, again: bool, quiet: bool
 ) -> dict[str, Any] | None:  # fmt: skip
     """Studies a run with its progress shown; None when it is interrupted, which is reported."""
+    from swim2real.calibration.convergence import ends_of
     from swim2real.cli.tables import progress_console
     from swim2real.identification.identifiability import StudyProgress
     from swim2real.identification.identifiability import identify as study
@@ -74,6 +75,9 @@ def study_shown(
 
     console, begun = progress_console(), time.monotonic()
     shown, before = begun - _OFTEN, -1
+    if not quiet and len(ends_of(run.folder.record(), run.folder.outcome())) < 2:
+        tell("the run has followed fewer than two starts to the end, so no parameter will count as identified; Ctrl-C, "
+             "and swim2real calibrate --resume without --budget follows more")  # fmt: skip
     try:
         with Interruption() as interruption:
 

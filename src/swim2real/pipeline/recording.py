@@ -48,7 +48,7 @@ class Wanted:
         return cls(
             time,
             choices("controls", controls, _commanded(robot), f"actuator that robot '{robot.name}' takes from a table"),
-            choices("sensors", sensors, _measured(robot), f"sensor that robot '{robot.name}' compares"),
+            choices("sensors", sensors, _measured(robot), f"sensor under [recordings.sensors] of robot '{robot.name}'"),
             choices("markers", markers, robot.marker_names, f"marker of robot '{robot.name}'"),
         )
 

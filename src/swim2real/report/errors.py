@@ -158,7 +158,9 @@ def _scaled(run: ReportedRun) -> tuple[str, bool]:
         kind = " is as good as the noise lets it be" if error <= _AT_NOISE * noise else " is above the noise"
     times = f", {error / noise:.{0 if error > 9.5 * noise else 1}f} times the noise of the data" if noise else ""
     found = f"; of {len(ends)} starts the next best ended at {1e3 * sorted(ends)[1]:.3g} mm" if len(ends) > 1 else ""
-    advice = "; look at the film for what is wrong, and try other seeds (--seeds 0:3) or a larger --budget" * bad
+    look = "film and the charts" if run.robot.marker_names else "charts"
+    lacks = ", add what the model lacks (behind # in its robot file)" if run.robot.source else ""
+    advice = f"; look at the {look} for what is wrong{lacks}, or try other seeds (--seeds 0:3), without --budget" * bad
     share = 100 * error / size
     return (
         f"the fit{kind}: its error is {1e3 * error:.3g} mm{times}, and the real {what} by {1e3 * size:.3g} mm about "
