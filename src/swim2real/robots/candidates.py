@@ -65,6 +65,7 @@ def candidates(spec: mujoco.MjSpec, model: mujoco.MjModel) -> dict[str, Candidat
 _NO_RESISTANCE = "the model has none"
 _NO_MOTOR = "no motor and no gears are there"
 _LOG_SHARE = 1e-3  # of an upper bound, as the offset of a scale that begins at 0
+_FAR = 4.0  # times the model's size: a slide with such a range holds nothing
 _TURN, _SLIDE = "turn", "slide"
 
 
@@ -152,7 +153,8 @@ def _driven(model: mujoco.MjModel, joint: int) -> bool:
 
 
 def _glides(model: mujoco.MjModel, joint: int) -> bool:
-    held = np.ravel(model.jnt_stiffness[joint])[0] or model.jnt_limited[joint]
+    limited = model.jnt_limited[joint] and np.ptp(model.jnt_range[joint]) < _FAR * model.stat.extent
+    held = np.ravel(model.jnt_stiffness[joint])[0] or limited
     return bool(not held and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
