@@ -45,6 +45,7 @@ def view(
         film: Film to write (.mp4) instead of opening a window. Needs no display.
         width: Width of the film [px].
     """
+    from swim2real.cli.progress import loading
     from swim2real.viewing import KEYS, check_display, open_window, shown_model, write_film
 
     if not seconds > 0:
@@ -53,13 +54,16 @@ def view(
         raise ArgumentError(f"--frequency is {frequency:g}; it must be above 0 Hz")
     if film is None:
         check_display()
-    if subject.endswith((".xml", ".mjcf")):
-        shown = shown_model(Path(subject), frequency or FREQUENCY, seconds)
-    else:
-        shown = _of_robot(subject, robot, reference, trial, frequency, seconds)
+    with loading(f"simulating {subject}", quiet=False):
+        if subject.endswith((".xml", ".mjcf")):
+            shown = shown_model(Path(subject), frequency or FREQUENCY, seconds)
+        else:
+            shown = _of_robot(subject, robot, reference, trial, frequency, seconds)
     begin = camera or shown.camera
     if film is not None:
-        say(f"{film}: {shown.title}, {shown.times[-1]:.1f} s, rendered by {write_film(shown, film, begin, width)}")
+        with loading(f"drawing {film}", quiet=False):
+            renderer = write_film(shown, film, begin, width)
+        say(f"{film}: {shown.title}, {shown.times[-1]:.1f} s, rendered by {renderer}")
     else:
         say(f"{shown.title}. Keys: {KEYS}.")
         open_window(shown, begin)
