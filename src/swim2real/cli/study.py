@@ -43,12 +43,16 @@ def identify(
         json: Print JSON in SI units.
         quiet: Print no progress.
     """
+    from swim2real.calibration.convergence import ends_of
     from swim2real.cli.subject import robot_for
     from swim2real.identification.finished_run import reopen
     from swim2real.identification.identifiability import IDENTIFIED
     from swim2real.trials import load_reference
 
     opened = reopen(run, load_reference(reference), robot_for(run, robot), all_cores(threads))
+    if not quiet and len(ends_of(opened.folder.record(), opened.folder.outcome())) < 2:
+        tell("the run has followed fewer than two starts to the end, so no parameter will count as identified; Ctrl-C, "
+             "and swim2real calibrate --resume without --budget follows more")  # fmt: skip
     content = study_shown(opened, settings, again, quiet)
     if content is None:
         return 1
@@ -67,7 +71,6 @@ def study_shown(
     run: FinishedRun, settings: IdentifiabilitySettings, again: bool, quiet: bool
 ) -> dict[str, Any] | None:  # fmt: skip
     """Studies a run with its progress shown; None when it is interrupted, which is reported."""
-    from swim2real.calibration.convergence import ends_of
     from swim2real.cli.tables import progress_console
     from swim2real.identification.identifiability import StudyProgress
     from swim2real.identification.identifiability import identify as study
@@ -75,9 +78,6 @@ def study_shown(
 
     console, begun = progress_console(), time.monotonic()
     shown, before = begun - _OFTEN, -1
-    if not quiet and len(ends_of(run.folder.record(), run.folder.outcome())) < 2:
-        tell("the run has followed fewer than two starts to the end, so no parameter will count as identified; Ctrl-C, "
-             "and swim2real calibrate --resume without --budget follows more")  # fmt: skip
     try:
         with Interruption() as interruption:
 
