@@ -76,9 +76,10 @@ class Draft:
             for kind, elements in (("joints", self.spec.joints), ("geoms", self.spec.geoms))
         }
         classes = {kind: sorted({class_name(element) for element in getattr(self.spec, kind)}) for kind in unnamed}
+        compiled = self.spec.copy().compile()
         text = environment.from_string(template).render(
-            draft=self, model=model, description=self._description(driven), driven=driven, sensors=_sensors(self.spec),
-            limits=_limits(self.spec),
+            draft=self, model=model, description=self._description(driven), driven=driven,
+            sensors=_sensors(self.spec, compiled), limits=_limits(compiled),
             keys=[key.name for key in self.spec.keys if key.name],
             unnamed=[(kind, len(names), classes[kind]) for kind, names in unnamed.items() if names],
             candidates=sorted(self.candidates.items(), key=lambda item: item[0] in self.aside),
@@ -97,17 +98,16 @@ class Draft:
         return fill(text.replace("\\", "/").replace('"', "'"), _WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
-def _limits(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
+def _limits(model: mujoco.MjModel) -> dict[str, tuple[float, float]]:
     """Limits of the commands of the named actuators that have some about 0."""
-    model = spec.copy().compile()
-    limited = [i for i in range(model.nu) if model.actuator(i).name and model.actuator(i).ctrllimited[0]]
-    ranges = {str(model.actuator(i).name): model.actuator(i).ctrlrange for i in limited}
+    limited = [one for one in map(model.actuator, range(model.nu)) if one.name and one.ctrllimited[0]]
+    ranges = {str(one.name): one.ctrlrange for one in limited}
     return {name: (float(low), float(high)) for name, (low, high) in ranges.items() if low <= 0 <= high}
 
 
-def _sensors(spec: mujoco.MjSpec) -> dict[str, str]:
+def _sensors(spec: mujoco.MjSpec, model: mujoco.MjModel) -> dict[str, str]:
     """Units of the numbers of the named sensors, by their names in [recordings.sensors]; positions are markers."""
-    model, units = spec.copy().compile(), dict[str, str]()
+    units = dict[str, str]()
     slides = {joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE}
     for sensor in spec.sensors:
         kind = mujoco.mjtSensor(sensor.type).name.removeprefix("mjSENS_")
