@@ -177,14 +177,14 @@ def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[st
     shares = np.median(little / np.maximum(more, NOISE), axis=0)
     if not shares[-1] > _GROWN:
         return []
-    times = nominal.trials[0].track.times
+    times = nominal.trials[0].track.times - nominal.trials[0].track.times[0]
     calm = max(float(times[np.flatnonzero(shares <= _CALM)[-1]]) if (shares <= _CALM).any() else 0.0, _SHORTEST)
     digit = 10.0 ** math.floor(math.log10(calm))
     shorter = digit * math.floor(calm / digit + 1e-9)
     return [
         f"small changes grow in the simulation: parameters changed by a thousandth of their ranges move it by "
         f"{shares[-1]:.0%} of what a hundredth does (contacts, limits of joints and high swings do that), so a search "
-        f"can't follow trials of {times[-1] - times[0]:.3g} s to their ends: try --horizon {shorter:g}"
+        f"can't follow trials of {times[-1]:.3g} s to their ends: try --horizon {shorter:g}"
     ]
 
 

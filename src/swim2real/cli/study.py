@@ -46,11 +46,12 @@ def identify(
     from swim2real.calibration.convergence import ends_of
     from swim2real.cli.subject import robot_for
     from swim2real.identification.finished_run import reopen
-    from swim2real.identification.identifiability import IDENTIFIED
+    from swim2real.identification.identifiability import IDENTIFIABILITY, IDENTIFIED
     from swim2real.trials import load_reference
 
     opened = reopen(run, load_reference(reference), robot_for(run, robot), all_cores(threads))
-    if not quiet and len(ends_of(opened.folder.record(), opened.folder.outcome())) < 2:
+    begins = again or not (run / IDENTIFIABILITY).is_file()  # else it was said before, or nothing is left to simulate
+    if begins and not quiet and len(ends_of(opened.folder.record(), opened.folder.outcome())) < 2:
         tell("the run has followed fewer than two starts to the end, so no parameter will count as identified; Ctrl-C, "
              "and swim2real calibrate --resume without --budget follows more")  # fmt: skip
     content = study_shown(opened, settings, again, quiet)
