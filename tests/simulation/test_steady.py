@@ -21,7 +21,7 @@ def last_turn_of_a_long_swim(values, frequency, seconds=12.0):
 
 def found_cycle(values, frequency, speed=0.05):
     stepper = Stepper(FISH.build(values).compile(), FISH, speed, 2 * np.pi * frequency, 0.0)
-    return steady_cycle(stepper, 1 / frequency)[1]
+    return steady_cycle(stepper, 1 / frequency)
 
 
 def speed_of(markers, frequency):

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 SimulationStep = Literal["auto", "fast", "engine"]
 _AGREEMENT = 1e-10  # of one step's velocities with the engine's own, relative
 
-SETTLING = 6.0  # s of a swim at full length before it counts as steady
+_SETTLING = 6.0  # s of a swim at full length, and beats at least, before it counts as steady
 _SPEED_TOLERANCE = 2e-4  # m/s, of the mean speed still to come
 _SPEED_SHARE = 2e-3  # or this share of the speed
 _SHAPE_TOLERANCE = 1e-3  # m, mean over markers, from one cycle to the next
@@ -81,8 +81,10 @@ class Simulator:
             sample_interval: Longest time between samples of a simulated trial [s].
             step: `fast`: the fast step, or an error. `engine`: the engine's own. `auto`: the fast step where it
                 applies and agrees with the engine's own, which is checked on the published robot.
-            full_length: Simulate steady swims for as long as they are asked for, after `SETTLING` to become steady,
-                instead of finding and repeating their cycle: several times slower, to check the cycle by.
+            full_length: Simulate steady swims for as long as they are asked for, after `settling_turns`, instead of
+                finding and repeating their cycle: several times slower, to check the cycle by. So is a robot with a
+                slow mode always simulated: it may not repeat after a beat, and where its cycle is found depends on
+                thresholds, so that the loss jumps by up to a millimeter as parameters change.
 
         Raises:
             EngineError: An argument is outside what is allowed, or the fast step is asked for and doesn't apply.
@@ -93,7 +95,7 @@ class Simulator:
         self.robot = robot
         self.engine = Engine.of(robot)
         self._sample_interval = sample_interval
-        self._required, self._full_length = step == "fast", full_length
+        self._required, self._full_length = step == "fast", full_length or robot.swims.slow_mode
         self.step: Literal["fast", "engine"] = "fast"
         if step == "engine" or self._planned(robot.model, check=True) is None:
             self.step = "engine"
@@ -157,8 +159,7 @@ class Simulator:
             else:
                 stepper = Stepper(model, self.robot, actuation.start_speed, speed, 0.0, fast)
                 if self._full_length:
-                    track = self._at_length(stepper, swim, None, np.ceil(SETTLING * actuation.frequency))
-                    note = "at full length"
+                    track, note = self._at_length(stepper, swim), "at full length"
                 else:
                     track, note = self._steady_cycle(stepper, swim)
         except DivergedError as error:
@@ -169,19 +170,17 @@ class Simulator:
 
     def _steady_cycle(self, stepper: Stepper, swim: Swim) -> tuple[MarkerTrack, str]:
         period = swim.actuation.period
-        simulated, cycle = steady_cycle(stepper, period, self.robot.swims.slow_mode)
-        if cycle is None:
-            return self._at_length(stepper, swim, simulated, np.ceil(simulated.turns[-1])), "at full length: no cycle"
+        cycle = steady_cycle(stepper, period)
         note = f"steady cycle after {cycle.cycles:.2f} periods"
         lead = swim.actuation.phase / (2 * np.pi) % 1.0 * period
         times, markers = cycle.unroll(int(np.ceil((lead + swim.duration) / period)))
         samples = self._samples(swim.duration)
         return MarkerTrack(samples, CubicSpline(times, markers, axis=0)(lead + samples)), note
 
-    def _at_length(self, stepper: Stepper, swim: Swim, begun: Chunk | None, turns: float) -> MarkerTrack:
-        """The swim from the first motor angle of its phase on, once the motor has made so many turns."""
-        start = turns + swim.actuation.phase / (2 * np.pi) % 1.0
-        chunk = run_to(begun, stepper, swim.actuation.period, start + swim.duration / swim.actuation.period)
+    def _at_length(self, stepper: Stepper, swim: Swim) -> MarkerTrack:
+        """The swim from the first motor angle of its phase on, once it has settled."""
+        start = settling_turns(swim.actuation.frequency) + swim.actuation.phase / (2 * np.pi) % 1.0
+        chunk = run_to(None, stepper, swim.actuation.period, start + swim.duration / swim.actuation.period)
         times = np.arange(len(chunk.turns)) * stepper.timestep
         samples = self._samples(swim.duration)
         begin = float(np.interp(start, chunk.turns, times))
@@ -245,23 +244,20 @@ class Cycle:
         return np.arange(count * samples + 1, dtype=np.float64) * (self.period / samples), np.concatenate(pieces)
 
 
-def steady_cycle(stepper: Stepper, period: float, slow_mode: bool = False) -> tuple[Chunk, Cycle | None]:
-    """Simulates until the cycle repeats: all that was simulated, and the cycle, if it comes to repeat.
+def steady_cycle(stepper: Stepper, period: float) -> Cycle:
+    """Simulates until the cycle repeats, or for `_MAX_CYCLES`, whose last one is taken.
 
-    Cycles are counted by the motor's angle, not by time: under load the motor turns a little slower than it should. A
-    robot that sways with a slow mode of its own, as a hull that rolls, wavers about its mean speed from cycle to cycle;
-    its last cycle says little of the next one.
+    Cycles are counted by the motor's angle, not by time: under load the motor turns a little slower than it should.
 
     Args:
         stepper: Fresh, with its motor at angle 0.
         period: Period of the motor [s].
-        slow_mode: Whether the robot may waver. If not, its last cycle is taken even where the speed still changes.
 
     Raises:
         DivergedError: The engine gave up.
     """
     end = max(0.5, np.ceil(2 * _SETTLING_TIME / period) / 2) + 1.0  # turns
-    swim, change_before, last_push, wavers = run_to(None, stepper, period, end), None, np.inf, False
+    swim, change_before = run_to(None, stepper, period, end), None
     while True:
         first, last = _instant(swim, end - 1), _instant(swim, end)
         shape_change = float(np.linalg.norm(last.body - first.body, axis=1).mean())
@@ -270,20 +266,19 @@ def steady_cycle(stepper: Stepper, period: float, slow_mode: bool = False) -> tu
         # the change decays geometrically, so this is missing from the mean speed of the cycle
         to_come = change * np.sqrt(ratio) / (1 - ratio)
         tolerance = max(_SPEED_TOLERANCE, _SPEED_SHARE * float(np.linalg.norm(last.head - first.head)) / period)
-        settled = not wavers and abs(to_come) < tolerance and shape_change < _SHAPE_TOLERANCE
-        if settled or (end >= _MAX_CYCLES and not slow_mode):
-            return swim, Cycle(period, _one_turn(swim, end, period), float(end))
-        wavers = wavers or (slow_mode and change_before is not None and change * change_before < 0)
-        if end >= _MAX_CYCLES or (wavers and end * period >= SETTLING):
-            return swim, None
-        push = change * ratio / (1 - ratio)
-        decays = not slow_mode or (not wavers and abs(push) < last_push / 2)
-        if change_before is not None and decays and ratio > _SLOW and shape_change < _PUSH_SHAPE:
-            stepper.push(push * last.forward)
-            change_before, last_push, end = None, abs(push), float(swim.turns[-1]) + 1.25
+        if end >= _MAX_CYCLES or (abs(to_come) < tolerance and shape_change < _SHAPE_TOLERANCE):
+            return Cycle(period, _one_turn(swim, end, period), float(end))
+        if change_before is not None and ratio > _SLOW and shape_change < _PUSH_SHAPE:
+            stepper.push(change * ratio / (1 - ratio) * last.forward)
+            change_before, end = None, float(swim.turns[-1]) + 1.25
         else:
             change_before, end = change, end + 0.5
         swim = run_to(swim, stepper, period, end)
+
+
+def settling_turns(frequency: float) -> float:
+    """Turns of the motor before a swim at full length counts as steady: a heavy hull gathers speed over some beats."""
+    return float(np.ceil(_SETTLING * max(frequency, 1.0)))
 
 
 def run_to(swim: Chunk | None, stepper: Stepper, period: float, turns: float) -> Chunk:

@@ -18,7 +18,7 @@ from swim2real.robots.file import read_mjcf
 from swim2real.robots.robot import Robot
 from swim2real.simulation import PlaybackSimulator
 from swim2real.simulation.playback import Rollout
-from swim2real.simulation.simulator import SETTLING
+from swim2real.simulation.simulator import settling_turns
 from swim2real.simulation.stepper import Rolled, Stepper, roll
 from swim2real.viewing.scenery import ABOVE, SIDE, furnish
 
@@ -78,7 +78,7 @@ def shown_swim(
     phase = 0.0 if compared is None or compared.beat is None else compared.beat.phase / (2 * np.pi) % 1.0
     if compared is not None:
         seconds = min(seconds, float(compared.times[-1] - compared.times[0]))
-    turns = np.ceil(SETTLING * frequency) + phase
+    turns = settling_turns(frequency) + phase
     steps = int(np.ceil((turns / frequency + seconds) / model.opt.timestep * 1.02)) + 1  # a loaded motor lags
     made = _rolled(model, data, stepper.controls(steps))
     first = int(np.searchsorted(stepper.turns(made.qpos), turns))
