@@ -13,6 +13,7 @@ from swim2real.names import quoted
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.reference import add_trial, read_published
 from swim2real.trials.signals import write_signals
+from swim2real.trials.trial import Perspective
 from swimmers import REST, Swimmer
 
 SCALE = 0.142 / 180.0  # m per pixel
@@ -145,6 +146,21 @@ def test_the_published_tracks_have_their_known_scale_and_speeds(tracks):
             assert 1e3 * trial.track.speed == pytest.approx(SPEEDS[trial.name], abs=1.3)
 
 
+def test_without_the_cameras_perspective_markers_of_the_published_tracks_keep_their_distances(tracks):
+    for trial in tracks:
+        change = []
+        for one in (trial, trial.seen_from_afar()):
+            # high before low ones, and low before high ones: the first grows and the second shrinks across the picture
+            spread = np.linalg.norm(np.diff(one.track.positions[:, [2, 3, 7, 8]], axis=1), axis=2)[:, ::2]
+            beat = round(trial.fps / (0.75 * trial.nominal_frequency))
+            change.append(1e3 * (spread[-beat:].mean(axis=0) - spread[:beat].mean(axis=0)))
+        if trial.name in ("f0_50", "f1_00", "f1_25", "f1_75"):  # the markers of the others were lost
+            assert change[0][0] > 5
+            assert change[0][1] < -5
+        if trial.name in ("f1_00", "f1_25", "f1_75"):
+            assert np.abs(change[1]).max() < 3.5
+
+
 # reference folders
 
 
@@ -159,7 +175,7 @@ def trials():
     return TrialSet(
         (
             Trial("slow", MarkerTrack(first.times, positions, confidence), 0.5, 7.5e-4, "pool, camera 2"),
-            Trial("fast", Swimmer(2.0, duration=0.5).track(seed=2)),
+            Trial("fast", Swimmer(2.0, duration=0.5).track(seed=2), perspective=Perspective((1.0, -0.5), (0.1,) * 9)),
         ),
         NAMES,
     )
@@ -192,7 +208,7 @@ def test_what_was_saved_is_loaded_again_and_saved_alike(folder, trials, tmp_path
         np.testing.assert_array_equal(now.track.positions[seen], was.track.positions[seen])
         np.testing.assert_array_equal(now.track.confidence, was.track.confidence)
         assert (now.nominal_frequency, now.meters_per_pixel) == (was.nominal_frequency, was.meters_per_pixel)
-        assert now.provenance == was.provenance
+        assert (now.provenance, now.perspective) == (was.provenance, was.perspective)
     save_reference(loaded, tmp_path / "again")
     again = files(tmp_path / "again")
     assert sorted(again) == ["fast.csv", "reference.json", "slow.csv"]
@@ -256,6 +272,7 @@ def test_ordinary_names_are_read_in_either_form_and_found_by_the_other(tmp_path,
         (lambda i: i["trials"][0].update(table="none.csv"), ("reference.json", "'none.csv' of trial 'slow'", "not in")),
         (lambda i: i["trials"][0].update(fps=30.0), ("'fps' of trial 'slow' is 30", "slow.csv", "60 frames a second")),
         (lambda i: i["trials"][0].update(video_begin=1.0), ("no 'video_begin'", "did you mean 'video_begin_s'")),
+        (lambda i: i["trials"][1]["perspective"].update(nearness=[0.6]), ("nearness[0]' is 0.6", "at most 0.5")),
         (lambda i: i.update(marker=[]), ("there is no 'marker'", "did you mean 'markers'")),
     ],
 )

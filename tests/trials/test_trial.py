@@ -4,6 +4,7 @@ import pytest
 from refused import refusal, says
 from swim2real.errors import TrialError
 from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet
+from swim2real.trials.trial import Perspective
 
 TIMES = np.array([0.0, 0.1, 0.2])
 
@@ -48,6 +49,23 @@ def test_a_track_is_a_read_only_copy_and_has_no_confidence_where_nothing_is_seen
     assert np.argwhere(track.confidence == 0).tolist() == [[0, 1], [1, 2]]
     assert track.confidence.sum() == 10
     assert (track.frame_count, track.marker_count, track.duration) == (3, 4, 2.0)
+
+
+def test_a_perspective_is_removed_as_a_camera_makes_it():
+    heights, below, camera = np.array([0.1, 0.1, 0.0, 0.3]), np.array([3.0, 1.0]), 2.0
+    real = np.random.default_rng(0).uniform(0, 4, (20, 4, 2))
+    seen = below + (real - below) * ((camera - 0.1) / (camera - heights))[:, None]  # true to scale at 0.1 m
+    nearness = tuple((camera - 0.1) / (camera - heights) - 1)
+    filmed = Trial("a", MarkerTrack(np.arange(20), seen), perspective=Perspective(tuple(below), nearness))
+    np.testing.assert_allclose(filmed.seen_from_afar().track.positions, real)
+    assert filmed.seen_from_afar().perspective is None
+
+
+def test_a_perspective_that_no_camera_makes_is_refused():
+    few = Perspective((0.0, 0.0), (0.0, 0.1))
+    assert says(refusal(TrialError, few.removed, MarkerTrack(TIMES, points())), "nearness has 2 numbers", "4 markers")
+    steep = Perspective((0.0, 0.0), (0.0,) * 4, (0.5, 0.0))
+    assert says(refusal(TrialError, steep.removed, MarkerTrack(TIMES, points())), "tilt of (0.5, 0.0)", "no picture")
 
 
 @pytest.mark.parametrize("frequency", [0.0, -1.0, np.nan, np.inf])

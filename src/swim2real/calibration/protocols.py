@@ -161,7 +161,8 @@ def examine_swims(reference: TrialSet, robot: Robot) -> tuple[RealSwim, ...]:
             f"robot '{robot.name}' has {len(robot.marker_names)} ({', '.join(robot.marker_names)})"
         )
     swims: list[RealSwim] = []
-    for trial in reference:
+    for filmed in reference:
+        trial = filmed.seen_from_afar() if robot.swims.from_afar else filmed
         check_plausible(trial, robot.rest_markers, robot.marker_names)
         quality = check_track(trial.track, robot.rest_markers)
         swims.append(

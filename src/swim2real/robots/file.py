@@ -386,6 +386,7 @@ def _swims(file: RobotFile, table: SwimsTable, markers: tuple[str, ...]) -> Tria
         tail_markers=tuple(_index(where, "tail_markers", name, markers) for name in table.tail_markers),
         motor_joint=table.motor_joint,
         slow_mode=table.slow_mode,
+        from_afar=table.from_afar,
         head_first=tuple(table.head_first),
         response=None if table.response is None else _call(table.response, folder, f"{where}: 'response'"),
         fit_plan=None if table.fit_plan is None else _call(table.fit_plan, folder, f"{where}: 'fit_plan'"),

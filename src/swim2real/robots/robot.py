@@ -113,6 +113,7 @@ class SteadySwims:
         tail_markers: Indices of the markers whose sideways motion shows the beat best.
         motor_joint: The joint that turns once a beat, at a constant speed; None for a tail that swings with a servo.
         slow_mode: Whether something swings slower than the tail beats, so that swims may not repeat beat by beat.
+        from_afar: Whether trials are compared without the camera's perspective, where they say what it did to them.
         head_first: Frequencies at which the robot is known to swim head first from rest, also where no trial shows it
             [Hz].
         response: What the built-in physics advisor believes at first; None where nothing was measured.
@@ -123,6 +124,7 @@ class SteadySwims:
     tail_markers: tuple[int, ...]
     motor_joint: str | None = None
     slow_mode: bool = False
+    from_afar: bool = False
     head_first: tuple[float, ...] = ()
     response: Response | None = None
     fit_plan: FitPlan | None = None

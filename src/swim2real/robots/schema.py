@@ -153,6 +153,7 @@ class SwimsTable(_Table):
     servo: SineTable | None = None
     tail_markers: Annotated[list[Label], Field(min_length=1)]
     slow_mode: bool = False
+    from_afar: bool = False
     head_first: list[Annotated[float, Field(gt=0, le=50)]] = Field(default_factory=list)
     response: Hook | None = None
     fit_plan: Hook | None = None

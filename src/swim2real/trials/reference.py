@@ -26,12 +26,17 @@ from swim2real.errors import TrialError
 from swim2real.names import composed, file_key, quoted
 from swim2real.store import locked, path_from, reason, whole_file, write_json
 from swim2real.trials.signals import TIME, Signals, read_header, read_lines, read_numbers, read_signals, write_signals
-from swim2real.trials.trial import MarkerTrack, Trial, TrialSet, check_trial_name
+from swim2real.trials.trial import MarkerTrack, Perspective, Trial, TrialSet, check_trial_name
 
 INDEX = "reference.json"
 PUBLISHED_FPS = 60.0
 PUBLISHED_MARKERS = 9
 PUBLISHED_HEAD_LENGTH = 0.142  # m, distance of the first two markers on the robot
+_BELOW = 1920.0, 1080.0  # px, the middle of the published films' pictures
+# Markers of the stiff body are nearer to the camera than those of the tail by 5 % of its distance, M8 by 2.5 %, from
+# how the distances between markers change as the fish crosses the picture (experiments/perspective.py).
+_NEARNESS = 0.0, 0.0, -0.001, -0.048, -0.048, -0.048, -0.048, -0.048, -0.024
+_TILT = -0.027, -0.038  # 1/m
 _SENSORS, _CONTROLS = ".sensors.csv", ".controls.csv"  # after the name of a trial that wasn't filmed
 _SHORTEST, _LONGEST = 1e-6, 10.0  # s from one row to the next, on average
 _LOCK_TIMEOUT = 60  # s, longer than anybody writes a trial
@@ -70,6 +75,7 @@ class TrialEntry(_Open):
         sensors: File with what sensors measured, in the same folder.
         start: Positions of joints at the first time stamp [m or rad].
         start_velocities: Velocities of joints at the first time stamp [m/s or rad/s].
+        perspective: What the camera did to the track and nobody has corrected.
     """
 
     name: FileName
@@ -84,6 +90,7 @@ class TrialEntry(_Open):
     sensors: PathText | None = None
     start: dict[str, Number] = Field(default_factory=dict)
     start_velocities: dict[str, Number] = Field(default_factory=dict)
+    perspective: Perspective | None = None
 
     @property
     def tables(self) -> set[str]:
@@ -195,6 +202,7 @@ def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
         nominal_frequency=nominal_frequency(table.stem),
         meters_per_pixel=scale,
         provenance=f"published marker track {table.name}, {fps:g} fps, markers placed by hand",
+        perspective=Perspective((_BELOW[0] * scale, -_BELOW[1] * scale), _NEARNESS, _TILT),
     )
     return _check_motion(trial, table)
 
@@ -311,6 +319,7 @@ def _entry(trial: Trial, folder: Path) -> TrialEntry:
         **{kind: _signals_file(trial, kind) for kind in _signals(trial)},
         "start": dict(trial.start),
         "start_velocities": dict(trial.start_velocities),
+        "perspective": trial.perspective,
     }
     return TrialEntry(
         name=trial.name, nominal_frequency_hz=trial.nominal_frequency, fps=round(trial.fps, 6),
@@ -362,6 +371,7 @@ def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
         sensors=sensors,
         start=entry.start,
         start_velocities=entry.start_velocities,
+        perspective=entry.perspective,
     )
     _check_motion(trial, table)
     if entry.fps is not None and abs(entry.fps / trial.fps - 1) > _SAME_FPS:

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from swim2real.checking import did_you_mean
+from swim2real.checking import Number, did_you_mean
 from swim2real.errors import TrialError
 from swim2real.names import composed, file_name_fault, label_fault, quoted
 from swim2real.trials import frames
 from swim2real.trials.signals import Signals
 
 Array = NDArray[np.float64]
+Share = Annotated[Number, Field(ge=-0.5, le=0.5)]
 
 
 def _frozen(array: object) -> Array:
@@ -128,6 +131,41 @@ class Actuation:
 
 
 @dataclass(frozen=True)
+class Perspective:
+    """What a camera above did to a track, where nothing corrected it when the film was tracked.
+
+    A marker that stands nearer to the camera by a share of its distance is seen farther from the point below the camera
+    by that share.
+
+    Attributes:
+        below: Position of the point below the camera [m].
+        nearness: How much nearer than the first two each of the M markers is, as a share of the camera's distance.
+        tilt: By which share the picture of a camera that doesn't look straight down is smaller for each meter along
+            world x and y from the point below it [1/m].
+    """
+
+    below: tuple[Number, Number]
+    nearness: tuple[Share, ...]
+    tilt: tuple[Share, Share] = (0.0, 0.0)
+
+    def removed(self, track: MarkerTrack) -> MarkerTrack:
+        """The track as a camera would see it that looks straight down from very far above, with the scale that it has.
+
+        Raises:
+            TrialError: It has another number of markers, or goes so far that the tilt leaves no picture.
+        """
+        if track.marker_count != len(self.nearness):
+            raise TrialError(f"perspective: nearness has {len(self.nearness)} numbers for {track.marker_count} markers")
+        apart = track.positions - self.below
+        size = 1 - apart @ self.tilt
+        if np.nanmin(size) <= 0:
+            raise TrialError(f"perspective: with a tilt of {self.tilt} per meter there is no picture where markers are")
+        apart = apart / size[..., None] / (1 + np.array(self.nearness))[:, None]
+        was, now = (np.nanmedian(np.linalg.norm(x[:, 1] - x[:, 0], axis=1)) for x in (track.positions, apart))
+        return MarkerTrack(track.times, self.below + was / now * apart, track.confidence)
+
+
+@dataclass(frozen=True)
 class Trial:
     """One swim at one frequency, or one recording.
 
@@ -145,6 +183,7 @@ class Trial:
         start: Positions of joints at the first time stamp [m or rad]; empty if they aren't known.
         start_velocities: Velocities of joints at the first time stamp [m/s or rad/s]; a joint that isn't named is at
             rest.
+        perspective: What the camera did to the track; None where nothing is known of it, or it is corrected.
     """
 
     name: str
@@ -159,11 +198,18 @@ class Trial:
     sensors: Signals | None = None
     start: Mapping[str, float] = field(default_factory=dict[str, float])
     start_velocities: Mapping[str, float] = field(default_factory=dict[str, float])
+    perspective: Perspective | None = None
 
     @property
     def fps(self) -> float:
         """Frames a second, from the median interval of the time stamps."""
         return float(1.0 / np.median(np.diff(self.track.times)))
+
+    def seen_from_afar(self) -> Trial:
+        """The trial without what the camera's perspective did to it, where that is known."""
+        if self.perspective is None:
+            return self
+        return replace(self, track=self.perspective.removed(self.track), perspective=None)
 
     def cut(self, horizon: float | None) -> Trial:
         """The first `horizon` seconds of the track; all of it for None."""
