@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -29,6 +29,7 @@ _FORMING_RADII = (0.2, 0.05)  # of a parameter's range: far apart, points see pa
 _FORMING_TRUST = 0.4  # of it, as all that follow
 _START_RADIUS, _WIDE_RADIUS, _CLOSE_RADIUS = 0.05, 0.1, 0.02
 _WORTHWHILE = 0.8  # share of the loss to which going the way from an end again must lower it, to be repeated
+_DEEPER = 0.98  # and the same of going to its bottom
 _AGREEING = {0: 3, 6: 2, 12: 1}  # after so many ends, how many that agree with the best end a search
 AGREEMENT = 0.1  # of the lowest loss, within which ends agree
 
@@ -45,8 +46,8 @@ class MultiStart(Optimizer):
     points whose bodies are as near as the best one's, the one goes on that also swims best. The other groups, which
     choose first, begin with the last eased stage, as all do where there is no other. The best of a group is followed to
     its end: the whole residual on points far apart, which see past what is rough, then the last stage on points close
-    together. From the best end of all the way is gone again, as long as that lowers it. When no start is left, new ones
-    are random.
+    together. From an end that is the best so far the way is gone again, and then its last part, as long as that lowers
+    it. When no start is left, new ones are random.
     """
 
     needs_residual = True
@@ -108,8 +109,10 @@ class MultiStart(Optimizer):
         """Eases starts, and goes to the end with the best of them."""
         reached = yield from together([self._ease(*one) for one in begun])
         number, points = min(reached, key=lambda one: one[1].squares[0])
-        self._followed[number] = yield from self._to_the_end(points, number)
-        yield from self._repeat()
+        end = yield from self._to_the_end(points, number)
+        self._followed[number] = end
+        if end.loss <= min(self.ends):
+            self._followed[number] = yield from self._deeper(end, number)
         wanted = min(agree for ends, agree in _AGREEING.items() if len(self.ends) >= ends)
         self.done = agreeing(self.ends) >= wanted
 
@@ -154,19 +157,27 @@ class MultiStart(Optimizer):
         note = {"start": number}
         whole = max(len(points.best.stages) - 2, 0)
         base = yield from go_down(points, whole, PATIENT, note)
-        close = yield from surround(base, _CLOSE_RADIUS, note)
-        return (yield from go_down(close, len(base.stages) - 1, EXACT, {**note, "last": True}, _WIDE_RADIUS))
+        return (yield from self._to_the_bottom(base, note))
 
-    def _repeat(self) -> Search[None]:
-        """Goes all the way again from the best end, as long as that lowers it."""
-        number, best = min(self._followed.items(), key=lambda one: one[1].loss)
+    def _to_the_bottom(self, base: Evaluation, note: Mapping[str, Any]) -> Search[Evaluation]:
+        points = yield from surround(base, _CLOSE_RADIUS, note)
+        return (yield from go_down(points, len(base.stages) - 1, EXACT, {**note, "last": True}, _WIDE_RADIUS))
+
+    def _deeper(self, best: Evaluation, number: int) -> Search[Evaluation]:
+        """Goes all the way again from the best end of all, then to the bottom, each as long as that pays."""
         before, note = np.inf, {"start": number}
         while best.loss < _WORTHWHILE * before:
             before = best.loss
             points = yield from surround(best, _WIDE_RADIUS, note)
             yield from go_down(points, self._eased, BRIEF, note)
             end = yield from self._to_the_end(points, number)
-            best = self._followed[number] = min(best, end, key=lambda one: one.loss)
+            best = min(best, end, key=lambda one: one.loss)
+        before = np.inf
+        while best.loss < _DEEPER * before:
+            before = best.loss
+            end = yield from self._to_the_bottom(best, note)
+            best = min(best, end, key=lambda one: one.loss)
+        return best
 
 
 def agreeing(ends: Sequence[float]) -> int:
