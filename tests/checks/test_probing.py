@@ -183,15 +183,18 @@ def test_readings_in_another_unit_are_named():
 
 def test_small_changes_grow_in_a_pendulum_that_goes_over_the_top_and_not_in_one_that_swings(robot_of):
     spring = parameter("'joint \"shoulder\" stiffness'", 0.0005, 0.05, "value = 0.005")
-    robot, times = pendulum(robot_of, spring, start="rest"), np.arange(0.0, 4.0, 0.02)
+    robot = pendulum(robot_of, spring, start="rest")
 
-    def said(angle, horizon=None):
-        track = MarkerTrack(times, np.zeros((len(times), 3, 2)))
-        trial = Trial("thrown", track, start={"shoulder": angle, "elbow": angle})
-        return growing(robot, TrialSet((trial,), robot.marker_names), horizon)
+    def said(angle, horizon=None, intervals=(0.02,)):
+        start, trials = {"shoulder": angle, "elbow": angle}, []
+        for interval in intervals:
+            times = np.arange(0.0, 3.99, interval)
+            trials.append(Trial(f"thrown {interval}", MarkerTrack(times, np.zeros((len(times), 3, 2))), start=start))
+        return growing(robot, TrialSet(tuple(trials), robot.marker_names), horizon)
 
     (sentence,) = said(2.5)
     assert says(sentence, "small changes grow", "trials of 3.98 s", "try --horizon ")
     shorter = float(sentence.rpartition(" ")[2])
     assert 0.3 <= shorter < 3.0
     assert said(2.5, shorter) == said(0.1) == []
+    assert said(2.5, intervals=(0.02, 0.01)) == [sentence]

@@ -177,7 +177,7 @@ def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[st
     shares = np.median(little / np.maximum(more, NOISE), axis=0)
     if not shares[-1] > _GROWN:
         return []
-    times = nominal.trials[0].track.times - nominal.trials[0].track.times[0]
+    times = _since(nominal)
     calm = max(float(times[np.flatnonzero(shares <= _CALM)[-1]]) if (shares <= _CALM).any() else 0.0, _SHORTEST)
     digit = 10.0 ** math.floor(math.log10(calm))
     shorter = digit * math.floor(calm / digit + 1e-9)
@@ -188,13 +188,23 @@ def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[st
     ]
 
 
+def _since(trials: TrialSet) -> Array:
+    """Times since the first frame of the first trial, as long as all of them last [s]."""
+    times = trials.trials[0].track.times - trials.trials[0].track.times[0]
+    return times[times <= min(trial.track.duration for trial in trials)]
+
+
 def _numbers(trials: TrialSet, scales: Mapping[str, float]) -> Array:
-    """What is compared of trials, over time [m]. Shape (T, N)."""
-    columns = [trial.track.positions.reshape(trial.track.frame_count, -1) for trial in trials]
-    read = [trial.sensors for trial in trials if trial.sensors is not None]
-    sensed = [one.column(name)[:, None] * scale for one in read for name, scale in scales.items()]
-    rows = min(map(len, (*columns, *sensed)))
-    return np.concatenate([column[:rows] for column in (*columns, *sensed)], axis=1)
+    """What is compared of trials, at the same times since the first frame of each [m]. Shape (T, N)."""
+    since, columns = _since(trials), list[Array]()
+    for trial in trials:
+        track, sensors = trial.track, trial.sensors
+        places = track.positions.reshape(track.frame_count, -1).T
+        columns += [np.interp(since, track.times - track.times[0], place) for place in places]
+        if sensors is not None:
+            stamps = sensors.times - track.times[0]
+            columns += [scale * np.interp(since, stamps, sensors.column(name)) for name, scale in scales.items()]
+    return np.stack(columns, axis=1)
 
 
 def made_up_motion(robot: Robot) -> str:
