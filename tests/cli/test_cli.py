@@ -19,8 +19,10 @@ from pools import NAMES
 from run_settings import record_of
 from swim2real.calibration import RunFolder
 from swim2real.calibration.from_rest import backward_from_rest
-from swim2real.cli import main
+from swim2real.cli import main, tables
 from swim2real.errors import ParameterError, TrialError
+from swim2real.parameters import Parameter
+from swim2real.report.tables import ParameterRow
 from swim2real.robots.fish import FISH
 from swim2real.simulation import Engine
 
@@ -273,6 +275,13 @@ def test_calibrate_ends_with_the_values_that_it_has_found(program, calibration, 
         assert re.search(rf"{name} \S+ {value:.4g} \S+ (lower|upper|–) \S+ to \S+", told), (name, told)
     program(*calibration, "--out", tmp_path / "other", "--horizon", 1, "--method", "random", "--budget", 1).done()
     assert "How well the trials tell them: `swim2real identify`" in program.out
+
+
+@pytest.mark.parametrize(("end", "untold"), [(9.0, True), (3.0, False)])
+def test_a_parameter_that_may_be_anywhere_is_not_told(capsys, end, untold):
+    drag = Parameter("drag", "-", 0.0, 10.0, "", 1.0)
+    tables.parameters([ParameterRow(drag, 2.0, 0.2, 0.1, None)], {"drag": (0.5, end)})
+    assert (": not told" in capsys.readouterr().out) == untold
 
 
 @pytest.mark.slow

@@ -36,6 +36,7 @@ console = PlainConsole()
 MOST_COLUMNS = 10  # markers with a column each; of more only the worst are named
 _WORST = "worst first"
 _WHOLE = 32  # characters of a name that isn't broken; numbers wrap in its place
+_UNTOLD = 0.8  # share of its bounds within which a parameter may be anywhere
 _TEXTS = ("driven by", "finding", _WORST)  # columns of words
 
 
@@ -161,7 +162,8 @@ def parameters(rows: Sequence[ParameterRow], ranges: Mapping[str, Sequence[float
     cells: list[tuple[str, ...]] = []
     for row in rows:
         p, ends = row.parameter, ranges.get(row.parameter.name)
-        within = "–" if ends is None else f"{ends[0]:.4g} to {ends[1]:.4g}"
+        untold = ends is not None and ends[1] - ends[0] >= _UNTOLD * (p.upper - p.lower)
+        within = "–" if ends is None else f"{ends[0]:.4g} to {ends[1]:.4g}{': not told' if untold else ''}"
         cells.append((p.name, f"{p.published:.4g}", f"{row.value:.4g}", p.unit, row.bound or "–", within))
     table(
         "Parameters; the error rises by less than a tenth within the last column, all others following",
