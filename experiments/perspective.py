@@ -6,7 +6,8 @@ Over a beat a swimming fish is a rigid body on average, so the mean positions of
 crosses the picture, unless the camera sees some of them nearer than others: a marker that is higher by a share z of the
 camera's distance seems to be as much farther from the point below the camera. Prints how well one set of shares, and a
 tilt of the camera, explains what the distances do in all trials, and in each half of them. Each trial has a shape of
-its own, since markers were placed by hand; markers that were lost are left out.
+its own, since markers were placed by hand; markers that were lost are left out. Then, in pixels without perspective, how
+far each trial's distances are from their means over all trials: if the films' scales differed, all would agree.
 """
 
 import argparse
@@ -89,6 +90,13 @@ def main():
     ):  # fmt: skip
         shared, left = fitted(some, free)
         print(f"{name:28s}{np.round(1e3 * np.array(left), 1)}  {np.round(100 * shared, 1)}", flush=True)
+    pairs = ((0, 1), (1, 2), (2, 8), (3, 7))
+    plain = [one.trial.seen_from_afar().track.positions for one in swims]
+    lengths = [[np.median(np.linalg.norm(x[:, a] - x[:, b], axis=1)) for a, b in pairs] for x in plain]
+    off = 100 * (np.array(lengths) / np.mean(lengths, axis=0) - 1)
+    print("\ndistances M0-M1, M1-M2, M2-M8, M3-M7, of each trial from the mean over trials [%]")
+    for swim, row in zip(swims, off, strict=True):
+        print(f"{swim.trial.name:28s}{np.round(row, 1)}")
 
 
 if __name__ == "__main__":

@@ -56,7 +56,8 @@ def test_a_perspective_is_removed_as_a_camera_makes_it():
     real = np.random.default_rng(0).uniform(0, 4, (20, 4, 2))
     seen = below + (real - below) * ((camera - 0.1) / (camera - heights))[:, None]  # true to scale at 0.1 m
     nearness = tuple((camera - 0.1) / (camera - heights) - 1)
-    filmed = Trial("a", MarkerTrack(np.arange(20), seen), perspective=Perspective(tuple(below), nearness))
+    perspective = Perspective(tuple(below), nearness, scale=2.0)
+    filmed = Trial("a", MarkerTrack(np.arange(20), below + (seen - below) / 2), perspective=perspective)
     np.testing.assert_allclose(filmed.seen_from_afar().track.positions, real)
     assert filmed.seen_from_afar().perspective is None
 

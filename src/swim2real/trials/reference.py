@@ -37,6 +37,8 @@ _BELOW = 1920.0, 1080.0  # px, the middle of the published films' pictures
 # how the distances between markers change as the fish crosses the picture (experiments/perspective.py).
 _NEARNESS = 0.0, 0.0, -0.001, -0.048, -0.048, -0.048, -0.048, -0.048, -0.024
 _TILT = -0.027, -0.038  # 1/m
+# m, one for all films, with which M0 and M1 are as far apart on average: in one film hand-placed markers miss it by 3 %
+_METERS_PER_PIXEL = 1.0202e-3
 _SENSORS, _CONTROLS = ".sensors.csv", ".controls.csv"  # after the name of a trial that wasn't filmed
 _SHORTEST, _LONGEST = 1e-6, 10.0  # s from one row to the next, on average
 _LOCK_TIMEOUT = 60  # s, longer than anybody writes a trial
@@ -202,7 +204,9 @@ def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
         nominal_frequency=nominal_frequency(table.stem),
         meters_per_pixel=scale,
         provenance=f"published marker track {table.name}, {fps:g} fps, markers placed by hand",
-        perspective=Perspective((_BELOW[0] * scale, -_BELOW[1] * scale), _NEARNESS, _TILT),
+        perspective=Perspective(
+            (_BELOW[0] * scale, -_BELOW[1] * scale), _NEARNESS, _TILT, _METERS_PER_PIXEL / scale
+        ),
     )
     return _check_motion(trial, table)
 

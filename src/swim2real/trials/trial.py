@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from swim2real.checking import Number, did_you_mean
+from swim2real.checking import Number, Positive, did_you_mean
 from swim2real.errors import TrialError
 from swim2real.names import composed, file_name_fault, label_fault, quoted
 from swim2real.trials import frames
@@ -142,14 +142,16 @@ class Perspective:
         nearness: How much nearer than the first two each of the M markers is, as a share of the camera's distance.
         tilt: By which share the picture of a camera that doesn't look straight down is smaller for each meter along
             world x and y from the point below it [1/m].
+        scale: By which the track is scaled, where its own scale is known to be off.
     """
 
     below: tuple[Number, Number]
     nearness: tuple[Share, ...]
     tilt: tuple[Share, Share] = (0.0, 0.0)
+    scale: Positive = 1.0
 
     def removed(self, track: MarkerTrack) -> MarkerTrack:
-        """The track as a camera would see it that looks straight down from very far above, with the scale that it has.
+        """The track as a camera would see it that looks straight down from very far above.
 
         Raises:
             TrialError: It has another number of markers, or goes so far that the tilt leaves no picture.
@@ -161,8 +163,7 @@ class Perspective:
         if np.nanmin(size) <= 0:
             raise TrialError(f"perspective: with a tilt of {self.tilt} per meter there is no picture where markers are")
         apart = apart / size[..., None] / (1 + np.array(self.nearness))[:, None]
-        was, now = (np.nanmedian(np.linalg.norm(x[:, 1] - x[:, 0], axis=1)) for x in (track.positions, apart))
-        return MarkerTrack(track.times, self.below + was / now * apart, track.confidence)
+        return MarkerTrack(track.times, self.below + self.scale * apart, track.confidence)
 
 
 @dataclass(frozen=True)
