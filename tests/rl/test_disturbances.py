@@ -104,7 +104,7 @@ def test_a_hull_that_rolls_is_not_taken_for_one_that_sways():
     true, seen = tracked(rl.StateEstimate(noise=0.0, delay=0), robot=load_robot("fish-rolling"))
     off = np.abs(seen - true).max(axis=0)
     assert off[1:3].max() < 0.002  # m, while its markers sway by more than ten times that
-    assert off[3:8].max() < 0.05  # rad
+    assert off[3:8].max() < 0.08  # rad
     assert off[-5:-2].max() < 0.3  # rad/s
     assert np.ptp(true[:, -5]) > 1.0  # rolling
 
