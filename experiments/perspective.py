@@ -6,8 +6,8 @@ Over a beat a swimming fish is a rigid body on average, so the mean positions of
 crosses the picture, unless the camera sees some of them nearer than others: a marker that is higher by a share z of the
 camera's distance seems to be as much farther from the point below the camera. Prints how well one set of shares, and a
 tilt of the camera, explains what the distances do in all trials, and in each half of them. Each trial has a shape of
-its own, since markers were placed by hand; markers that were lost are left out. Then, in pixels without perspective, how
-far each trial's distances are from their means over all trials: if the films' scales differed, all would agree.
+its own, since markers were placed by hand; markers that were lost are left out. Then, in one scale and without
+perspective, how far each trial's distances are from their means over all trials: if scales differed, all would agree.
 """
 
 import argparse
