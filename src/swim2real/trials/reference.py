@@ -204,9 +204,7 @@ def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
         nominal_frequency=nominal_frequency(table.stem),
         meters_per_pixel=scale,
         provenance=f"published marker track {table.name}, {fps:g} fps, markers placed by hand",
-        perspective=Perspective(
-            (_BELOW[0] * scale, -_BELOW[1] * scale), _NEARNESS, _TILT, _METERS_PER_PIXEL / scale
-        ),
+        perspective=Perspective((_BELOW[0] * scale, -_BELOW[1] * scale), _NEARNESS, _TILT, _METERS_PER_PIXEL / scale),
     )
     return _check_motion(trial, table)
 
