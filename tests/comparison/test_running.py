@@ -9,6 +9,7 @@ import threading
 import time
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import replace
+from glob import glob
 from pathlib import Path
 
 import numpy as np
@@ -293,7 +294,7 @@ def test_a_cluster_that_loses_a_worker_in_the_middle_gives_the_same_table(tmp_pa
         """Kills the process that works in a run folder in the middle of its run."""
         while not killed:
             busy = {out / "runs" / key / ".lock" for key, count in lines(out).items() if 0 < count < 20}
-            for link in Path("/proc").glob("[0-9]*/fd/*"):
+            for link in map(Path, glob("/proc/[0-9]*/fd/*")):  # passes over processes that have just ended
                 try:
                     held = link.readlink() in busy
                 except OSError:
