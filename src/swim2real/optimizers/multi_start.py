@@ -109,10 +109,9 @@ class MultiStart(Optimizer):
         """Eases starts, and goes to the end with the best of them."""
         reached = yield from together([self._ease(*one) for one in begun])
         number, points = min(reached, key=lambda one: one[1].squares[0])
-        end = yield from self._to_the_end(points, number)
-        self._followed[number] = end
+        end = self._followed[number] = yield from self._to_the_end(points, {"start": number})
         if end.loss <= min(self.ends):
-            self._followed[number] = yield from self._deeper(end, number)
+            yield from self._deeper(end, number)
         wanted = min(agree for ends, agree in _AGREEING.items() if len(self.ends) >= ends)
         self.done = agreeing(self.ends) >= wanted
 
@@ -153,8 +152,7 @@ class MultiStart(Optimizer):
         yield from go_down(points, self._eased, BRIEF, {"start": number}, _WIDE_RADIUS)
         return number, points
 
-    def _to_the_end(self, points: Surrounded, number: int) -> Search[Evaluation]:
-        note = {"start": number}
+    def _to_the_end(self, points: Surrounded, note: Mapping[str, Any]) -> Search[Evaluation]:
         whole = max(len(points.best.stages) - 2, 0)
         base = yield from go_down(points, whole, PATIENT, note)
         return (yield from self._to_the_bottom(base, note))
@@ -163,21 +161,19 @@ class MultiStart(Optimizer):
         points = yield from surround(base, _CLOSE_RADIUS, note)
         return (yield from go_down(points, len(base.stages) - 1, EXACT, {**note, "last": True}, _WIDE_RADIUS))
 
-    def _deeper(self, best: Evaluation, number: int) -> Search[Evaluation]:
+    def _all_the_way(self, base: Evaluation, note: Mapping[str, Any]) -> Search[Evaluation]:
+        points = yield from surround(base, _WIDE_RADIUS, note)
+        yield from go_down(points, self._eased, BRIEF, note)
+        return (yield from self._to_the_end(points, note))
+
+    def _deeper(self, best: Evaluation, number: int) -> Search[None]:
         """Goes all the way again from the best end of all, then to the bottom, each as long as that pays."""
-        before, note = np.inf, {"start": number}
-        while best.loss < _WORTHWHILE * before:
-            before = best.loss
-            points = yield from surround(best, _WIDE_RADIUS, note)
-            yield from go_down(points, self._eased, BRIEF, note)
-            end = yield from self._to_the_end(points, number)
-            best = min(best, end, key=lambda one: one.loss)
-        before = np.inf
-        while best.loss < _DEEPER * before:
-            before = best.loss
-            end = yield from self._to_the_bottom(best, note)
-            best = min(best, end, key=lambda one: one.loss)
-        return best
+        for way, worthwhile in ((self._all_the_way, _WORTHWHILE), (self._to_the_bottom, _DEEPER)):
+            before = np.inf
+            while best.loss < worthwhile * before:
+                before = best.loss
+                end = yield from way(best, {"start": number})
+                best = self._followed[number] = min(best, end, key=lambda one: one.loss)
 
 
 def agreeing(ends: Sequence[float]) -> int:
