@@ -66,9 +66,13 @@ def test_friction_of_the_left_tendon_turns_the_robot_to_its_left():
     assert turns[1] + 0.01 < turns[2]
 
 
-def started(estimate, robot=FISH):
+def started(estimate, robot=FISH, **values):
     """A robot and the estimator of its state, at the start."""
-    robots, rng, which = Robots(Bodies(robot, robot.space.published), 1), np.random.default_rng(0), np.zeros(1, int)
+    robots, rng, which = (
+        Robots(Bodies(robot, {**robot.space.published, **values}), 1),
+        np.random.default_rng(0),
+        np.zeros(1, int),
+    )
     estimator = StateEstimator(robots.bodies, estimate, 1)
     robots.start(0, 0, 0.0)
     robots.read(which)
@@ -76,9 +80,9 @@ def started(estimate, robot=FISH):
     return robots, estimator, rng, which
 
 
-def tracked(estimate, steps=60, robot=FISH):
+def tracked(estimate, steps=60, robot=FISH, **values):
     """True and tracked readings of a swim, as columns: heading, place, tail angles, rates."""
-    robots, estimator, rng, which = started(estimate, robot)
+    robots, estimator, rng, which = started(estimate, robot, **values)
     rows = []
     for _ in range(steps):
         rows.append([
@@ -101,10 +105,11 @@ def test_a_perfect_tracker_sees_the_true_pose_and_tail():
 
 
 def test_a_hull_that_rolls_is_not_taken_for_one_that_sways():
-    true, seen = tracked(rl.StateEstimate(noise=0.0, delay=0), robot=load_robot("fish-rolling"))
+    light = {"head_added_mass": 0.3, "body_added_mass": 0.3}
+    true, seen = tracked(rl.StateEstimate(noise=0.0, delay=0), robot=load_robot("fish-rolling"), **light)
     off = np.abs(seen - true).max(axis=0)
     assert off[1:3].max() < 0.002  # m, while its markers sway by more than ten times that
-    assert off[3:8].max() < 0.08  # rad
+    assert off[3:8].max() < 0.05  # rad
     assert off[-5:-2].max() < 0.3  # rad/s
     assert np.ptp(true[:, -5]) > 1.0  # rolling
 

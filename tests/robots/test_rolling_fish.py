@@ -54,7 +54,7 @@ def test_stiffness_and_inertia_set_the_frequency_of_the_roll():
         crossings = times[np.flatnonzero(np.diff(np.sign(roll)))]
         halves.append(crossings[1] - crossings[0])
     assert halves[0] == pytest.approx(np.sqrt(3) * halves[1], rel=0.05)
-    assert np.abs(let_go(STIFF)[1][-500:]).max() < 0.03  # damped
+    assert np.abs(let_go(STIFF, 4.0)[1][-500:]).max() < 0.02  # damped
 
 
 def test_the_fast_step_takes_it():
@@ -77,9 +77,9 @@ def test_only_a_roll_shows_the_height_of_the_heads_markers_in_its_sway():
             sway.append(beat.amplitude * np.exp(1j * beat.phase))
         return abs(sway[1] - sway[0])
 
-    thin = {"fluid_slender_drag": 0.0, "tail_angular_drag": 0.5}  # which damp the roll, too
+    thin = {"fluid_slender_drag": 0.0, "fluid_angular_drag": 0.5, "tail_angular_drag": 0.5}  # no more damping
     soft = {**PUBLISHED, **thin, "roll_stiffness": 0.06, "roll_damping": 0.0}
     moved = shown(FISH_ROLLING, soft)
     assert moved > 3e-3
-    assert moved > 1.2 * shown(FISH_ROLLING, {**STIFF, **thin})  # whose roll follows its moment
+    assert moved > 1.5 * shown(FISH_ROLLING, {**STIFF, **thin})  # whose roll follows its moment
     assert moved > 50 * shown(replace(FISH_ROLLING, build=locked), soft)
