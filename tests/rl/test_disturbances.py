@@ -67,7 +67,7 @@ def test_friction_of_the_left_tendon_turns_the_robot_to_its_left():
 
 
 def started(estimate, robot=FISH, **values):
-    """A robot, of other values than the published where some are given, and the estimator of its state, at the start."""
+    """A robot, of the published values but for those given, and the estimator of its state, at the start."""
     bodies = Bodies(robot, {**robot.space.published, **values})
     robots, rng, which = Robots(bodies, 1), np.random.default_rng(0), np.zeros(1, int)
     estimator = StateEstimator(robots.bodies, estimate, 1)
