@@ -11,7 +11,8 @@ from refused import refusal, says
 from swim2real.errors import TrialError
 from swim2real.names import quoted
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, load_reference, save_reference
-from swim2real.trials.reference import add_trial, read_published
+from swim2real.trials.published import read_published
+from swim2real.trials.reference import add_trial
 from swim2real.trials.signals import write_signals
 from swim2real.trials.trial import Perspective
 from swimmers import REST, Swimmer

@@ -146,7 +146,7 @@ def minimize(
         figures = entry.evidence.model_dump(exclude_unset=True)
         optimizer.tell(Evaluation(candidate, entry.loss, entry.failed, figures, residual, stages))
         elapsed = time.monotonic() - started
-        left = 60 * minutes - elapsed if budget is None else elapsed / max(fresh, 1) * (budget - index - 1)
+        left = 60 * minutes - elapsed if budget is None else elapsed / (fresh or index + 1) * (budget - index - 1)
         lowest.append(best.loss)
         gained = 1 - best.loss / lowest[3 * len(lowest) // 4 - 1] if index else 1.0
         progress = Progress(index + 1, budget, entry.loss, best.loss, candidate.note, improved, left, replayed)

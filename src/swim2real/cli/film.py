@@ -189,7 +189,8 @@ def import_tracks(
     from swim2real.robots import load_robot
     from swim2real.tracking.camera_file import read_camera
     from swim2real.trials import Trial
-    from swim2real.trials.reference import add_trial, nominal_frequency
+    from swim2real.trials.published import nominal_frequency
+    from swim2real.trials.reference import add_trial
     from swim2real.trials.signals import read_signals
     from swim2real.trials.span import spans
 

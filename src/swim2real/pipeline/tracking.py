@@ -39,7 +39,8 @@ from swim2real.tracking.quality import LostMarkers, check_bodies, check_track
 from swim2real.tracking.tracker import Tracker
 from swim2real.trials import MarkerTrack, Trial
 from swim2real.trials.pose_tables import write_dlc
-from swim2real.trials.reference import add_trial, check_folder, load_reference, nominal_frequency
+from swim2real.trials.published import nominal_frequency
+from swim2real.trials.reference import add_trial, check_folder, load_reference
 from swim2real.trials.signals import read_signals
 from swim2real.trials.span import WHOLE, Span
 from swim2real.video import Frame, VideoReader

@@ -12,7 +12,8 @@ from urllib.parse import urlsplit
 import pooch
 
 from swim2real.errors import TrialError
-from swim2real.trials.reference import INDEX, read_published, save_reference
+from swim2real.trials.published import read_published
+from swim2real.trials.reference import INDEX, save_reference
 from swim2real.trials.trial import TrialSet
 
 COMMIT = "08880b6ed0ac60a03fa37df9b9a85ea07746f381"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from swim2real.checking import did_you_mean
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.names import quoted
 from swim2real.store import MOST_ROWS
-from swim2real.trials.signals import TIME, read_header, read_lines, read_number
+from swim2real.trials.signals import TIME, is_number, read_header, read_lines, read_number
 from swim2real.trials.units import factor, unit_of_header, without_unit
 
 Array = NDArray[np.float64]
@@ -139,7 +138,7 @@ def read_log(path: Path) -> LogTable:
     header = lines[first] if lines else ""
     separator = max(_SEPARATORS, key=header.count)
     headers = tuple(cell.strip() for cell in read_header(path, [header], separator))
-    if len(headers) < 2 or all(map(_is_number, headers)):
+    if len(headers) < 2 or all(map(is_number, headers)):
         raise TrialError(
             f"{path}, line {first + 1}: it must name the columns, separated by commas, semicolons or tabs; it is "
             f"{quoted(header)}"
@@ -202,10 +201,3 @@ def _split(text: str) -> tuple[str, ...]:
     """The column that a text may name: all of it, or what is before its unit."""
     name, colon, _ = text.rpartition(":")
     return (text, name) if colon else (text,)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        return math.isfinite(float(cell))
-    except ValueError:
-        return False

@@ -10,7 +10,6 @@ A folder of the prior work's raw CSVs (pixels, two columns a marker, 60 fps, no 
 from __future__ import annotations
 
 import csv
-import re
 import shlex
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -18,31 +17,28 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 
 from swim2real.checking import FileName, Label, Number, PathText, Positive, read
 from swim2real.errors import TrialError
-from swim2real.names import composed, file_key, quoted
+from swim2real.names import composed, file_key
 from swim2real.store import locked, path_from, reason, whole_file, write_json
-from swim2real.trials.signals import TIME, Signals, read_header, read_lines, read_numbers, read_signals, write_signals
-from swim2real.trials.trial import MarkerTrack, Perspective, Trial, TrialSet, check_trial_name
+from swim2real.trials.published import read_published
+from swim2real.trials.signals import (
+    TIME,
+    Signals,
+    check_table,
+    read_header,
+    read_lines,
+    read_numbers,
+    read_signals,
+    write_signals,
+)
+from swim2real.trials.trial import MarkerTrack, Perspective, Trial, TrialSet, check_motion, check_trial_name
 
 INDEX = "reference.json"
-PUBLISHED_FPS = 60.0
-PUBLISHED_MARKERS = 9
-PUBLISHED_HEAD_LENGTH = 0.142  # m, distance of the first two markers on the robot
-_BELOW = 1920.0, 1080.0  # px, the middle of the published films' pictures
-# Markers of the stiff body are nearer to the camera than those of the tail by 5 % of its distance, M8 by 2.5 %, from
-# how the distances between markers change as the fish crosses the picture (experiments/perspective.py).
-_NEARNESS = 0.0, 0.0, -0.001, -0.048, -0.048, -0.048, -0.048, -0.048, -0.024
-_TILT = -0.027, -0.038  # 1/m
-# m, one for all films, with which M0 and M1 are as far apart on average: in one film hand-placed markers miss it by 3 %
-_METERS_PER_PIXEL = 1.0202e-3
 _SENSORS, _CONTROLS = ".sensors.csv", ".controls.csv"  # after the name of a trial that wasn't filmed
-_SHORTEST, _LONGEST = 1e-6, 10.0  # s from one row to the next, on average
 _LOCK_TIMEOUT = 60  # s, longer than anybody writes a trial
-_PUBLISHED_NAME = re.compile(r"(?:markers_)?(f(\d+)_(\d+))$")
 FILMS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".ts", ".mts", ".mpg", ".mpeg", ".webm", ".wmv")
 _MOST_FILMS = 3  # that a sentence names
 _NEARLY = 0.8  # how alike names are that mean the same
@@ -164,57 +160,6 @@ def _unfilmed(folder: Path, name: str) -> Trial:
     return _load_trial(folder, TrialEntry(name=name, controls=controls, sensors=f"{name}{_SENSORS}"), [])
 
 
-def read_published(path: str | Path, fps: float = PUBLISHED_FPS) -> Trial:
-    """Reads a raw published CSV: pixels with y down, x and y of nine markers a row, to meters with y up.
-
-    The scale is the median distance of the first two markers, which are 0.142 m apart on the robot.
-
-    Args:
-        path: Path of the table.
-        fps: Frames a second of its video.
-
-    Raises:
-        TrialError: The table can't be read, or shows no scale or no motion.
-    """
-    table = Path(path)
-    if not (np.isfinite(fps) and fps > 0):
-        raise TrialError(f"{table.name}: fps is {fps}; it must be finite and above 0")
-    lines = read_lines(table)
-    named = [cell for cell in read_header(table, lines) if cell.strip()]
-    if named and not any(map(_is_number, named)):
-        raise TrialError(
-            f"{table}, line 1: it names columns ({quoted(named[0])}), and the published tables have none; of logs "
-            f"`swim2real import-recording` makes a reference, of DeepLabCut's tables `swim2real import-tracks`"
-        )
-    rows = read_numbers(table, lines, first_line=1)
-    width = 2 * PUBLISHED_MARKERS
-    _check_table(table, rows, width, f"{width} numbers a row (x and y of {PUBLISHED_MARKERS} markers)")
-    pixels = rows.reshape(len(rows), PUBLISHED_MARKERS, 2)
-    lengths = np.linalg.norm(pixels[:, 1] - pixels[:, 0], axis=1)
-    seen = lengths[np.isfinite(lengths)]
-    head_px = float(np.median(seen)) if seen.size else 0.0
-    if not head_px > 0:
-        raise TrialError(f"{table.name}: the first two markers coincide or are never seen, so there is no scale")
-    scale = PUBLISHED_HEAD_LENGTH / head_px
-    times = np.arange(len(rows)) / fps
-    published = _PUBLISHED_NAME.match(table.stem)
-    trial = Trial(
-        name=published.group(1) if published else table.stem,
-        track=MarkerTrack(times, pixels * scale * [1.0, -1.0]),
-        nominal_frequency=nominal_frequency(table.stem),
-        meters_per_pixel=scale,
-        provenance=f"published marker track {table.name}, {fps:g} fps, markers placed by hand",
-        perspective=Perspective((_BELOW[0] * scale, -_BELOW[1] * scale), _NEARNESS, _TILT, _METERS_PER_PIXEL / scale),
-    )
-    return _check_motion(trial, table)
-
-
-def nominal_frequency(name: str) -> float | None:
-    """The frequency in a trial's name [Hz], such as 1.5 in `f1_50`; None for other names."""
-    match = _PUBLISHED_NAME.match(name)
-    return (float(f"{match.group(2)}.{match.group(3)}") or None) if match else None  # in f0_00 the motor stands still
-
-
 def save_reference(trials: TrialSet, folder: str | Path) -> None:
     """Writes a reference folder; NaN positions become empty cells.
 
@@ -266,7 +211,7 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
     path = Path(folder)
     TrialSet((trial,), marker_names)
     table = f"{trial.name}.csv"
-    _check_motion(trial, path / table)
+    check_motion(trial, path / table)
     try:
         with locked(path, timeout=_LOCK_TIMEOUT):
             entries = _entries(path, marker_names, table)
@@ -375,7 +320,7 @@ def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
         start_velocities=entry.start_velocities,
         perspective=entry.perspective,
     )
-    _check_motion(trial, table)
+    check_motion(trial, table)
     if entry.fps is not None and abs(entry.fps / trial.fps - 1) > _SAME_FPS:
         raise TrialError(
             f"{folder / INDEX}: 'fps' of trial '{entry.name}' is {entry.fps:g}; the time stamps in {table.name}, which "
@@ -397,7 +342,7 @@ def _read_track(table: Path, markers: list[str]) -> MarkerTrack:
     if header != columns:
         raise TrialError(f"{table}, line 1: the header must be {','.join(columns[:4])},… ({len(columns)} columns)")
     rows = read_numbers(table, lines[1:], first_line=2)
-    _check_table(table, rows, len(columns), f"{len(columns)} columns, as the header")
+    check_table(table, rows, len(columns), f"{len(columns)} columns, as the header")
     cells = rows[:, 1:].reshape(len(rows), len(markers), 3)
     try:
         return MarkerTrack(rows[:, 0], cells[:, :, :2], np.nan_to_num(cells[:, :, 2]))
@@ -436,41 +381,3 @@ def _write_track(path: Path, track: MarkerTrack, markers: tuple[str, ...]) -> No
         writer.writerow(_columns(markers))
         for time, row in zip(track.times, cells, strict=True):
             writer.writerow(["" if np.isnan(value) else repr(float(value)) for value in (time, *row)])
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _check_table(table: Path, rows: NDArray[np.float64], width: int, wanted: str) -> None:
-    if len(rows) == 0:
-        raise TrialError(f"{table}: the table is empty; expected {wanted}")
-    if rows.shape[1] != width:
-        raise TrialError(f"{table}: {rows.shape[1]} columns; expected {wanted}")
-    if len(rows) < 2:
-        raise TrialError(f"{table}: one frame only; a trial needs at least 2")
-
-
-def _check_motion(trial: Trial, table: Path) -> Trial:
-    positions, interval = trial.track.positions, trial.track.duration / (trial.track.frame_count - 1)
-    if not _SHORTEST <= interval <= _LONGEST:  # what is simulated would have nothing to do with the table's size
-        raise TrialError(
-            f"{table}: {trial.track.frame_count} rows in {trial.track.duration:g} s, {interval:g} s from one to the "
-            f"next; allowed are {_SHORTEST:g} to {_LONGEST:g} s on average: check the time stamps"
-        )
-    if not trial.track.marker_count:
-        assert trial.sensors is not None  # whose time stamps the trial has
-        positions = trial.sensors.values
-    highest = np.where(np.isnan(positions), -np.inf, positions).max(axis=0)
-    lowest = np.where(np.isnan(positions), np.inf, positions).min(axis=0)
-    if not trial.track.marker_count:
-        if not np.any(highest > lowest):
-            raise TrialError(f"{table}: no reading changes; is this the right file?")
-        return trial
-    if not np.any(highest > lowest):
-        raise TrialError(f"{table}: no marker moves; is this the right file?")
-    return trial

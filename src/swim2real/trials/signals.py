@@ -288,3 +288,26 @@ def read_number(table: Path, line: int, column: int, cell: str) -> float:
     if abs(number) > _LARGEST:
         raise TrialError(f"{table}, line {line}, column {column}: {number:g} is beyond ±{_LARGEST:g}; no reading is")
     return number
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell holds a number, NaN and infinite ones included."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def check_table(table: Path, rows: Array, width: int, wanted: str) -> None:
+    """Checks the shape of a table.
+
+    Raises:
+        TrialError: It hasn't as many columns, or fewer than two rows; the message says what was wanted.
+    """
+    if len(rows) == 0:
+        raise TrialError(f"{table}: the table is empty; expected {wanted}")
+    if rows.shape[1] != width:
+        raise TrialError(f"{table}: {rows.shape[1]} columns; expected {wanted}")
+    if len(rows) < 2:
+        raise TrialError(f"{table}: one frame only; a trial needs at least 2")

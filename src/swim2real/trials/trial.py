@@ -18,6 +18,7 @@ from swim2real.trials import frames
 from swim2real.trials.signals import Signals
 
 Array = NDArray[np.float64]
+_SHORTEST, _LONGEST = 1e-6, 10.0  # s from one row to the next, on average
 Share = Annotated[Number, Field(ge=-0.5, le=0.5)]
 
 
@@ -291,3 +292,26 @@ def check_trial_name(name: str) -> None:
     fault = file_name_fault(name)
     if fault is not None:
         raise TrialError(f"trial name {quoted(name)} can't be the name of a file: it {fault}; give it another")
+
+
+def check_motion(trial: Trial, table: Path) -> Trial:
+    """The trial of a table.
+
+    Raises:
+        TrialError: Nothing moves in it, or its rows lie too near or too far apart in time.
+    """
+    positions, interval = trial.track.positions, trial.track.duration / (trial.track.frame_count - 1)
+    if not _SHORTEST <= interval <= _LONGEST:  # what is simulated would have nothing to do with the table's size
+        raise TrialError(
+            f"{table}: {trial.track.frame_count} rows in {trial.track.duration:g} s, {interval:g} s from one to the "
+            f"next; allowed are {_SHORTEST:g} to {_LONGEST:g} s on average: check the time stamps"
+        )
+    what = "marker moves"
+    if not trial.track.marker_count:
+        assert trial.sensors is not None  # whose time stamps the trial has
+        positions, what = trial.sensors.values, "reading changes"
+    highest = np.where(np.isnan(positions), -np.inf, positions).max(axis=0)
+    lowest = np.where(np.isnan(positions), np.inf, positions).min(axis=0)
+    if not np.any(highest > lowest):
+        raise TrialError(f"{table}: no {what}; is this the right file?")
+    return trial
