@@ -125,7 +125,8 @@ class EvaluationSettings:
             aligned: the body and its progress alone. Both use the identified frequency, a steady swim, phase and
             registration, and leave lost tracks out. paper: none of these. Recordings are always compared by playback.
         start: Start of steady swims. rest: at rest, like the robot, so that no fit swims tail first from there; takes
-            about half as long again. speed: at the real speed. Default: rest for protocol motion, speed for aligned.
+            about half as long again. speed: at the real speed. Default: rest for protocol motion, speed for aligned and
+            for a robot that names frequencies at which it swims head first from rest (`head_first`).
         horizon: Compared seconds of each trial; 0 for all of it.
         pieces: Cut each recording into pieces of this many seconds, each simulated from a fitted start of its own. For
             chaotic motion, and for oscillations over many periods. By default a recording is simulated in one piece.

@@ -76,6 +76,14 @@ def test_points_alike_leave_a_stage_nearly_as_low_and_spread_where_it_sees_nothi
     assert np.median(body) < 0.1 < np.std([one.candidate.point for one in alike], axis=0).max()  # bounds cut some
 
 
+def test_a_descent_on_what_is_smooth_ends_after_fewer_vain_steps():
+    lasts = []
+    for smooth in (False, True):
+        told = drive(MultiStart([MIDDLE], streams(0)[1], smooth), 200, lambda p: np.append(linear(p), 0.5))
+        lasts.append(next(k for k, note in enumerate(notes(told)) if note.get("last")))
+    assert lasts[1] < 0.8 * lasts[0]
+
+
 def test_starts_that_failed_are_passed_over_and_random_ones_follow_the_last():
     told = searched(60, lambda p: (linear(p),) * 2, [MIDDLE, np.full(D, 0.2)], failed=lambda i: i < 4)
     assert notes(told[:7], "start") == [None, 2, 3, 4, 5, 6, 5]

@@ -228,7 +228,11 @@ class Aligned(_Steady):
 
 @dataclass(frozen=True)
 class Motion(Aligned):
-    """As `Aligned`, but in the frame of the path, so that the recoil of the head counts; from rest by default."""
+    """As `Aligned`, but in the frame of the path, so that the recoil of the head counts.
+
+    From rest by default, or from the real speed where a robot names frequencies at which it swims head first from rest:
+    those are then simulated as well, and trials that begin at speed settle sooner and don't turn around.
+    """
 
     name: ClassVar[ProtocolName] = "motion"
     whole_motion: ClassVar[bool] = True
@@ -236,8 +240,7 @@ class Motion(Aligned):
     start: Start = "rest"
 
     def known_head_first(self, robot: Robot) -> dict[str, float]:
-        known = robot.swims.head_first if self.start == "rest" else ()
-        return {f"unfilmed_{f:g}": f for f in known}
+        return {f"unfilmed_{f:g}": f for f in robot.swims.head_first}
 
 
 class Paper(_Steady):
@@ -348,6 +351,8 @@ def protocol_for(
             f"{robot.trials.description}"
         )
     if chooses_start(name):
+        if name == "motion" and robot.swims.head_first:
+            start = start or "speed"
         return (Motion if name == "motion" else Aligned)(start_of(name, start))
     if start == "rest":
         raise ArgumentError(

@@ -208,7 +208,7 @@ class Plan:
             settings = CalibrationSettings(
                 method=variant.method, advisor=variant.advisor, protocol=protocol, budget=asked.budget, seed=seed,
                 first="random", starts=1, scale=variant.scale or "auto", max_steps=variant.max_steps,
-                horizon=asked.horizon, start=start_of(protocol, asked.start if chooses_start(protocol) else None),
+                horizon=asked.horizon, start=asked.start if chooses_start(protocol) else None,
                 hold_out=() if trial is None else (trial,), briefing=asked.briefing, threads=1,
             )  # fmt: skip
             jobs[key] = Job(key, Path(root) / RUNS / key, label, settings)

@@ -52,12 +52,13 @@ class MultiStart(Optimizer):
 
     needs_residual = True
 
-    def __init__(self, starts: Sequence[Array], rng: np.random.Generator) -> None:
+    def __init__(self, starts: Sequence[Array], rng: np.random.Generator, smooth: bool = False) -> None:
         """Prepares the search.
 
         Args:
             starts: Points to begin from, the run's first point first. Shapes (d,).
             rng: Generator of further starts.
+            smooth: Whether the residual changes smoothly with the parameters, so that few vain steps end a descent.
 
         Raises:
             OptimizerError: There is no start.
@@ -65,6 +66,7 @@ class MultiStart(Optimizer):
         if not starts:
             raise OptimizerError("starts is empty; give one point at least")
         super().__init__(len(starts[0]))
+        self._brief, self._patient = (EXACT, EXACT) if smooth else (BRIEF, PATIENT)
         self._starts, self._rng = [cube_point(start, self.dimension) for start in starts], rng
         self._waiting, self._numbers = dict[int, Evaluation](), count()
         self._eased = 0  # index of the last stage before the whole residual; of that where there is none
@@ -149,12 +151,12 @@ class MultiStart(Optimizer):
 
     def _ease(self, number: int, base: Evaluation) -> Search[tuple[int, Surrounded]]:
         points = yield from surround(base, _START_RADIUS, {"start": number})
-        yield from go_down(points, self._eased, BRIEF, {"start": number}, _WIDE_RADIUS)
+        yield from go_down(points, self._eased, self._brief, {"start": number}, _WIDE_RADIUS)
         return number, points
 
     def _to_the_end(self, points: Surrounded, note: Mapping[str, Any]) -> Search[Evaluation]:
         whole = max(len(points.best.stages) - 2, 0)
-        base = yield from go_down(points, whole, PATIENT, note)
+        base = yield from go_down(points, whole, self._patient, note)
         return (yield from self._to_the_bottom(base, note))
 
     def _to_the_bottom(self, base: Evaluation, note: Mapping[str, Any]) -> Search[Evaluation]:
@@ -163,7 +165,7 @@ class MultiStart(Optimizer):
 
     def _all_the_way(self, base: Evaluation, note: Mapping[str, Any]) -> Search[Evaluation]:
         points = yield from surround(base, _WIDE_RADIUS, note)
-        yield from go_down(points, self._eased, BRIEF, note)
+        yield from go_down(points, self._eased, self._brief, note)
         return (yield from self._to_the_end(points, note))
 
     def _deeper(self, best: Evaluation, number: int) -> Search[None]:

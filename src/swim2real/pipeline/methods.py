@@ -105,9 +105,8 @@ def make_optimizer(
     budget = settings.budget
     optimizer = METHODS[settings.chosen_method].make(_Start(robot, space, settings, first, rng, advisor))
     if settings.finish and budget is not None:
-        return Sequel(
-            optimizer, budget, lambda best: _spread_starts(best, np.random.default_rng([settings.seed, budget]))
-        )
+        later = np.random.default_rng([settings.seed, budget])
+        return Sequel(optimizer, budget, lambda best: _spread_starts(robot, best, later))
     return optimizer
 
 
@@ -126,13 +125,10 @@ def _advised(start: _Start) -> Optimizer:
     )  # fmt: skip
 
 
-def _multi_start(start: _Start) -> Optimizer:
-    return _spread_starts(start.first, start.rng)
-
-
-def _spread_starts(first: Array, rng: np.random.Generator) -> MultiStart:
+def _spread_starts(robot: Robot, first: Array, rng: np.random.Generator) -> MultiStart:
+    swims = robot.trials.swims  # those at full length end at no threshold
     count = round(_STARTS_PER_PARAMETER * len(first))
-    return MultiStart([first, *_spread(len(first), count - 1, rng)], rng)
+    return MultiStart([first, *_spread(len(first), count - 1, rng)], rng, swims is not None and swims.slow_mode)
 
 
 def _spread(dimension: int, count: int, rng: np.random.Generator) -> list[Array]:
@@ -167,7 +163,7 @@ METHODS: dict[Method, MethodEntry] = {
     "cma-es": MethodEntry(lambda start: CmaEs(len(start.space), start.rng)),
     "bayesopt": MethodEntry(lambda start: BayesianOptimization(len(start.space), start.rng, start.first), cost=3.0),
     "least-squares": MethodEntry(lambda start: LeastSquares(start.first, start.rng)),
-    "multi-start": MethodEntry(_multi_start, by_default=False),
+    "multi-start": MethodEntry(lambda start: _spread_starts(start.robot, start.first, start.rng), by_default=False),
     "mujoco-sysid": MethodEntry(
         lambda start: CallbackSolver(start.first, start.rng, least_squares(start.space), "mujoco.sysid"),
         by_default=False,

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 SimulationStep = Literal["auto", "fast", "engine"]
 _AGREEMENT = 1e-10  # of one step's velocities with the engine's own, relative
 
-_SETTLING = 6.0  # s of a swim at full length, and beats at least, before it counts as steady
+_SETTLING, _FROM_REST = 3.0, 12.0  # s of a swim at full length, and beats at least, before it counts as steady
 _SPEED_TOLERANCE = 2e-4  # m/s, of the mean speed still to come
 _SPEED_SHARE = 2e-3  # or this share of the speed
 _SHAPE_TOLERANCE = 1e-3  # m, mean over markers, from one cycle to the next
@@ -179,8 +179,9 @@ class Simulator:
 
     def _at_length(self, stepper: Stepper, swim: Swim) -> MarkerTrack:
         """The swim from the first motor angle of its phase on, once it has settled."""
-        start = settling_turns(swim.actuation.frequency) + swim.actuation.phase / (2 * np.pi) % 1.0
-        chunk = run_to(None, stepper, swim.actuation.period, start + swim.duration / swim.actuation.period)
+        actuation = swim.actuation
+        start = settling_turns(actuation.frequency, actuation.start_speed) + actuation.phase / (2 * np.pi) % 1.0
+        chunk = run_to(None, stepper, actuation.period, start + swim.duration / actuation.period)
         times = np.arange(len(chunk.turns)) * stepper.timestep
         samples = self._samples(swim.duration)
         begin = float(np.interp(start, chunk.turns, times))
@@ -276,9 +277,9 @@ def steady_cycle(stepper: Stepper, period: float) -> Cycle:
         swim = run_to(swim, stepper, period, end)
 
 
-def settling_turns(frequency: float) -> float:
-    """Turns of the motor before a swim at full length counts as steady: a heavy hull gathers speed over some beats."""
-    return float(np.ceil(_SETTLING * max(frequency, 1.0)))
+def settling_turns(frequency: float, start_speed: float | None = None) -> float:
+    """Turns of the motor before a swim at full length counts as steady: from rest a heavy hull gathers speed slowly."""
+    return float(np.ceil((_SETTLING if start_speed else _FROM_REST) * max(frequency, 1.0)))
 
 
 def run_to(swim: Chunk | None, stepper: Stepper, period: float, turns: float) -> Chunk:
