@@ -1,6 +1,7 @@
 import os
 import pickle
 import textwrap
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -276,10 +277,12 @@ def test_a_file_takes_over_what_it_does_not_say(tmp_path):
     )
     place = tmp_path / "loaded.toml"
     more = 'extends = "base/arm.toml"\nname = "arm, loaded"\n[swims]\ntail_markers = ["nose"]\n'
-    place.write_text(more + parameter("'option viscosity'", 0.0).replace('"x"', '"y"'))
+    changed = '[[parameters]]\nname = "x"\nupper = 8.0\n'
+    place.write_text(more + changed + parameter("'option viscosity'", 0.0).replace('"x"', '"y"'))
     robot, plain = (load_robot(one, allow_code=True) for one in (place, base))
     assert (robot.name, robot.description) == ("arm, loaded", plain.description)
     assert robot.space.names == ("x", "y")
+    assert robot.space["x"] == replace(plain.space["x"], upper=8.0)
     assert (robot.swims.tail_markers, plain.swims.tail_markers) == ((0,), (1,))
     assert (robot.swims.response, plain.swims.response) == (None, 42)  # which was measured without the parameter y
     for name, other in (("a", "b"), ("b", "a")):

@@ -31,7 +31,9 @@ def let_go(values, seconds=3.0):
 
 
 def test_it_is_the_fish_with_roll():
-    assert FISH_ROLLING.space.parameters[:16] == FISH.space.parameters
+    weaker = replace(FISH.space["fluid_magnus_lift"], upper=2.0)
+    taken_over = [weaker if one.name == weaker.name else one for one in FISH.space.parameters]
+    assert list(FISH_ROLLING.space.parameters[:16]) == taken_over
     assert FISH_ROLLING.swims.response is None  # which was measured without roll
     model = FISH_ROLLING.build(PUBLISHED).compile()
     turning = [model.joint(i).name for i in range(model.njnt) if model.joint(i).name.startswith("hinge")]

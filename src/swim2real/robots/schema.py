@@ -43,7 +43,7 @@ A file that says `extends = "OTHER.toml"` takes over what it doesn't say itself,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -285,11 +285,24 @@ def read_content(path: Path, extended_by: tuple[Path, ...] = ()) -> dict[str, An
         if lists[1] and "response" not in content.get("swims", {}) and isinstance(merged.get("swims"), dict):
             merged["swims"] = {key: value for key, value in merged["swims"].items() if key != "response"}
         if all(isinstance(parameters, list) for parameters in lists):
-            merged["parameters"] = [*lists[0], *lists[1]]
+            merged["parameters"] = _joined(*lists)
         content = merged
     if content.get("format") != FORMAT:
         raise RobotError(f"{where}: 'format' is {content.get('format')}; it must be {FORMAT} for this version")
     return content
+
+
+def _joined(extended: Sequence[Any], own: Sequence[Any]) -> list[Any]:
+    """Parameters of an extended file, in which those of the same name change key by key, and further ones."""
+    further = list(own)
+
+    def changed(entry: Any) -> Any:
+        for k, one in enumerate(further):
+            if isinstance(one, dict) and isinstance(entry, dict) and one.get("name") == entry.get("name"):
+                return {**entry, **further.pop(k)}
+        return entry
+
+    return [*map(changed, extended), *further]
 
 
 def hook_file(text: object) -> str | None:
