@@ -64,7 +64,8 @@ def test_a_perspective_is_removed_as_a_camera_makes_it():
 
 def test_a_perspective_that_no_camera_makes_is_refused():
     few = Perspective((0.0, 0.0), (0.0, 0.1))
-    assert says(refusal(TrialError, few.removed, MarkerTrack(TIMES, points())), "nearness has 2 numbers", "4 markers")
+    filmed = Trial("a", MarkerTrack(TIMES, points()), perspective=few)
+    assert says(refusal(TrialError, filmed.seen_from_afar), "trial 'a'", "nearness has 2 numbers", "4 markers")
     steep = Perspective((0.0, 0.0), (0.0,) * 4, (0.5, 0.0))
     assert says(refusal(TrialError, steep.removed, MarkerTrack(TIMES, points())), "tilt of (0.5, 0.0)", "no picture")
 

@@ -208,10 +208,16 @@ class Trial:
         return float(1.0 / np.median(np.diff(self.track.times)))
 
     def seen_from_afar(self) -> Trial:
-        """The trial without what the camera's perspective did to it, where that is known."""
-        if self.perspective is None:
-            return self
-        return replace(self, track=self.perspective.removed(self.track), perspective=None)
+        """The trial without what the camera's perspective did to it, where that is known.
+
+        Raises:
+            TrialError: No camera can have done that to this track.
+        """
+        try:
+            track = self.track if self.perspective is None else self.perspective.removed(self.track)
+        except TrialError as error:
+            raise TrialError(f"trial '{self.name}': {error}") from error
+        return replace(self, track=track, perspective=None)
 
     def cut(self, horizon: float | None) -> Trial:
         """The first `horizon` seconds of the track; all of it for None."""
