@@ -15,6 +15,7 @@ from swim2real.optimizers.interpolated_descent import (
     BRIEF,
     EXACT,
     PATIENT,
+    SMOOTH,
     Search,
     Surrounded,
     go_down,
@@ -28,8 +29,8 @@ _ALIKE = 2  # per parameter: points that the first stage hardly tells apart
 _FORMING_RADII = (0.2, 0.05)  # of a parameter's range: far apart, points see past the bends that a body snaps into
 _FORMING_TRUST = 0.4  # of it, as all that follow
 _START_RADIUS, _WIDE_RADIUS, _CLOSE_RADIUS = 0.05, 0.1, 0.02
-_WORTHWHILE = 0.8  # share of the loss to which going the way from an end again must lower it, to be repeated
-_DEEPER = 0.98  # and the same of going to its bottom
+_WORTHWHILE = 0.95  # share of the loss to which going the way from an end again must lower it, to be repeated
+_DEEPER = 0.99  # and the same of going to its bottom
 _AGREEING = {0: 3, 6: 2, 12: 1}  # after so many ends, how many that agree with the best end a search
 AGREEMENT = 0.1  # of the lowest loss, within which ends agree
 
@@ -66,7 +67,7 @@ class MultiStart(Optimizer):
         if not starts:
             raise OptimizerError("starts is empty; give one point at least")
         super().__init__(len(starts[0]))
-        self._brief, self._patient = (EXACT, EXACT) if smooth else (BRIEF, PATIENT)
+        self._brief, self._patient = (SMOOTH, SMOOTH) if smooth else (BRIEF, PATIENT)
         self._starts, self._rng = [cube_point(start, self.dimension) for start in starts], rng
         self._waiting, self._numbers = dict[int, Evaluation](), count()
         self._eased = 0  # index of the last stage before the whole residual; of that where there is none
