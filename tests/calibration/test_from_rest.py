@@ -71,14 +71,15 @@ def test_a_robot_known_to_swim_head_first_where_no_trial_shows_it_refuses_what_d
     ]
     backward = strict.evaluate(BOTH_WAYS)
     assert backward.tail_first
-    assert min(backward.tail_first_ways) > 0.2  # 2 s at more than 0.1 m/s
-    assert min(backward.near_turning) > 0.01  # already in their second beats
-    assert max(forward.near_turning) == 0
+    assert all(swim.tail_first and swim.behind > 0.2 for swim in backward.unfilmed)  # 2 s at more than 0.1 m/s
+    assert min(swim.near_turning for swim in backward.unfilmed) > 0.01  # already in their second beats
+    assert {(swim.behind, swim.near_turning) for swim in forward.unfilmed} == {(0, 0)}
     residual, weights = backward.residual_stages()[-1]
-    added = [*backward.tail_first_ways, *backward.near_turning]
+    behind = [swim.behind for swim in backward.unfilmed]
+    added = [*behind, *(swim.near_turning for swim in backward.unfilmed)]
     assert np.square(residual * weights)[-4:] == pytest.approx(added)  # one trial: of the loss, if they were part of it
-    assert backward.loss > TAIL_FIRST_LOSS + sum(backward.tail_first_ways)
-    assert Problem(known, filmed, "aligned", simulator=simulator).evaluate(BOTH_WAYS).tail_first_ways == ()
+    assert backward.loss > TAIL_FIRST_LOSS + sum(behind)
+    assert Problem(known, filmed, "aligned", simulator=simulator).evaluate(BOTH_WAYS).unfilmed == ()
 
 
 def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, reference, tmp_path):

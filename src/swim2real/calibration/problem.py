@@ -6,10 +6,13 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import numpy as np
+
 from swim2real.calibration.from_rest import backward_at_first, settled, swims_from_rest
 from swim2real.calibration.protocols import Protocol, protocol_for
 from swim2real.errors import TrialError
 from swim2real.objective import Comparison
+from swim2real.objective.comparison import UnfilmedSwim
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.settings import HORIZON, EvaluationSettings, ProtocolName, Start
@@ -18,6 +21,7 @@ from swim2real.simulation.forward_model import thread_count
 from swim2real.trials import Trial, TrialSet
 
 _LONG = 2.0  # s, of a swim that no trial shows: about what a trial counts for
+_ENOUGH = 0.5  # share of the speed that trials show at its frequency
 _STEEP = 10.0  # times the way backward in the second beat of one, that a search keeps away from turning
 
 
@@ -143,7 +147,13 @@ class Problem:
     def _compared(self, simulated: TrialSet) -> Comparison:
         pairs = zip(self.prepared, simulated.trials[: len(self.prepared)], strict=True)
         trials = tuple(self.protocol.compare(prepared.target, trial) for prepared, trial in pairs)
-        unfilmed = list(zip(simulated.trials[len(self.prepared) :], self._head_first.values(), strict=True))
-        ways = tuple(_LONG * max(-(settled(trial, f).speed or 0.0), 0.0) for trial, f in unfilmed)
-        near = tuple(_STEEP * backward_at_first(trial, f) for trial, f in unfilmed)
-        return Comparison(trials, self.protocol.name, self.horizon, ways, near)
+        unfilmed = map(self._unfilmed, simulated.trials[len(self.prepared) :], self._head_first.values())
+        return Comparison(trials, self.protocol.name, self.horizon, tuple(unfilmed))
+
+    def _unfilmed(self, trial: Trial, frequency: float) -> UnfilmedSwim:
+        shown = {one.request.actuation.frequency: one.target.velocity or 0.0 for one in self.prepared}
+        filmed = sorted(shown)
+        enough = _ENOUGH * float(np.interp(frequency, filmed, [shown[f] for f in filmed]))
+        speed = settled(trial, frequency).speed or 0.0
+        near = _STEEP * backward_at_first(trial, frequency)
+        return UnfilmedSwim(_LONG * max(enough - speed, 0.0), near, speed < 0)

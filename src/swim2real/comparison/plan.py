@@ -141,6 +141,7 @@ class Job:
         wanted = {
             **vars(self.settings), "scale": self.settings.resolved_scale, "robot": plan.robot, "engine": plan.engine,
             "robot_fingerprint": plan.robot_fingerprint, "reference_fingerprint": plan.reference,
+            "start": self.settings.start or recorded.start,
         }  # fmt: skip
         if (differing := recorded.difference(replace(recorded, **wanted))) is not None:
             name, before, now = differing

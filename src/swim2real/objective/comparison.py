@@ -18,6 +18,21 @@ _DIGITS = 9  # significant digits of a number in JSON
 
 
 @dataclass(frozen=True)
+class UnfilmedSwim:
+    """A swim from rest that no trial shows, at a frequency at which the robot is known to swim head first.
+
+    Attributes:
+        behind: How far it stays behind half of what trials show at such frequencies [m].
+        near_turning: How near it is to turning, smoothly before it turns; not part of the loss [m].
+        tail_first: Whether it ends up tail first.
+    """
+
+    behind: float
+    near_turning: float
+    tail_first: bool
+
+
+@dataclass(frozen=True)
 class Comparison:
     """All trials of a candidate, compared with the real ones. Overall figures are means over trials.
 
@@ -25,16 +40,13 @@ class Comparison:
         trials: Compared trials, in the order of the real ones.
         protocol: Name of the protocol by which they were compared.
         horizon: Seconds that are compared, None for all of each trial.
-        tail_first_ways: How far each simulated swim that no trial shows, and that the robot is known to do head first,
-            goes tail first instead; 0 where it doesn't [m].
-        near_turning: How near each of them is to turning, smoothly before it turns; not part of the loss [m].
+        unfilmed: Simulated swims from rest that no trial shows.
     """
 
     trials: tuple[ComparedTrial, ...]
     protocol: str
     horizon: float | None
-    tail_first_ways: tuple[float, ...] = ()
-    near_turning: tuple[float, ...] = ()
+    unfilmed: tuple[UnfilmedSwim, ...] = ()
 
     @property
     def divergence(self) -> str | None:
@@ -44,7 +56,7 @@ class Comparison:
     @property
     def tail_first(self) -> bool:
         """Whether any trial whose whole motion is compared is simulated tail first, or a swim that no trial shows."""
-        return any(trial.tail_first for trial in self.trials) or any(self.tail_first_ways)
+        return any(swim.tail_first for swim in (*self.trials, *self.unfilmed))
 
     @property
     def loss(self) -> float:
@@ -55,7 +67,8 @@ class Comparison:
         """
         if self.divergence is not None:
             return FAILED_LOSS
-        loss = float(np.mean([trial.loss for trial in self.trials]) + np.sum(self.tail_first_ways) / len(self.trials))
+        behind = sum(swim.behind for swim in self.unfilmed) / len(self.trials)
+        loss = float(np.mean([trial.loss for trial in self.trials]) + behind)
         return loss + TAIL_FIRST_LOSS if self.tail_first else loss
 
     def residual_vector(self) -> Array:
@@ -67,15 +80,15 @@ class Comparison:
         """Residuals and weights in the order in which they are lowered best, as each trial gives them.
 
         The last two are the residual vector, as it is and weighted such that its squares add up to the loss. In all but
-        the first of several follow the ways of swims that no trial shows and how near they are to turning, so that a
-        search sees where trials turn before they do. Shapes (n_k,) twice.
+        the first of several follow how far swims that no trial shows stay behind and how near they are to turning, so
+        that a search sees where trials turn before they do. Shapes (n_k,) twice.
         """
         stages: list[tuple[Array, Array]] = []
         for parts in zip(*(trial.residual_stages() for trial in self.trials), strict=True):
             residuals, weights = zip(*parts, strict=True)
             stages.append((np.concatenate(residuals) / np.sqrt(len(parts)), np.concatenate(weights)))
-        if self.tail_first_ways:
-            added = np.array([*self.tail_first_ways, *self.near_turning])
+        if self.unfilmed:
+            added = np.array([*(swim.behind for swim in self.unfilmed), *(swim.near_turning for swim in self.unfilmed)])
             mean = 1 / np.sqrt(np.maximum(np.abs(added), LEAST_DISTANCE))
             added = added / np.sqrt(len(self.trials))
             flat = [np.ones_like(added)] * (len(stages) - 2) + [mean]
