@@ -68,6 +68,11 @@ class Problem:
         self.simulator: Any = simulator or self.protocol.simulator(robot, threads)
         self.prepared = self.protocol.prepare(reference, robot, self.simulator, horizon)
         self._head_first = self.protocol.known_head_first(robot)
+        shown = {
+            one.request.actuation.frequency: one.target.velocity or 0.0 for one in self.prepared if self._head_first
+        }
+        filmed = sorted(shown)
+        self._enough = [_ENOUGH * np.interp(f, filmed, [shown[g] for g in filmed]) for f in self._head_first.values()]
 
     @classmethod
     def with_settings(cls, robot: Robot, reference: TrialSet, settings: EvaluationSettings) -> Problem:
@@ -147,13 +152,11 @@ class Problem:
     def _compared(self, simulated: TrialSet) -> Comparison:
         pairs = zip(self.prepared, simulated.trials[: len(self.prepared)], strict=True)
         trials = tuple(self.protocol.compare(prepared.target, trial) for prepared, trial in pairs)
-        unfilmed = map(self._unfilmed, simulated.trials[len(self.prepared) :], self._head_first.values())
-        return Comparison(trials, self.protocol.name, self.horizon, tuple(unfilmed))
+        others = zip(simulated.trials[len(self.prepared) :], self._head_first.values(), self._enough, strict=True)
+        return Comparison(trials, self.protocol.name, self.horizon, tuple(_unfilmed(*other) for other in others))
 
-    def _unfilmed(self, trial: Trial, frequency: float) -> UnfilmedSwim:
-        shown = {one.request.actuation.frequency: one.target.velocity or 0.0 for one in self.prepared}
-        filmed = sorted(shown)
-        enough = _ENOUGH * float(np.interp(frequency, filmed, [shown[f] for f in filmed]))
-        speed = settled(trial, frequency).speed or 0.0
-        near = _STEEP * backward_at_first(trial, frequency)
-        return UnfilmedSwim(_LONG * max(enough - speed, 0.0), near, speed < 0)
+
+def _unfilmed(trial: Trial, frequency: float, enough: float) -> UnfilmedSwim:
+    speed = settled(trial, frequency).speed or 0.0
+    near = _STEEP * backward_at_first(trial, frequency)
+    return UnfilmedSwim(_LONG * max(enough - speed, 0.0), near, speed < 0)

@@ -46,7 +46,7 @@ class Pace:
 
 PATIENT = Pace(12, 0.9, 0.98)  # on rough ground, where the lie of the land shows from afar only
 BRIEF = Pace(8, 0.9, 0.98)
-SMOOTH = Pace(8, 0.7, 0.85)  # where none of that is to be seen past
+SMOOTH = Pace(8, 0.7, 0.85)  # on what changes smoothly
 EXACT = Pace(6, 0.5, 0.7)  # to the bottom of what is smooth
 
 
