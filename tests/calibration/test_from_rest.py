@@ -71,9 +71,7 @@ def test_a_robot_known_to_swim_head_first_where_no_trial_shows_it_refuses_what_d
     ]
     backward = strict.evaluate(BOTH_WAYS)
     assert backward.tail_first
-    least = (
-        0.2 + filmed["slow"].track.speed
-    )  # 2 s at more than 0.1 m/s backward, and what half of the real speed misses
+    least = 0.2 + filmed["slow"].track.speed  # 2 s at more than 0.1 m/s backward, and 1 s of the real speed
     assert all(swim.tail_first and swim.behind > least for swim in backward.unfilmed)
     assert min(swim.near_turning for swim in backward.unfilmed) > 0.01  # already in their second beats
     assert {(swim.behind, swim.near_turning) for swim in forward.unfilmed} == {(0, 0)}
@@ -83,6 +81,16 @@ def test_a_robot_known_to_swim_head_first_where_no_trial_shows_it_refuses_what_d
     assert np.square(residual * weights)[-4:] == pytest.approx(added)  # one trial: of the loss, if they were part of it
     assert backward.loss > TAIL_FIRST_LOSS + sum(behind)
     assert Problem(known, filmed, "aligned", simulator=simulator).evaluate(BOTH_WAYS).unfilmed == ()
+
+
+def test_speed_from_rest_below_all_trials_is_asked_in_proportion_to_the_frequency(simulator):
+    swims = [Swim("slow", Actuation(0.7, 0.0, 0.0), 3.0)]
+    filmed = TrialSet(tuple(simulator.simulate(FISH.space.published, swims)), FISH.marker_names)
+    slower = replace(FISH, trials=replace(FISH.trials, swims=replace(FISH.swims, head_first=(0.35,))))
+    weak = {**FISH.space.published, "motor_arm_length": 0.01}
+    (unfilmed,) = Problem(slower, filmed, simulator=simulator).evaluate(weak).unfilmed
+    speed = from_rest(simulator, weak, {"weak": 0.35})["weak"].speed
+    assert unfilmed.behind == pytest.approx(2.0 * (filmed["slow"].track.speed / 4 - speed), rel=0.01)
 
 
 def test_a_fit_that_swims_forward_has_its_steady_speed_from_rest(problem, reference, tmp_path):

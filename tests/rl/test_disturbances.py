@@ -102,7 +102,7 @@ def test_a_perfect_tracker_sees_the_true_pose_and_tail():
 
 
 def test_a_hull_that_rolls_is_not_taken_for_one_that_sways():
-    light = {"head_added_mass": 0.3, "body_added_mass": 0.3}
+    light = {"head_added_mass": 0.6, "body_added_mass": 0.6, "tail_kutta_lift": 1.0}
     true, seen = tracked(rl.StateEstimate(noise=0.0, delay=0), robot=load_robot("fish-rolling"), **light)
     off = np.abs(seen - true).max(axis=0)
     assert off[1:3].max() < 0.002  # m, while its markers sway by more than ten times that

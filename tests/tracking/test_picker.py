@@ -3,6 +3,7 @@ import hashlib
 import io
 import json
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -80,13 +81,7 @@ def page(tmp_path_factory):
 
 @pytest.fixture
 def play(page, tmp_path):
-    """Opens the page in Chromium, plays a scenario on it and returns what came of it."""
-
-    def run(scenario, window="1400,860"):
-        hand = f"const COLORS = {json.dumps(COLORS)};\n{HAND}"
-        return played(page, tmp_path / "played.html", hand, scenario, window)
-
-    return run
+    return partial(played, page, tmp_path / "played.html", f"const COLORS = {json.dumps(COLORS)};\n{HAND}")
 
 
 def points_of(text, path):

@@ -2,6 +2,7 @@ import base64
 import io
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -82,11 +83,7 @@ def page(tmp_path_factory):
 
 @pytest.fixture
 def play(page, tmp_path):
-    def run(scenario, window="1400,860"):
-        hand = f"const COLORS = {json.dumps(COLORS)};\n{HAND}"
-        return played(page, tmp_path / "played.html", hand, scenario, window)
-
-    return run
+    return partial(played, page, tmp_path / "played.html", f"const COLORS = {json.dumps(COLORS)};\n{HAND}")
 
 
 def read(text, path):

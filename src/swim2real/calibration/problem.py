@@ -21,7 +21,7 @@ from swim2real.simulation.forward_model import thread_count
 from swim2real.trials import Trial, TrialSet
 
 _LONG = 2.0  # s, of a swim that no trial shows: about what a trial counts for
-_ENOUGH = 0.5  # share of the speed that trials show at its frequency
+_ENOUGH = 0.5  # share of the speed that trials show at its frequency; below theirs, of one that grows with it from 0
 _STEEP = 10.0  # times the way backward in the second beat of one, that a search keeps away from turning
 
 
@@ -68,7 +68,7 @@ class Problem:
         self.simulator: Any = simulator or self.protocol.simulator(robot, threads)
         self.prepared = self.protocol.prepare(reference, robot, self.simulator, horizon)
         self._head_first = self.protocol.known_head_first(robot)
-        shown = {
+        shown = {0.0: 0.0} | {
             one.request.actuation.frequency: one.target.velocity or 0.0 for one in self.prepared if self._head_first
         }
         filmed = sorted(shown)
