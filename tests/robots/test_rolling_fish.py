@@ -14,7 +14,7 @@ from swim2real.trials import Actuation
 
 PUBLISHED = FISH_ROLLING.space.published
 STIFF = {**PUBLISHED, "roll_stiffness": 0.08, "roll_damping": 0.004}
-SLOW = Swim("slow", Actuation(0.6, 0.0, 0.1), 5.0)
+SLOW = Swim("slow", Actuation(0.45, 0.0, 0.1), 5.0)
 
 
 def let_go(values, seconds=3.0):
@@ -75,7 +75,7 @@ def test_only_a_roll_shows_the_height_of_the_heads_markers_in_its_sway():
         sway = []
         for height in (0.08, 0.12):
             (trial,) = Simulator(robot, threads=1).simulate({**values, "head_marker_height": height}, [SLOW])
-            beat = head_motion(trial.track.times, trial.track.positions, 0.6).sway_beat
+            beat = head_motion(trial.track.times, trial.track.positions, 0.45).sway_beat
             sway.append(beat.amplitude * np.exp(1j * beat.phase))
         return abs(sway[1] - sway[0])
 
@@ -83,5 +83,5 @@ def test_only_a_roll_shows_the_height_of_the_heads_markers_in_its_sway():
     soft = {**PUBLISHED, **thin, "roll_stiffness": 0.05, "roll_damping": 0.0}
     moved = shown(FISH_ROLLING, soft)
     assert moved > 3e-3
-    assert moved > 1.3 * shown(FISH_ROLLING, {**STIFF, **thin})  # whose roll follows its moment
+    assert moved > 1.5 * shown(FISH_ROLLING, {**STIFF, **thin})  # whose roll follows its moment
     assert moved > 50 * shown(replace(FISH_ROLLING, build=locked), soft)
