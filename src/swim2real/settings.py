@@ -111,11 +111,6 @@ def chooses_start(protocol: str) -> bool:
     return protocol in ("motion", "aligned")
 
 
-def start_of(protocol: str, start: Start | None) -> Start:
-    """Where steady swims begin under a protocol; its own start where none is chosen."""
-    return start or ("rest" if protocol == "motion" else "speed")
-
-
 @dataclass(frozen=True, kw_only=True)
 class EvaluationSettings:
     """How parameters are compared with real trials.

@@ -77,7 +77,7 @@ def test_swims_begin_where_each_protocol_says_or_allows(pool, plan):
         for start in ("rest", None)
     ]
     assert starts == [["rest", "rest", None], [None, None, None]]
-    with pytest.raises(RunError, match="can't go on with another start under protocol aligned: it was speed"):
+    with pytest.raises(RunError, match="can't go on with another start: it was each protocol's own"):
         changed(plan, start="rest").extending(plan)
 
 

@@ -25,7 +25,7 @@ from swim2real.objective.comparison import rounded
 from swim2real.parameters import Values
 from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import Robot
-from swim2real.settings import ProtocolName, Start, chooses_start, start_of
+from swim2real.settings import ProtocolName, Start, chooses_start
 from swim2real.simulation import ForwardModel, PlaybackSimulator, Simulator
 from swim2real.tracking import (
     Beat,
@@ -351,9 +351,9 @@ def protocol_for(
             f"{robot.trials.description}"
         )
     if chooses_start(name):
-        if name == "motion" and robot.swims.head_first:
-            start = start or "speed"
-        return (Motion if name == "motion" else Aligned)(start_of(name, start))
+        if name == "aligned":
+            return Aligned(start or "speed")
+        return Motion(start or ("speed" if robot.swims.head_first else "rest"))
     if start == "rest":
         raise ArgumentError(
             f"start is '{start}', which is for steady swims under protocol motion or aligned, not {name}"

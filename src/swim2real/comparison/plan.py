@@ -29,7 +29,6 @@ from swim2real.settings import (
     check_advisor,
     chooses_start,
     expand_seeds,
-    start_of,
 )
 from swim2real.simulation import Engine
 from swim2real.store import reason, write_json
@@ -233,10 +232,8 @@ class Plan:
             ("robot file", before.robot_fingerprint, self.robot_fingerprint),
             ("engine", _shown(before.engine), _shown(self.engine)),
             ("horizon", old.horizon, new.horizon),
+            ("start", *(one.start or "each protocol's own" for one in (old, new))),
         ]
-        for protocol in old.protocols:
-            then, now = start_of(protocol, old.start), start_of(protocol, new.start)
-            fixed.append((f"start under protocol {protocol}", then, now))
         if any(asks_a_vlm(method_variant(name).advisor) for name in (*old.methods, *new.methods)):
             fixed.append(("briefing", asdict(old.briefing), asdict(new.briefing)))
         for what, then, now in fixed:

@@ -22,7 +22,7 @@ class UnfilmedSwim:
     """A swim from rest that no trial shows, at a frequency at which the robot is known to swim head first.
 
     Attributes:
-        behind: How far it stays behind half of what trials show at such frequencies [m].
+        behind: How far it stays behind the required share of the trials' speed at such frequencies [m].
         near_turning: How near it is to turning, smoothly before it turns; not part of the loss [m].
         tail_first: Whether it ends up tail first.
     """
