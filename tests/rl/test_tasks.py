@@ -81,20 +81,25 @@ def test_target_shows_the_goal_from_the_robot():
 @pytest.mark.parametrize("task", ["target", "paper-target"])
 def test_reaching_the_goal_ends_the_episode_with_the_bonus(task):
     env = rl.make_env(task)
-    env.reset(seed=0, options={"goal": (-0.06, 0.0)})
-    rewards, left = [], [0.06]
+    seen, _ = env.reset(seed=0, options={"goal": (-0.06, 0.0)})
+    rewards, goals = [], [seen[18:20]]
     for _ in range(200):
-        _, reward, ended, cut, info = env.step(np.array([1.0]))
+        seen, reward, ended, cut, info = env.step(np.array([1.0]))
         rewards.append(reward)
-        left.append(info["goal_distance"])
+        goals.append(seen[18:20])
         if ended:
             break
     assert (ended, cut, info["success"]) == (True, False, True)
     assert info["goal_distance"] < STAGES[3].threshold
+    x, y = np.array(goals, float).T  # x backward
+    left, turn = np.hypot(x, y), np.abs(np.arctan2(y, -x))
     if task == "target":
-        assert rewards == pytest.approx([*(-100 * np.diff(left) - 0.02)[:-1], 100 * (left[-2] - left[-1]) - 0.02 + 20])
+        expected = -100 * np.diff(left + 0.2 * turn) - 0.02
+        expected[-1] += 20
+        assert rewards == pytest.approx(expected, abs=1e-4)  # observations are float32
+        assert np.ptp(turn) > 0.1
     else:  # the paper's reward, Sec. IV
-        assert rewards == pytest.approx([*(-np.array(left[1:-1]) - 0.5), 300.0 - 0.5 - left[-1]])
+        assert rewards == pytest.approx([*(-left[1:-1] - 0.5), 300.0 - 0.5 - left[-1]])
 
 
 @pytest.mark.parametrize("number", STAGES)

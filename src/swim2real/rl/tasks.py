@@ -139,9 +139,11 @@ The real fish swims at most 0.12 m/s, so the farthest goals are 10, 20 and 30 s 
 class ReachGoal:
     """Going to a goal in the plane.
 
-    The reward of a step is 100 times the distance [m] by which the goal has come nearer, minus 0.02 times the mean
-    magnitude of the actions, and 20 more when the goal is reached, which ends the episode. The goal's direction is seen
-    from the robot, x backward and y to its side. So is the rate at which it changes: the robot's velocity, reversed.
+    The reward of a step is 100 times the way [m] by which the goal has come nearer, minus 0.02 times the mean magnitude
+    of the actions, and 20 more when the goal is reached, which ends the episode. The way is the distance, and 0.2 m for
+    each radian by which the robot must turn to face the goal: a robot that turns slowly would otherwise swim past it,
+    since a turn pays off later than the discount looks ahead. The goal's direction is seen from the robot, x backward
+    and y to its side. So is the rate at which it changes: the robot's velocity, reversed.
 
     Attributes:
         goals: Goals of the episodes [m]. Shape (N, 2).
@@ -151,6 +153,7 @@ class ReachGoal:
     """
 
     PROGRESS: ClassVar[float] = 100.0
+    TURN: ClassVar[float] = 0.2
     ACTION_COST: ClassVar[float] = 0.02
     BONUS: ClassVar[float] = 20.0
 
@@ -191,21 +194,17 @@ class ReachGoal:
             while math.hypot(*goal) <= 2 * threshold:  # not where the robot is already
                 goal = rng.uniform((-region.ahead, -region.across / 2), (0.0, region.across / 2))
             self.goals[index] = goal
-        self.before[index] = math.hypot(*self.goals[index])
+        self.before[index] = self._way(*self.goals[index])
         return region.seconds if self._seconds is None else self._seconds
 
     def observe(self, state: RobotState) -> Array:
-        cosine, sine = np.cos(state.heading), np.sin(state.heading)
-        x, y = (self.goals - state.position).T
-        u, v = -state.velocity.T
-        return np.column_stack([
-            np.hypot(x, y), cosine * x + sine * y, cosine * y - sine * x, cosine * u + sine * v, cosine * v - sine * u,
-        ])  # fmt: skip
+        goal = _seen(self.goals - state.position, state.heading)
+        return np.column_stack([self._distances(state), *goal, *_seen(-state.velocity, state.heading)])
 
     def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
-        distances = self._distances(state)
-        reached = distances < self.thresholds
-        nearer, self.before[:] = self.before - distances, distances
+        reached = self._distances(state) < self.thresholds
+        way = self._way(*_seen(self.goals - state.position, state.heading))
+        nearer, self.before[:] = self.before - way, way
         cost = self.ACTION_COST * np.abs(actions).mean(axis=1)
         return self.PROGRESS * nearer - cost + self.BONUS * reached, reached
 
@@ -216,6 +215,15 @@ class ReachGoal:
 
     def _distances(self, state: RobotState) -> Array:
         return np.hypot(*(self.goals - state.position).T)
+
+    def _way(self, x: Any, y: Any) -> Any:
+        return np.hypot(x, y) + self.TURN * np.abs(np.arctan2(y, -x))
+
+
+def _seen(vectors: Array, heading: Array) -> tuple[Array, Array]:
+    """Vectors of the plane as robots see them: x backward, y to their side. Shapes (N, 2), (N,) to (N,) each."""
+    (x, y), cosine, sine = vectors.T, np.cos(heading), np.sin(heading)
+    return cosine * x + sine * y, cosine * y - sine * x
 
 
 class PaperReachGoal(ReachGoal):
