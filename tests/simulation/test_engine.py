@@ -35,7 +35,7 @@ def test_other_physics_is_reported(engine):
     other = list(engine.fluid_fingerprint)
     other[3] += 1e-6 * max(map(abs, other))  # one force is enough
     said = engine.difference(altered(engine, fluid_fingerprint=other))
-    assert says(said, "another model of the robot", "Evaluate the parameters again")
+    assert says(said, "another model of the robot", "evaluate its parameters again")
     for none in ([1.0], None, "x"):
         assert says(engine.difference(altered(engine, fluid_fingerprint=none)), "unknown")
     assert says(engine.difference(altered(engine, integrator="euler")), "integrator euler")

@@ -141,9 +141,8 @@ class ReachGoal:
 
     The reward of a step is 100 times the way [m] by which the goal has come nearer, minus 0.02 times the mean magnitude
     of the actions, and 20 more when the goal is reached, which ends the episode. The way is the distance, and 0.2 m for
-    each radian by which the robot must turn to face the goal: a robot that turns slowly would otherwise swim past it,
-    since a turn pays off later than the discount looks ahead. The goal's direction is seen from the robot, x backward
-    and y to its side. So is the rate at which it changes: the robot's velocity, reversed.
+    each radian from ahead to the goal: a slow turn pays off later than the discount looks ahead. The goal's direction
+    is seen from the robot, x backward and y to its side. So is the rate at which it changes: the velocity, reversed.
 
     Attributes:
         goals: Goals of the episodes [m]. Shape (N, 2).

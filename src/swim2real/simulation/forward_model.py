@@ -72,15 +72,12 @@ class Engine:
         scale = float(np.abs(mine).max(initial=0.0)) or 1.0
         gap = float(np.abs(recorded - mine).max(initial=0.0)) / scale
         if gap > _FINGERPRINT_TOLERANCE:
-            gap_text = f"by {100 * gap:.2g} % at the fixed state"
+            by = f"by {100 * gap:.2g} % at the fixed state"
             if other.get("name") == self.name:
-                return (
-                    f"made with another model of the robot: its fluid forces differ {gap_text}, since bodies or values "
-                    f"at the start were changed. Evaluate the parameters again before you rely on them"
-                )
+                return f"made with another model of the robot: fluid forces differ {by}; evaluate its parameters again"
             return (
                 f"made with {other.get('name', 'an unknown engine')}, whose fluid forces differ from those of the "
-                f"installed {self.name} {gap_text}; its parameters aren't valid here. Install the recorded engine or "
+                f"installed {self.name} {by}; its parameters aren't valid here. Install the recorded engine or "
                 f"calibrate again"
             )
         if other.get("integrator") != self.integrator or other.get("timestep") != self.timestep:
