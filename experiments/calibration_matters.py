@@ -53,6 +53,7 @@ def main():
     parser.add_argument("--env-steps", type=int, default=5_000_000)
     parser.add_argument("--updates", type=int, help="after every 200 steps; by default about 25,000 in all")
     parser.add_argument("--near-goals", type=float, default=0.0, help="for target")
+    parser.add_argument("--turn-reward", type=float, default=0.0, help="for target")
     parser.add_argument("--environments", type=int, default=TrainingSettings.environments)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--episodes", type=int, default=50)
@@ -91,6 +92,7 @@ def trained(a, task, seed, simulator, folder, interruption):
         settings = TrainingSettings(
             task, a.env_steps, seed, updates=a.updates, environments=a.environments,
             near_goals=0.0 if task == "forward" else a.near_goals,
+            turn_reward=a.turn_reward if task == "target" else 0.0,
         )  # fmt: skip
         outcome = train(
             settings, sets, robot, folder, about={"reference": source}, threads=a.threads, resume=begun,

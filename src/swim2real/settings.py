@@ -354,6 +354,8 @@ class TrainingSettings:
         target_rate: Share by which the target critics follow per gradient step.
         layers: Widths of the hidden layers of actor and critics.
         near_goals: For target and paper-target: share of the episodes that have a goal of an earlier stage.
+        turn_reward: For target: distance [m] by which the goal counts as nearer after a turn of 1 rad to it. 0.2 for a
+            robot that turns slowly, such as fish-rolling; 0 for one whose head swings, such as the snake.
         noise_time: Time over which the noise of exploration stays alike [s]; with 0 every step draws anew.
     """
 
@@ -370,11 +372,14 @@ class TrainingSettings:
     target_rate: float = 0.1
     layers: tuple[int, ...] = (256, 256)
     near_goals: float = 0.0
+    turn_reward: float = 0.0
     noise_time: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.near_goals < 1:
             raise ArgumentError(f"near_goals is {self.near_goals:g}; it is a share, from 0 below 1")
+        if not 0 <= self.turn_reward < math.inf:
+            raise ArgumentError(f"turn_reward is {self.turn_reward:g} m; it must be finite and 0 or above")
         if not 0 <= self.noise_time < math.inf:
             raise ArgumentError(f"noise_time is {self.noise_time:g} s; it must be finite and 0 or above")
         if self.env_steps < TRAIN_FREQ:

@@ -78,9 +78,10 @@ def test_target_shows_the_goal_from_the_robot():
     assert info["goal_distance"] == pytest.approx(np.linalg.norm(to_goal))
 
 
-@pytest.mark.parametrize("task", ["target", "paper-target"])
-def test_reaching_the_goal_ends_the_episode_with_the_bonus(task):
+@pytest.mark.parametrize(("task", "turn"), [("target", 0.0), ("target", 0.2), ("paper-target", 0.0)])
+def test_reaching_the_goal_ends_the_episode_with_the_bonus(task, turn):
     env = rl.make_env(task)
+    env.environments.task.turn = turn
     seen, _ = env.reset(seed=0, options={"goal": (-0.06, 0.0)})
     rewards, goals = [], [seen[18:20]]
     for _ in range(200):
@@ -92,12 +93,12 @@ def test_reaching_the_goal_ends_the_episode_with_the_bonus(task):
     assert (ended, cut, info["success"]) == (True, False, True)
     assert info["goal_distance"] < STAGES[3].threshold
     x, y = np.array(goals, float).T  # x backward
-    left, turn = np.hypot(x, y), np.abs(np.arctan2(y, -x))
+    left, angles = np.hypot(x, y), np.abs(np.arctan2(y, -x))
     if task == "target":
-        expected = -100 * np.diff(left + 0.2 * turn) - 0.02
+        expected = -100 * np.diff(left + turn * angles) - 0.02
         expected[-1] += 20
         assert rewards == pytest.approx(expected, abs=1e-4)  # observations are float32
-        assert np.ptp(turn) > 0.1
+        assert np.ptp(angles) > 0.1
     else:  # the paper's reward, Sec. IV
         assert rewards == pytest.approx([*(-left[1:-1] - 0.5), 300.0 - 0.5 - left[-1]])
 

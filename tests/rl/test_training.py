@@ -228,6 +228,7 @@ def test_the_rules_for_short_runs():
         ({"environments": 3}, "environments is 3; it must divide 200"),
         ({"env_steps": 100}, "env_steps is 100; learning needs 200 at least"),
         ({"near_goals": 1.0}, "near_goals is 1; it is a share, from 0 below 1"),
+        ({"turn_reward": -0.2}, r"turn_reward is -0\.2 m; it must be finite and 0 or above"),
         ({"noise_time": -1.0}, "noise_time is -1 s; it must be finite and 0 or above"),
         ({"env_steps": 300, "exploration": 300}, "exploration is 300; it must be 0 or more and below env_steps"),
     ],
@@ -251,8 +252,9 @@ def test_noise_may_stay_alike_for_a_while_and_is_as_strong(tmp_path):
         assert series.std() == pytest.approx(3**-0.5, abs=0.06)
     same = [np.corrcoef(series[:-1].ravel(), series[1:].ravel())[0, 1] for series in (fresh, alike)]
     assert same == pytest.approx([0.0, math.exp(-0.2)], abs=0.08)
-    with pytest.raises(ArgumentError, match=r"near_goals is 0\.2; task 'forward' has no goals of stages: leave it out"):
-        trained(tmp_path / "no", replace(SHORT, near_goals=0.2))
+    for name, task in (("near_goals", "forward"), ("turn_reward", "forward"), ("turn_reward", "paper-target")):
+        with pytest.raises(ArgumentError, match=rf"{name} is 0\.2, which isn't for task '{task}': leave it out"):
+            trained(tmp_path / "no", replace(SHORT, task=task, **{name: 0.2}))
 
 
 def test_the_curriculum_goes_on_when_a_stage_is_learned():

@@ -140,19 +140,19 @@ class ReachGoal:
     """Going to a goal in the plane.
 
     The reward of a step is 100 times the way [m] by which the goal has come nearer, minus 0.02 times the mean magnitude
-    of the actions, and 20 more when the goal is reached, which ends the episode. The way is the distance, and 0.2 m for
-    each radian from ahead to the goal: a slow turn pays off later than the discount looks ahead. The goal's direction
-    is seen from the robot, x backward and y to its side. So is the rate at which it changes: the velocity, reversed.
+    of the actions, and 20 more when the goal is reached: the episode's end. The way is the distance, and `turn` for a
+    radian from ahead to the goal: a slow turn pays off later than the discount looks ahead. The goal's direction is
+    seen from the robot, x backward and y to its side. So is the rate at which it changes: the velocity, reversed.
 
     Attributes:
         goals: Goals of the episodes [m]. Shape (N, 2).
         stage: Stage of the curriculum. A new one counts from the next episode on.
         near_share: Share of the episodes whose goal is one of an earlier stage, to be met as closely as the present
             stage asks for. They count as episodes of that earlier stage.
+        turn: Distance by which the goal counts as nearer after a turn of 1 rad toward it [m].
     """
 
     PROGRESS: ClassVar[float] = 100.0
-    TURN: ClassVar[float] = 0.2
     ACTION_COST: ClassVar[float] = 0.02
     BONUS: ClassVar[float] = 20.0
 
@@ -176,7 +176,7 @@ class ReachGoal:
         del robot
         if stage not in STAGES:
             raise ArgumentError(f"the curriculum has no stage {stage}; there are {', '.join(map(str, STAGES))}")
-        self._seconds, self.stage, self.near_share = seconds, stage, 0.0
+        self._seconds, self.stage, self.near_share, self.turn = seconds, stage, 0.0, 0.0
         self.goals, self.thresholds, self.before = np.zeros((count, 2)), np.zeros(count), np.zeros(count)
         self.episode_stages = np.zeros(count, int)
 
@@ -216,7 +216,7 @@ class ReachGoal:
         return np.hypot(*(self.goals - state.position).T)
 
     def _way(self, x: Any, y: Any) -> Any:
-        return np.hypot(x, y) + self.TURN * np.abs(np.arctan2(y, -x))
+        return np.hypot(x, y) + self.turn * np.abs(np.arctan2(y, -x))
 
 
 def _seen(vectors: Array, heading: Array) -> tuple[Array, Array]:

@@ -38,7 +38,7 @@ from swim2real.rl.learner import (
     write_checkpoint,
 )
 from swim2real.rl.rollout import EpisodeStatistics, run_episodes
-from swim2real.rl.tasks import Curriculum, ReachGoal
+from swim2real.rl.tasks import Curriculum, PaperReachGoal, ReachGoal
 from swim2real.rl.training_run import TrainingOutcome, TrainingSeconds
 from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
@@ -140,12 +140,15 @@ class Trainer:
         self.discount = task.discount if settings.discount is None else settings.discount
         self.learner = Learner(settings, RobotVecEnv(self.environments), self.discount, pool)
         self.actor = self.learner.actor
-        if settings.near_goals and not isinstance(task, ReachGoal):
-            raise ArgumentError(
-                f"near_goals is {settings.near_goals:g}; task '{settings.task}' has no goals of stages: leave it out"
-            )
-        if isinstance(task, ReachGoal):
-            task.near_share = settings.near_goals
+        goals = isinstance(task, ReachGoal)
+        turns = goals and not isinstance(task, PaperReachGoal)
+        for name, value, for_it in (
+            ("near_goals", settings.near_goals, goals), ("turn_reward", settings.turn_reward, turns)
+        ):  # fmt: skip
+            if value and not for_it:
+                raise ArgumentError(f"{name} is {value:g}, which isn't for task '{settings.task}': leave it out")
+        if goals:
+            task.near_share, task.turn = settings.near_goals, settings.turn_reward
         self.exploration = np.random.default_rng(np.random.SeedSequence([settings.seed, _EXPLORATION]))
         self.noise = self.exploration.standard_normal((settings.environments, len(self.environments.bodies.actuators)))
         self.memory = math.exp(-CONTROL_INTERVAL / settings.noise_time) if settings.noise_time else 0.0
