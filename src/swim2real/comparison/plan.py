@@ -39,6 +39,7 @@ PLAN, RUNS = "plan.json", "runs"
 PROBLEM = "problem.txt"  # in the run folder of a job that failed
 ABLATION = "no-line-search"
 NAMES: tuple[str, ...] = (*METHODS, ABLATION)
+_OWN = "each protocol's own"  # start, where none is asked for
 _LONGEST = 1000  # characters of a name; an advisor may be the path of a run
 _log = logging.getLogger(__name__)
 
@@ -232,7 +233,7 @@ class Plan:
             ("robot file", before.robot_fingerprint, self.robot_fingerprint),
             ("engine", _shown(before.engine), _shown(self.engine)),
             ("horizon", old.horizon, new.horizon),
-            ("start", *(one.start or "each protocol's own" for one in (old, new))),
+            ("start", old.start or _OWN, new.start or _OWN),
         ]
         if any(asks_a_vlm(method_variant(name).advisor) for name in (*old.methods, *new.methods)):
             fixed.append(("briefing", asdict(old.briefing), asdict(new.briefing)))
