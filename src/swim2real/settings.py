@@ -378,10 +378,9 @@ class TrainingSettings:
     def __post_init__(self) -> None:
         if not 0 <= self.near_goals < 1:
             raise ArgumentError(f"near_goals is {self.near_goals:g}; it is a share, from 0 below 1")
-        if not 0 <= self.turn_reward < math.inf:
-            raise ArgumentError(f"turn_reward is {self.turn_reward:g} m; it must be finite and 0 or above")
-        if not 0 <= self.noise_time < math.inf:
-            raise ArgumentError(f"noise_time is {self.noise_time:g} s; it must be finite and 0 or above")
+        for name, value, unit in (("turn_reward", self.turn_reward, "m"), ("noise_time", self.noise_time, "s")):
+            if not 0 <= value < math.inf:
+                raise ArgumentError(f"{name} is {value:g} {unit}; it must be finite and 0 or above")
         if self.env_steps < TRAIN_FREQ:
             raise ArgumentError(f"env_steps is {self.env_steps}; learning needs {TRAIN_FREQ} at least")
         if not 0 <= self.seed < 2**31:
