@@ -147,22 +147,24 @@ def training(threads: int, steps: int) -> Callable[[], None]:
 
 
 def updates(turns: int) -> None:
-    """An update as it is made, and as Stable-Baselines3 makes it on its own: in turns, with the ratio of the two."""
+    """An update as Stable-Baselines3 makes it on its own, as we do, and compiled: in turns, with their ratios."""
     learners: dict[str, Learner] = {}
-    for name in ("as Stable-Baselines3 has it", "fused optimizer", "no gradients of critics for the actor", "both"):
-        learner = Learner(
-            TrainingSettings("forward", 20_000), RobotVecEnv(make_environments("forward", None, COUNT)), 0.99
-        )
+    for name in ("as Stable-Baselines3 makes it", "ours", "ours, torch.compile"):
+        vector_env = RobotVecEnv(make_environments("forward", None, COUNT))
+        learner = Learner(TrainingSettings("forward", 20_000), vector_env, 0.99)
         sac, buffer, rng = learner._sac, learner._buffer, np.random.default_rng(0)
         for array in (buffer.observations, buffer.next_observations, buffer.actions, buffer.rewards):
             array[:] = 0.3 * rng.standard_normal(array.shape)
         buffer.full = True
-        if name not in ("both", "no gradients of critics for the actor"):
+        if not learners:
             sac.critic._forward_pre_hooks.clear()
-        if name not in ("both", "fused optimizer"):
             for optimizer in learner._optimizers().values():
                 for group in optimizer.param_groups:
                     group["foreach"], group["fused"] = True, False
+        if name.endswith("compile"):
+            for network in (sac.critic, sac.critic_target, sac.actor.latent_pi):
+                network.forward = torch.compile(network.forward)
+            sac.train(1, TrainingSettings.batch)
         learners[name] = learner
     torch.set_num_threads(1)
     seconds: dict[str, list[float]] = {name: [] for name in learners}

@@ -52,9 +52,10 @@ def main():
     parser.add_argument("--current", type=float, nargs=2, default=(0.0, 0.02), help="m/s, backward and to the side")
     parser.add_argument("--env-steps", type=int, default=5_000_000)
     parser.add_argument("--updates", type=int, help="after every 200 steps; by default about 25,000 in all")
+    parser.add_argument("--learning-rate", type=float, default=TrainingSettings.learning_rate)
+    parser.add_argument("--target-rate", type=float, default=TrainingSettings.target_rate)
     parser.add_argument("--near-goals", type=float, default=0.0, help="for target")
     parser.add_argument("--turn-reward", type=float, default=0.0, help="for target")
-    parser.add_argument("--environments", type=int, default=TrainingSettings.environments)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--episodes", type=int, default=50)
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
@@ -90,7 +91,7 @@ def trained(a, task, seed, simulator, folder, interruption):
     outcome = TrainingRun.open(folder).outcome if begun else None
     if outcome is None or not outcome.complete:
         settings = TrainingSettings(
-            task, a.env_steps, seed, updates=a.updates, environments=a.environments,
+            task, a.env_steps, seed, updates=a.updates, learning_rate=a.learning_rate, target_rate=a.target_rate,
             near_goals=0.0 if task == "forward" else a.near_goals,
             turn_reward=a.turn_reward if task == "target" else 0.0,
         )  # fmt: skip
@@ -104,10 +105,7 @@ def trained(a, task, seed, simulator, folder, interruption):
 
 def show(folder, now):
     if now.evaluation:
-        left = now.seconds_left / 60
-        print(
-            f"{folder}: {now.step:,} of {now.total:,} steps, {now.rate:.0f} a second, {left:.0f} min left", flush=True
-        )
+        print(f"{folder}: {now.step:,} of {now.total:,} steps, {now.seconds_left / 60:.0f} min left", flush=True)
 
 
 def assessed(a, task, name, folder, simulators, held_out):

@@ -343,8 +343,8 @@ def _report_outcome(outcome: TrainingOutcome, out: Path, json: bool, quiet: bool
 def _summary(outcome: TrainingOutcome, out: Path) -> str:
     last, evaluation = outcome.last_evaluation, ""
     if last:
-        evaluation = f"return {last['episode_return']:.1f}, distance {last['distance']:.3f} m, "
-        evaluation += f"success {100 * last['success']:.0f} %; " if last["goal_distance"] is not None else ""
+        success = "" if last["goal_distance"] is None else f", success {100 * last['success']:.0f} %"
+        evaluation = f"return {last['episode_return']:.1f}, distance {last['distance']:.3f} m{success}; "
     return (
         f"{out}: {outcome.step} steps, {outcome.gradient_steps} updates, {outcome.steps_per_second:.0f} steps/s "
         f"({100 * outcome.learner_share:.0f} % of the time learning, {100 * outcome.simulator_share:.0f} % "

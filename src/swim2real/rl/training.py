@@ -198,8 +198,7 @@ class Trainer:
         """Steps and learns to the end, or until `stop` returns true."""
         settings = self.settings
         self._counted = time.perf_counter()
-        last_report, mark = 0.0, (self._counted, self.step)
-        stopped = False
+        last_report, mark, stopped = 0.0, (self._counted, self.step), False
         while self.step < settings.total_steps and not stopped:
             evaluation = None
             self.round()
@@ -213,9 +212,11 @@ class Trainer:
                 self._wait()
             stopped = stop()
             if self.step % settings.checkpoint_steps == 0 or stopped or over:
+                paused = time.perf_counter()
                 if self._learns and not stopped:
                     evaluation = self._evaluate()
                 self._save()
+                mark = (mark[0] + time.perf_counter() - paused, mark[1])  # the rate is of training alone
             now = self._count_time()
             if evaluation or now - last_report > REPORT_EVERY or over:
                 progress = self._progress((self.step - mark[1]) / max(now - mark[0], 1e-9), evaluation)
@@ -332,8 +333,7 @@ class Trainer:
         def mean(key: str) -> float | None:
             return float(np.mean([line[key] for line in self.recent])) if self.recent else None
 
-        total = self.settings.total_steps
-        seconds = max(self.seconds.total, 1e-9)
+        total, seconds = self.settings.total_steps, max(self.seconds.total, 1e-9)
         return TrainingProgress(
             self.step, total, rate, self.episodes, mean("episode_return"), mean("distance"), mean("success"),
             self.curriculum.stage, self.seconds.learner / seconds, (total - self.step) * seconds / self.step,
