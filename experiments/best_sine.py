@@ -45,10 +45,10 @@ def main():
         for _ in range(a.evaluations):
             candidate = search.ask()
             episode = run_episodes(environments, followed(commands(candidate.point)[:, None], actuators), [0])[0]
-            figures = {"distance": episode.distance, "return": float(episode.rewards.sum())}
+            figures = {"distance": episode.distance, "return": episode.episode_return}
             search.tell(Evaluation(candidate, -figures[a.by]))
-            swims.append((figures[a.by], figures, candidate.point))
-        _, best, found = max(swims, key=lambda swim: swim[0])
+            swims.append((figures, candidate.point))
+        best, found = max(swims, key=lambda swim: swim[0][a.by])
         print(f"seed {seed}: {best['distance']:.3f} m, return {best['return']:.1f} at {HIGHEST * found[0]:.2f} Hz, "
               f"amplitudes and phases {found[1:].round(2)}")  # fmt: skip
     environments.close()
