@@ -81,7 +81,7 @@ def test_target_shows_the_goal_from_the_robot():
 @pytest.mark.parametrize(("task", "turn"), [("target", 0.0), ("target", 0.2), ("paper-target", 0.0)])
 def test_reaching_the_goal_ends_the_episode_with_the_bonus(task, turn):
     env = rl.make_env(task)
-    env.environments.task.turn = turn
+    env.environments.task.turn_reward = turn
     seen, _ = env.reset(seed=0, options={"goal": (-0.06, 0.0)})
     rewards, goals = [], [seen[18:20]]
     for _ in range(200):
@@ -118,7 +118,7 @@ def test_goals_fill_the_region_of_the_stage(number, kind):
 
 def test_near_goals_are_mixed_into_later_stages_and_count_as_earlier_ones():
     task, rng = ReachGoal(FISH, 400, stage=3), np.random.default_rng(0)
-    task.near_share = 0.4
+    task.near_goals = 0.4
     seconds = [task.begin(i, rng, {}) for i in range(400)]
     near = task.episode_stages < 3
     assert near.mean() == pytest.approx(0.4, abs=0.07)

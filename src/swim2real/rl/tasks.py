@@ -28,7 +28,7 @@ Flags = NDArray[np.bool_]
 
 ENTRY_POINTS = "swim2real.tasks"  # group of those by which a package offers tasks
 _NEEDED = ("observes", "adds", "needs_frame", "stages", "begin", "observe", "score")  # of a task's class
-_LATE = 10.0  # s of import after which it is told
+_LATE = 10.0  # s of import after which it is reported
 _log = logging.getLogger(__name__)
 SUCCESS_SHARE = 0.7  # of the last episodes, that ends a stage of the curriculum
 SUCCESS_WINDOW = 50  # episodes
@@ -140,16 +140,17 @@ class ReachGoal:
     """Going to a goal in the plane.
 
     The reward of a step is 100 times the way [m] by which the goal has come nearer, minus 0.02 times the mean magnitude
-    of the actions, and 20 more when the goal is reached: the episode's end. The way is the distance, and `turn` for a
-    radian from ahead to the goal: a slow turn pays off later than the discount looks ahead. The goal's direction is
+    of the actions, and 20 more when the goal is reached: the episode's end. The way is the distance, and `turn_reward`
+    per radian from ahead to the goal: a slow turn pays off later than the discount looks ahead. The goal's direction is
     seen from the robot, x backward and y to its side. So is the rate at which it changes: the velocity, reversed.
 
     Attributes:
         goals: Goals of the episodes [m]. Shape (N, 2).
         stage: Stage of the curriculum. A new one counts from the next episode on.
-        near_share: Share of the episodes whose goal is one of an earlier stage, to be met as closely as the present
+        takes: Settings of a training that are attributes of the task.
+        near_goals: Share of the episodes whose goal is one of an earlier stage, to be met as closely as the present
             stage asks for. They count as episodes of that earlier stage.
-        turn: Distance by which the goal counts as nearer after a turn of 1 rad toward it [m].
+        turn_reward: Distance by which the goal counts as nearer after a turn of 1 rad toward it [m].
     """
 
     PROGRESS: ClassVar[float] = 100.0
@@ -166,6 +167,7 @@ class ReachGoal:
     needs_frame: ClassVar[bool] = True
     stages: ClassVar[tuple[int, ...]] = tuple(STAGES)
     discount: ClassVar[float] = 0.995  # 4 s: a turn takes some beats
+    takes: ClassVar[tuple[str, ...]] = ("near_goals", "turn_reward")
 
     def __init__(self, robot: Robot, count: int, seconds: float | None = None, stage: int = 3) -> None:
         """Begins with a stage of the curriculum; without `seconds` episodes are as long as it says.
@@ -176,13 +178,13 @@ class ReachGoal:
         del robot
         if stage not in STAGES:
             raise ArgumentError(f"the curriculum has no stage {stage}; there are {', '.join(map(str, STAGES))}")
-        self._seconds, self.stage, self.near_share, self.turn = seconds, stage, 0.0, 0.0
+        self._seconds, self.stage, self.near_goals, self.turn_reward = seconds, stage, 0.0, 0.0
         self.goals, self.thresholds, self.before = np.zeros((count, 2)), np.zeros(count), np.zeros(count)
         self.episode_stages = np.zeros(count, int)
 
     def begin(self, index: int, rng: np.random.Generator, options: Mapping[str, Any]) -> float:
         stage, threshold = self.stage, STAGES[self.stage].threshold
-        if self.near_share and stage > 1 and rng.random() < self.near_share:
+        if self.near_goals and stage > 1 and rng.random() < self.near_goals:
             stage = int(rng.integers(1, stage))
         region = STAGES[stage]
         self.episode_stages[index], self.thresholds[index] = stage, threshold
@@ -216,7 +218,7 @@ class ReachGoal:
         return np.hypot(*(self.goals - state.position).T)
 
     def _way(self, x: Any, y: Any) -> Any:
-        return np.hypot(x, y) + self.turn * np.abs(np.arctan2(y, -x))
+        return np.hypot(x, y) + self.turn_reward * np.abs(np.arctan2(y, -x))
 
 
 def _seen(vectors: Array, heading: Array) -> tuple[Array, Array]:
@@ -232,6 +234,7 @@ class PaperReachGoal(ReachGoal):
     """
 
     discount: ClassVar[float] = 0.99
+    takes: ClassVar[tuple[str, ...]] = ("near_goals",)
 
     def score(self, state: RobotState, actions: Array) -> tuple[Array, Flags]:
         distances = self._distances(state)

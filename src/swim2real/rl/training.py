@@ -38,7 +38,7 @@ from swim2real.rl.learner import (
     write_checkpoint,
 )
 from swim2real.rl.rollout import EpisodeStatistics, run_episodes
-from swim2real.rl.tasks import Curriculum, PaperReachGoal, ReachGoal
+from swim2real.rl.tasks import Curriculum
 from swim2real.rl.training_run import TrainingOutcome, TrainingSeconds
 from swim2real.robots.robot import Robot
 from swim2real.robots.schema import hook_file
@@ -140,15 +140,12 @@ class Trainer:
         self.discount = task.discount if settings.discount is None else settings.discount
         self.learner = Learner(settings, RobotVecEnv(self.environments), self.discount, pool)
         self.actor = self.learner.actor
-        goals = isinstance(task, ReachGoal)
-        turns = goals and not isinstance(task, PaperReachGoal)
-        for name, value, for_it in (
-            ("near_goals", settings.near_goals, goals), ("turn_reward", settings.turn_reward, turns)
-        ):  # fmt: skip
-            if value and not for_it:
+        for name in ("near_goals", "turn_reward"):
+            value = getattr(settings, name)
+            if name in getattr(task, "takes", ()):
+                setattr(task, name, value)
+            elif value:
                 raise ArgumentError(f"{name} is {value:g}, which isn't for task '{settings.task}': leave it out")
-        if goals:
-            task.near_share, task.turn = settings.near_goals, settings.turn_reward
         self.exploration = np.random.default_rng(np.random.SeedSequence([settings.seed, _EXPLORATION]))
         self.noise = self.exploration.standard_normal((settings.environments, len(self.environments.bodies.actuators)))
         self.memory = math.exp(-CONTROL_INTERVAL / settings.noise_time) if settings.noise_time else 0.0
