@@ -1,4 +1,4 @@
-"""Environment steps a second: physics alone, environments, training; and a plain environment that loops `mj_step`.
+"""Environment steps per second: physics alone, environments, training; and a plain environment that loops `mj_step`.
 
 The plain one has the same model, actions, observations and rewards, and is checked to give the same numbers. All are
 measured in turns in one process, so that other work disturbs their ratios least. Run with the package installed:
@@ -211,7 +211,7 @@ def main() -> None:
         limit = seconds[f"physics alone, {name.partition(', ')[2]}"] if "thread" in name else None
         share = "" if limit is None else statistics.median(a / b for a, b in zip(limit, each, strict=True))
         of = f", {100 * share:.0f} % of the physics limit" if share else ""
-        print(f"{name}: {1 / statistics.median(each):,.0f} environment steps a second{of}")
+        print(f"{name}: {1 / statistics.median(each):,.0f} environment steps per second{of}")
     ratio = statistics.median(a / b for a, b in zip(seconds["plain, loops mj_step"], seconds["environments, 1 thread"],
                                                      strict=True))  # fmt: skip
     print(f"environments on 1 thread are {ratio:.1f} times as fast as the plain one")

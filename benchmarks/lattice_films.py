@@ -204,7 +204,7 @@ def summary(name: str, results: list[Result], refused: int) -> None:
     print(f"- in plain sight and lost for {slowest.longest:.2f} s at most, in '{slowest.film.name}'; for more "
           f"than 0.5 s in {sum(r.longest > 0.5 for r in results)} films")  # fmt: skip
     track, decode = (np.mean([r.milliseconds[k] for r in results]) for k in (0, 1))
-    print(f"- {track:.1f} ms a frame to track, {decode:.1f} ms to decode", flush=True)
+    print(f"- {track:.1f} ms per frame to track, {decode:.1f} ms to decode", flush=True)
 
 
 def _band(result: Result, low: float, high: float) -> NDArray[np.bool_]:

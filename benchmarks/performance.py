@@ -73,7 +73,7 @@ def steps_per_second(repeats: int, count: int = 2000) -> None:
     )
     for name, spent in times.items():
         median = statistics.median(spent)
-        row(f"{name}, one core", f"{count / median:,.0f} steps/s, {1e6 * median / count:.1f} µs a step")
+        row(f"{name}, one core", f"{count / median:,.0f} steps/s, {1e6 * median / count:.1f} µs per step")
     row("**ratio**", f"**{ratio(times, 'mj_step', 'fast'):.1f}**")
 
 

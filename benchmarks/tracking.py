@@ -202,7 +202,7 @@ def _totals(every: list[Result]) -> None:
 
 
 def _speed(every: list[Result]) -> None:
-    """What 4K at 60 frames a second costs."""
+    """What 4K at 60 frames per second costs."""
     count = sum(len(r.found) - WARM_UP for r in every)
     if count:
         tracking, decoding = (

@@ -3,8 +3,8 @@
     python experiments/recordings.py --out runs/recordings --budget 60
 
 Robots: finger, snake and arm of the examples, a double pendulum that swings down, and a frame of two floors that rings
-down at 6 Hz, filmed at 20 frames a second (both with noise of 0.3 mm). Each hidden set is off the model's by what
-drawings are off. Prints a row a run: the loss, the parameter that is farthest off, and how far those that the trials
+down at 6 Hz, filmed at 20 frames per second (both with noise of 0.3 mm). Each hidden set is off the model's by what
+drawings are off. Prints a row per run: the loss, the parameter that is farthest off, and how far those that the trials
 don't tell have gone from the model's values.
 """
 

@@ -5,7 +5,7 @@
 
 The files come with the packages gymnasium and dm_control. Each model gets markers (sites) and four parameters with wide
 bounds, whose hidden values are off the model's by factors of 0.65 to 5, and is recorded from rest under two sinusoidal
-commands, with noise. Prints the loss of the hidden values and of the model's own, then a row a seed: the lowest loss
+commands, with noise. Prints the loss of the hidden values and of the model's own, then a row per seed: the lowest loss
 after the budget, and how far each parameter is from its hidden value.
 """
 

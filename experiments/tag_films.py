@@ -114,7 +114,7 @@ def main():
                         off = np.linalg.norm(places - truth[t], axis=1)
                         for m in range(TAGS):
                             found[int(np.searchsorted(EDGES, blurs[t, m], side="right"))].append((sure[m] > 0, off[m]))
-        print(f"{family}, side {side} px, {1e3 * seconds / max(frames, 1):.1f} ms a frame")
+        print(f"{family}, side {side} px, {1e3 * seconds / max(frames, 1):.1f} ms per frame")
         for place in sorted(found):
             seen = np.array([good for good, _ in found[place]])
             off = np.array([far for good, far in found[place] if good])

@@ -41,7 +41,7 @@ class World:
     """Gives evidence of candidates.
 
     Attributes:
-        frequencies: One a trial [Hz].
+        frequencies: One per trial [Hz].
         sign: -1 for a fish that swims tail first wherever it is simulated.
         lost: Trial number and marker of each marker that was never seen.
         space: In which candidates are given.

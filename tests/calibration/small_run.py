@@ -34,7 +34,7 @@ ROBOT = replace(
 
 
 def make_reference(folder: Path) -> TrialSet:
-    """Films the hidden fish at 60 frames a second and saves the tracks."""
+    """Films the hidden fish at 60 frames per second and saves the tracks."""
     simulator = Simulator(ROBOT, threads=2, sample_interval=1 / 60)
     swims = [Swim(name, Actuation(f, 1.0 + f, 0.1), 2.0) for name, f in FREQUENCIES.items()]
     rng = np.random.default_rng(0)

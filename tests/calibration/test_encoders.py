@@ -47,7 +47,7 @@ ROBOT = replace(
 
 @pytest.fixture(scope="module")
 def reference():
-    """Two recordings that begin in motion, read 100 times a second with the steps of an encoder."""
+    """Two recordings that begin in motion, read 100 times per second with the steps of an encoder."""
     blanks = [blank(ROBOT, name, 2.5, 100.0, controls=torque_table(3.0, seed)) for seed, name in enumerate("ab")]
     cut = []
     for trial in recorded(ROBOT, PENDULUM_HIDDEN, blanks):

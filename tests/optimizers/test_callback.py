@@ -16,7 +16,7 @@ def residual_of(point: np.ndarray) -> np.ndarray:
 
 
 def trf(first, residuals) -> None:
-    """SciPy's solver, one point a call."""
+    """SciPy's solver, one point per call."""
     least_squares(lambda x: residuals(x[None])[0], first, bounds=(0, 1), jac="2-point", max_nfev=20)
 
 

@@ -250,7 +250,7 @@ GAP = MarkerTrack([0, 1], [[[0, 0]], [[np.nan, 0]]])
         (swim(), HEIGHTS, {}, {"body_half_width": -1}, "body_half_width is -1 m; it must be 0, for no body, or more"),
         (swim(), HEIGHTS, {"glares": (Glare(over=(3,)),)}, {}, "a glare lies over markers (3,); there are markers 0"),
         (swim(), HEIGHTS, {}, {"links": [(0, 3)]}, "a link joins markers (0, 3); there are markers 0 to 2"),
-        (swim(seconds=0.02), HEIGHTS, {}, {}, "leaves 1 frame at 30 frames a second; at least 2 are needed"),
+        (swim(seconds=0.02), HEIGHTS, {}, {}, "leaves 1 frame at 30 frames per second; at least 2 are needed"),
         (swim(), HEIGHTS, {}, {"occluder": Occluder(((0, 0), (1, 1)), height=3)}, "the occluder is 3 m high"),
     ],
 )

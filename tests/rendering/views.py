@@ -32,7 +32,7 @@ def arm(
     name: str = "a", seconds: float = 3.0, start: float = 2.0, lost: tuple[int, ...] = (), diverged: bool = False,
     travels: bool = False,
 ) -> TrialView:  # fmt: skip
-    """An arm that swings about its base and a lamp above it that doesn't, 30 times a second."""
+    """An arm that swings about its base and a lamp above it that doesn't, 30 times per second."""
     times = start + np.arange(round(30 * seconds) + 1) / 30
 
     def places(swing: float) -> np.ndarray:
@@ -51,7 +51,7 @@ def arm(
 def swim(
     name: str = "f2_00", seconds: float = 2.0, lost: tuple[int, ...] = (), diverged: bool = False, beat: float = BEAT
 ) -> TrialView:
-    """A body of five markers whose tail beats, 60 times a second."""
+    """A body of five markers whose tail beats, 60 times per second."""
     times = np.arange(round(60 * seconds) + 1) / 60
 
     def body(swing: float, lag: float) -> np.ndarray:

@@ -183,7 +183,7 @@ def rollout_page(folder: Path) -> Path:
         robot = property(lambda self: robot)  # a robot file can't say this
 
     place = training_folder(folder)
-    (place / "rollout.mp4").write_bytes(b"</video><script>" + OWN.encode())
+    (shot := place / "rollout.mp4").write_bytes(b"</video><script>" + OWN.encode())
     steps = np.zeros((5, 2))
     episode = Episode(
         1, 50.0, steps, steps, np.ones(5), np.zeros((6, 2)), np.zeros((5, 3, 2)), np.zeros(5), None, None, 0.1, True,
@@ -191,7 +191,7 @@ def rollout_page(folder: Path) -> Path:
     )  # fmt: skip
     statistics = EpisodeStatistics.of([episode])
     assessment = Assessment(ATTACK, "best", [episode], statistics, {}, {"open": LoopResult(statistics, 0, 0, [])})
-    return write_training_page(Run.open(place), place, assessment)
+    return write_training_page(Run.open(place), place, assessment, shot)
 
 
 def pick_page(folder: Path) -> Path:

@@ -55,7 +55,7 @@ def ringing():
 
 
 def test_a_slow_camera_shows_how_a_fast_motion_starts(ringing):
-    """Of 6 Hz at 20 frames a second, lines through the first frames tell nothing; the fit is as good as the noise."""
+    """Of 6 Hz at 20 frames per second, lines through the first frames tell nothing; the fit is as good as the noise."""
     floor = NOISE * np.sqrt(np.pi / 2)
     assert loss(RINGING, ringing, RINGING_HIDDEN) < 1.1 * floor
     assert loss(telling(RINGING, start="markers"), ringing, RINGING_HIDDEN) > 2 * floor

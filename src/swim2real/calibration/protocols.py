@@ -56,14 +56,12 @@ class PreparedTrial:
         target: Its side of the comparison.
         request: What is asked of the simulator.
         examination: What was found in the trial, ready for JSON: quality (`usable`, `findings`, …) and what drove it.
-        start_is_seen: Whether a playback starts as the first frames, or joint sensors, show.
     """
 
     trial: Trial
     target: Target
     request: Any
     examination: Mapping[str, Any]
-    start_is_seen: bool = False
 
 
 class Protocol(ABC, Generic[Model]):
@@ -308,8 +306,7 @@ class Playback(Protocol[PlaybackSimulator]):
         request = simulator.request(cut, weights, self.pieces, start)
         if request.first is not None and request.stretch is None:
             summary["findings"] += too_fast(cut, weights)
-        seen = bool(request.pieces) or request.first is not None or request.stretch is not None
-        return PreparedTrial(trial, target, request, summary, seen)
+        return PreparedTrial(trial, target, request, summary)
 
 
 def _between(frequencies: Mapping[str, float]) -> dict[str, float]:

@@ -18,23 +18,23 @@ _WATER = 100.0  # kg/m³, less dense than which is no liquid
 def afloat(robot: Robot) -> list[str]:
     """A sentence for each thing that gravity does to a robot in water, left alone, that a floating one doesn't do.
 
-    Its own values are tried, and each parameter at both bounds. Without gravity there is nothing to tell.
+    Its own values are tried, and each parameter at both bounds. Without gravity there is nothing to report.
     """
     model, published = robot.model, robot.space.published
     if model.opt.density < _WATER or not np.any(model.opt.gravity):
         return []
-    told = list(_told(robot, model, ""))
-    for p in () if told else robot.space:
+    found = list(_faults(robot, model, ""))
+    for p in () if found else robot.space:
         for value in (p.lower, p.upper):
             try:
                 bound = robot.build({**published, p.name: value}).compile()
-            except ValueError:  # of which `probe` tells
+            except ValueError:  # `probe` reports it
                 continue
-            told += _told(robot, bound, f" with {p.name} = {value:g}")
-    return told
+            found += _faults(robot, bound, f" with {p.name} = {value:g}")
+    return found
 
 
-def _told(robot: Robot, model: mujoco.MjModel, given: str) -> Iterator[str]:
+def _faults(robot: Robot, model: mujoco.MjModel, given: str) -> Iterator[str]:
     roots = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
     for body in roots:
         joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])

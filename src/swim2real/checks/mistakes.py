@@ -2,7 +2,7 @@
 
 A mistake is known by what undoes it. A trial is doubted where the robot, with its own values, misses it: no pose has
 its markers, its playback is as far off as a robot that stands still, or a sensor reads what no pose has. It is named
-after the one change with which that is no longer so; where no change helps, only poses are told of.
+after the one change with which that is no longer so; where no change helps, only poses are reported.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 Array = NDArray[np.float64]
 
 _FRAMES, _MANY_FRAMES = 5, 25  # of a trial in which poses are looked for, of a sensor's
-_NO_POSE, _NEITHER = 0.04, 0.1  # of the robot's size: root mean square beside any pose that is doubted, and told of
+_NO_POSE, _NEITHER = 0.04, 0.1  # of the robot's size: root mean square beside any pose that is doubted, and reported
 _UNDONE = 0.55  # of the misfit, below which a change has undone the mistake
 _MOST_SWAPS = 66  # pairs of markers that are tried
 _SCALES = [1.12**k for k in range(-14, 15) if k]
@@ -42,9 +42,9 @@ _TINY = 1e-9  # m
 _MOST_OFF = 100.0  # of that, too
 _OTHERWISE = 1.5  # of the least error, below which something else explains a trial as well
 _RATES = {
-    6 / 5: "50 for 60 frames a second", 5 / 6: "60 for 50 frames a second", 5 / 4: "24 for 30 frames a second",
-    4 / 5: "30 for 24 frames a second", 2.0: "half of the frames a second", 0.5: "twice the frames a second",
-    4.0: "a quarter of the frames a second", 0.25: "four times the frames a second",
+    6 / 5: "50 for 60 frames per second", 5 / 6: "60 for 50 frames per second", 5 / 4: "24 for 30 frames per second",
+    4 / 5: "30 for 24 frames per second", 2.0: "half of the frames per second", 0.5: "twice the frames per second",
+    4.0: "a quarter of the frames per second", 0.25: "four times the frames per second",
 }  # fmt: skip
 _ALIKE, _UNLIKE = 0.35, 0.9  # of a sensor's spread: errors of readings that fit, and of those that don't
 _TURNS = {"degrees in place of radians": np.pi / 180, "thousandths (mm)": 1e-3, "turns in place of radians": 2 * np.pi}
@@ -330,7 +330,7 @@ def playback_errors(robot: Robot, player: PlaybackSimulator, trial: Trial) -> tu
     target = playback_target(trial, np.ones(track.confidence.shape), about.frame, about.score_progress, scales)
     try:
         played = player.simulate(robot.space.published, [player.request(trial)])[trial.name]
-    except TrialError:  # of which `misfits` tells
+    except TrialError:  # `misfits` reports it
         return np.nan, np.nan
     seen = np.isfinite(track.positions).all(axis=2).argmax(axis=0)  # the first frame of each marker
     first = np.repeat(track.positions[seen, np.arange(track.marker_count)][None], track.frame_count, axis=0)
@@ -390,7 +390,7 @@ def _read(robot: Robot, trial: Trial, names: Sequence[str]) -> tuple[Array, Arra
         try:
             player = PlaybackSimulator(robot)
             played = player.simulate(robot.space.published, [player.request(trial)])[trial.name]
-        except Swim2RealError:  # of which `misfits` tells
+        except Swim2RealError:  # `misfits` reports it
             return none, none
         if played.divergence or played.sensors is None:
             return none, none

@@ -1,6 +1,6 @@
 """Whether recordings begin at rest, in a pose that the model has, or in motion.
 
-A parabola through the first frames tells where each marker begins and how fast; what is commanded at once shows in its
+A parabola through the first frames shows where each marker begins and how fast; what is commanded at once shows in its
 acceleration. Stretches of several lengths are taken: a short one of what moves at once, a long one of what stays.
 """
 
@@ -75,7 +75,7 @@ def poses_of_rest(robot: Robot, reference: TrialSet) -> dict[str, dict[str, Begi
         try:
             begun = [trial.cut(_LONG) for trial in trials]
             made = simulator.simulate(robot.space.published, [simulator.request(trial) for trial in begun])
-        except Swim2RealError:  # of which `misfits` tells
+        except Swim2RealError:  # `misfits` reports it
             continue
         pairs = zip(trials, made, strict=True)
         found[pose] = {
@@ -153,14 +153,14 @@ def other_start(robot: Robot, reference: TrialSet) -> str | None:
     if not better:
         return None
     rest, fitted = (1e3 * float(np.mean([getattr(one, start) for one in better.values()])) for start in (REST, FITTED))
-    told = f" (with the model's own values they are {rest:.2g} mm off from rest, {fitted:.2g} mm from a fitted start)"
+    beside = f" (with the model's own values they are {rest:.2g} mm off from rest, {fitted:.2g} mm from a fitted start)"
     if about.start not in (FITTED, MARKERS):
         named = found.get(about.start, {})
-        off = [name for name, one in named.items() if not one.rests and not one.moves]  # of others `in_motion` tells
+        off = [name for name, one in named.items() if not one.rests and not one.moves]  # `in_motion` reports the others
         if not off:
             return None
         where = f'{1e3 * named[off[0]].off:.1f} mm from the pose of start = "{about.start}"'
-        return f"trial '{off[0]}' begins {where}: say start = \"fitted\" in the robot file" + told * (fitted < rest)
+        return f"trial '{off[0]}' begins {where}: say start = \"fitted\" in the robot file" + beside * (fitted < rest)
     for pose, begun in found.items():
         if len(begun) < len(better) or not all(one.rests for one in begun.values()):
             continue
@@ -171,13 +171,13 @@ def other_start(robot: Robot, reference: TrialSet) -> str | None:
         count = "The recording begins" if len(begun) == 1 else f"All {len(begun)} recordings begin"
         return (
             f'{count} at rest in {where}, within {off:.1f} mm: start = "{pose}" in the robot file says so, and '
-            f'leaves less to be found than "{about.start}"' + told * (pose == REST)
+            f'leaves less to be found than "{about.start}"' + beside * (pose == REST)
         )
     return None
 
 
 def _beginning(robot: Robot, about: Trials, real: Trial, simulated: Trial) -> Beginning | None:
-    """How a recording begins beside one that was simulated from a pose; None where nothing tells it."""
+    """How a recording begins beside one that was simulated from a pose; None where nothing shows it."""
     if robot.marker_names:
         names, times = robot.marker_names, real.track.times
         places = np.where(real.track.confidence[:, :, None] > 0, real.track.positions, np.nan)

@@ -239,25 +239,24 @@ def rollout(
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "rollout.json", content)
     save_episodes(folder / "episodes.npz", assessment.episodes)
-    if film:
+    filmed = folder / "rollout.mp4" if film else None
+    if filmed:
         sets = run.settings.parameters if values is None else values
-        swims = [
-            run_policy(other, [TEST_SEED], body, sets, disturbances, which=which, stage=stage)[0] for other in others
-        ]
+        swims = [assessment.episodes[0]]
+        for other in others:
+            swims += run_policy(other, [TEST_SEED], body, sets, disturbances, which=which, stage=stage)
         titles = ["/".join(one.folder.resolve().parts[-2:]) for one in (run, *others)] if others else [""]
-        scenes = [
-            Scene(title, swim, body) for title, swim in zip(titles, [assessment.episodes[0], *swims], strict=True)
-        ]
+        scenes = [Scene(title, swim, body) for title, swim in zip(titles, swims, strict=True)]
         threshold = STAGES[stage or stages[-1]].threshold if issubclass(task, ReachGoal) else None
-        write_film(folder / "rollout.mp4", scenes, width=1280 if others else 720, threshold=threshold)
-    page = write_training_page(run, folder, assessment)
+        write_film(filmed, scenes, width=1280 if others else 720, threshold=threshold)
+    page = write_training_page(run, folder, assessment, filmed)
     if json:
         say_json(content)
     else:
         _print(assessment)
         if body.name != run.settings.robot:
             say(f"Trained in a simulator of robot '{run.settings.robot}', assessed in one of '{body.name}'")
-        say(f"Written: {page}, rollout.json, episodes.npz")
+        say(f"Written: {page}, rollout.json, episodes.npz{', rollout.mp4' if film else ''}")
     return 0
 
 

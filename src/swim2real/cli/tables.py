@@ -156,7 +156,7 @@ def parameters(rows: Sequence[ParameterRow], ranges: Mapping[str, Sequence[float
     """Prints the values that a run has found beside the model's, and how well the trials tell them.
 
     Args:
-        rows: One a parameter.
+        rows: One per parameter.
         ranges: Values within which the error rises by less than a tenth, by name, where they are known.
     """
     cells: list[tuple[str, ...]] = []

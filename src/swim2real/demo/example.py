@@ -26,7 +26,7 @@ _HIDDEN_SEED = 2026
 SECONDS = 4.0
 CAMERA = PoolCamera(width=1280, height=720, view=2.4, camera_height=3.5, glints=3.0)
 _GLARE = Glare(1.0, 1.15, over=(4, 5))  # in the last film
-# a fish that swims: the hidden parameters are drawn around these points of the cube, one a parameter group
+# a fish that swims: the hidden parameters are drawn around these points of the cube, one per parameter group
 _CENTER, _SPREAD = np.repeat([0.55, 0.6, 0.5, 0.85, 0.5, 0.55, 0.55, 0.3], [1, 1, 1, 1, 1, 1, 5, 5]), 0.12
 
 

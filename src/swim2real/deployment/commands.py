@@ -205,7 +205,7 @@ def split_column(column: str) -> tuple[str, str]:
 
 
 def read_table(path: str | Path) -> CommandTable:
-    """Reads a CSV file with `time_s` and a column an actuator in its header, and 50 rows a second from 0 s on.
+    """Reads a CSV file with `time_s` and a column per actuator in its header, and 50 rows per second from 0 s on.
 
     Raises:
         ArgumentError: The file can't be read or a cell in it is wrong; the message names line and column.

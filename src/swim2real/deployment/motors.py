@@ -362,7 +362,7 @@ class Motors:
         """Prepares all motors, then switches the torque of all on; those that follow angles hold where they are.
 
         Args:
-            table: Commands, a column a motor, which begin and end with speeds 0.
+            table: Commands, a column per motor, which begin and end with speeds 0.
             approach: Speed from where the motors are to the first row [rad/s].
 
         Returns:

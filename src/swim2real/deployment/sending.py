@@ -59,8 +59,8 @@ def send(
 
     Args:
         motors: Motors that turn.
-        table: Commands, a column a motor.
-        log: File that gets a line a row, as `log_header` says.
+        table: Commands, a column per motor.
+        log: File that gets a line per row, as `log_header` says.
         stop: Called before every row; sending ends when it returns true.
 
     Raises:

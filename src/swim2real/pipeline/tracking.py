@@ -61,7 +61,7 @@ class TrackingReport(BaseModel):
         video: Name of the video file.
         width: Width of the upright picture [px].
         height: Height of the upright picture [px].
-        fps: Mean number of frames a second.
+        fps: Mean number of frames per second.
         codec: Name of the video's codec.
         rotation: Angle by which the stored pictures are turned clockwise [degrees].
         frames: Number of frames.

@@ -16,7 +16,7 @@ from swim2real.video import Frame, VideoReader, VideoWriter
 
 LEAST_WIDTH = 64  # px
 ROUNDING = 1e-6  # s
-CRF = 32  # thin lines and text stay clear, and 4 s at 10 frames a second take some 80 kB
+CRF = 32  # thin lines and text stay clear, and 4 s at 10 frames per second take some 80 kB
 
 
 def film_frames(video: str | Path, times: Iterable[float], width: int) -> Iterator[tuple[float, Bytes]]:
@@ -129,7 +129,7 @@ def clip_times(duration: float, fps: float) -> NDArray[np.float64]:
 
 def _check_fps(fps: float) -> None:
     if not (math.isfinite(fps) and fps > 0):
-        raise ArgumentError(f"fps is {fps}; it must be finite and above 0 frames a second")
+        raise ArgumentError(f"fps is {fps}; it must be finite and above 0 frames per second")
 
 
 def _rising(times: Iterable[float]) -> Iterator[float]:

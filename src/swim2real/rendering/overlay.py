@@ -32,7 +32,7 @@ _TAIL = 2  # of the last markers have trails
 TRAIL_TIME = 0.5  # s
 _EDGE = 0.8  # px
 _EARLY = 0.1  # of the time between two drawn frames, by which the next one may come early
-_RATE = 30.0  # frames a second that are drawn at most while all markers are seen
+_RATE = 30.0  # frames per second that are drawn at most while all markers are seen
 _FOLLOW_TIME = 0.15  # s in which it follows the fish: it must not shake with every beat
 _MOST_ZOOM, _LEAST_ZOOM = 3.0, 1.3  # with less it would show nothing new
 _SHARE = (0.56, 0.45)  # of the picture's width and height, which it takes at most
@@ -63,7 +63,7 @@ class TrackOverlay(_Overlay):
     one that is lost a broken ring with a cross, where it was last. A line joins neighbors that have a position, and the
     last two markers draw their last half second. An enlarged view of the fish, with labels, stands in a corner where it
     hides nothing of the track. The strip below the film says the frame, its time, and how each marker is. Of a faster
-    film 30 frames a second are drawn, and every frame in which a marker is lost.
+    film 30 frames per second are drawn, and every frame in which a marker is lost.
 
     Attributes:
         width: Width of the film in the overlay [px]: `Frame.scaled(overlay.width)` fits without being scaled again.

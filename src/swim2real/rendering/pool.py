@@ -346,7 +346,7 @@ def _check(track: MarkerTrack, heights: object, camera: PoolCamera, body_half_wi
     levels = np.array(heights, dtype=float)
     count = track.marker_count
     if levels.shape != (count,) or not np.all(np.isfinite(levels)):
-        raise ArgumentError(f"heights have shape {levels.shape}; give {count} finite numbers in m, one a marker")
+        raise ArgumentError(f"heights have shape {levels.shape}; give {count} finite numbers in m, one per marker")
     if levels.max() >= camera.camera_height:
         raise ArgumentError(
             f"a marker is {levels.max():g} m high and the camera {camera.camera_height:g} m; raise camera_height"
@@ -389,8 +389,8 @@ def _frame_times(track: MarkerTrack, camera: PoolCamera, rng: np.random.Generato
     times = np.minimum(times[kept], track.duration)
     if times.size < 2:
         raise ArgumentError(
-            f"the swim lasts {track.duration:g} s, which leaves {times.size} frame at {camera.fps:g} frames a second; "
-            "at least 2 are needed"
+            f"the swim lasts {track.duration:g} s, which leaves {times.size} frame at {camera.fps:g} frames "
+            "per second; at least 2 are needed"
         )
     return times
 

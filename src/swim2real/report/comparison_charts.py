@@ -71,7 +71,7 @@ def convergence(methods: Sequence[MethodStatistics], styles: Styles, width: floa
 
 
 def strip(methods: Sequence[MethodStatistics], styles: Styles, width: float = COLUMN) -> Figure:
-    """One row a method, the best first: a dot a seed, a bar at the mean, mean ± standard deviation at the side."""
+    """One row per method, the best first: a dot per seed, a bar at the mean, mean ± standard deviation at the side."""
     ordered = sorted(methods, key=lambda stats: stats.mean("final"))
     figure = new_figure(width, 0.75 + 0.24 * len(ordered))
     axes: Any = figure.subplots()

@@ -284,7 +284,7 @@ class CallSection:
     Attributes:
         sums: Each an amount and what it is of.
         warnings: In sentences.
-        rows: A row a call.
+        rows: A row per call.
     """
 
     sums: Texts

@@ -63,7 +63,7 @@ class ParameterRow:
 
 
 def parameter_rows(run: ReportedRun) -> tuple[ParameterRow, ...]:
-    """One row a parameter, in the order of the space."""
+    """One row per parameter, in the order of the space."""
     effects = {effect.name: effect for effect in run.of_best.sensitivity or ()}
     published = run.space.to_cube({p.name: min(max(p.published, p.lower), p.upper) for p in run.space})
     positions = run.space.to_cube(run.best.values)
@@ -82,7 +82,7 @@ class TrialTable:
 
 
 def trial_table(run: ReportedRun) -> TrialTable:
-    """One row a trial; columns of what trials have."""
+    """One row per trial; columns of what trials have."""
 
     def of(name: str, figure: Figure) -> Callable[[ReportedTrial], str]:
         simulated = name not in UNSIMULATED

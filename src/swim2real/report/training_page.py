@@ -54,14 +54,17 @@ class TrainingPage(PageContext):
     film: str | None
 
 
-def write_training_page(run: TrainingRun, out: str | Path, assessment: Assessment | None = None) -> Path:
+def write_training_page(
+    run: TrainingRun, out: str | Path, assessment: Assessment | None = None, film: Path | None = None
+) -> Path:
     """Writes the page.
 
     Args:
         run: The training.
-        out: Folder to write; a film `rollout.mp4` in it comes into the page.
+        out: Folder to write.
         assessment: Assessment of the policy; None while it learns: then the page has the learning curves, and loads
             itself again every minute until the run has ended.
+        film: Film of the assessment, which the page then holds.
 
     Returns:
         Where the page is.
@@ -69,8 +72,7 @@ def write_training_page(run: TrainingRun, out: str | Path, assessment: Assessmen
     Raises:
         RunError: The run is damaged, or the page can't be written.
     """
-    film = Path(out) / "rollout.mp4"
-    shown = base64.b64encode(film.read_bytes()).decode() if assessment and film.is_file() else None
+    shown = None if film is None else base64.b64encode(film.read_bytes()).decode()
     return write_page(Path(out) / PAGE, _context(run, shown, assessment), "training.html.j2", "report.js")
 
 
@@ -151,13 +153,15 @@ def _learning_curve(run: TrainingRun, key: str, title: str, factor: float, basel
         steps, label = while_learning[window - 1 :, 0], f"while learning, mean of {window} episodes"
         axes.plot(steps[places], mean[places], color=LIGHT["faint"], label=label)
     if len(shown):
-        look = {"color": LIGHT["simulated"], "linewidth": 1.5, "label": "evaluated, without exploration"}
-        axes.plot(*shown.T, "-o", **look)
+        axes.plot(*shown.T, "-o", color=LIGHT["simulated"], linewidth=1.5, label="evaluated, without exploration")
     if baseline is not None:
-        last = max(*while_learning[:, 0], *shown[:, 0], 1.0, 1.0)
-        axes.plot([0, last], [factor * baseline] * 2, "--", color=LIGHT["real"], label="best open-loop wave")
+        axes.axhline(factor * baseline, linestyle="--", color=LIGHT["real"], label="best open-loop wave")
     if run.settings.exploration:
         axes.axvspan(0, run.settings.exploration, color=LIGHT["grid"], alpha=0.5, linewidth=0, zorder=0)
+    stages = {one["stage"]: one["step"] for one in reversed(run.evaluations) if one.get("stage") is not None}
+    for stage, step in stages.items():
+        axes.axvline(step, color=LIGHT["faint"], linewidth=0.8, zorder=0)
+        axes.annotate(f"\u00a0stage {stage}", (step, 1.0), xycoords=("data", "axes fraction"), va="top", size="small")
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     legend_over(axes)
     return figure
@@ -183,7 +187,7 @@ def _paths_from_above(episodes: Sequence[Episode]) -> Figure:
 
 
 def _motor_commands(episode: Episode, actuators: Actuators) -> Figure:
-    """Commands of an episode over time, a line an actuator."""
+    """Commands of an episode over time, a line per actuator."""
     units = ", ".join(dict.fromkeys(actuators.units))
     figure, axes = new_chart(WIDE, 2.4, "time (s)", chart_name(f"command ({units})"), legend_rows=1)
     times = np.arange(len(episode.commands)) / episode.rate

@@ -30,7 +30,7 @@ def followed(commands: Array, actuators: Actuators) -> Policy:
     """Follows commands as fast as the actuators' rates allow.
 
     Args:
-        commands: Commands of each environment [unit]. Shape (N, A), or (T, N, A) with a row a step, of which the last
+        commands: Commands of each environment [unit]. Shape (N, A), or (T, N, A) with a row per step, of which the last
             holds.
         actuators: The actuators.
     """

@@ -23,7 +23,7 @@ class RobotState:
     """N robots, seen by the camera, in the frame that each had at its start: x backward, y to the side.
 
     A robot without a frame is seen in the world, and its position, heading and their rates are 0. The position is that
-    of the point that the floating body turns about. Every attribute is an array with a row a robot.
+    of the point that the floating body turns about. Every attribute is an array with a row per robot.
 
     Attributes:
         markers: The markers, then the further sites [m]. Shape (N, K, 2).

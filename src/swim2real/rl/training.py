@@ -62,7 +62,7 @@ class TrainingProgress:
     Attributes:
         step: Environment steps made.
         total: Environment steps to be made.
-        rate: Environment steps a second of late.
+        rate: Environment steps per second of late.
         episodes: Episodes that ended so far.
         episode_return: Mean return of the last 50 episodes; None before the first has ended.
         distance: Mean distance forward of these [m]; 0 for a robot without a frame.

@@ -93,7 +93,7 @@ class TrainingOutcome:
         complete: Whether all steps were made.
         step: Environment steps that were made.
         seconds: Where the time went.
-        steps_per_second: Environment steps a second.
+        steps_per_second: Environment steps per second.
         learner_share: Share of the time that gradient steps took.
         simulator_share: Share of the time that environment steps took.
         gradient_steps: Gradient steps that were made.
@@ -275,6 +275,7 @@ class _Line(BaseModel, extra="allow"):
     episode_return: Number | None = None
     distance: Number | None = None
     success: Number | bool | None = None
+    stage: int | None = None
 
 
 def read_record(path: Path) -> list[dict[str, Any]]:

@@ -142,7 +142,7 @@ class Batch:
         """Makes steps, and reads.
 
         Args:
-            controls: Controls of each simulation, constant or one a step. Shape (N, nu) or (N, steps, nu).
+            controls: Controls of each simulation, constant or one per step. Shape (N, nu) or (N, steps, nu).
             steps: Number of steps; with 0 it only reads.
             which: Simulations that are stepped; None for all. The others keep what was read.
 

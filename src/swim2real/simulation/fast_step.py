@@ -284,7 +284,7 @@ def _run(
         program: How steps are made.
         fleet: The simulations.
         which: Those that are stepped.
-        controls: Controls of each simulation, one for all its steps or one a step. Shape (N, 1 or steps, nu).
+        controls: Controls of each simulation, one for all its steps or one per step. Shape (N, 1 or steps, nu).
         steps: Number of steps.
         place: Room to work in.
         kept: What was before each step, written; for one simulation only.

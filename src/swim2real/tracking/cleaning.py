@@ -17,7 +17,7 @@ from swim2real.trials.trial import MarkerTrack
 
 LONGEST = 0.1  # s, a gap that can be filled; at 2.25 Hz this is a fifth of a beat
 FASTEST_BEAT = 2.25  # Hz, of the trials to come; its second harmonic must survive smoothing as well
-LONGEST_WINDOW = 501  # frames, for more than 4000 frames a second
+LONGEST_WINDOW = 501  # frames, for more than 4000 frames per second
 LEAST_GAIN = 0.98  # of the beat and its second harmonic that smoothing has to leave
 ORDER = 3  # of the local polynomials
 _NEIGHBORS = 3  # known samples on either side of a gap that a cubic is fitted to

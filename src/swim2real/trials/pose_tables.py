@@ -1,4 +1,4 @@
-"""Pose tables as DeepLabCut writes them: three header rows, then x, y and likelihood a marker, a row a frame.
+"""Pose tables as DeepLabCut writes them: three header rows, then x, y and likelihood per marker, a row per frame.
 
 Pixels, y down. Read by DeepLabCut, movement and napari; no library of theirs is needed for it.
 """
@@ -118,7 +118,7 @@ def _header(table: Path, lines: list[tuple[int, list[str]]]) -> tuple[tuple[str,
                 f"{', '.join(wanted)}"
             )
     if len(lines) < len(wanted):
-        raise TrialError(f"{table}: no DeepLabCut table; it needs rows {', '.join(wanted)} and then one a frame")
+        raise TrialError(f"{table}: no DeepLabCut table; it needs rows {', '.join(wanted)} and then one per frame")
     (_, parts), (line, coords) = rows["bodyparts"], rows["coords"]
     if not parts or len(parts) != len(coords) or coords != list(_COORDS) * (len(coords) // 3):
         raise TrialError(f"{table}, line {line}: coords must be {', '.join(_COORDS)} for each marker above them")

@@ -26,7 +26,7 @@ _NAME = re.compile(r"(?:markers_)?(f(\d+)_(\d+))$")
 
 
 def read_published(path: str | Path, fps: float = _FPS) -> Trial:
-    """Reads a raw published CSV: pixels with y down, x and y of nine markers a row, to meters with y up.
+    """Reads a raw published CSV: pixels with y down, x and y of nine markers per row, to meters with y up.
 
     The scale is the median distance of the first two markers, which are 0.142 m apart on the robot.
 
@@ -49,7 +49,7 @@ def read_published(path: str | Path, fps: float = _FPS) -> Trial:
         )
     rows = read_numbers(table, lines, first_line=1)
     width = 2 * _MARKERS
-    check_table(table, rows, width, f"{width} numbers a row (x and y of {_MARKERS} markers)")
+    check_table(table, rows, width, f"{width} numbers per row (x and y of {_MARKERS} markers)")
     pixels = rows.reshape(len(rows), _MARKERS, 2)
     lengths = np.linalg.norm(pixels[:, 1] - pixels[:, 0], axis=1)
     seen = lengths[np.isfinite(lengths)]

@@ -4,7 +4,7 @@ A reference folder holds `reference.json` and a table a trial (`time_s`, then `M
 where they were recorded tables of controls and sensors (`time_s`, then a column each). Where nothing was filmed there
 are no tracks: `NAME.sensors.csv`, with `NAME.controls.csv` where something was commanded, is a trial, and
 `reference.json` may be left out.
-A folder of the prior work's raw CSVs (pixels, two columns a marker, 60 fps, no header) is read as well.
+A folder of the prior work's raw CSVs (pixels, two columns per marker, 60 fps, no header) is read as well.
 """
 
 from __future__ import annotations
@@ -324,7 +324,7 @@ def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
     if entry.fps is not None and abs(entry.fps / trial.fps - 1) > _SAME_FPS:
         raise TrialError(
             f"{folder / INDEX}: 'fps' of trial '{entry.name}' is {entry.fps:g}; the time stamps in {table.name}, which "
-            f"are used, have {trial.fps:g} frames a second: correct them, or leave 'fps' out"
+            f"are used, have {trial.fps:g} frames per second: correct them, or leave 'fps' out"
         )
     return trial
 

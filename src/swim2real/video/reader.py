@@ -26,7 +26,7 @@ from swim2real.video.decoding import FIRST_PICTURE, MOST_PIXELS, Decoder, Pictur
 Image = NDArray[np.uint8]
 Result = TypeVar("Result")
 
-USUAL_RATE = Fraction(30)  # frames a second, where a file doesn't say
+USUAL_RATE = Fraction(30)  # frames per second, where a file doesn't say
 ROUNDING = 5e-4  # s, of a time that a person gives
 SLACK = 5.0  # s beyond FIRST_PICTURE that a film has which is read, but gives no picture
 MOST_BYTES = 256 << 20  # of decoded frames that are kept at a time
@@ -42,7 +42,7 @@ class VideoInfo:
         path: Path of the file.
         width: Width of the upright picture [px].
         height: Height of the upright picture [px].
-        fps: Mean number of frames a second.
+        fps: Mean number of frames per second.
         frame_count: Number of frames as the file states it, or from its duration; None if it states neither.
         duration: Duration as the file states it [s]; None if it doesn't.
         rotation: Angle by which stored pictures are turned clockwise to be upright [degrees]: 0, 90, 180 or 270.

@@ -190,7 +190,7 @@ def _check(path: Path, width: int, height: int, fps: float, codec: str, crf: int
         (path.is_dir(), f"{written}it is a folder"),
         (not path.parent.is_dir(), f"{written}there is no folder '{path.parent}'"),
         (width < 2 or height < 2, f"a video can't be {width} x {height} px; both must be at least 2"),
-        (not 0.1 <= fps <= 10_000, f"fps is {fps}; it must lie within 0.1 and 10000 frames a second"),
+        (not 0.1 <= fps <= 10_000, f"fps is {fps}; it must lie within 0.1 and 10000 frames per second"),
         (codec not in ENCODERS, f"codec is '{codec}'; it must be one of {', '.join(ENCODERS)}"),
         (not 0 <= crf <= 51, f"crf is {crf}; it must lie within 0 (best) and 51"),
         (rotation not in (0, 90, 180, 270), f"rotation is {rotation}; it must be 0, 90, 180 or 270 degrees clockwise"),

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 
 def write_film(motion: Motion, path: Path, camera: str, width: int) -> str:
-    """Writes a motion at 30 pictures a second.
+    """Writes a motion at 30 pictures per second.
 
     Args:
         motion: What is shown.

@@ -30,7 +30,7 @@ class Detail:
 
     Attributes:
         name: Name on the command line.
-        fps: Frame rate of films [Hz], raised where the fastest motion would have fewer than five frames a cycle.
+        fps: Frame rate of films [Hz], raised where the fastest motion would have fewer than five frames per cycle.
         width: Width of films [px]; pictures of a sheet have a part of it.
         moments: Moments on a sheet.
         trials: Number of trials that are shown of the first point, those that fit worst first; None for all.
@@ -129,7 +129,7 @@ def overlay(
     with _place() as path:
         scene.write_clip(path, fps, detail.width)
         data = path.read_bytes()
-    label = f"{about}; {scene.clip_note}; {fps:g} frames a second."
+    label = f"{about}; {scene.clip_note}; {fps:g} frames per second."
     return Shown(Media(label, "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(scene.duration, fps)))
 
 

@@ -1,4 +1,4 @@
-"""The transcript of a run's calls: one file a call, media beside them. It is also what a run is replayed from."""
+"""The transcript of a run's calls: one file per call, media beside them. It is also what a run is replayed from."""
 
 from __future__ import annotations
 
