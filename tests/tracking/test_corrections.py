@@ -78,7 +78,7 @@ def test_a_lost_stretch_is_restored_from_one_click_and_the_rest_stays(frame):
 
 
 def test_a_sure_stretch_that_a_click_contradicts_is_replaced():
-    """For 20 frames per marker was taken for another, with no doubt: what is sure around the click goes with it."""
+    """For 20 frames a marker was taken for another, with no doubt: what is sure around the click goes with it."""
     there_and_back = [(WRONG, frame, frame, None, 0.3) for frame in (FIRST - 1, LAST + 1)]
     before = track((WRONG, FIRST, LAST, TRUTH[FIRST : LAST + 1, OTHER], 0.9), *there_and_back)
     found, gaps = after(before, click(20))

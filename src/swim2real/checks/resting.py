@@ -153,14 +153,14 @@ def other_start(robot: Robot, reference: TrialSet) -> str | None:
     if not better:
         return None
     rest, fitted = (1e3 * float(np.mean([getattr(one, start) for one in better.values()])) for start in (REST, FITTED))
-    beside = f" (with the model's own values they are {rest:.2g} mm off from rest, {fitted:.2g} mm from a fitted start)"
+    misses = f" (with the model's own values they are {rest:.2g} mm off from rest, {fitted:.2g} mm from a fitted start)"
     if about.start not in (FITTED, MARKERS):
         named = found.get(about.start, {})
         off = [name for name, one in named.items() if not one.rests and not one.moves]  # `in_motion` reports the others
         if not off:
             return None
         where = f'{1e3 * named[off[0]].off:.1f} mm from the pose of start = "{about.start}"'
-        return f"trial '{off[0]}' begins {where}: say start = \"fitted\" in the robot file" + beside * (fitted < rest)
+        return f"trial '{off[0]}' begins {where}: say start = \"fitted\" in the robot file" + misses * (fitted < rest)
     for pose, begun in found.items():
         if len(begun) < len(better) or not all(one.rests for one in begun.values()):
             continue
@@ -171,7 +171,7 @@ def other_start(robot: Robot, reference: TrialSet) -> str | None:
         count = "The recording begins" if len(begun) == 1 else f"All {len(begun)} recordings begin"
         return (
             f'{count} at rest in {where}, within {off:.1f} mm: start = "{pose}" in the robot file says so, and '
-            f'leaves less to be found than "{about.start}"' + beside * (pose == REST)
+            f'leaves less to be found than "{about.start}"' + misses * (pose == REST)
         )
     return None
 

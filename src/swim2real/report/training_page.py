@@ -140,11 +140,10 @@ def _learning_curve(run: TrainingRun, key: str, title: str, factor: float, basel
         baseline: What the best wave of commands reaches, in the same unit before the factor.
     """
     figure, axes = new_chart(WIDE, 2.9, "environment steps", title, legend_rows=1)
+    evaluations = run.evaluations  # from a file
     while_learning, shown = (
-        np.array([(one["step"], factor * one[key]) for one in entries if one.get(key) is not None], float).reshape(
-            -1, 2
-        )
-        for entries in (run.episodes, run.evaluations)
+        np.reshape([(one["step"], factor * one[key]) for one in entries if one.get(key) is not None], (-1, 2))
+        for entries in (run.episodes, evaluations)
     )
     if len(while_learning):
         window = min(_WINDOW, len(while_learning))
@@ -158,7 +157,7 @@ def _learning_curve(run: TrainingRun, key: str, title: str, factor: float, basel
         axes.axhline(factor * baseline, linestyle="--", color=LIGHT["real"], label="best open-loop wave")
     if run.settings.exploration:
         axes.axvspan(0, run.settings.exploration, color=LIGHT["grid"], alpha=0.5, linewidth=0, zorder=0)
-    stages = {one["stage"]: one["step"] for one in reversed(run.evaluations) if one.get("stage") is not None}
+    stages = {one["stage"]: one["step"] for one in reversed(evaluations) if one.get("stage") is not None}
     for stage, step in stages.items():
         axes.axvline(step, color=LIGHT["faint"], linewidth=0.8, zorder=0)
         axes.annotate(f"\u00a0stage {stage}", (step, 1.0), xycoords=("data", "axes fraction"), va="top", size="small")

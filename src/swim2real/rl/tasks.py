@@ -38,7 +38,8 @@ class Task(Protocol):
     """Observations, rewards, starts and ends of N robots.
 
     A class is one whose `MyTask(robot, count)` is a task. What an episode is about is kept in attributes that are NumPy
-    arrays with a row per robot: those are saved and restored with a training.
+    arrays with a row per robot: those are saved and restored with a training. A class may name in `takes` the settings
+    `near_goals` and `turn_reward`, which then become attributes of the task.
 
     Attributes:
         observes: Parts of the robot that a policy sees by default, as `observation.PARTS` names them.
