@@ -34,6 +34,7 @@ from swim2real.trials.signals import (
     read_signals,
     write_signals,
 )
+from swim2real.trials.timebase import Timebase
 from swim2real.trials.trial import MarkerTrack, Perspective, Trial, TrialSet, check_motion, check_trial_name
 
 INDEX = "reference.json"
@@ -74,6 +75,7 @@ class TrialEntry(_Open):
         start: Positions of joints at the first time stamp [m or rad].
         start_velocities: Velocities of joints at the first time stamp [m/s or rad/s].
         perspective: What the camera did to the track and nobody has corrected.
+        timebases: Clocks of the trial's streams, by `track`, `controls` and `sensors`, as far as they are known.
     """
 
     name: FileName
@@ -89,6 +91,7 @@ class TrialEntry(_Open):
     start: dict[str, Number] = Field(default_factory=dict)
     start_velocities: dict[str, Number] = Field(default_factory=dict)
     perspective: Perspective | None = None
+    timebases: dict[str, Timebase] = Field(default_factory=dict)
 
     @property
     def tables(self) -> set[str]:
@@ -267,6 +270,7 @@ def _entry(trial: Trial, folder: Path) -> TrialEntry:
         "start": dict(trial.start),
         "start_velocities": dict(trial.start_velocities),
         "perspective": trial.perspective,
+        "timebases": dict(trial.timebases),
     }
     return TrialEntry(
         name=trial.name, nominal_frequency_hz=trial.nominal_frequency, fps=round(trial.fps, 6),
@@ -319,6 +323,7 @@ def _load_trial(folder: Path, entry: TrialEntry, markers: list[str]) -> Trial:
         start=entry.start,
         start_velocities=entry.start_velocities,
         perspective=entry.perspective,
+        timebases=entry.timebases,
     )
     check_motion(trial, table)
     if entry.fps is not None and abs(entry.fps / trial.fps - 1) > _SAME_FPS:

@@ -16,6 +16,7 @@ from swim2real.errors import TrialError
 from swim2real.names import composed, file_name_fault, label_fault, quoted
 from swim2real.trials import frames
 from swim2real.trials.signals import Signals
+from swim2real.trials.timebase import Timebase
 
 Array = NDArray[np.float64]
 _SHORTEST, _LONGEST = 1e-6, 10.0  # s from one row to the next, on average
@@ -186,6 +187,7 @@ class Trial:
         start_velocities: Velocities of joints at the first time stamp [m/s or rad/s]; a joint that isn't named is at
             rest.
         perspective: What the camera did to the track; None where nothing is known of it, or it is corrected.
+        timebases: Clocks of its streams, by `track`, `controls` and `sensors`, as far as they are known.
     """
 
     name: str
@@ -201,6 +203,7 @@ class Trial:
     start: Mapping[str, float] = field(default_factory=dict[str, float])
     start_velocities: Mapping[str, float] = field(default_factory=dict[str, float])
     perspective: Perspective | None = None
+    timebases: Mapping[str, Timebase] = field(default_factory=dict[str, Timebase])
 
     @property
     def fps(self) -> float:
