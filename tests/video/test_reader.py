@@ -143,7 +143,7 @@ def test_pixels_that_are_not_square_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("swim.mp4", None, r"no video '.*swim\.mp4'; check the path"), (".", None, "is a folder; give the path of a"),
+        ("swim.mp4", None, r"no video '.*swim\.mp4'; check the path"), (".", None, "is a folder without pictures; give the path of a"),
         ("empty.mp4", b"", r"is empty \(0 bytes\); copy it again"),
         ("swim.mp4", b"time,x\n0.0,2\n" * 40, "is not a video"),
         ("swim.csv", b"time,x\n0.0,2\n" * 40, "is not a video"),
