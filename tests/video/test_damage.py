@@ -177,15 +177,6 @@ def test_joined_videos_run_on(tmp_path):
     assert f"36 frames of another size, from {start:.3f} to {end:.3f} s; scaled to that of the first" in notes
 
 
-def test_a_file_without_time_stamps_is_placed_by_its_frame_rate(tmp_path):
-    frames, notes, info = read(raw(tmp_path / "swim.h264", "libx264"))
-    assert [frame[0] for frame in frames] == pytest.approx(np.arange(36) / info.fps)
-    assert notes == [
-        f"36 frames without a time stamp, from 0.000 to {35 / info.fps:.3f} s; "
-        f"placed by the frame rate of {info.fps:.2f} a second"
-    ]
-
-
 # what no decoder reports
 
 

@@ -46,39 +46,48 @@ def fetch(*, to: Path, source: Annotated[str | None, tyro.conf.arg(name="from")]
 
 
 def pick(
-    videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str = "fish", begin: From = ()
+    videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str = "fish", begin: From = (),
+    fps: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
     """Write a page per video on which you click the markers of its first frame.
 
     One self-contained HTML file: open it in a browser, click the markers in order, download NAME.points.json.
 
     Args:
-        videos: Videos whose first frames are shown.
+        videos: Videos, folders of pictures or patterns of their names, as for `track`; their first frames are shown.
         out: Page to write, for one video; by default beside each video.
         robot: Robot whose markers they are: fish, or a robot file (.toml).
         begin: Show the first frame from this time on [s], as for `track --from`; one for all videos, or one for each.
+        fps: Frames per second that the camera took, as for `track --fps`, if --from is given.
     """
     if not videos:
         raise ArgumentError("no video was given")
+    rates = _rates(fps, len(videos))
     if out is not None and len(videos) > 1:
         raise ArgumentError(f"--out '{out}' is one page for {len(videos)} videos; leave it out")
     from swim2real.robots import load_robot
     from swim2real.tracking.pages import write_pick_page
     from swim2real.trials.span import spans
-    from swim2real.video import first_frame
+    from swim2real.video import film_name, first_frame
 
     begins = [span.begin for span in spans(begin, (), len(videos), "videos")]
     body = load_robot(robot, markers_only=True)
     body.check_markers("pick")
     names = body.marker_names
-    for video, since in zip(videos, begins, strict=True):
-        page = out or video.with_name(f"{video.stem}.pick.html")
-        frame = first_frame(video, since)
-        write_pick_page(frame.image, names, video.name, page, body.rest_markers, frame.index)
-        say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {video.stem}.points.json")
-    points = shlex.join(f"{video.stem}.points.json" for video in videos)
-    films, later = shlex.join(map(str, videos)), f" --from {' '.join(f'{time:g}' for time in begin)}" if begin else ""
-    say(f"Next: swim2real track {films} --markers {points} --to REFERENCE{for_robot(robot)}{later}")
+    points, unknown = [f"{film_name(video)}.points.json" for video in videos], False
+    for video, since, rate, saved in zip(videos, begins, rates, points, strict=True):
+        page = out or (video if video.name else video.resolve()).with_name(f"{film_name(video)}.pick.html")
+        frame = first_frame(video, since, rate)
+        unknown |= math.isnan(frame.time)
+        write_pick_page(frame.image, names, video.name or film_name(video), page, body.rest_markers, frame.index)
+        say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {saved}")
+    options = for_robot(robot) + (
+        " --controls" + " TABLE.csv" * len(videos) if body.trials.controls and body.trials.swims is None else ""
+    )
+    for option, values in (("from", begin), ("fps", fps)):
+        options += f" --{option} {' '.join(f'{value:g}' for value in values)}" if values else ""
+    options += " --fps RATE" if unknown else ""
+    say(f"Next: swim2real track {shlex.join(map(str, videos))} --markers {shlex.join(points)} --to REFERENCE{options}")
     return 0
 
 
@@ -86,11 +95,12 @@ def track(
     videos: Positional[tuple[Path, ...]], settings: TrackingSettings, *, to: Path, markers: tuple[str, ...],
     corrections: tuple[Path, ...] = (), robot: str = "fish", frequency: tuple[float, ...] = (),
     controls: tuple[Path, ...] = (), sensors: tuple[Path, ...] = (), begin: From = (), until: tuple[float, ...] = (),
-    workers: int = 0, json: bool = False, quiet: bool = False,
+    fps: tuple[float, ...] = (), workers: int = 0, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Find the markers in videos and make trials of them.
 
-    Reads videos (any codec, frame rate and rotation) and the markers' places in one of their frames. Adds one trial per
+    Reads videos (any codec, frame rate and rotation; a folder of numbered pictures, a pattern of their names such as
+    frame_%04d.png, a TIFF of many pages) and the markers' places in one of their frames. Adds one trial per
     video to a reference folder, and to its folder tracks the track in pixels (.pixels.csv, DeepLabCut's format), an
     overlay video (.mp4), a page to correct doubtful markers (.review.html) and the findings (.json). A marker that
     isn't visible is lost, not guessed. Takes about twice as long as decoding. After an interruption the same command
@@ -106,12 +116,15 @@ def track(
             another frame: markers are followed from there in both directions, and correct positions are kept.
         robot: Robot whose markers they are: fish, or a robot file (.toml).
         frequency: Motor command in each video [Hz], if the names don't contain it. Only protocol paper needs it.
-        controls: Tables of what drove the robot in each video, in order: time_s on the video's clock, then a column per
-            actuator.
+        controls: Tables of what drove the robot in each video, in order: time_s on the camera's clock (0 is the first
+            frame), then a column per actuator.
         sensors: Tables of what was measured in each video, in order: time_s, then a column per sensor.
         begin: Track from this time of the video on [s], which becomes time 0 of the trial and its tables; one for all
-            videos, or one for each. The points belong to that frame or a later one: `pick --from`.
-        until: Track up to this time of the video [s]; one for all videos, or one for each.
+            videos, or one for each. The points belong to that frame or a later one: `pick --from`. It is a time of the
+            camera, as --fps has it.
+        until: Track up to this time of the video [s], on the same clock; one for all videos, or one for each.
+        fps: Frames per second that the camera took; one for all videos, or one for each. By default the video's own
+            rate: give it for slow motion (240 for 240 frames per second that play at 30) and where the video has none.
         workers: Videos tracked in parallel; 0 for all cores.
         json: Print the findings as JSON.
         quiet: Print no progress.
@@ -127,11 +140,13 @@ def track(
     for option, values in per_video.items():
         one_each(option, values, count, "videos")
     finite_above_0("frequency", *frequency, unit=" Hz")
+    rates = _rates(fps, count)
     from swim2real.cli.progress import films_shown, loading
 
     with loading(f"reading {', '.join(video.name for video in videos)}", quiet or json):
         from swim2real.pipeline import TRACKS, TrackedVideo, track_videos
         from swim2real.robots import load_robot
+        from swim2real.trials import load_reference
         from swim2real.trials.span import spans
 
         stretches = spans(begin, until, count, "videos")
@@ -142,7 +157,7 @@ def track(
         with films_shown(quiet or json) as (on_progress, on_done):
             results = track_videos(
                 videos, points, body, settings, to, corrections=corrections or None, frequencies=frequency or None,
-                controls=controls or None, sensors=sensors or None, spans=stretches, workers=workers or None,
+                controls=controls or None, sensors=sensors or None, spans=stretches, fps=rates, workers=workers or None,
                 on_progress=on_progress, on_done=on_done,
             )  # fmt: skip
     except KeyboardInterrupt:
@@ -154,6 +169,9 @@ def track(
     elif not quiet and reports:
         _print_tracked(reports, body)
         run = f"swim2real calibrate {word(to)} --out RUN{for_robot(robot)}"
+        there = load_reference(to)
+        if body.trials.swims is None and body.trials.controls and any(there[name].controls is None for name in reports):
+            run = f"the same command with --controls{' TABLE.csv' * count}, what drove '{body.name}' in each video"
         say(f"Reference: {to}   Overlays: {to / TRACKS}   Next: {run}")
     failed = [(video, error) for video, error in zip(videos, results, strict=True) if isinstance(error, Swim2RealError)]
     for video, error in failed:
@@ -265,7 +283,7 @@ def quality(
     reference: Positional[Path], *, robot: str = "fish", allow_lost: float = 0.05, plot: Path | None = None,
     json: bool = False,
 ) -> int:  # fmt: skip
-    """Check the tracks of a reference: lost markers, body lengths, and what drove each trial.
+    """Check the tracks of a reference: clocks, lost markers, body lengths, and what drove each trial.
 
     Exits with 1 if a trial shouldn't be used as it is. Calibration leaves lost marker-frames out by itself.
 
@@ -281,9 +299,13 @@ def quality(
     from swim2real.pipeline import check_lost
     from swim2real.robots import load_robot
     from swim2real.trials import load_reference
+    from swim2real.trials.timebase import contradiction, described
 
     body, trials = load_robot(robot, markers_only=True), load_reference(reference)
     findings, refusals = _examined(trials, body)
+    for name, finding in findings.items():
+        finding["clocks"], doubt = described(trials[name]), contradiction(trials[name])
+        finding["findings"] = [*finding["findings"], *filter(None, [doubt])]
     refused: dict[str, dict[str, float]] = {}
     for name, finding in findings.items():
         shares = zip(body.marker_names, finding["lost_share"], strict=True)
@@ -309,6 +331,14 @@ def quality(
         except OSError as error:
             raise ArgumentError(f"--plot '{plot}' can't be written: {error.strerror or error}") from error
     return 0 if all(finding["usable"] for finding in findings.values()) and not refusals else 1
+
+
+def _rates(fps: tuple[float, ...], count: int) -> tuple[float | None, ...]:
+    """The rate of each video, where one for all, one for each or none was given."""
+    finite_above_0("fps", *fps, unit=" frames per second")
+    rates: tuple[float | None, ...] = (fps or (None,)) * (count if len(fps) < 2 else 1)
+    one_each("fps", rates, count, "videos")
+    return rates
 
 
 def _trial_name(path: Path) -> str:
@@ -427,7 +457,7 @@ def _print_quality(findings: Findings, robot: Robot) -> None:
         LOST, robot.marker_names, ("trial",), (*lengths.values(), "usable as it is"), rows, tables.percent
     )  # fmt: skip
     for name, t in findings.items():
-        for line in t["findings"]:
+        for line in (f"clocks: {t['clocks']}", *t["findings"]):
             say(f"{name}: {line}")
 
 

@@ -96,7 +96,8 @@ def calibrate(
     _check_replay(resolved)
     space = replace(robot.space, scale=resolved.resolved_scale)
     # an advisor is shown films on the clock of their trials
-    videos = {trial.name: trial.video for trial in fitted if trial.video is not None and not trial.video_begin}
+    shown = [trial for trial in fitted if not trial.video_begin]
+    videos = {trial.name: (trial.video, trial.film_rate) for trial in shown if trial.video is not None}
     context = AdvisorContext(
         folder.path, problem.evaluate, problem.speeds_from_rest, videos, settings.briefing, access or VlmAccess(),
         on_advisor, resolved.budget, resolved.method == "proposal-search",

@@ -66,6 +66,7 @@ class Film:
         bodies: Number of the rigid body that carries each.
         threads: Number of threads that decode.
         overlay: Path of the overlay video; None for none.
+        fps: Frames per second that the camera took; None as the film states it.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Film:
     bodies: tuple[int, ...]
     threads: int
     overlay: Path | None
+    fps: float | None = None
 
     def drawn(self, reader: VideoReader) -> TrackOverlay | nullcontext[None]:
         """The overlay video, to be drawn."""
@@ -180,7 +182,7 @@ def _backward(film: Film, track: MarkerTrack, first: int, start: Anchor, tracker
     """The track with what comes before the frame with the points."""
     positions, confidence = track.positions.copy(), track.confidence.copy()
     begin = track.times[start.frame - first]
-    for frame in frames_backwards(film.path, first, start.frame, film.threads):
+    for frame in frames_backwards(film.path, first, start.frame, film.threads, film.fps):
         k = frame.index - first
         if frame.index == start.frame:
             tracker.start(frame.image, start.points, 0.0)
@@ -260,7 +262,7 @@ def _count(reader: VideoReader, span: Span) -> int | None:
 
 def write_review(
     video: Path, track: MarkerTrack, names: Sequence[str], path: Path, first_frame: int, command: str, *,
-    anchors: Sequence[Anchor] = (), threads: int = 0,
+    anchors: Sequence[Anchor] = (), threads: int = 0, fps: float | None = None,
 ) -> Path | None:  # fmt: skip
     """Writes a page that shows where a track is lost or doubtful, and takes a person's corrections.
 
@@ -275,6 +277,7 @@ def write_review(
         command: How to go on with the file that the page lets a person download; shown there.
         anchors: What was corrected before, which stays in the file.
         threads: Number of threads that decode the video; 0 for as many as the machine has cores.
+        fps: Frames per second that the camera took; by default as the film states it.
 
     Returns:
         The path; None where nothing is doubtful, and no page is written.
@@ -286,7 +289,7 @@ def write_review(
     stretches = find_stretches(track)
     if not stretches:
         return None
-    with VideoReader(video, threads) as reader:
+    with VideoReader(video, threads, fps) as reader:
         size = reader.info.width, reader.info.height
         strips = make_strips(track, stretches[:MOST_STRETCHES], *size)
         wanted: dict[int, list[Cut]] = {}

@@ -223,6 +223,8 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
             if old is not None and old.video_begin_s == entry.video_begin_s:
                 kept = [key for key in _RECORDED if key in old.model_fields_set - entry.model_fields_set]
                 entry = entry.model_copy(update={key: getattr(old, key) for key in kept})
+                if clocks := {key: clock for key, clock in old.timebases.items() if key in kept} | entry.timebases:
+                    entry = entry.model_copy(update={"timebases": clocks})
             entries = [*(other for other in entries if other is not old), entry]
             _check_files(entry, entries, path)
             entries.sort(key=lambda other: other.name)  # whoever was added first

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from swim2real.errors import ArgumentError, TrialError
+from swim2real.trials.timebase import TABLES
 from swim2real.trials.trial import MarkerTrack, Trial
 
 ROUNDING = 5e-4  # s: times are given to a millisecond, as overlays and tables show them
@@ -91,6 +92,11 @@ class Span:
         track = self.of_track(trial.track, f"trial '{trial.name}'")
         first, last = float(track.times[0]), float(track.times[-1])
         later = first > trial.track.times[0]
+        clocks = {
+            kind: clock if not first or clock.origin == TABLES
+            else replace(clock, origin=f"time {first:g} s after the {clock.origin}")
+            for kind, clock in trial.timebases.items()
+        }  # fmt: skip
         return replace(
             trial,
             track=MarkerTrack(track.times - first, track.positions, track.confidence),
@@ -98,6 +104,7 @@ class Span:
             video_begin=trial.video_begin + first,
             controls=None if trial.controls is None else trial.controls.cut(first, last, held=True),
             sensors=None if trial.sensors is None else trial.sensors.cut(first, last),
+            timebases=clocks,
             start={} if later else trial.start,
             start_velocities={} if later else trial.start_velocities,
         )

@@ -210,6 +210,12 @@ class Trial:
         """Frames a second, from the median interval of the time stamps."""
         return float(1.0 / np.median(np.diff(self.track.times)))
 
+    @property
+    def film_rate(self) -> float | None:
+        """Frames per second that the user gave for the trial's film; None where the film's own hold."""
+        clock = self.timebases.get("track")
+        return clock.rate if clock is not None and clock.known_by == "given" else None
+
     def seen_from_afar(self) -> Trial:
         """The trial without what the camera's perspective did to it, where that is known.
 

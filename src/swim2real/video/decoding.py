@@ -41,10 +41,10 @@ MOST_PIXELS = 40_000_000  # of a picture: 8K has 33 million
 MOST_STREAMS = 32
 FIRST_PICTURE = 20.0  # s until the first picture is there, at most
 MOST_BOXES = 1000  # before the index of an MP4 file, that are looked at
-MADE_UP = Fraction(1, 60)  # frames per second, which no film has
+MADE_UP = Fraction(100, 101)  # frames per second, which no film has
 _OPTIONS = {
     "framerate": str(MADE_UP),
-    "default_delay": str(100 / MADE_UP),  # of GIF, in 1/100 s, where a picture has none
+    "default_delay": str(100 / MADE_UP),  # of GIF, in 1/100 s
     "min_delay": "1",
     "format_whitelist": ",".join(FORMATS),
     "protocol_whitelist": "file",
@@ -176,7 +176,7 @@ class Stated:
         slack: What the duration may have beyond the last frame [s].
         codec: Name of the codec.
         pixel_shape: Width of a pixel over its height; None or 0 where it isn't stated.
-        even: Whether the stamps only count frames, made up by FFmpeg.
+        counted: Whether there are no time stamps, so that pictures are only counted; FFmpeg's are made up then.
         camera_rate: Frames per second that the camera says it took; None where it says nothing.
     """
 
@@ -187,16 +187,17 @@ class Stated:
     slack: float
     codec: str
     pixel_shape: Fraction | None = None
-    even: bool = False
+    counted: bool = False
     camera_rate: float | None = None
 
 
 def _stated(container: InputContainer, stream: VideoStream) -> Stated:
     mean, base = (Fraction(value) if value else None for value in (stream.average_rate, stream.time_base))
-    even = mean == MADE_UP
-    rate = stream.codec_context.framerate if even else mean or stream.guessed_rate
-    duration = float(stream.duration * base) if base and stream.duration is not None else None
-    if duration is None and container.duration is not None:
+    rate = stream.codec_context.framerate if mean == MADE_UP else mean or stream.guessed_rate
+    # what FFmpeg makes up of stamps for frames of AVI that are stored out of order is wrong
+    counted = mean == MADE_UP or (container.format.name == "avi" and stream.codec_context.has_b_frames)
+    duration = float(stream.duration * base) if base and stream.duration is not None and mean != MADE_UP else None
+    if duration is None and container.duration is not None and mean != MADE_UP:
         duration = container.duration / 1e6  # FFmpeg counts microseconds there
     count = stream.frames
     if "mp4" in container.format.name:  # what an edit list cuts away isn't in the index
@@ -204,7 +205,7 @@ def _stated(container: InputContainer, stream: VideoStream) -> Stated:
     return Stated(
         base or Fraction(1), Fraction(rate) if rate else None, count, duration,
         SOUND_SLACK if len(container.streams) > 1 else 0.0, stream.codec_context.codec.canonical_name,
-        stream.sample_aspect_ratio, even, _camera_rate({**container.metadata, **stream.metadata}),
+        stream.sample_aspect_ratio, bool(counted), _camera_rate({**container.metadata, **stream.metadata}),
     )  # fmt: skip
 
 
@@ -263,8 +264,7 @@ class Decoder:
         self._container, self._stream = _open_stream(path, threads)
         self._path = path
         self.stated = _stated(self._container, self._stream)
-        # AVI has no time stamps, and what FFmpeg makes up for frames that are stored out of order is wrong
-        self._stamped = not (self._container.format.name == "avi" and self._stream.codec_context.has_b_frames)
+        self._stamped = not self.stated.counted
         self._packet = 0  # number of the newest packet, in the order of storage
         self._waiting: dict[int, int] = {}  # stamps of packets that haven't become pictures: numbers
         self._held: deque[tuple[int, VideoFrame, int | None]] = deque()  # pictures in the order of showing
@@ -287,7 +287,9 @@ class Decoder:
 
     @property
     def numbers(self) -> list[int]:
-        """The stamps of all frames, for which the file is read once more."""
+        """The stamps of all frames, for which the file is read once more; none where they are only counted."""
+        if not self._stamped:
+            return []
         container, stream = _open_stream(self._path, 1)
         found: list[int] = []
         with container, suppress(FFmpegError):

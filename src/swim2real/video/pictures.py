@@ -63,6 +63,7 @@ class Pictures:
         self._open = series[0][1]
         pages = getattr(self._image, "n_frames", 1) if self._image.format in _PAGED else 1
         if several and pages > 1:
+            self.close()
             raise VideoError(f"'{self._open}' has {pages} pictures; give such a file by itself, or files of one each")
         self._pictures = [(page, path, page) for page in range(pages)] if pages > 1 else [(*one, 0) for one in series]
         self.numbers = [number for number, *_ in self._pictures]
@@ -111,9 +112,10 @@ class Pictures:
 def pattern_of(file: Path) -> str:
     """The pattern of the names of a file and of those numbered like it; empty for a name without a number."""
     digits = re.search(r"(\d+)(?=\D*$)", file.stem)
-    return (
-        file.name if digits is None else f"{file.name[: digits.start()]}%0{len(digits[0])}d{file.name[digits.end() :]}"
-    )
+    if digits is None:
+        return ""
+    counter = f"%0{len(digits[0])}d" if digits[0][0] == "0" else "%d"
+    return f"{file.name[: digits.start()]}{counter}{file.name[digits.end() :]}"
 
 
 def _opened(file: Path) -> Image.Image:

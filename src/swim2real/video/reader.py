@@ -253,10 +253,9 @@ class _Pass:
         self.lone = isinstance(self._decoder, Pictures) and len(self._decoder.numbers) == 1
         stated = self._decoder.stated
         rate = stated.rate if fps is None else Fraction(fps)
-        self._base = stated.base  # s, of a time stamp's unit
-        if rate is not None and (fps is not None or stated.even):
-            usual = usual_interval(self._decoder.numbers)
-            self._base = stated.base if usual is None else 1 / (rate * usual)
+        self._base = stated.base  # s: of a time stamp's unit
+        if fps is not None and (usual := usual_interval(self._decoder.numbers)):
+            self._base = 1 / (Fraction(fps) * usual)
         self._clock = Clock(1 / (rate or Fraction(1)))
         self._size = (first.stored.width, first.stored.height)
         mirrored, self._tilt = _display(first.stored)
