@@ -17,7 +17,6 @@ from swim2real.video.decoding import usual_interval
 
 MADE_UP = {
     "swim.mjpeg": lambda path: raw(path, "mjpeg", 12, "yuvj420p", colors=5),
-    "swim.h264": lambda path: raw(path, "libopenh264", 12),
     "swim.gif": lambda path: timeless_gif(raw(path, "gif", 12, "rgb8")),
 }
 
@@ -44,6 +43,15 @@ def test_a_rate_that_nothing_states_is_asked_for(tmp_path, name):
     assert (info.fps, info.rate_from, notes) == (200, "given", [])
     assert first_frame(film, 0.025, 200).index == 5
     assert [frame.time for frame in frames_backwards(film, 2, 4, fps=200)] == pytest.approx([0.02, 0.015, 0.01])
+
+
+def test_h264_of_a_camera_that_states_no_rate_is_asked_for_it(shared):
+    film = shared / "data" / "field" / "03-raw-stream-rate" / "pi.h264"
+    if not film.is_file():
+        pytest.skip(f"no film '{film}'")
+    with pytest.raises(VideoError, match="give them with --fps"):
+        VideoReader(film)
+    assert [time for time, *_ in read(film, fps=60)[0]] == pytest.approx(np.arange(60) / 60)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +86,7 @@ def test_times_are_the_camera_s_whatever_the_film_s_speed(tmp_path, name, played
 
 @given(st.integers(50, 500), st.integers(0, 20), st.lists(st.integers(1, 4), min_size=30, max_size=60))
 def test_the_usual_interval_bears_gaps_and_a_coarse_clock(interval, offset, steps):
-    regular = [1 if k % 2 else step for k, step in enumerate(steps)]  # at least half of all frames follow at once
+    regular = [1 if k % 3 else step for k, step in enumerate(steps)]  # two thirds of all frames follow at once
     stamps = [offset + interval * int(k) + int(k) % 2 for k in np.cumsum(regular)]
     assert usual_interval(stamps) == pytest.approx(interval, abs=1.1)
     assert usual_interval(stamps[:1]) is None
@@ -100,7 +108,7 @@ def test_a_camera_that_says_how_fast_it_was_is_quoted(tmp_path):
 
 def test_rates_that_cant_be_are_refused(tmp_path):
     for fps in (0, -1.0, float("nan"), float("inf")):
-        with pytest.raises(VideoError, match="fps is .*; it must be finite and above 0 frames per second"):
+        with pytest.raises(VideoError, match=r"fps is .*; it must be finite and above 0 frames per second"):
             VideoReader(clip(tmp_path / "swim.mp4", 2), fps=fps)
 
 
@@ -126,14 +134,14 @@ def test_a_folder_and_a_pattern_are_films_in_the_order_of_their_numbers(tmp_path
         )
         assert notes == ["1 frame missing between the numbers 10 and 12"]
         assert (info.fps, info.rate_from, info.frame_count) == (100, "given", 6)
-        with pytest.raises(VideoError, match="states how many frames per second"):
+        with pytest.raises(VideoError, match="states how many frames"):
             VideoReader(path)
-    with pytest.raises(VideoError, match="'.*cam2-7.png' has one frame only; .* which is '.*cam2-%01d.png'"):
+    with pytest.raises(VideoError, match=r"'.*cam2-7\.png' has one frame only; .* which is '.*cam2-%d\.png'"):
         VideoReader(folder / "cam2-7.png", fps=100)
     shutil.copy(folder / "cam2-7.png", folder / "left-7.png")
-    with pytest.raises(VideoError, match="pictures of several series; give one of them: '.*/cam2-%01d.png', '.*/left-"):
+    with pytest.raises(VideoError, match=r"pictures of several series; give one of them: '.*/cam2-%d\.png', '.*/left-"):
         VideoReader(folder, fps=100)
-    with pytest.raises(VideoError, match="there is no picture '.*right-%d.png'"):
+    with pytest.raises(VideoError, match=r"there is no picture '.*right-%d\.png'"):
         VideoReader(folder / "right-%d.png", fps=100)
 
 
@@ -161,7 +169,7 @@ def test_a_stack_of_tiff_is_a_film(tmp_path, bits):
     assert notes == []
     assert film_name(tmp_path / "stack.tif") == "stack"
     (tmp_path / "stack.tif").rename(tmp_path / "stack1.tif")
-    with pytest.raises(VideoError, match="stack1.tif' has 5 pictures; give such a file by itself"):
+    with pytest.raises(VideoError, match=r"stack1\.tif' has 5 pictures; give such a file by itself"):
         VideoReader(tmp_path, fps=1)
 
 

@@ -81,9 +81,9 @@ def pick(
         unknown |= math.isnan(frame.time)
         write_pick_page(frame.image, names, video.name or film_name(video), page, body.rest_markers, frame.index)
         say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {saved}")
-    options = for_robot(robot) + (
-        " --controls" + " TABLE.csv" * len(videos) if body.trials.controls and body.trials.swims is None else ""
-    )
+    options = for_robot(robot)
+    if body.trials.controls and body.trials.swims is None:
+        options += " --controls" + " TABLE.csv" * len(videos)
     for option, values in (("from", begin), ("fps", fps)):
         options += f" --{option} {' '.join(f'{value:g}' for value in values)}" if values else ""
     options += " --fps RATE" if unknown else ""
