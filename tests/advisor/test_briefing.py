@@ -548,14 +548,8 @@ def test_pictures_come_with_a_new_point_and_of_a_full_step_that_was_rejected():
 @pytest.mark.parametrize("robot", [ARM, CART])
 def test_recordings_know_neither_fish_nor_swims(robot, takes_video, film, burned_in):
     comparison = compared({"a": (Swing(), Swing(0.12)), "b": (Swing(0.2), Swing(0.2, (0.01, 0.0)))}, robot)
-    request = asked(
-        robot,
-        robot.space,
-        comparison,
-        evaluated(comparison, robot),
-        {"a": (film, None), "b": (film, None)},
-        takes_video,
-    )
+    videos = {"a": (film, None), "b": (film, None)}
+    request = asked(robot, robot.space, comparison, evaluated(comparison, robot), videos, takes_video)
     kind = "video/mp4" if takes_video else "image/png"
     assert [one.media_type for one in request.media] == [kind] * 3
     assert request.media[-1].label.startswith("The real robot in trial ")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from swim2real.robots.robot import Robot
     from swim2real.tracking.camera import Camera
     from swim2real.tracking.camera_file import CameraFile
-    from swim2real.trials import MarkerTrack, TrialSet
+    from swim2real.trials import MarkerTrack, Trial, TrialSet
     from swim2real.trials.span import Span
 
 AUTO = "auto"
@@ -81,9 +81,7 @@ def pick(
         unknown |= math.isnan(frame.time)
         write_pick_page(frame.image, names, video.name or film_name(video), page, body.rest_markers, frame.index)
         say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {saved}")
-    options = for_robot(robot)
-    if body.trials.controls and body.trials.swims is None:
-        options += " --controls" + " TABLE.csv" * len(videos)
+    options = for_robot(robot) + _tables_of(body, len(videos))
     for option, values in (("from", begin), ("fps", fps)):
         options += f" --{option} {' '.join(f'{value:g}' for value in values)}" if values else ""
     options += " --fps RATE" if unknown else ""
@@ -169,9 +167,8 @@ def track(
     elif not quiet and reports:
         _print_tracked(reports, body)
         run = f"swim2real calibrate {word(to)} --out RUN{for_robot(robot)}"
-        there = load_reference(to)
-        if body.trials.swims is None and body.trials.controls and any(there[name].controls is None for name in reports):
-            run = f"the same command with --controls{' TABLE.csv' * count}, what drove '{body.name}' in each video"
+        if missing := _tables_of(body, count, [trial for trial in load_reference(to) if trial.name in reports]):
+            run = f"the same command with{missing}, recorded with each video"
         say(f"Reference: {to}   Overlays: {to / TRACKS}   Next: {run}")
     failed = [(video, error) for video, error in zip(videos, results, strict=True) if isinstance(error, Swim2RealError)]
     for video, error in failed:
@@ -339,6 +336,16 @@ def _rates(fps: tuple[float, ...], count: int) -> tuple[float | None, ...]:
     rates: tuple[float | None, ...] = (fps or (None,)) * (count if len(fps) < 2 else 1)
     one_each("fps", rates, count, "videos")
     return rates
+
+
+def _tables_of(robot: Robot, count: int, trials: Sequence[Trial] = ()) -> str:
+    """Options for the tables that trials of a robot need beside their films and these don't have."""
+    about = robot.trials
+    needed = {"controls": about.controls, "sensors": about.sensors} if about.swims is None else {}
+    lacking = [kind for kind, any_of in needed.items() if any_of]
+    if trials:
+        lacking = [kind for kind in lacking if any(getattr(trial, kind) is None for trial in trials)]
+    return "".join(f" --{kind}{' TABLE.csv' * count}" for kind in lacking)
 
 
 def _trial_name(path: Path) -> str:
