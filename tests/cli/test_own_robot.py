@@ -111,9 +111,7 @@ def tags(pendulum_folder, tmp_path):
 def test_a_film_of_tags_becomes_a_trial_without_a_click(program, tags, tmp_path):
     command, corners = tags
     program(*command).done()
-    assert (
-        "Next: the same command with --controls TABLE.csv --sensors TABLE.csv" in program.text
-    )
+    assert "Next: the same command with --controls TABLE.csv --sensors TABLE.csv" in program.text
     (trial,) = load_reference(tmp_path / "to")
     np.testing.assert_array_equal(trial.track.confidence, 1)
     pixels = trial.track.positions / 1e-3 * [1, -1]

@@ -14,7 +14,7 @@ from films import Shot, contents, named, parts, slowed, tables
 from swim2real.robots.fish import FISH
 from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.trials import load_reference
-from swim2real.video import VideoReader, VideoWriter
+from swim2real.video import VideoReader, VideoWriter, film_title
 
 NAMES = FISH.marker_names
 
@@ -129,7 +129,7 @@ def test_a_film_of_any_speed_and_its_single_pictures_are_the_same_trial(program,
         np.testing.assert_allclose(trial.track.times, normal.track.times, atol=1e-9)
         np.testing.assert_array_equal(trial.track.positions, normal.track.positions)
         clock = trial.timebases["track"]
-        assert (clock.rate, clock.known_by, clock.origin) == (30, "given", f"first frame of {trial.video.name}")
+        assert (clock.rate, clock.known_by, clock.origin) == (30, "given", f"first frame of {film_title(trial.video)}")
         assert (to / "tracks" / f"{trial.name}.mp4").is_file()
     program("track", slow, *words(clip, to=to)[2:], "--from", 0.1, "--fps", 30)
     assert "were picked in frame 0 of the video; tracking begins with frame 3" in program.err

@@ -68,7 +68,7 @@ def pick(
     from swim2real.robots import load_robot
     from swim2real.tracking.pages import write_pick_page
     from swim2real.trials.span import spans
-    from swim2real.video import film_name, first_frame
+    from swim2real.video import film_name, film_title, first_frame
 
     begins = [span.begin for span in spans(begin, (), len(videos), "videos")]
     body = load_robot(robot, markers_only=True)
@@ -79,7 +79,7 @@ def pick(
         page = out or (video if video.name else video.resolve()).with_name(f"{film_name(video)}.pick.html")
         frame = first_frame(video, since, rate)
         unknown |= math.isnan(frame.time)
-        write_pick_page(frame.image, names, video.name or film_name(video), page, body.rest_markers, frame.index)
+        write_pick_page(frame.image, names, film_title(video), page, body.rest_markers, frame.index)
         say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {saved}")
     options = for_robot(robot) + _tables_of(body, len(videos))
     for option, values in (("from", begin), ("fps", fps)):

@@ -22,7 +22,7 @@ from swim2real.tracking.quality import DOUBTFUL
 from swim2real.tracking.tracker import Tracker
 from swim2real.trials import MarkerTrack
 from swim2real.trials.span import Span
-from swim2real.video import Frame, VideoReader, frames_backwards
+from swim2real.video import Frame, VideoReader, film_title, frames_backwards
 
 Array = NDArray[np.float64]
 
@@ -305,6 +305,6 @@ def write_review(
             f"video '{video}' has no frame {max(wanted)}, in which its track is; track it again to see what is doubtful"
         )
     return write_review_page(
-        path, video.name, names, *size, strips, first_frame=first_frame, command=command,
+        path, film_title(video), names, *size, strips, first_frame=first_frame, command=command,
         more=len(stretches) - len(strips), anchors=anchors,
     )  # fmt: skip

@@ -45,7 +45,7 @@ from swim2real.trials.reference import add_trial, check_folder, load_reference
 from swim2real.trials.signals import read_signals
 from swim2real.trials.span import WHOLE, Span
 from swim2real.trials.timebase import TABLES, Timebase, by_stamps
-from swim2real.video import Frame, VideoReader, film_files, film_name
+from swim2real.video import Frame, VideoReader, film_files, film_name, film_title
 
 Array = NDArray[np.float64]
 
@@ -153,7 +153,7 @@ def track_video(
     if frequency is not None and not 0 < frequency < np.inf:
         raise ArgumentError(f"frequency is {frequency:g} Hz; it must be finite and above 0")
     source, out = Path(video), Path(folder)
-    name = composed(film_name(source))
+    title, name = film_title(source), composed(film_name(source))
     report_path = out / TRACKS / f"{name}.json"
     with VideoReader(source, threads, fps) as reader:
         info = reader.info
@@ -166,7 +166,7 @@ def track_video(
             if points == AUTO
             else load_points(points, robot.marker_names, *size, first.index)
         )
-        anchors = load_anchors(corrections, robot.marker_names, *size, source.name) if corrections else ()
+        anchors = load_anchors(corrections, robot.marker_names, *size, title) if corrections else ()
         camera_file = None if settings.camera is None else read_camera(settings.camera)
         commands, readings = (None if table is None else read_signals(table) for table in (controls, sensors))
         tables = (settings.camera, controls, sensors, corrections)
@@ -197,7 +197,7 @@ def track_video(
             notes.append(f"the last frame is at {end:.3f} s, before --until, {span.until:g} s")
         commands = None if commands is None else commands.cut(begin, end, held=True)
         readings = None if readings is None else readings.cut(begin, end)
-    origin = f"{f'frame at {begin:g} s' if begin else 'first frame'} of {source.name or name}"
+    origin = f"{f'frame at {begin:g} s' if begin else 'first frame'} of {title}"
     assert info.rate_from is not None  # without a rate no film is read
     clocks = {
         "track": Timebase(origin, fps or 1 / float(np.median(np.diff(track.times))), info.rate_from),
@@ -206,7 +206,7 @@ def track_video(
     }
     trial = Trial(
         name, track, nominal_frequency(name) if frequency is None else frequency, camera.scale.meters_per_pixel,
-        ", ".join(filter(None, (f"video {source.name}", span.words, made))),
+        ", ".join(filter(None, (f"video {title}", span.words, made))),
         video=source, video_begin=begin, controls=commands, sensors=readings,
         timebases={kind: clock for kind, clock in clocks.items() if clock is not None},
     )  # fmt: skip
@@ -223,7 +223,7 @@ def track_video(
     report = TrackingReport.model_validate(
         rounded(
             {
-                "fingerprint": fingerprint, "trial": name, "video": source.name, "width": size[0], "height": size[1],
+                "fingerprint": fingerprint, "trial": name, "video": title, "width": size[0], "height": size[1],
                 "fps": info.fps, "rate_from": info.rate_from, "codec": info.codec, "mirrored": info.mirrored,
                 "rotation": info.rotation, "frames": seen.frame_count,
                 "tracker": settings.tracker, "points": start.points, "points_from": AUTO if points == AUTO else "file",

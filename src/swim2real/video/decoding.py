@@ -40,7 +40,6 @@ FORMATS = (  # films and pictures, each whole in one file
 MOST_PIXELS = 40_000_000  # of a picture: 8K has 33 million
 MOST_STREAMS = 32
 FIRST_PICTURE = 20.0  # s until the first picture is there, at most
-MOST_BOXES = 1000  # before the index of an MP4 file, that are looked at
 MADE_UP = Fraction(100, 101)  # frames per second, which no film has
 _OPTIONS = {
     "framerate": str(MADE_UP),
@@ -76,11 +75,6 @@ def _open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]
         raise VideoError(f"'{path}' is a device, a pipe or a socket; give the path of a video file")
     if path.stat().st_size == 0:
         raise VideoError(f"'{path}' is empty (0 bytes); copy it again")
-    if _lacks_index(path):
-        raise VideoError(
-            f"'{path}' ends before its index (the 'moov' box): the recording or the copy was cut off; copy it again, "
-            "or repair it with a tool that has an intact video of the same camera"
-        )
     try:
         container = av.open(str(path.absolute()), options=_OPTIONS, timeout=FIRST_PICTURE, **_TEXTS)
     except FFmpegError as error:
@@ -93,6 +87,12 @@ def _open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]
                 f"'{path}' is not a video in a format that is read; playlists, texts and whatever else names other "
                 f"files aren't: give the film itself, or convert it to MP4 with H.264"
             ) from None
+        with path.open("rb") as file:
+            if file.read(8)[4:] in TOP_BOXES:
+                raise VideoError(
+                    f"'{path}' ends before its index (the 'moov' box): the recording or the copy was cut off; copy it "
+                    "again, or repair it with a tool that has an intact video of the same camera"
+                ) from None
         raise VideoError(f"'{path}' is not a video that FFmpeg can read ({error.strerror})") from None
     try:
         return container, _video_stream(container, path, threads)
@@ -112,7 +112,7 @@ def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoS
         not isinstance(stream, VideoStream) or stream.disposition & Disposition.attached_pic
     ):  # the cover of a sound file
         held = ", ".join(sorted({other.type for other in container.streams})) or "nothing"
-        raise VideoError(f"'{path}' has no video in it, only {held}")
+        raise VideoError(f"'{path}' has no video in it, only {held}; if it had one, it was cut off: copy it again")
     # without a decoder PyAV has no codec context, whatever its stubs say
     if getattr(stream, "codec_context", None) is None:
         raise VideoError(f"no decoder for the video in '{path}'; convert it to H.264, for example")
@@ -121,31 +121,6 @@ def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoS
     stream.thread_type = "SLICE"
     stream.thread_count = threads
     return stream
-
-
-def _lacks_index(path: Path) -> bool:
-    """Whether this is an MP4 or QuickTime file without a whole 'moov' box (a photo has a 'meta' box instead)."""
-    with path.open("rb") as file:
-        end = path.stat().st_size
-        place = 0
-        for _ in range(MOST_BOXES):
-            if place + 8 > end:
-                break
-            file.seek(place)
-            head = file.read(16)
-            size, kind = int.from_bytes(head[:4], "big"), head[4:8]
-            if (place == 0 and kind not in TOP_BOXES) or kind == b"meta":
-                return False
-            if size == 1:
-                size = int.from_bytes(head[8:16], "big")
-            if kind == b"moov":
-                return place + size > end
-            if size < 8:  # 0: up to the end of the file
-                break
-            place += size
-        else:
-            return False
-        return place > 0 or end >= 8
 
 
 def too_large(path: Path) -> str:

@@ -24,12 +24,16 @@ _COUNTER = re.compile(r"%0?(\d*)d")
 _MOST_NAMED = 4
 
 
-def film_name(path: Path) -> str:
-    """What a film is called: by its file, its folder, or what its pattern begins with."""
+def film_title(path: Path) -> str:
+    """What a film is called: by its file, its folder, or what its pattern begins with; its stem names the trial."""
     if is_pattern(path):
-        before = _COUNTER.split(path.name)[0].rstrip("_-. ")
-        return before or path.parent.resolve().name
-    return path.resolve().name if path.is_dir() else path.stem
+        return f"{_COUNTER.split(path.name)[0].rstrip('_-. ') or path.parent.resolve().name}.pictures"
+    return f"{path.resolve().name}.pictures" if path.is_dir() else path.name
+
+
+def film_name(path: Path) -> str:
+    """The title without its ending."""
+    return Path(film_title(path)).stem
 
 
 def film_files(path: Path) -> list[Path]:
