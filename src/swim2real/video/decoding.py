@@ -111,8 +111,9 @@ def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoS
     if (
         not isinstance(stream, VideoStream) or stream.disposition & Disposition.attached_pic
     ):  # the cover of a sound file
-        held = ", ".join(sorted({other.type for other in container.streams})) or "nothing"
-        raise VideoError(f"'{path}' has no video in it, only {held}; if it had one, it was cut off: copy it again")
+        held = ", ".join(sorted({other.type for other in container.streams}))
+        what = f", only {held}" if held else ""
+        raise VideoError(f"'{path}' has no video in it{what}; if it had one, it was cut off: copy it again")
     # without a decoder PyAV has no codec context, whatever its stubs say
     if getattr(stream, "codec_context", None) is None:
         raise VideoError(f"no decoder for the video in '{path}'; convert it to H.264, for example")
