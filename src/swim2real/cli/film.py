@@ -78,7 +78,7 @@ def pick(
     for video, since, rate, saved in zip(videos, begins, rates, points, strict=True):
         page = out or (video if video.name else video.resolve()).with_name(f"{film_name(video)}.pick.html")
         frame = first_frame(video, since, rate)
-        unknown |= math.isnan(frame.time)
+        unknown |= rate is None and math.isnan(frame.time)
         write_pick_page(frame.image, names, film_title(video), page, body.rest_markers, frame.index)
         say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {saved}")
     options = for_robot(robot) + _tables_of(body, len(videos))

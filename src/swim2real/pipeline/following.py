@@ -83,7 +83,8 @@ class Film:
         if self.overlay is None:
             return nullcontext()
         info = reader.info
-        return TrackOverlay(self.overlay, info.width, info.height, info.fps, self.names)
+        rate = float(np.clip(info.fps, 0.1, 1e4))  # that a film can be written with; each frame has its own time
+        return TrackOverlay(self.overlay, info.width, info.height, rate, self.names)
 
 
 def follow(

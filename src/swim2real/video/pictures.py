@@ -102,6 +102,8 @@ class Pictures:
 
     def _levels(self) -> NDArray[np.uint8]:
         """The upright picture, RGB. Gray levels of more than 8 bits fill those that the first picture's bits allow."""
+        if self._image.width * self._image.height > MOST_PIXELS:
+            raise VideoError(too_large(self._open))
         upright = ImageOps.exif_transpose(self._image)
         if upright.mode[0] not in "IF":
             return np.asarray(upright.convert("RGB"))
@@ -136,9 +138,6 @@ def _opened(file: Path) -> Image.Image:
         raise VideoError(too_large(file)) from None
     except (OSError, ValueError, SyntaxError) as error:
         raise VideoError(f"'{file}' is not a picture that can be read ({error})") from None
-    if image.width * image.height > MOST_PIXELS:
-        image.close()
-        raise VideoError(too_large(file))
     return image
 
 

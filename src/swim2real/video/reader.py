@@ -190,7 +190,7 @@ def first_frame(path: str | Path, since: float = 0.0, fps: float | None = None) 
             known.
     """
     if not since:
-        with closing(_Pass(Path(path), 1, fps)) as film:
+        with closing(_Pass(Path(path), 1, None)) as film:
             return next(film.frames())
     with VideoReader(path, threads=1, fps=fps) as reader:
         last = 0.0
