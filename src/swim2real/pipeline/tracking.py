@@ -200,7 +200,7 @@ def track_video(
     origin = f"{f'frame at {begin:g} s' if begin else 'first frame'} of {title}"
     assert info.rate_from is not None  # without a rate no film is read
     clocks = {
-        "track": Timebase(origin, fps or 1 / float(np.median(np.diff(track.times))), info.rate_from),
+        "track": Timebase(origin, fps or round(1 / float(np.median(np.diff(track.times))), 6), info.rate_from),
         "controls": None if commands is None else by_stamps(TABLES, commands.times),
         "sensors": None if readings is None else by_stamps(TABLES, readings.times),
     }

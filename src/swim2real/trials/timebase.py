@@ -42,7 +42,7 @@ _LOGGED = 0.1  # of a table's duration: rows that are further apart are commands
 
 def by_stamps(origin: str, times: NDArray[np.float64]) -> Timebase | None:
     """The clock of time stamps [s], of shape (R,); None for a single one, which has no rate."""
-    return Timebase(origin, 1 / float(np.median(np.diff(times))), "stamps") if len(times) > 1 else None
+    return Timebase(origin, round(1 / float(np.median(np.diff(times))), 6), "stamps") if len(times) > 1 else None
 
 
 def described(trial: Trial) -> str:
