@@ -53,7 +53,7 @@ _OPTIONS = {
     "max_pixels": str(MOST_PIXELS),
 }
 # since PyAV 19 this is so; before, text in another encoding was an error
-_TEXTS: dict[str, Any] = {} if int(av.__version__.split(".")[0]) > 18 else {"metadata_errors": "surrogateescape"}
+_TEXTS: Any = {} if int(av.__version__.split(".")[0]) > 18 else {"metadata_errors": "surrogateescape"}
 SOUND_SLACK = 0.5  # s by which sound may outlast the pictures
 MOST_HELD = 16  # pictures that may wait for one that is shown later, as many as H.264 and HEVC can refer to
 
