@@ -100,6 +100,10 @@ class Span:
             sensors=None if trial.sensors is None else trial.sensors.cut(first, last),
             start={} if later else trial.start,
             start_velocities={} if later else trial.start_velocities,
+            timebases={
+                stream: replace(clock, origin=f"{clock.origin} plus {first:.10g} s") if first else clock
+                for stream, clock in trial.timebases.items()
+            },
         )
 
 
