@@ -133,12 +133,11 @@ def recorded(
         "sensor", log, stamps.since(zero), limits, wanted.sensors, columns,
         optional=into is not None and into.sensors is not None,
     )  # fmt: skip
-    for name in () if controls is None else controls.names:
-        if lacking := int(np.isnan(controls.column(name)).sum()):
-            notes.append(f"{lacking} of {len(controls.times)} rows have no command of '{name}': the one before holds")
+    for actuator, commanded in () if controls is None else zip(controls.names, controls.values.T, strict=True):
+        if lacking := int(np.isnan(commanded).sum()):
+            notes.append(f"{lacking} of {len(commanded)} rows have no command of '{actuator}': the one before holds")
     streams = {"controls": controls, "sensors": sensors}
-    clocks = {name: signals.timebase(origin) for name, signals in streams.items() if signals is not None}
-    known = {name: clock for name, clock in clocks.items() if clock is not None}
+    known = {stream: clock for stream, one in streams.items() if one and (clock := one.timebase(origin)) is not None}
     if into is not None:
         if controls is None and sensors is None:
             raise ArgumentError(f"{log.path}: nothing of it is taken; say --controls or --sensors NAME=COLUMN")

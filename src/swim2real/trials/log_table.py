@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from swim2real.checking import did_you_mean
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.names import quoted
-from swim2real.trials.signals import TIME
 from swim2real.trials.text_table import TextTable, read_table
 from swim2real.trials.units import factor, kind_of, unit_of_header, without_unit
 
@@ -30,6 +29,7 @@ _MOST_NAMED = 40  # columns in a sentence
 _PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 _EPOCH = 631_152_000, 4_102_444_800  # s since 1970 of 1990 and 2100
 _NANO = 1e-9
+_CLOCK = re.compile(r"\d[:T]\d")  # in a date or a time of day
 _FACTOR = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*(.*)", re.IGNORECASE)
 
 
@@ -125,7 +125,8 @@ class LogTable:
         place, given = places[0], text[len(named) + 1 :]
         number = _FACTOR.fullmatch(given)
         times, given = (float(number[1]), number[2]) if number else (1.0, given)
-        unit = given or unit_of_header(headers[0]) or self.table.units[place] or self.table.stated.get(kind_of(into))
+        below = self.table.units[place] if self.table.cells[place].dtype.kind in "iufb" else None  # of dates it is none
+        unit = given or unit_of_header(headers[0]) or below or self.table.stated.get(kind_of(into))
         try:
             scale = 1.0 if unit is None else factor(unit, into)
         except ArgumentError as error:
@@ -169,9 +170,16 @@ class LogTable:
             TrialError: One is missing, or they don't rise.
         """
         called = [name for name in self.table.names if _words(_last(without_unit(name))).replace(" ", "") in _TIMES]
-        for name, below in zip(self.table.names, self.table.units, strict=True):
-            called += [name] if kind_of(unit_of_header(name) or below or "") == "time" else []
-        text = next(filter(self.has, texts), next(iter([*called, *texts]), TIME))
+        for place, (name, below) in enumerate(zip(self.table.names, self.table.units, strict=True)):
+            dated = _CLOCK.search(str(self.table.cells[place][0])) is not None
+            called += [name] if dated or kind_of(unit_of_header(name) or below or "") == "time" else []
+        text = next(filter(self.has, texts), next(iter([*called, *texts]), ""))
+        if not text:
+            there = ", ".join(map(quoted, self.table.names[:_MOST_NAMED]))
+            raise ArgumentError(
+                f"{self.path} has no column that is called time, t, timestamp or stamp: say --time COLUMN:UNIT, or of "
+                f"one that counts rows --time COLUMN:SECONDS, as in frame:0.01; its columns are {there}"
+            )
         place, unit, scale, times = self._chosen(text, "the time stamps (--time COLUMN:UNIT)", "s")
         header = self.table.names[place]
         first, values, words = self._counted(place, unit, scale * times)
@@ -210,22 +218,18 @@ class LogTable:
         for one, per in _PER_SECOND.items() if unit is None else ():
             if _EPOCH[0] * per <= low and high <= _EPOCH[1] * per:
                 unit, scale = f"{one} since 1970", 1 / per
-        begin, words = cells[0], f" in {unit}" if unit else ""
-        if not np.isfinite(begin):
-            return 0, np.full(len(cells), np.nan), words
-        exact = cells.dtype.kind in "iu" and (per := round(scale / _NANO)) > 0
-        return (
-            int(begin) * per if exact else round(float(begin) * scale / _NANO),
-            scale * (cells - begin).to_numpy(float),
-            words,
-        )
+        values = scale * (cells - cells[0]).to_numpy(dtype=float)
+        nanos = round(scale / _NANO)
+        whole = cells.dtype.kind in "iu" and nanos > 0
+        first = int(cells[0]) * nanos if whole else round(float(np.nan_to_num(cells[0])) * scale / _NANO)
+        return first, values, f" in {unit}" if unit else ""
 
 
 def _dates(texts: pd.Series[str]) -> pd.Series[Any] | None:
     """Dates with times, else times of day or since a beginning; None where they are neither."""
     import pandas as pd
 
-    if not re.search(r"\d[:T]\d", texts[0]):
+    if not _CLOCK.search(texts[0]):
         return None
     readers: list[Callable[[], pd.Series[Any]]] = [
         lambda: pd.to_datetime(texts, format="ISO8601", utc=True),
@@ -240,13 +244,19 @@ def _dates(texts: pd.Series[str]) -> pd.Series[Any] | None:
 
 
 def _spread(values: Array, tick: float) -> Array:
-    """Times of rows on a clock that is coarser than they are: even from one of its ticks to the next.
+    """Times of rows on a clock that is coarser than they are.
+
+    They are even throughout if that explains all stamps, else from one tick to the next.
 
     Args:
         values: Times that don't fall, of which some are equal [s]. Shape (R,).
         tick: From one tick to the next [s].
     """
     rows, turns = np.arange(len(values)), np.flatnonzero(np.diff(values)) + 1
+    step, begin = np.polyfit(rows, values, 1)
+    late = values - step * rows - begin
+    if np.ptp(late) <= tick + step:
+        return step * rows + begin + late.max()  # a row is read at its stamp or later
     step = (values[turns[-1]] - values[turns[0]]) / (turns[-1] - turns[0])
     outside = np.minimum(rows - turns[0], 0) + np.maximum(rows - turns[-1], 0)
     even = np.interp(rows, turns, values[turns]) + step * outside

@@ -187,7 +187,7 @@ def _read(path: Path, fps: float) -> _Poses:
         places[axis] = place
     markers = {animal: {part: at for part, at in parts.items() if min(at[:2]) >= 0} for animal, parts in found.items()}
     markers = {animal: parts for animal, parts in markers.items() if parts}
-    if not markers:
+    if not markers or ("coords" in rows and markers != found):
         raise TrialError(
             f"{path}: no pose table; it needs DeepLabCut's header rows scorer, bodyparts, coords, or columns NAME.x "
             f"and NAME.y as SLEAP writes them, and then a row per frame"

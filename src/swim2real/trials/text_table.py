@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, chain, compress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,7 +39,7 @@ _DIGITS = "0123456789"
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1b]")
 _PLAIN = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?"
 _STAMP = r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(?:[ T].*)?|\d{1,2}:\d\d(?:[:.,].*)?|\d{8}T\d{4}.*"
-_number = re.compile(f"(?:{_PLAIN}|{_STAMP})").fullmatch
+_number = re.compile(rf"\s*(?:{_PLAIN}|{_STAMP})\s*").fullmatch  # a number or a time
 _ERRORS = ("#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?", "#NV", "#N/D")  # of spreadsheets
 _MISSING = (
     *_ERRORS, "", "#N/A", "#NA", "N/A", "n/a", "NA", "<NA>", "na", "NaN", "nan", "NAN", "-nan", "-NaN", "nan(ind)",
@@ -117,11 +117,12 @@ class TextTable:
             raise TrialError(f"{self.path}: {self.left_out}; expected {wanted}")
         if not len(self.lines):
             raise TrialError(f"{self.path}: the table is empty; expected {wanted}")
+        numbers = np.stack([self.numbers(column) for column in range(len(self.names))], axis=1)
         if width and len(self.names) != width:
             raise TrialError(f"{self.path}: {len(self.names)} columns; expected {wanted}")
         if len(self.lines) < least:
             raise TrialError(f"{self.path}: one frame only; a trial needs at least {least}")
-        return np.stack([self.numbers(column) for column in range(len(self.names))], axis=1)
+        return numbers
 
 
 def read_table(path: Path) -> TextTable:
@@ -148,10 +149,13 @@ def read_table(path: Path) -> TextTable:
         last = next((line for line in reversed(lines) if line.strip()), "")
         cells = tuple(_split([last], max(_SEPARATORS, key=last.count)))
         names = () if any(map(_number, cells)) else cells
-        return TextTable(path, names, (None,) * len(names), (names,), {}, np.zeros(0, int), pd.DataFrame())
+        return TextTable(
+            path, names, (None,) * len(names), (names,) if names else (), {}, np.zeros(0, int), pd.DataFrame()
+        )
     wide = max(layout.width, *(len(head) for head in layout.heads), 0)
     kept, left_out = _rows(path, lines, layout, wide, cut_off=not text.endswith(("\n", "\r")))
-    block = "\n".join("\n".join(lines[begin:end]) for begin, end in kept)
+    ends = np.bincount(kept[:, _BEGIN], minlength=len(lines) + 1) - np.bincount(kept[:, _END], minlength=len(lines) + 1)
+    block = "\n".join(compress(lines, ends.cumsum() > 0))
     try:
         cells = pd.read_csv(
             io.StringIO(block), sep=r"\s+" if layout.separator == " " else layout.separator, header=None,
@@ -162,7 +166,7 @@ def read_table(path: Path) -> TextTable:
         raise TrialError(f"{path}: not readable as a table ({error})") from error
     heads = [(*head, *("",) * (wide - len(head))) for head in layout.heads]
     names, units = _named(heads, wide)
-    numbers = np.array([begin + 1 for begin, _ in kept])
+    numbers = kept[:, _BEGIN] + 1
     width = max(k + 1 for k in range(wide) if (k < layout.width and names[k]) or cells[k].notna().any())
     if layout.heads and not all(names[1:width]):
         raise TrialError(
@@ -236,7 +240,7 @@ class _Layout:
 def _layout(lines: list[str], separator: str) -> _Layout | None:
     """The layout by a separator; None where no line has two cells with a number among them."""
     try:
-        records = np.array(list(_records(lines, separator)), dtype=np.int64).reshape(-1, 4)
+        records = np.fromiter(chain.from_iterable(_records(lines, separator)), np.int64).reshape(-1, 4)
     except csv.Error:
         return None
     filled = records[records[:, _KIND] >= _TEXT]
@@ -245,9 +249,9 @@ def _layout(lines: list[str], separator: str) -> _Layout | None:
     runs = np.where(widths[edges[:-1]] > 0, np.diff(edges), 0)
     if not runs.any():
         return None
-    longest = len(runs) - 1 - int(np.argmax(runs[::-1]))  # of runs alike the last: what is above a table is no table
+    longest = int(np.argmax(runs))
     begin, end, width, _ = filled[(edges[longest] + edges[longest + 1]) // 2]
-    numeric = list(map(_is_number, _split(lines[begin:end], separator)))
+    numeric = [_number(cell) is not None for cell in _split(lines[begin:end], separator)]
     texts = sum(map(_is_text, _split(lines[begin:end], separator)))
 
     def alike(record: NDArray[np.int64]) -> bool:
@@ -265,7 +269,8 @@ def _layout(lines: list[str], separator: str) -> _Layout | None:
         bare = _COMMENT.sub("", lines[begin])
         options = [_split([head, *lines[begin + 1 : end]], separator) for head in (bare, lines[begin])]
         head = min(options, key=lambda cells: abs(len(cells) - width))
-        if len(head) >= max(2, width - _FEWER) and not _is_number(next(filter(None, head), "")):
+        most = max([width, *map(len, heads)]) if heads else len(head)
+        if max(2, width - _FEWER) <= len(head) <= most and not _number(next(filter(None, head), "")):
             heads.insert(0, head)
             top = begin
         elif heads or kind >= _TEXT:
@@ -286,7 +291,7 @@ def _records(lines: list[str], separator: str) -> Iterator[tuple[int, int, int, 
         begin, end = end, reader.line_num
         if _COMMENT.match(lines[begin]) and cells[0].strip() not in _MISSING:
             kind = _NOTE
-        elif any(map(_is_number, cells)):
+        elif any(map(_number, cells)):
             kind = _NUMBERS
         else:
             kind = _TEXT if any(map(str.strip, cells)) else _BLANK
@@ -302,19 +307,12 @@ def _split(lines: Sequence[str], separator: str) -> list[str]:
         return list(lines)
 
 
-def _is_number(cell: str) -> bool:
-    """Whether a cell holds a number or a time."""
-    return _number(cell.strip()) is not None
-
-
 def _is_text(cell: str) -> bool:
     """Whether a cell holds neither a number nor a sign that there is none."""
-    return cell.strip() not in _MISSING and not _is_number(cell)
+    return cell.strip() not in _MISSING and not _number(cell)
 
 
-def _rows(
-    path: Path, lines: list[str], layout: _Layout, wide: int, *, cut_off: bool
-) -> tuple[list[tuple[int, int]], str]:
+def _rows(path: Path, lines: list[str], layout: _Layout, wide: int, *, cut_off: bool) -> tuple[NDArray[np.int64], str]:
     """First line and line after the last of each row, and in words which lines among them aren't rows.
 
     Args:
@@ -324,27 +322,21 @@ def _rows(
         wide: Cells that a row may have, as the header.
         cut_off: Whether the last line has no end, and so may be half of one.
     """
-    kept: list[tuple[int, int]] = []
-    out: list[int] = []
-    for begin, end, width, kind in layout.records[layout.first :].tolist():
-        if kind < _TEXT:
-            continue
-        cells = [] if layout.width == width else _split(lines[begin:end], layout.separator)
-        if kind == _NUMBERS and layout.width <= width <= wide:
-            kept.append((begin, end))
-        elif kind == _TEXT or (cut_off and end == len(lines)) or 2 * sum(map(_is_number, cells)) < len(cells):
-            out.append(begin)
-        else:
+    records = layout.records[layout.first :]
+    good = (records[:, _KIND] == _NUMBERS) & (layout.width <= records[:, _WIDTH]) & (records[:, _WIDTH] <= wide)
+    if good.sum() > MOST_ROWS:
+        raise TrialError(_too_many(path))
+    odd = records[~good & (records[:, _KIND] >= _TEXT)].tolist()
+    for begin, end, width, kind in odd:
+        cells = _split(lines[begin:end], layout.separator)
+        half = cut_off and end == len(lines)
+        if not half and kind == _NUMBERS and 2 * sum(map(bool, map(_number, cells))) >= len(cells):
             raise TrialError(
                 f"{path}, line {begin + 1}: {width} columns; the other rows have {layout.width}: mend the line, or "
                 f"leave it out"
             )
-    if len(kept) > MOST_ROWS:
-        raise TrialError(_too_many(path))
-    if not out:
-        return kept, ""
-    first = f"line {out[0] + 1}, {quoted(lines[out[0]].strip())}"
-    return kept, f"{len(out)} lines that are no rows are left out, first {first}"
+    said = f"first line {odd[0][_BEGIN] + 1}, {quoted(lines[odd[0][_BEGIN]].strip())}" if odd else ""
+    return records[good, :_WIDTH], f"{len(odd)} lines that are no rows are left out, {said}" if odd else ""
 
 
 def _too_many(path: Path) -> str:
@@ -373,7 +365,7 @@ def _named(heads: list[tuple[str, ...]], width: int) -> tuple[tuple[str, ...], t
     units: list[str | None] = [None] * width
     for row in rows[:0:-1]:
         cells = [cell.strip("[]()") for cell in row]
-        known = [known_unit(cell) is not None for cell in cells if cell]
+        known = [known_unit(cell) is not None for cell in cells if cell and not cell.isdigit()]
         if known and 2 * sum(known) >= len(known):
             units = [cell or None for cell in cells]
             rows.remove(row)
@@ -381,14 +373,15 @@ def _named(heads: list[tuple[str, ...]], width: int) -> tuple[tuple[str, ...], t
     if not rows:
         return ("",) * width, tuple(units)
     names = max(reversed(rows), key=_distinct)
-    if _distinct(names) < sum(map(bool, names)) or 2 * _distinct(names) <= width:
+    if not all(names[1:]) or _distinct(names) < sum(map(bool, names)):
         names = rows[-1]
         for row in sorted(rows[:-1], key=_distinct, reverse=True):
             above = accumulate(row, lambda before, cell: cell or before)
-            stems = Counter(name.rstrip(_DIGITS) for name in names)  # X1, X2 are the X of one thing and of another
+            stems = [name.rstrip(_DIGITS) for name in names]  # X1 and X2 are the X of one thing and of another
+            doubled = Counter(stems)
             joined = [
-                f"{top} {name}".strip() if stems[name.rstrip(_DIGITS)] > 1 else name
-                for top, name in zip(above, names, strict=True)
+                f"{top} {stem}".strip() if not stem or doubled[stem] > 1 else name
+                for top, stem, name in zip(above, stems, names, strict=True)
             ]
             if len(set(joined)) > len(set(names)):
                 names = tuple(joined)
