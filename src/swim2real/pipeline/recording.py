@@ -127,15 +127,12 @@ def recorded(
     limits = {sensor.name: sensor.unit for sensor in robot.trials.sensors}
     controls = _signals(
         "actuator", driving, driving_times.since(zero), dict.fromkeys(_commanded(robot), ""), wanted.controls, columns,
-        optional=into is not None and into.controls is not None,
+        notes, optional=into is not None and into.controls is not None,
     )  # fmt: skip
     sensors = _signals(
-        "sensor", log, stamps.since(zero), limits, wanted.sensors, columns,
+        "sensor", log, stamps.since(zero), limits, wanted.sensors, columns, [],
         optional=into is not None and into.sensors is not None,
     )  # fmt: skip
-    for actuator, commanded in () if controls is None else zip(controls.names, controls.values.T, strict=True):
-        if lacking := int(np.isnan(commanded).sum()):
-            notes.append(f"{lacking} of {len(commanded)} rows have no command of '{actuator}': the one before holds")
     streams = {"controls": controls, "sensors": sensors}
     known = {stream: clock for stream, one in streams.items() if one and (clock := one.timebase(origin)) is not None}
     if into is not None:
@@ -173,7 +170,7 @@ def _measured(robot: Robot) -> list[str]:
 
 def _signals(
     kind: str, log: LogTable, times: Array, units: Mapping[str, str], given: Mapping[str, str],
-    columns: dict[str, str], *, optional: bool,
+    columns: dict[str, str], notes: list[str], *, optional: bool,
 ) -> Signals | None:  # fmt: skip
     """Columns as signals, rows without any left out; None where none is needed, or none is there that needn't be."""
     if optional and not given and not any(log.has(name) for name in units):
@@ -184,6 +181,8 @@ def _signals(
         what = f"{kind} '{name}'" + ("" if name in given else f", so say {option} {name}=COLUMN")
         found.append(log.column(given.get(name, name), what, unit))
         columns[f"{kind} {name}"] = str(found[-1])
+        if lacking := int(np.isnan(found[-1].values).sum()):
+            notes.append(f"{lacking} of {len(times)} rows have no value of {kind} '{name}': the one before holds")
     if not found:
         return None
     values = np.stack([column.values for column in found], axis=1)

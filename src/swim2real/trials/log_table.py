@@ -143,11 +143,9 @@ class LogTable:
         exact = [place for place, name in enumerate(names) if name == text]
         if exact or not (wanted := _words(text)):
             return exact
-        for stem in (str, _last):
-            found = [place for place, name in enumerate(names) if _words(stem(without_unit(name))) == wanted]
-            if found:
-                return found
-        return []
+        called = [_calls(name) for name in names]
+        whole = [place for place, calls in enumerate(called) if calls[0] == wanted]
+        return whole or [place for place, calls in enumerate(called) if wanted in calls]
 
     def missing(self, text: str, what: str) -> str:
         """That there is no such column, and which there are."""
@@ -169,7 +167,7 @@ class LogTable:
             ArgumentError: There is no such column, or its unit is none of time.
             TrialError: One is missing, or they don't rise.
         """
-        called = [name for name in self.table.names if _words(_last(without_unit(name))).replace(" ", "") in _TIMES]
+        called = [name for name in self.table.names if _calls(name)[-1].replace(" ", "") in _TIMES]
         for place, (name, below) in enumerate(zip(self.table.names, self.table.units, strict=True)):
             dated = _CLOCK.search(str(self.table.cells[place][0])) is not None
             called += [name] if dated or kind_of(unit_of_header(name) or below or "") == "time" else []
@@ -328,6 +326,7 @@ def _words(text: str) -> str:
     return " ".join(re.findall(r"[^\W_]+", text.lower()))
 
 
-def _last(name: str) -> str:
-    """A name without whose it is."""
-    return re.split(r"[./:]", name)[-1]
+def _calls(header: str) -> list[str]:
+    """What a column may be called: its name without its unit, whole and without whose it is, as in robot/arm.angle."""
+    parts = re.split(r"[./:]", without_unit(header))
+    return [_words(" ".join(parts[place:])) for place in range(len(parts))]

@@ -185,9 +185,13 @@ def _read(path: Path, fps: float) -> _Poses:
         if places[axis] >= 0:
             raise TrialError(f"{path}: column '{coordinate}' of marker '{part}' comes twice; leave one out")
         places[axis] = place
+    for part in (
+        part for parts in found.values() for part, at in parts.items() if "coords" in rows and min(at[:2]) < 0
+    ):
+        raise TrialError(f"{path}: marker '{part}' has no columns x and y below it; give it both")
     markers = {animal: {part: at for part, at in parts.items() if min(at[:2]) >= 0} for animal, parts in found.items()}
     markers = {animal: parts for animal, parts in markers.items() if parts}
-    if not markers or ("coords" in rows and markers != found):
+    if not markers:
         raise TrialError(
             f"{path}: no pose table; it needs DeepLabCut's header rows scorer, bodyparts, coords, or columns NAME.x "
             f"and NAME.y as SLEAP writes them, and then a row per frame"

@@ -364,8 +364,9 @@ def _named(heads: list[tuple[str, ...]], width: int) -> tuple[tuple[str, ...], t
     rows = list(heads)
     units: list[str | None] = [None] * width
     for row in rows[:0:-1]:
-        cells = [cell.strip("[]()") for cell in row]
-        known = [known_unit(cell) is not None for cell in cells if cell and not cell.isdigit()]
+        cells = [cell.strip("[](){}") for cell in row]
+        cells = ["" if cell in _MISSING or cell.isdigit() else cell for cell in cells]
+        known = [known_unit(cell) is not None for cell in cells if cell]
         if known and 2 * sum(known) >= len(known):
             units = [cell or None for cell in cells]
             rows.remove(row)
