@@ -75,8 +75,8 @@ def test_missing_values_are_markers_that_werent_seen_and_missing_rows_a_gap_in_t
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("", ("no pose table", "scorer, bodyparts, coords")),
-        (LINES[0] + "\n", ("no pose table",)),
+        ("", ("the table is empty",)),
+        (LINES[0] + "\n", ("the table is empty",)),
         ("0,1,2,3\n1,2,3,4\n2,3,4,5\n", ("no pose table", "NAME.x and NAME.y")),
         (HEADER.replace("M1,M1,M1", "M1,M1,M2") + ROWS, ("'M2'", "no columns x and y")),
         (HEADER.replace("M1", "M0") + ROWS, ("'M0' comes twice",)),

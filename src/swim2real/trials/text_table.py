@@ -40,15 +40,11 @@ _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1b]")
 _PLAIN = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?"
 _STAMP = r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(?:[ T].*)?|\d{1,2}:\d\d(?:[:.,].*)?|\d{8}T\d{4}.*"
 _number = re.compile(rf"\s*(?:{_PLAIN}|{_STAMP})\s*").fullmatch  # a number or a time
-_ERRORS = ("#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?", "#NV", "#N/D")  # of spreadsheets
 _MISSING = (
-    *_ERRORS, "", "#N/A", "#NA", "N/A", "n/a", "NA", "<NA>", "na", "NaN", "nan", "NAN", "-nan", "-NaN", "nan(ind)",
-    "-nan(ind)", "1.#IND", "1.#QNAN", "-1.#IND", "-1.#QNAN", "NULL", "null", "None", "none", "missing", "MISSING", "-",
-    "--", "---", "?", ".", "*",
-)  # fmt: skip
-_FEWER = (
-    2  # cells by which a row above the names may be shorter: a name over x, y and z stands in the first of the three
-)
+    " #N/A #NA #NV #N/D #DIV/0! #VALUE! #REF! #NUM! #NAME? N/A n/a NA <NA> na NaN nan NAN -nan -NaN nan(ind) -nan(ind) "
+    "1.#IND 1.#QNAN -1.#IND -1.#QNAN NULL null None none missing MISSING - -- --- ? . *"
+).split(" ")
+_FEWER = 2  # cells that a row above the names may lack: a name over x, y and z stands in the first of the three
 _BEGIN, _END, _WIDTH, _KIND = range(4)  # of a record: its first line, the line after it, its cells, and what it is
 _BLANK, _NOTE, _TEXT, _NUMBERS = range(4)  # what a record is
 
@@ -115,8 +111,6 @@ class TextTable:
         """
         if self.left_out:
             raise TrialError(f"{self.path}: {self.left_out}; expected {wanted}")
-        if not len(self.lines):
-            raise TrialError(f"{self.path}: the table is empty; expected {wanted}")
         numbers = np.stack([self.numbers(column) for column in range(len(self.names))], axis=1)
         if width and len(self.names) != width:
             raise TrialError(f"{self.path}: {len(self.names)} columns; expected {wanted}")
@@ -128,11 +122,8 @@ class TextTable:
 def read_table(path: Path) -> TextTable:
     """Reads a text file as a table.
 
-    Returns:
-        The table; without a row where no line has two cells or more with a number among them.
-
     Raises:
-        TrialError: The file isn't there, isn't text or is too large, or a row has another number of cells.
+        TrialError: The file isn't there, isn't text or is too large, has no row, or one with another number of cells.
     """
     import pandas as pd
 
@@ -146,12 +137,7 @@ def read_table(path: Path) -> TextTable:
         filter(None, (_layout(lines, one) for one in separators)), key=lambda layout: layout.score, default=None
     )
     if layout is None:
-        last = next((line for line in reversed(lines) if line.strip()), "")
-        cells = tuple(_split([last], max(_SEPARATORS, key=last.count)))
-        names = () if any(map(_number, cells)) else cells
-        return TextTable(
-            path, names, (None,) * len(names), (names,) if names else (), {}, np.zeros(0, int), pd.DataFrame()
-        )
+        raise TrialError(f"{path}: the table is empty: no line has two cells or more with a number among them")
     wide = max(layout.width, *(len(head) for head in layout.heads), 0)
     kept, left_out = _rows(path, lines, layout, wide, cut_off=not text.endswith(("\n", "\r")))
     ends = np.bincount(kept[:, _BEGIN], minlength=len(lines) + 1) - np.bincount(kept[:, _END], minlength=len(lines) + 1)
@@ -160,7 +146,7 @@ def read_table(path: Path) -> TextTable:
         cells = pd.read_csv(
             io.StringIO(block), sep=r"\s+" if layout.separator == " " else layout.separator, header=None,
             names=list(range(wide)), index_col=False, decimal=_decimal(block, layout.separator),
-            na_values=list(_MISSING), skipinitialspace=True, low_memory=False,
+            na_values=_MISSING, skipinitialspace=True, low_memory=False,
         )  # fmt: skip
     except ValueError as error:
         raise TrialError(f"{path}: not readable as a table ({error})") from error
@@ -263,9 +249,12 @@ def _layout(lines: list[str], separator: str) -> _Layout | None:
     first = next(i for i, record in enumerate(records) if alike(record))
     heads: list[list[str]] = []
     top = int(records[first, _BEGIN])
-    for begin, end, _, kind in records[:first][::-1].tolist():
+    for i, (begin, end, cells, kind) in reversed(list(enumerate(records[:first].tolist()))):
         if kind == _BLANK and heads:
             break
+        if not heads and cells == width and _number(_split(lines[begin:end], separator)[0]):
+            first = i  # a row that isn't like the others: its cell will be named
+            continue
         bare = _COMMENT.sub("", lines[begin])
         options = [_split([head, *lines[begin + 1 : end]], separator) for head in (bare, lines[begin])]
         head = min(options, key=lambda cells: abs(len(cells) - width))
@@ -345,15 +334,10 @@ def _too_many(path: Path) -> str:
 
 def _decimal(block: str, separator: str) -> str:
     """What the numbers of a table have as decimal mark: a comma where there is one and no point."""
-    edge = re.escape(separator) if separator != " " else r"\s"
-
-    def found(mark: str, edge: str) -> bool:
-        return (
-            re.search(rf"(?m)(?:^|{edge})[ \"]*[+-]?\d*{mark}\d+(?:[eE][+-]?\d+)?[ \"]*(?:{edge}|$)", block) is not None
-        )
-
-    commas = found(",", edge) if separator != "," else re.search(r'"[+-]?\d*,\d+"', block) is not None
-    return "," if commas and not found(r"\.", edge) else "."
+    edge = r"\s" if separator == " " else re.escape(separator)
+    number = r'(?m)(?:^|{0})[ "]*[+-]?\d*{1}\d+(?:[eE][+-]?\d+)?[ "]*(?:{0}|$)'
+    commas = re.search(r'"[+-]?\d*,\d+"' if separator == "," else number.format(edge, ","), block)
+    return "," if commas and not re.search(number.format(edge, r"\."), block) else "."
 
 
 def _named(heads: list[tuple[str, ...]], width: int) -> tuple[tuple[str, ...], tuple[str | None, ...]]:
