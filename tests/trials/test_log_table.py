@@ -112,11 +112,14 @@ def test_rows_on_a_coarse_clock_are_at_most_a_tick_off(tmp_path_factory, count, 
         ("t,q\n0,1\n", ("1 rows", "at least 2")),
         ("0,1\n1,2\n", ("line 1", "must name the columns")),
         ("", ("the table is empty",)),
-        ("t,q\n0,init\n1,2\n2,3\n", ("line 2, column 2", "'init'")),
     ],
 )
 def test_what_is_wrong_in_a_table_is_reported_with_its_line(log, text, parts):
     assert says(refusal(TrialError, lambda: log(text).times()), *parts)
+
+
+def test_a_first_row_that_is_unlike_the_others_is_a_row(log):
+    assert says(refusal(TrialError, log("t,q\n0,init\n\n1,2\n2,3\n").column, "q", "it"), "line 2, column 2", "'init'")
 
 
 @pytest.mark.parametrize(

@@ -40,10 +40,11 @@ _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1b]")
 _PLAIN = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?"
 _STAMP = r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(?:[ T].*)?|\d{1,2}:\d\d(?:[:.,].*)?|\d{8}T\d{4}.*"
 _number = re.compile(rf"\s*(?:{_PLAIN}|{_STAMP})\s*").fullmatch  # a number or a time
-_MISSING = (
-    " #N/A #NA #NV #N/D #DIV/0! #VALUE! #REF! #NUM! #NAME? N/A n/a NA <NA> na NaN nan NAN -nan -NaN nan(ind) -nan(ind) "
+_SIGNS = (
+    "#N/A #NA #NV #N/D #DIV/0! #VALUE! #REF! #NUM! #NAME? N/A n/a NA <NA> na NaN nan NAN -nan -NaN nan(ind) -nan(ind) "
     "1.#IND 1.#QNAN -1.#IND -1.#QNAN NULL null None none missing MISSING - -- --- ? . *"
-).split(" ")
+)
+_MISSING = ["", *_SIGNS.split()]
 _FEWER = 2  # cells that a row above the names may lack: a name over x, y and z stands in the first of the three
 _BEGIN, _END, _WIDTH, _KIND = range(4)  # of a record: its first line, the line after it, its cells, and what it is
 _BLANK, _NOTE, _TEXT, _NUMBERS = range(4)  # what a record is
