@@ -38,7 +38,8 @@ _GUESSED = 1 << 16  # bytes from which an encoding is guessed
 _DIGITS = "0123456789"
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1b]")
 _PLAIN = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?"
-_STAMP = r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(?:[ T].*)?|\d{1,2}:\d\d(?:[:.,].*)?|\d{8}T\d{4}.*"
+_CLOCK = r"\d{1,2}:\d\d(?::\d\d)?(?:[.,]\d*)?(?: ?[AaPp][Mm])?(?:Z| ?[+-]\d\d:?\d\d)?"
+_STAMP = rf"\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}(?:[ T]{_CLOCK})?|{_CLOCK}|\d{{8}}T\d{{4}}.*"
 _number = re.compile(rf"\s*(?:{_PLAIN}|{_STAMP})\s*").fullmatch  # a number or a time
 _SIGNS = (
     "#N/A #NA #NV #N/D #DIV/0! #VALUE! #REF! #NUM! #NAME? N/A n/a NA <NA> na NaN nan NAN -nan -NaN nan(ind) -nan(ind) "
