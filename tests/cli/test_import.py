@@ -97,7 +97,7 @@ def test_nothing_is_written_when_one_table_is_wrong(tmp_path):
     write_dlc(MarkerTrack(track.times, track.positions[:, :2]), ("M0", "M1"), short)
     with pytest.raises(TrialError) as caught:
         imported(tmp_path, good, short)
-    assert str(caught.value) == f"{short}: 2 markers (M0, M1); robot 'fish' has 9 ({', '.join(FISH.marker_names)})"
+    assert str(caught.value) == f"{short}: 2 markers (M0, M1); 9 are wanted ({', '.join(FISH.marker_names)})"
     assert not (tmp_path / "reference").exists()
 
 
@@ -220,7 +220,11 @@ def test_a_trial_that_was_tracked_keeps_its_track(program, reference, words, tmp
     [
         ((), 2, "no columns of the markers pivot, middle, end, and there is no trial 'a' that was tracked"),
         (MARKERS, 2, "no column 'torque' for actuator 'torque', so say --controls torque=COLUMN"),
-        ((*MARKERS, "--controls", "torque=cmd"), 2, "no column 'cmd' for actuator 'torque'; did you mean 'cmd_mNm'?"),
+        (
+            (*MARKERS, "--controls", "torque=cmd_Nm"),
+            2,
+            "no column 'cmd_Nm' for actuator 'torque'; did you mean 'cmd_mNm'?",
+        ),
         ((*MARKERS, *COLUMNS[:3], "gyro[1]=cmd_mNm"), 2, "'mNm' is a unit of torque, and 'rad/s' one of angular"),
         ((*MARKERS[:3], "end=ex", *COLUMNS), 2, "say end=XCOLUMN,YCOLUMN or end=XCOLUMN,YCOLUMN:UNIT"),
         ((*MARKERS, *COLUMNS, "--time", "px:s"), 1, "times must rise"),

@@ -182,10 +182,10 @@ def import_tracks(
     frequency: tuple[float, ...] = (), controls: tuple[Path, ...] = (), sensors: tuple[Path, ...] = (),
     begin: From = (), until: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
-    """Make trials of other programs' tracks: DeepLabCut's CSV tables, which SLEAP and movement write as well.
+    """Make trials of other programs' tracks: tables of DeepLabCut, SLEAP, or others with columns NAME.x and NAME.y.
 
     Args:
-        tables: Tables, one per trial, in pixels.
+        tables: Tables, one per trial, in pixels; their frames are counted from the video's first, 0.
         to: Reference folder to add the trials to.
         fps: Frames per second of the videos.
         robot: Robot whose markers they are: fish, or a robot file (.toml).
@@ -208,6 +208,7 @@ def import_tracks(
     from swim2real.trials.reference import add_trial
     from swim2real.trials.signals import read_signals
     from swim2real.trials.span import spans
+    from swim2real.trials.timebase import Timebase
 
     stretches = spans(begin, until, len(tables), "tables")
     body = load_robot(robot, markers_only=True)
@@ -222,18 +223,23 @@ def import_tracks(
         raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(read)}); rename one")
     driven, measured = ([read_signals(path) for path in paths] for paths in (controls, sensors))
     for i, (name, (path, span, pixels, scale, notes)) in enumerate(read.items()):
+        clocks = {"track": Timebase(f"first frame of the video of {path.name}", fps, "given")}
+        for stream, paths, signals in (("controls", controls, driven), ("sensors", sensors, measured)):
+            if paths and (clock := signals[i].timebase(f"time 0 of {paths[i].name}")) is not None:
+                clocks[stream] = clock
         trial = span.of_trial(
             Trial(
                 name, scale.to_meters(pixels), frequency[i] if frequency else nominal_frequency(name),
                 scale.scale.meters_per_pixel,
                 f"pose table {path.name}, {fps:g} fps" + ("" if camera is None else f", camera {camera.name}"),
                 controls=driven[i] if driven else None, sensors=measured[i] if measured else None,
+                timebases=clocks,
             )
         )  # fmt: skip
         add_trial(to, trial, body.marker_names)
         mm_per_pixel = 1e3 * scale.scale.meters_per_pixel
         say(f"{name}: {pixels.frame_count} frames, {pixels.duration:.2f} s, {mm_per_pixel:.4f} mm per pixel")
-        for line in (*notes, *scale.findings()):
+        for line in (*(f"{stream} at {clock}" for stream, clock in trial.timebases.items()), *notes, *scale.findings()):
             say(f"{name}: {line}")
     say(f"{to}: check the tracks with: swim2real quality {word(to)}{for_robot(robot)}")
     return 0
@@ -358,23 +364,10 @@ def _read_track(
 ) -> tuple[MarkerTrack, Camera, list[str]]:
     """A stretch of a track in pixels with the robot's markers in order, its camera, and what to tell of it."""
     from swim2real.tracking.camera import camera_for
-    from swim2real.trials import MarkerTrack
-    from swim2real.trials.pose_tables import read_dlc
+    from swim2real.trials.pose_tables import read_poses
 
-    track, names = read_dlc(path, fps)
+    track, notes = read_poses(path, fps, robot.marker_names)
     track = span.of_track(track, str(path))
-    notes: list[str] = []
-    if set(names) == set(robot.marker_names):
-        order = [names.index(name) for name in robot.marker_names]
-        track = MarkerTrack(track.times, track.positions[:, order], track.confidence[:, order])
-    elif len(names) == len(robot.marker_names):
-        pairs = ", ".join(f"{ours} is {theirs}" for ours, theirs in zip(robot.marker_names, names, strict=True))
-        notes.append(f"markers are taken in the table's order: {pairs}")
-    else:
-        raise TrialError(
-            f"{path}: {len(names)} markers ({', '.join(names)}); robot '{robot.name}' has {len(robot.marker_names)} "
-            f"({', '.join(robot.marker_names)})"
-        )
     rigid = robot.rigid_markers
     camera = camera_for(track, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid, known)
     return track, camera, notes

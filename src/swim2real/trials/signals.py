@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +12,14 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
 from swim2real.names import label_fault, quoted
-from swim2real.store import MOST_ROWS, MOST_TABLE, read_text, whole_file
+from swim2real.store import whole_file
+from swim2real.trials.text_table import read_table
+from swim2real.trials.timebase import Timebase
 
 Array = NDArray[np.float64]
 
 TIME = "time_s"  # header of the first column of a table
 _ROUNDING = 1e-9  # s
-_LARGEST = 1e12  # of a number in a table, in whatever unit
 
 
 @dataclass(frozen=True)
@@ -110,6 +109,14 @@ class Signals:
 
         return (integral(times + seconds) - integral(times)) / seconds
 
+    def timebase(self, origin: str) -> Timebase | None:
+        """The clock of the rows, by their time stamps; None where they are too few to have a rate.
+
+        Args:
+            origin: What their time 0 is, in words.
+        """
+        return None if len(self.times) < 2 else Timebase(origin, float(1 / np.median(np.diff(self.times))), "stamps")
+
     def check_clock(self, first: float, last: float) -> None:
         """Checks that the rows overlap a track in time, as they do when they are on its clock.
 
@@ -172,24 +179,21 @@ class Signals:
         return Signals(times, self.names, values)
 
 
-def read_signals(table: Path) -> Signals:
-    """Reads a CSV table with the header `time_s,NAME,…`; empty cells are NaN.
+def read_signals(path: Path) -> Signals:
+    """Reads a table with the header `time_s,NAME,…`; empty cells are NaN.
 
     Raises:
         TrialError: The table can't be read; the message names the file, and where it can line and column.
     """
-    lines = read_lines(table)
-    header = read_header(table, lines)
-    if header[:1] != [TIME] or len(header) < 2:
-        raise TrialError(f"{table}, line 1: the header must be {TIME},NAME,…, with a name for each column")
-    rows = read_numbers(table, lines[1:], first_line=2)
-    if len(rows) == 0 or rows.shape[1] != len(header):
-        width = rows.shape[1] if len(rows) else 0
-        raise TrialError(f"{table}: {width} columns of numbers; expected {len(header)} columns, as the header")
+    table = read_table(path)
+    wanted = f"{TIME},NAME,…, with a name for each column"
+    if table.names[:1] != (TIME,) or len(table.names) < 2:
+        raise TrialError(f"{path}, line 1: the header must be {wanted}")
+    rows = table.matrix(wanted)
     try:
-        return Signals(rows[:, 0], header[1:], rows[:, 1:])
+        return Signals(rows[:, 0], table.names[1:], rows[:, 1:])
     except TrialError as error:
-        raise TrialError(f"{table}: {error}") from error
+        raise TrialError(f"{path}: {error}") from error
 
 
 def write_signals(signals: Signals, path: Path) -> None:
@@ -199,115 +203,3 @@ def write_signals(signals: Signals, path: Path) -> None:
         writer.writerow([TIME, *signals.names])
         for time, row in zip(signals.times, signals.values, strict=True):
             writer.writerow([repr(float(time)), *("" if np.isnan(value) else repr(float(value)) for value in row)])
-
-
-def read_lines(table: Path) -> list[str]:
-    """The lines of a text file in UTF-8, at most 64 MB and a million of them.
-
-    Raises:
-        TrialError: The file isn't there, isn't text, or is too large.
-    """
-    try:
-        text = read_text(table, MOST_TABLE, "utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise TrialError(f"{table}: not readable as text ({error})") from error
-    except OSError as error:
-        raise TrialError(f"{table}: not readable as text ({error.strerror or error})") from error
-    except ValueError as error:
-        raise TrialError(f"{table}: {error}; cut it into shorter trials, or leave out rows") from error
-    rows = text.count("\n") + text.count("\r")
-    if rows > 2 * MOST_ROWS:  # counted before they are taken apart; a line's end has at most two characters
-        raise TrialError(_too_many(table))
-    return text.splitlines()
-
-
-def read_header(table: Path, lines: list[str], separator: str = ",") -> list[str]:
-    """The cells of a table's first line, none where there is no line.
-
-    Raises:
-        TrialError: It can't be taken apart.
-    """
-    try:
-        return next(csv.reader(lines[:1], delimiter=separator), [])
-    except csv.Error as error:
-        raise TrialError(f"{table}, line 1: not readable as a table ({error})") from error
-
-
-def _too_many(table: Path) -> str:
-    return f"{table}: more than {MOST_ROWS} rows; cut it into shorter trials, or leave out rows"
-
-
-def read_numbers(table: Path, lines: list[str], first_line: int) -> NDArray[np.float64]:
-    """Rows of comma-separated numbers; empty and infinite cells become NaN.
-
-    Args:
-        table: File of the lines, for messages.
-        lines: Lines of the file.
-        first_line: Number of the first of them in the file, from 1.
-
-    Returns:
-        Numbers. Shape (R, K), or (0, 0) without a row.
-
-    Raises:
-        TrialError: A cell is no number or is beyond ±1e12, a row has another number of columns, or there are too many
-            rows; the message names line and column.
-    """
-    numbers = array("d")
-    width = count = line = 0
-    try:
-        for line, cells in enumerate(csv.reader(lines), start=first_line):
-            if not cells:
-                continue
-            count += 1
-            width = width or len(cells)
-            if count > MOST_ROWS:
-                raise TrialError(_too_many(table))
-            if len(cells) != width:
-                raise TrialError(f"{table}, line {line}: {len(cells)} columns, the rows above have {width}")
-            for column, cell in enumerate(cells, start=1):
-                numbers.append(read_number(table, line, column, cell))
-    except csv.Error as error:
-        raise TrialError(f"{table}, after line {line}: not readable as a table ({error})") from error
-    return np.array(numbers).reshape(count, width)
-
-
-def read_number(table: Path, line: int, column: int, cell: str) -> float:
-    """The number in a cell, NaN where it is empty or infinite.
-
-    Raises:
-        TrialError: It is no number, or beyond ±1e12; the message names line and column.
-    """
-    try:
-        number = float(cell) if cell.strip() else math.nan
-        if not cell.isascii() or "_" in cell:  # Python reads ٣ and 0_1 as well
-            raise ValueError
-    except ValueError:
-        raise TrialError(f"{table}, line {line}, column {column}: {quoted(cell)} is not a number") from None
-    if math.isinf(number):
-        return math.nan
-    if abs(number) > _LARGEST:
-        raise TrialError(f"{table}, line {line}, column {column}: {number:g} is beyond ±{_LARGEST:g}; no reading is")
-    return number
-
-
-def is_number(cell: str) -> bool:
-    """Whether a cell holds a number, NaN and infinite ones included."""
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def check_table(table: Path, rows: Array, width: int, wanted: str) -> None:
-    """Checks the shape of a table.
-
-    Raises:
-        TrialError: It hasn't as many columns, or fewer than two rows; the message says what was wanted.
-    """
-    if len(rows) == 0:
-        raise TrialError(f"{table}: the table is empty; expected {wanted}")
-    if rows.shape[1] != width:
-        raise TrialError(f"{table}: {rows.shape[1]} columns; expected {wanted}")
-    if len(rows) < 2:
-        raise TrialError(f"{table}: one frame only; a trial needs at least 2")

@@ -107,6 +107,10 @@ class Span:
             timebases=clocks,
             start={} if later else trial.start,
             start_velocities={} if later else trial.start_velocities,
+            timebases={
+                stream: replace(clock, origin=f"{clock.origin} plus {first:.10g} s") if first else clock
+                for stream, clock in trial.timebases.items()
+            },
         )
 
 

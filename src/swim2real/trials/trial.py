@@ -319,7 +319,8 @@ def check_motion(trial: Trial, table: Path) -> Trial:
     if not _SHORTEST <= interval <= _LONGEST:  # what is simulated would have nothing to do with the table's size
         raise TrialError(
             f"{table}: {trial.track.frame_count} rows in {trial.track.duration:g} s, {interval:g} s from one to the "
-            f"next; allowed are {_SHORTEST:g} to {_LONGEST:g} s on average: check the time stamps"
+            f"next; allowed are {_SHORTEST:g} to {_LONGEST:g} s on average: check the "
+            f"time stamps, and say their unit, as in --time COLUMN:us"
         )
     what = "marker moves"
     if not trial.track.marker_count:
