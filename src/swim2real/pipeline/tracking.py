@@ -41,7 +41,7 @@ from swim2real.trials import MarkerTrack, Trial
 from swim2real.trials.pose_tables import write_dlc
 from swim2real.trials.published import nominal_frequency
 from swim2real.trials.reference import add_trial, check_folder, load_reference
-from swim2real.trials.signals import read_signals
+from swim2real.trials.signals import MEMORY, read_signals
 from swim2real.trials.span import WHOLE, Span
 from swim2real.video import Frame, VideoReader
 
@@ -188,7 +188,7 @@ def track_video(
         end = begin + float(track.times[-1])
         if span.until is not None and span.until - end > 2 / info.fps:
             notes.append(f"the last frame is at {end:.3f} s, before --until, {span.until:g} s")
-        commands = None if commands is None else commands.cut(begin, end, held=True)
+        commands = None if commands is None else commands.cut(begin, end, before=MEMORY)
         readings = None if readings is None else readings.cut(begin, end)
     trial = Trial(
         name, track, nominal_frequency(name) if frequency is None else frequency, camera.scale.meters_per_pixel,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,12 +17,12 @@ from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.drives import Drive
 from swim2real.robots.targets import Delay, Delays
 from swim2real.settings import ProtocolName
+from swim2real.trials import Signals, Trial
 
 _PLACES = tuple(
     map(int, (mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtSensor.mjSENS_ACTUATORPOS))
 )
-
-
+_JUMP, _RANGE = 0.75, 1.01  # of a turn: readings that jump by more, and lie within it, begin anew after it
 _EITHER = "at rest or where their first stretch fits best, whichever suits them,"
 
 
@@ -97,11 +97,24 @@ class Sensor:
         name: Name of the model's sensor; one value of a vector is `NAME[I]`.
         unit: Unit of its readings.
         meters_per_unit: Meters of marker error that an error of one unit counts as [m/unit].
+        factor: How many of this unit one of the model's is.
+        turn: After how much an angle comes back to where it was, or the range of readings is over [unit]; None for what
+            never does.
+        wraps: Whether readings surely begin anew then; otherwise they do where they jump by about a turn.
     """
 
     name: str
     unit: str
     meters_per_unit: float
+    factor: float = 1.0
+    turn: float | None = None
+    wraps: bool = False
+
+    def period(self, readings: NDArray[np.float64]) -> float:
+        """After how much these readings begin anew [unit]; 0 where they don't. Shape (R,)."""
+        known, turn = readings[np.isfinite(readings)], self.turn or 0.0
+        jumps = np.abs(np.diff(known)).max(initial=0.0) > _JUMP * turn and np.ptp(known) <= _RANGE * turn
+        return turn if self.wraps or jumps else 0.0
 
 
 @dataclass(frozen=True)
@@ -157,6 +170,25 @@ class Trials:
     score_progress: bool = False
     swims: SteadySwims | None = None
     start_named: bool = True
+
+    def periods(self, trial: Trial) -> dict[str, float]:
+        """After how much the readings of a trial's sensors begin anew [unit], by the names of those that do."""
+        read = trial.sensors
+        known = [one for one in self.sensors if read is not None and one.name in read.names]
+        periods = {one.name: one.period(read.column(one.name)) for one in known if read is not None}
+        return {name: period for name, period in periods.items() if period}
+
+    def unwrapped(self, trial: Trial) -> Trial:
+        """The trial, with readings that go on where they began anew."""
+        read, periods = trial.sensors, self.periods(trial)
+        if read is None or not periods:
+            return trial
+        values = read.values.copy()
+        for name, period in periods.items():
+            column = values[:, read.names.index(name)]
+            known = np.isfinite(column)
+            column[known] = np.unwrap(column[known], period=period)
+        return replace(trial, sensors=Signals(read.times, read.names, values))
 
     @property
     def description(self) -> str:
