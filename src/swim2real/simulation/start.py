@@ -139,7 +139,9 @@ def remembered(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, know
         mujoco.mj_setState(model, data, states[0], PHYSICS)
         return (states[1] - states[0])[activations] / _CHANGE
 
+    held.actuator_actlimited[:] = False  # or what integrates commands would seem to lead to its limit
     data.act[:] += left(controls[: len(controls) - known]) * (own - data.act)
+    held.actuator_actlimited[:] = model.actuator_actlimited
     changed = left(controls[len(controls) - known :])
     data.qpos[:], data.qvel[:] = pose
     return changed
