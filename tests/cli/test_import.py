@@ -148,7 +148,7 @@ def write_log(path, trial, begin=0.0, *, markers=True, gyro=180 / np.pi) -> None
     """A trial as a log: milliseconds, mNm, degrees and millimeters, and a column of words."""
     lines = ["t_ms,cmd_mNm,gyro y (deg/s)," + ("px,pz,mx,mz,ex,ez," if markers else "") + "state"]
     for time, places in zip(trial.track.times, trial.track.positions, strict=True):
-        torque = 1e3 * trial.controls.held("torque", np.array([time]))[0]
+        torque = 1e3 * trial.controls.at("torque", np.array([time]))[0]
         rate = gyro * np.interp(time, trial.sensors.times, trial.sensors.values[:, 0])
         cells = [1e3 * (time + begin), torque, rate, *(1e3 * places.ravel() if markers else ())]
         lines.append(",".join([*map(repr, map(float, cells)), "on"]))
@@ -184,7 +184,7 @@ def test_logs_become_trials_in_the_models_units(program, reference, words, tmp_p
         gyro = np.interp(times, real.sensors.times - real.track.times[0], real.sensors.values[:, 0])
         np.testing.assert_allclose(made.sensors.values[:, 0], gyro, rtol=1e-5, atol=1e-5)
         np.testing.assert_allclose(
-            made.controls.held("torque", times + 1e-4), real.controls.held("torque", real.track.times)
+            made.controls.at("torque", times + 1e-4), real.controls.at("torque", real.track.times)
         )
 
 

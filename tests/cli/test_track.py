@@ -148,7 +148,7 @@ def test_cut_makes_shorter_trials_in_another_reference(program, pendulum_folder,
     there = (whole.track.times >= 3 - 1e-3) & (whole.track.times <= 3.5 + 1e-3)
     np.testing.assert_array_equal(short.track.positions, whole.track.positions[there])
     np.testing.assert_array_equal(
-        short.controls.held("torque", short.track.times), whole.controls.held("torque", whole.track.times[there])
+        short.controls.at("torque", short.track.times), whole.controls.at("torque", whole.track.times[there])
     )
     assert program.out == f"b: {there.sum()} of {whole.track.frame_count} frames, {short.track.duration:.3f} s\n"
     program("calibrate", tmp_path / "short", "--robot", pendulum_folder / "pendulum.toml", "--out", tmp_path / "run",

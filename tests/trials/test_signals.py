@@ -9,6 +9,7 @@ from swim2real.calibration import reference_fingerprint
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.reference import add_trial
+from swim2real.trials.signals import MEMORY
 from swim2real.trials.span import WHOLE, Span, spans
 
 NAMES = ("M0", "M1")
@@ -54,10 +55,10 @@ def test_signals_cant_be_changed():
 
 def test_a_value_holds_until_the_next_and_the_first_before_it():
     times = np.array([-1.0, 0.1, 0.2 - 1e-12, 0.25, 9.0])
-    assert torques().held("left", times).tolist() == [1, 1, 2, 2, 3]
-    assert torques().held("right", times).tolist() == [1 / 3, 1 / 3, 1 / 3, 1 / 3, 1e-17]  # an empty cell is no value
-    assert says(refusal(TrialError, torques().held, "middle", times), "'middle'", "left, right")
-    assert says(refusal(TrialError, Signals([0.0], ["a"], [[np.nan]]).held, "a", times), "'a'", "no value")
+    assert torques().at("left", times).tolist() == [1, 1, 2, 2, 3]
+    assert torques().at("right", times).tolist() == [1 / 3, 1 / 3, 1 / 3, 1 / 3, 1e-17]  # an empty cell is no value
+    assert says(refusal(TrialError, torques().at, "middle", times), "'middle'", "left, right")
+    assert says(refusal(TrialError, Signals([0.0], ["a"], [[np.nan]]).at, "a", times), "'a'", "no value")
 
 
 def test_rows_are_cut_by_the_clock_of_the_track():
@@ -178,9 +179,19 @@ def test_a_stretch_of_a_trial_counts_its_times_from_its_first_frame():
 def test_what_drove_it_is_the_same_at_the_same_moment(begin):
     cut = Span(begin).of_trial(TRIAL)
     for name in ("a", "b"):
-        whole = CONTROLS.held(name, TIMES[begin - 1e-9 <= TIMES])
-        np.testing.assert_array_equal(cut.controls.held(name, cut.track.times), whole)
-    assert cut.controls.times[0] == pytest.approx(0.0)
+        np.testing.assert_array_equal(cut.controls.at(name, TIMES - begin), CONTROLS.at(name, TIMES))
+    assert cut.controls.times[0] == pytest.approx(-begin)
+    assert cut.controls.times[-1] >= 0  # what holds at the beginning is said there
+
+
+def test_commands_of_the_last_seconds_stay():
+    """Of a long log, those that actuators may remember; what holds where these begin has a row there."""
+    long = Signals(np.arange(100.0), ["a", "b"], [[i, i if i % 8 == 0 else np.nan] for i in range(100)])
+    cut = long.cut(60.5, 70.0, before=MEMORY)
+    np.testing.assert_allclose(cut.times, [-5.0, *(np.arange(56, 71) - 60.5)])
+    np.testing.assert_array_equal(cut.values[0], [55, 48])
+    only = Signals([0.0], ["a"], [[0.3]]).cut(60.0, 70.0, before=MEMORY)
+    assert (only.times.tolist(), only.column("a").tolist()) == ([-5.0, 0.0], [0.3, 0.3])
 
 
 def test_a_time_as_it_is_shown_means_its_frame():

@@ -31,7 +31,7 @@ _FRAMES = 5  # at least
 _TRIES = 6
 _STILL = 1e-6  # m: a correction that is none
 _UNMOVED = 1e12  # kg or kg·m²: inertia of a joint that commands don't move
-_CHANGE = 1e-3  # of activations, to see what is left of it
+_CHANGE = 1e-3  # of an activation, at least, to see what is left of it
 REST, MARKERS, FITTED = "rest", "markers", "fitted"
 STARTS = (REST, MARKERS, FITTED)
 """What a start may be, beside a keyframe."""
@@ -134,10 +134,11 @@ def remembered(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, know
             return np.ones(model.na)
         data.qvel[:] = 0.0
         states = np.tile(physics_state(model, data), (2, 1))
-        states[1, activations] += _CHANGE
+        change = np.where(np.abs(own - data.act) > _CHANGE, own - data.act, _CHANGE)
+        states[1, activations] += change
         states[:] = rollout.rollout(held, scratch, states, part[None], nstep=len(part))[0][:, -1]
         mujoco.mj_setState(model, data, states[0], PHYSICS)
-        return (states[1] - states[0])[activations] / _CHANGE
+        return (states[1] - states[0])[activations] / change
 
     held.actuator_actlimited[:] = False  # or what integrates commands would seem to lead to its limit
     data.act[:] += left(controls[: len(controls) - known]) * (own - data.act)
