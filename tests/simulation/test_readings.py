@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recorded import blank, make_robot, recorded, telling, with_markers
+from refused import refusal, says
 from swim2real.calibration import Problem
+from swim2real.errors import TrialError
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import Sensor, Trials
@@ -93,6 +95,12 @@ def test_readings_that_dont_jump_by_a_turn_stay(largest):
     """Of a joint that swings, and of a fast motor that is read slowly and counts on."""
     readings = largest * np.sin(np.arange(60) * 0.9)
     assert Sensor("angle", "rad", 0.02, turn=2 * np.pi).period(readings) == 0
+
+
+def test_readings_beyond_their_range_are_refused():
+    turned = telling(ROBOT, sensors=(Sensor("angle", "deg", 0.02, 180 / np.pi, 1.0, wraps=True),))
+    said = refusal(TrialError, loss, turned, read(reference(), np.mod(np.rad2deg(reference().sensors.values), 360)))
+    assert says(said, "'angle'", "deg", "the 1 of its range", "'range' in the robot file")
 
 
 def test_rates_are_converted():

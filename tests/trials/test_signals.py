@@ -11,6 +11,7 @@ from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, load_referen
 from swim2real.trials.reference import add_trial
 from swim2real.trials.signals import MEMORY
 from swim2real.trials.span import WHOLE, Span, spans
+from swim2real.trials.timebase import Timebase
 
 NAMES = ("M0", "M1")
 
@@ -159,7 +160,8 @@ TIMES = np.arange(101) / 20  # 0 to 5 s
 TRACK = MarkerTrack(TIMES, np.stack([TIMES, -TIMES, 1 + TIMES, TIMES], axis=1).reshape(-1, 2, 2))
 CONTROLS = Signals([0.0, 0.7, 1.9, 2.5], ["a", "b"], [[1, 5], [2, np.nan], [3, np.nan], [4, 8]])
 SENSORS = Signals(TIMES[::2], ["load"], 10 * TIMES[::2, None])
-TRIAL = Trial("pull", TRACK, provenance="by hand", controls=CONTROLS, sensors=SENSORS, start={"hip": 0.1})
+TRIAL = Trial("pull", TRACK, provenance="by hand", controls=CONTROLS, sensors=SENSORS, start={"hip": 0.1},
+              timebases={"track": Timebase("first row of pull.csv", 20.0, "stamps")})  # fmt: skip
 
 
 def test_a_stretch_of_a_trial_counts_its_times_from_its_first_frame():
@@ -170,6 +172,7 @@ def test_a_stretch_of_a_trial_counts_its_times_from_its_first_frame():
     np.testing.assert_allclose(cut.sensors.column("load"), 20 + np.arange(11))
     assert (cut.provenance, cut.video_begin) == ("by hand, from 2 s to 3 s", 2.0)
     assert not cut.start  # it was that of another time
+    assert str(cut.timebases["track"]) == "20 Hz by its time stamps, from the first row of pull.csv plus 2 s"
     begun = Span(until=1.0).of_trial(TRIAL)
     assert (begun.start, begun.video_begin, begun.track.frame_count) == ({"hip": 0.1}, 0.0, 21)
     assert WHOLE.of_trial(TRIAL) is TRIAL

@@ -388,8 +388,8 @@ def _read(robot: Robot, trial: Trial, names: Sequence[str]) -> tuple[Array, Arra
     none = np.zeros((0, len(names)))
     if trial.sensors is None or any(name not in trial.sensors.names for name in names):
         return none, none
-    periods, sensors = robot.trials.periods(trial), robot.trials.unwrapped(trial).sensors or trial.sensors
-    columns = np.stack([sensors.column(name) for name in names], axis=1)
+    ready, periods = robot.trials.unwrapped(trial)
+    columns = np.stack([(ready.sensors or trial.sensors).column(name) for name in names], axis=1)
     if not robot.marker_names:
         try:
             player = PlaybackSimulator(robot)
@@ -410,7 +410,5 @@ def _read(robot: Robot, trial: Trial, names: Sequence[str]) -> tuple[Array, Arra
         made.append(np.array([factor * data.sensordata[address] for address, factor in places]))
     times = some.track.times[known]
     read = np.stack([np.interp(times, trial.sensors.times, column) for column in columns.T], axis=1)
-    simulated = np.array(made).reshape(-1, len(names))
-    for i, name in enumerate(names):
-        simulated[:, i] = nearest(simulated[:, i], read[:, i], periods.get(name, 0.0))
-    return simulated, read
+    columns = zip(np.array(made).reshape(-1, len(names)).T, read.T, names, strict=True)
+    return np.stack([nearest(one, real, periods.get(name, 0.0)) for one, real, name in columns], axis=1), read

@@ -170,9 +170,8 @@ def other_units(robot: Robot, reference: TrialSet) -> list[str]:
     simulator = PlaybackSimulator(robot)
     requests = [simulator.request(trial) for trial in reference]
     made = simulator.simulate(robot.space.published, requests)
-    pairs = [(one.trial, made[one.trial.name]) for one in requests]
     for sensor in robot.trials.sensors:
-        spreads = np.array([[_spread(trial, sensor.name) for trial in pair] for pair in pairs])
+        spreads = np.array([[_spread(t, sensor.name) for t in (one.trial, made[one.trial.name])] for one in requests])
         ratios = spreads[(spreads > 0).all(axis=1)]
         factor = float(np.median(ratios[:, 0] / ratios[:, 1])) if len(ratios) else 1.0
         if 1 / _FAR_OFF < factor < _FAR_OFF:

@@ -187,7 +187,7 @@ def _beginning(robot: Robot, about: Trials, real: Trial, simulated: Trial) -> Be
         if not names or real.sensors is None or simulated.sensors is None:
             return None
         scales = np.array([sensor.meters_per_unit for sensor in about.sensors if sensor.name in names])
-        read = about.unwrapped(real).sensors or real.sensors
+        read = about.unwrapped(real)[0].sensors or real.sensors
         times = read.times
         places = (scales * np.stack([read.column(name) for name in names], axis=1))[:, :, None]
         played = (scales * np.stack([simulated.sensors.column(name) for name in names], axis=1))[:, :, None]

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
+from swim2real.errors import ArgumentError, TrialError
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.drives import Drive
 from swim2real.robots.targets import Delay, Delays
@@ -111,10 +111,22 @@ class Sensor:
     wraps: bool = False
 
     def period(self, readings: NDArray[np.float64]) -> float:
-        """After how much these readings begin anew [unit]; 0 where they don't. Shape (R,)."""
-        known, turn = readings[np.isfinite(readings)], self.turn or 0.0
-        jumps = np.abs(np.diff(known)).max(initial=0.0) > _JUMP * turn and np.ptp(known) <= _RANGE * turn
-        return turn if self.wraps or jumps else 0.0
+        """After how much these readings begin anew [unit]; 0 where they don't. Shape (R,).
+
+        Raises:
+            TrialError: They go beyond the range that the robot file gives them.
+        """
+        known = readings[np.isfinite(readings)]
+        if self.turn is None or not known.size:
+            return 0.0
+        within = float(np.ptp(known)) <= _RANGE * self.turn
+        if self.wraps and not within:
+            raise TrialError(
+                f"readings of sensor '{self.name}' go from {known.min():g} to {known.max():g} {self.unit}, more than "
+                f"the {self.turn:g} of its range; give 'range' in the robot file in the unit of the readings"
+            )
+        jumps = np.abs(np.diff(known)).max(initial=0.0) > _JUMP * self.turn
+        return self.turn if self.wraps or (within and jumps) else 0.0
 
 
 @dataclass(frozen=True)
@@ -171,24 +183,22 @@ class Trials:
     swims: SteadySwims | None = None
     start_named: bool = True
 
-    def periods(self, trial: Trial) -> dict[str, float]:
-        """After how much the readings of a trial's sensors begin anew [unit], by the names of those that do."""
-        read = trial.sensors
-        known = [one for one in self.sensors if read is not None and one.name in read.names]
-        periods = {one.name: one.period(read.column(one.name)) for one in known if read is not None}
-        return {name: period for name, period in periods.items() if period}
+    def unwrapped(self, trial: Trial) -> tuple[Trial, dict[str, float]]:
+        """The trial, with readings that go on where they began anew; after how much these did [unit], by their names.
 
-    def unwrapped(self, trial: Trial) -> Trial:
-        """The trial, with readings that go on where they began anew."""
-        read, periods = trial.sensors, self.periods(trial)
-        if read is None or not periods:
-            return trial
+        Raises:
+            TrialError: Readings go beyond the range that the robot file gives them.
+        """
+        read, periods = trial.sensors, dict[str, float]()
+        if read is None:
+            return trial, periods
         values = read.values.copy()
-        for name, period in periods.items():
-            column = values[:, read.names.index(name)]
-            known = np.isfinite(column)
-            column[known] = np.unwrap(column[known], period=period)
-        return replace(trial, sensors=Signals(read.times, read.names, values))
+        for sensor in self.sensors:
+            column = values[:, read.names.index(sensor.name)] if sensor.name in read.names else np.zeros(0)
+            if period := sensor.period(column):
+                known, periods[sensor.name] = np.isfinite(column), period
+                column[known] = np.unwrap(column[known], period=period)
+        return replace(trial, sensors=Signals(read.times, read.names, values)) if periods else trial, periods
 
     @property
     def description(self) -> str:

@@ -126,7 +126,8 @@ class PlaybackSimulator:
                 raise TrialError(f"trial '{trial.name}': its controls don't drive it: {error}") from error
         start_at_joints(self.robot.model, mujoco.MjData(self.robot.model), trial)
         believed = np.ones(trial.track.confidence.shape) if weights is None else weights
-        begun = Rollout(self._about.unwrapped(trial), periods=self._about.periods(trial))
+        ready, periods = self._about.unwrapped(trial)
+        begun = Rollout(ready, periods=periods)
         if pieces is not None:
             return replace(begun, pieces=tuple(self._piece(begun, believed, part) for part in cut(trial, pieces)))
         begins = start or self._about.start

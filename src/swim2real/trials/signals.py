@@ -126,7 +126,7 @@ class Signals:
         if not kept.any():
             raise TrialError(
                 f"there is no row between {first:g} s and {last:g} s; the rows are from {self.times[0]:g} s to "
-                f"{self.times[-1]:g} s"
+                f"{self.times[-1]:g} s; cut off less, or leave the table out"
             )
         return Signals(self.times[kept], self.names, self.values[kept])
 
@@ -142,24 +142,19 @@ class Signals:
         Raises:
             TrialError: There is no such row.
         """
-        if before is None or self.times[0] > first + _ROUNDING:
+        if before is None:
+            rows = self.between(first, last)
+            return Signals(rows.times - first, self.names, rows.values)
+        if self.times[0] > first + _ROUNDING:
             self.check_clock(first, last)
         kept = self.times <= last + _ROUNDING
         times, values = self.times[kept] - first, self.values[kept]
-        if before is None:
-            kept = times >= -_ROUNDING
-            times, values = times[kept], values[kept]
-        elif times.size:
-            latest = np.where(np.isfinite(values), np.arange(len(times))[:, None], 0)
-            held = np.take_along_axis(values, np.maximum.accumulate(latest, axis=0), axis=0)
-            begin = max(int(np.searchsorted(times, _ROUNDING - before, side="right")) - 1, 0)
-            times, values = np.maximum(times[begin:], -before), np.vstack([held[begin], values[begin + 1 :]])
-            if times[-1] < -_ROUNDING:
-                times, values = np.append(times, 0.0), np.vstack([values, held[-1]])
-        if not times.size:
-            raise TrialError(
-                f"there is no row between {first:g} s and {last:g} s; cut off less, or leave the table out"
-            )
+        latest = np.where(np.isfinite(values), np.arange(len(times))[:, None], 0)
+        held = np.take_along_axis(values, np.maximum.accumulate(latest, axis=0), axis=0)
+        begin = max(int(np.searchsorted(times, _ROUNDING - before, side="right")) - 1, 0)
+        times, values = np.maximum(times[begin:], -before), np.vstack([held[begin], values[begin + 1 :]])
+        if times[-1] < -_ROUNDING:
+            times, values = np.append(times, 0.0), np.vstack([values, held[-1]])
         return Signals(times, self.names, values)
 
 

@@ -92,7 +92,8 @@ class Span:
             return trial
         track = self.of_track(trial.track, f"trial '{trial.name}'")
         first, last = float(track.times[0]), float(track.times[-1])
-        later = first > trial.track.times[0]
+        later = first > float(trial.track.times[0])
+        since = f" plus {first:g} s" * later
         return replace(
             trial,
             track=MarkerTrack(track.times - first, track.positions, track.confidence),
@@ -100,6 +101,7 @@ class Span:
             video_begin=trial.video_begin + first,
             controls=None if trial.controls is None else trial.controls.cut(first, last, before=MEMORY),
             sensors=None if trial.sensors is None else trial.sensors.cut(first, last),
+            timebases={name: replace(one, origin=one.origin + since) for name, one in trial.timebases.items()},
             start={} if later else trial.start,
             start_velocities={} if later else trial.start_velocities,
         )

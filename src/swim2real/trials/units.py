@@ -13,25 +13,13 @@ _DEGREE = math.pi / 180
 _IN_SI: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "°": _DEGREE, "rev": _TURN},
-    "angular velocity": {
-        "rad/s": 1.0,
-        "deg/s": _DEGREE,
-        "°/s": _DEGREE,
-        "rev/s": _TURN,
-        "rpm": _TURN / 60,
-        "dps": _DEGREE,
-    },
+    "angular velocity": dict.fromkeys(("deg/s", "°/s", "dps"), _DEGREE)
+    | {"rad/s": 1.0, "rev/s": _TURN, "rpm": _TURN / 60},
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6},
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
-    "acceleration": {
-        "m/s²": 1.0,
-        "m/s^2": 1.0,
-        "m/s2": 1.0,
-        "mm/s²": 1e-3,
-        "mm/s^2": 1e-3,
-        "mm/s2": 1e-3,
-        "g": 9.80665,
-    },
+    "acceleration": dict.fromkeys(("m/s²", "m/s^2", "m/s2"), 1.0)
+    | dict.fromkeys(("mm/s²", "mm/s^2", "mm/s2"), 1e-3)
+    | {"g": 9.80665},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "torque": {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "mN·m": 1e-3, "mNm": 1e-3, "N·mm": 1e-3, "Nmm": 1e-3},
     "voltage": {"V": 1.0, "mV": 1e-3},
