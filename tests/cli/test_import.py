@@ -135,7 +135,8 @@ def test_a_stretch_of_a_table_becomes_a_trial_from_time_0(tmp_path):
     np.testing.assert_allclose(cut.track.times, np.arange(61) / 60, atol=1e-9)
     moved = cut.track.positions / cut.meters_per_pixel - whole.track.positions[30:91] / whole.meters_per_pixel
     assert np.ptp(moved.reshape(-1, 2), axis=0).max() < 1e-6
-    assert (cut.controls.times.tolist(), cut.controls.values.tolist()) == ([0.0], [[2.0]])
+    assert (cut.controls.at("motor", cut.track.times) == 2).all()
+    assert cut.controls.times == pytest.approx([-0.5, -0.1, 0.0])
     assert cut.provenance == "pose table swim.csv, 60 fps, from 0.5 s to 1.5 s"
 
 
@@ -148,7 +149,7 @@ def write_log(path, trial, begin=0.0, *, markers=True, gyro=180 / np.pi) -> None
     """A trial as a log: milliseconds, mNm, degrees and millimeters, and a column of words."""
     lines = ["t_ms,cmd_mNm,gyro y (deg/s)," + ("px,pz,mx,mz,ex,ez," if markers else "") + "state"]
     for time, places in zip(trial.track.times, trial.track.positions, strict=True):
-        torque = 1e3 * trial.controls.held("torque", np.array([time]))[0]
+        torque = 1e3 * trial.controls.at("torque", np.array([time]))[0]
         rate = gyro * np.interp(time, trial.sensors.times, trial.sensors.values[:, 0])
         cells = [1e3 * (time + begin), torque, rate, *(1e3 * places.ravel() if markers else ())]
         lines.append(",".join([*map(repr, map(float, cells)), "on"]))
@@ -184,7 +185,7 @@ def test_logs_become_trials_in_the_models_units(program, reference, words, tmp_p
         gyro = np.interp(times, real.sensors.times - real.track.times[0], real.sensors.values[:, 0])
         np.testing.assert_allclose(made.sensors.values[:, 0], gyro, rtol=1e-5, atol=1e-5)
         np.testing.assert_allclose(
-            made.controls.held("torque", times + 1e-4), real.controls.held("torque", real.track.times)
+            made.controls.at("torque", times + 1e-4), real.controls.at("torque", real.track.times)
         )
 
 

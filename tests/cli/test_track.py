@@ -103,8 +103,8 @@ def test_a_stretch_of_a_film_becomes_a_trial_from_time_0(program, clip, tmp_path
     off = trial.track.positions / trial.meters_per_pixel * [1, -1] - clip.filmed.truth.positions[3:6]
     assert np.ptp(off[:, 0], axis=0).max() < 1  # it moves as it does from 0.1 s on, the camera's height aside
     assert (trial.video_begin, trial.provenance[:35]) == (0.1, "video f1_25.mp4, from 0.1 s to 0.17")
-    np.testing.assert_allclose(trial.controls.times, [0, 0.05])
-    np.testing.assert_array_equal(trial.controls.values[:, 0], [2, 3])
+    np.testing.assert_allclose(trial.controls.times, [-0.1, -0.05, 0.05])
+    np.testing.assert_array_equal(trial.controls.values[:, 0], [1, 2, 3])
     assert program(*command).done().err == "f1_25: done before\n"
     program(*command[:-2], "--until", 0.2).done()
     assert load_reference(tmp_path / "reference")["f1_25"].track.frame_count == 4
@@ -189,7 +189,7 @@ def test_cut_makes_shorter_trials_in_another_reference(program, pendulum_folder,
     there = (whole.track.times >= 3 - 1e-3) & (whole.track.times <= 3.5 + 1e-3)
     np.testing.assert_array_equal(short.track.positions, whole.track.positions[there])
     np.testing.assert_array_equal(
-        short.controls.held("torque", short.track.times), whole.controls.held("torque", whole.track.times[there])
+        short.controls.at("torque", short.track.times), whole.controls.at("torque", whole.track.times[there])
     )
     assert program.out == f"b: {there.sum()} of {whole.track.frame_count} frames, {short.track.duration:.3f} s\n"
     program("calibrate", tmp_path / "short", "--robot", pendulum_folder / "pendulum.toml", "--out", tmp_path / "run",

@@ -41,4 +41,4 @@ def test_what_is_not_on_record_is_said_by_stamps():
     known = Trial("pull", pull.track, timebases={"track": Timebase("first frame of a.mp4", 60, "container")})
     assert described(known) == "track 60 Hz by its container, from the first frame of a.mp4"
     cut = described(Span(0.5).of_trial(known))
-    assert cut == "track 60 Hz by its container, from the time 0.5 s after the first frame of a.mp4"
+    assert cut == "track 60 Hz by its container, from the first frame of a.mp4 plus 0.5 s"

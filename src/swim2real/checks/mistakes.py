@@ -24,6 +24,7 @@ from swim2real.robots.robot import Robot
 from swim2real.settings import HORIZON
 from swim2real.simulation.playback import PlaybackSimulator, sensor_address
 from swim2real.simulation.pose import PoseFit
+from swim2real.simulation.start import nearest
 from swim2real.tracking import check_plausible
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
 
@@ -327,11 +328,13 @@ def playback_errors(robot: Robot, player: PlaybackSimulator, trial: Trial) -> tu
     """
     about, track = robot.trials, trial.track
     scales = {} if robot.marker_names else {sensor.name: sensor.meters_per_unit for sensor in about.sensors}
-    target = playback_target(trial, np.ones(track.confidence.shape), about.frame, about.score_progress, scales)
     try:
-        played = player.simulate(robot.space.published, [player.request(trial)])[trial.name]
+        request = player.request(trial)
+        played = player.simulate(robot.space.published, [request])[trial.name]
     except TrialError:  # `misfits` reports it
         return np.nan, np.nan
+    trial, weights = request.trial, np.ones(track.confidence.shape)
+    target = playback_target(trial, weights, about.frame, about.score_progress, scales)
     seen = np.isfinite(track.positions).all(axis=2).argmax(axis=0)  # the first frame of each marker
     first = np.repeat(track.positions[seen, np.arange(track.marker_count)][None], track.frame_count, axis=0)
     sensors = trial.sensors
@@ -385,7 +388,8 @@ def _read(robot: Robot, trial: Trial, names: Sequence[str]) -> tuple[Array, Arra
     none = np.zeros((0, len(names)))
     if trial.sensors is None or any(name not in trial.sensors.names for name in names):
         return none, none
-    columns = np.stack([trial.sensors.column(name) for name in names], axis=1)
+    ready, periods = robot.trials.unwrapped(trial)
+    columns = np.stack([(ready.sensors or trial.sensors).column(name) for name in names], axis=1)
     if not robot.marker_names:
         try:
             player = PlaybackSimulator(robot)
@@ -402,7 +406,9 @@ def _read(robot: Robot, trial: Trial, names: Sequence[str]) -> tuple[Array, Arra
     for data.qpos[:], _ in _Poses(robot).of(some):
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_sensorPos(model, data)
-        made.append(np.array([data.sensordata[sensor_address(model, name)] for name in names]))
+        places = [(sensor_address(model, one.name), one.factor) for one in robot.trials.sensors if one.name in names]
+        made.append(np.array([factor * data.sensordata[address] for address, factor in places]))
     times = some.track.times[known]
     read = np.stack([np.interp(times, trial.sensors.times, column) for column in columns.T], axis=1)
-    return np.array(made).reshape(-1, len(names)), read
+    columns = zip(np.array(made).reshape(-1, len(names)).T, read.T, names, strict=True)
+    return np.stack([nearest(one, real, periods.get(name, 0.0)) for one, real, name in columns], axis=1), read

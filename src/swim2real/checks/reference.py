@@ -168,9 +168,10 @@ def other_units(robot: Robot, reference: TrialSet) -> list[str]:
     if not robot.trials.sensors:
         return lines
     simulator = PlaybackSimulator(robot)
-    made = simulator.simulate(robot.space.published, [simulator.request(trial) for trial in reference])
+    requests = [simulator.request(trial) for trial in reference]
+    made = simulator.simulate(robot.space.published, requests)
     for sensor in robot.trials.sensors:
-        spreads = np.array([[_spread(trial, sensor.name) for trial in (real, made[real.name])] for real in reference])
+        spreads = np.array([[_spread(t, sensor.name) for t in (one.trial, made[one.trial.name])] for one in requests])
         ratios = spreads[(spreads > 0).all(axis=1)]
         factor = float(np.median(ratios[:, 0] / ratios[:, 1])) if len(ratios) else 1.0
         if 1 / _FAR_OFF < factor < _FAR_OFF:
@@ -179,7 +180,7 @@ def other_units(robot: Robot, reference: TrialSet) -> list[str]:
         looks = f": that looks like {near[0]}" if near else ""
         lines.append(
             f"sensor '{sensor.name}' varies {factor:.3g} times as much as the robot's own does{looks}; readings are "
-            f"compared in the model's unit, here '{sensor.unit}'"
+            f"compared in the robot file's unit, '{sensor.unit}'"
         )
     return lines
 

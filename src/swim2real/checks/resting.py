@@ -187,8 +187,9 @@ def _beginning(robot: Robot, about: Trials, real: Trial, simulated: Trial) -> Be
         if not names or real.sensors is None or simulated.sensors is None:
             return None
         scales = np.array([sensor.meters_per_unit for sensor in about.sensors if sensor.name in names])
-        times = real.sensors.times
-        places = (scales * np.stack([real.sensors.column(name) for name in names], axis=1))[:, :, None]
+        read = about.unwrapped(real)[0].sensors or real.sensors
+        times = read.times
+        places = (scales * np.stack([read.column(name) for name in names], axis=1))[:, :, None]
         played = (scales * np.stack([simulated.sensors.column(name) for name in names], axis=1))[:, :, None]
         played_at = simulated.sensors.times
     since = times - times[0]

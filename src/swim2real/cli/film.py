@@ -251,7 +251,8 @@ def cut(
 ) -> int:  # fmt: skip
     """Cut a stretch out of recordings: tracks, controls and sensors, with times from 0.
 
-    Reads a reference and adds the cut trials to another one.
+    Reads a reference and adds the cut trials to another one. Commands of the 5 s before them stay, at times below 0,
+    since filters, muscles and servos remember them.
 
     Args:
         reference: Folder with the real trials.

@@ -176,7 +176,7 @@ def _driven_by(drive: Drive | None) -> str:
     if drive is None:
         return "nothing, so 0"
     if drive.table:
-        return "its column of the trial's controls"
+        return "its column of the trial's controls" + ", interpolated" * drive.interpolated
     if drive.speed:
         return "2π times the trial's frequency"
     if not drive.amplitude:

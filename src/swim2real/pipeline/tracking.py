@@ -42,7 +42,7 @@ from swim2real.trials import MarkerTrack, Trial
 from swim2real.trials.pose_tables import write_dlc
 from swim2real.trials.published import nominal_frequency
 from swim2real.trials.reference import add_trial, check_folder, load_reference
-from swim2real.trials.signals import read_signals
+from swim2real.trials.signals import MEMORY, read_signals
 from swim2real.trials.span import WHOLE, Span
 from swim2real.trials.timebase import TABLES, Timebase, by_stamps
 from swim2real.video import Frame, VideoReader, film_files, film_name, film_title
@@ -195,7 +195,7 @@ def track_video(
         end = begin + float(track.times[-1])
         if span.until is not None and span.until - end > 2 / info.fps:
             notes.append(f"the last frame is at {end:.3f} s, before --until, {span.until:g} s")
-        commands = None if commands is None else commands.cut(begin, end, held=True)
+        commands = None if commands is None else commands.cut(begin, end, before=MEMORY)
         readings = None if readings is None else readings.cut(begin, end)
     origin = f"{f'frame at {begin:g} s' if begin else 'first frame'} of {title}"
     assert info.rate_from is not None  # without a rate no film is read

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 TIME = "time_s"  # header of the first column of a table
 _ROUNDING = 1e-9  # s
+MEMORY = 5.0  # s of commands before a trial begins that tell the state of its actuators
 
 
 @dataclass(frozen=True)
@@ -67,47 +68,33 @@ class Signals:
             raise TrialError(f"there is no column '{name}'; there are {', '.join(self.names)}")
         return self.values[:, self.names.index(name)]
 
-    def held(self, name: str, times: Array) -> Array:
-        """A column at any times: each value holds until the next one, the first one also before its time.
+    def at(self, name: str, times: Array, over: float = 0.0, *, interpolated: bool = False) -> Array:
+        """A column at any times, or its means over a time from these on; the first value counts before its time, too.
 
         Args:
             name: Name of the column.
             times: Times [s]. Shape (N,).
+            over: How long after each the mean is taken [s]; with 0 there are values.
+            interpolated: Whether the column goes from row to row on a straight line; else each value holds until the
+                next one.
 
         Raises:
             TrialError: There is no such column, or no value in it.
         """
-        known, values = self._known(name)
-        rows = np.searchsorted(known, times + _ROUNDING, side="right") - 1
-        return values[np.maximum(rows, 0)]
+        from scipy.interpolate import PPoly
 
-    def _known(self, name: str) -> tuple[Array, Array]:
-        """Times and values of a column where it has one. Shapes (K,)."""
         values = self.column(name)
         known = np.isfinite(values)
         if not known.any():
             raise TrialError(f"column '{name}' has no value")
-        return self.times[known], values[known]
-
-    def mean(self, name: str, times: Array, seconds: float) -> Array:
-        """Means of a column over a time from any times on, its values holding as `held` has it.
-
-        Args:
-            name: Name of the column.
-            times: Times [s]. Shape (N,).
-            seconds: How long after each the mean is taken [s], above 0.
-
-        Raises:
-            TrialError: There is no such column, or no value in it.
-        """
-        rows, levels = self._known(name)
-        sums = np.concatenate([[0.0], np.cumsum(levels[:-1] * np.diff(rows))])
-
-        def integral(until: Array) -> Array:
-            at = np.clip(np.searchsorted(rows, until, side="right") - 1, 0, len(rows) - 1)
-            return sums[at] + levels[at] * (until - rows[at])
-
-        return (integral(times + seconds) - integral(times)) / seconds
+        rows, levels = self.times[known], values[known]
+        slopes = interpolated * np.diff(levels) / np.diff(rows)
+        ends = np.array([rows[0] - 1, *rows, rows[-1] + 1])  # beyond which it stays as it is there
+        curve = PPoly(np.array([[0.0, *slopes, 0.0], [levels[0], *levels]]), ends)
+        if not over:
+            return curve(times if interpolated else times + _ROUNDING)
+        area = curve.antiderivative()
+        return (area(times + over) - area(times)) / over
 
     def timebase(self, origin: str) -> Timebase | None:
         """The clock of the rows, by their time stamps; None where they are too few to have a rate.
@@ -146,36 +133,35 @@ class Signals:
         if not kept.any():
             raise TrialError(
                 f"there is no row between {first:g} s and {last:g} s; the rows are from {self.times[0]:g} s to "
-                f"{self.times[-1]:g} s"
+                f"{self.times[-1]:g} s; cut off less, or leave the table out"
             )
         return Signals(self.times[kept], self.names, self.values[kept])
 
-    def cut(self, first: float, last: float, *, held: bool = False) -> Signals:
+    def cut(self, first: float, last: float, *, before: float | None = None) -> Signals:
         """The rows from one time to another, both included, with their times counted from the first.
 
         Args:
-            first: Where the rows begin [s].
-            last: Where they end [s].
-            held: Whether each value holds until the next one; what holds at the beginning then has a row there.
+            first: Where times are counted from [s].
+            last: Where the rows end [s].
+            before: Of commands, which count until the next row: how long before the first time they are kept, too [s].
+                What holds where that begins has a row there, and what holds at the first time where no other follows.
 
         Raises:
             TrialError: There is no such row.
         """
-        begun = self.times <= first + _ROUNDING
-        if not (held and begun.any()):
+        if before is None:
+            rows = self.between(first, last)
+            return Signals(rows.times - first, self.names, rows.values)
+        if self.times[0] > first + _ROUNDING:
             self.check_clock(first, last)
-        kept = (self.times >= first - _ROUNDING) & (self.times <= last + _ROUNDING)
-        if held and begun.any():
-            known = [column[begun & np.isfinite(column)] for column in self.values.T]
-            now = [column[-1] if column.size else np.nan for column in known]
-            kept &= ~begun
-            times, values = np.append(0.0, self.times[kept] - first), np.vstack([now, self.values[kept]])
-        else:
-            times, values = self.times[kept] - first, self.values[kept]
-        if not times.size:
-            raise TrialError(
-                f"there is no row between {first:g} s and {last:g} s; cut off less, or leave the table out"
-            )
+        kept = self.times <= last + _ROUNDING
+        times, values = self.times[kept] - first, self.values[kept]
+        latest = np.where(np.isfinite(values), np.arange(len(times))[:, None], 0)
+        held = np.take_along_axis(values, np.maximum.accumulate(latest, axis=0), axis=0)
+        begin = max(int(np.searchsorted(times, _ROUNDING - before, side="right")) - 1, 0)
+        times, values = np.maximum(times[begin:], -before), np.vstack([held[begin], values[begin + 1 :]])
+        if times[-1] < -_ROUNDING:
+            times, values = np.append(times, 0.0), np.vstack([values, held[-1]])
         return Signals(times, self.names, values)
 
 

@@ -13,26 +13,13 @@ _DEGREE = math.pi / 180
 _IN_SI: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "°": _DEGREE, "rev": _TURN},
-    "angular velocity": {
-        "rad/s": 1.0,
-        "deg/s": _DEGREE,
-        "°/s": _DEGREE,
-        "dps": _DEGREE,
-        "rev/s": _TURN,
-        "rpm": _TURN / 60,
-    },
+    "angular velocity": dict.fromkeys(("deg/s", "°/s", "dps"), _DEGREE)
+    | {"rad/s": 1.0, "rev/s": _TURN, "rpm": _TURN / 60},
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6},
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
-    "acceleration": {
-        "m/s²": 1.0,
-        "m/s^2": 1.0,
-        "m/s2": 1.0,
-        "mm/s²": 1e-3,
-        "mm/s^2": 1e-3,
-        "mm/s2": 1e-3,
-        "g": 9.80665,
-        "mg": 9.80665e-3,
-    },
+    "acceleration": dict.fromkeys(("m/s²", "m/s^2", "m/s2"), 1.0)
+    | dict.fromkeys(("mm/s²", "mm/s^2", "mm/s2"), 1e-3)
+    | {"g": 9.80665, "mg": 9.80665e-3},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "torque": {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "mN·m": 1e-3, "mNm": 1e-3, "N·mm": 1e-3, "Nmm": 1e-3},
     "voltage": {"V": 1.0, "mV": 1e-3},
@@ -84,6 +71,11 @@ def without_unit(header: str) -> str:
     if unit_of_header(name) is None:
         return name.removesuffix("_s")
     return _BRACKETS.sub("", name).strip() if _BRACKETS.search(name) else name.rpartition("_")[0]
+
+
+def alike(unit: str) -> list[str]:
+    """Units of the same kind, or this one alone where it isn't known."""
+    return list(_IN_SI.get(_KINDS.get(unit, ""), (unit,)))
 
 
 def factor(unit: str, into: str = "") -> float:
