@@ -53,6 +53,7 @@ class Rollout:
         pieces: Parts of the recording, each played back from a start of its own; empty for one that is played in one.
             Each begins with the frame that ends the one before it.
         whole: The recording that this one is a piece of; None for none.
+        state: Positions and velocities at its start, where they are known; else None.
     """
 
     trial: Trial
@@ -61,6 +62,7 @@ class Rollout:
     stretch: Stretch | None = None
     pieces: tuple[Rollout, ...] = ()
     whole: Trial | None = None
+    state: JointState | None = None
 
 
 class PlaybackSimulator:
@@ -242,7 +244,9 @@ class PlaybackSimulator:
             start_at_keyframe(model, data, self._about.start)
         start_at_joints(model, data, rollout.trial)
         fit = PoseFit(model, self._markers, self.robot.plane)
-        if rollout.stretch is not None:
+        if rollout.state is not None:
+            data.qpos[:], data.qvel[:] = rollout.state
+        elif rollout.stretch is not None:
             stretch = rollout.stretch.read_late(self._late(delays, rollout.trial))
             guess = self._guess(fit, model, data, rollout, stretch)
             data.qpos[:], data.qvel[:] = self._fitted(model, fit, guess, controls, stretch)
