@@ -55,7 +55,7 @@ def import_recording(
     for option, values in (("control-tables", control_tables), ("frequency", frequency)):
         one_each(option, values, len(tables), "tables")
     finite_above_0("frequency", *frequency, unit=" Hz")
-    from swim2real.checks.reference import judged
+    from swim2real.checks.mistakes import judged
     from swim2real.names import composed
     from swim2real.pipeline.recording import Recorded, Wanted, recorded
     from swim2real.robots import load_robot
@@ -99,7 +99,7 @@ def import_recording(
             )
     doubts: list[str] = []
     try:
-        doubts = judged(body, TrialSet(tuple(one.trial for one in made), body.marker_names))
+        doubts = judged(body, TrialSet(tuple(one.trial for one in made), body.marker_names)).doubts
     except Swim2RealError as error:
         tell(f"warning: whether they are the robot's wasn't seen: {error}")
     for line in doubts:

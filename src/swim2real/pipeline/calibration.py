@@ -23,7 +23,9 @@ from swim2real.calibration import (
     sensitivities,
     versions,
 )
-from swim2real.checks.reference import judged, reference_warnings
+from swim2real.checks.delays import delays
+from swim2real.checks.mistakes import judged
+from swim2real.checks.reference import reference_warnings
 from swim2real.checks.resting import other_start, started
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor, recorded_advice
@@ -82,7 +84,7 @@ def calibrate(
         settings = replace(settings, method=begun.method, budget=begun.budget, finish=True)
     if on_warning is not None:
         begins, other = started(robot, reference), other_start(robot, reference)
-        for line in (*judged(begins, reference), *reference_warnings(begins, reference, settings)):
+        for line in (*judged(begins, reference).doubts, *reference_warnings(begins, reference, settings)):
             on_warning(line)
         if other is not None and settings.pieces is None:
             on_warning(other)
@@ -122,7 +124,8 @@ def calibrate(
             None if first is None else space.to_cube(first), minutes, slopes, resolved.budget or 0,
         )  # fmt: skip
         effects = sensitivities(problem, space, best.values) if sensitivity else None
-        return conclude(folder, problem, held_out, best.values, effects, ending, slopes)
+        late = [] if on_warning is None else delays(robot, fitted, best.values, settings.horizon)
+        return conclude(folder, problem, held_out, best.values, effects, ending, slopes, late)
 
 
 def _resolved(

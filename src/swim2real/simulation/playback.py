@@ -58,6 +58,7 @@ class Rollout:
             Each begins with the frame that ends the one before it.
         whole: The recording that this one is a piece of; None for none.
         periods: After how much readings of sensors begin anew [unit], by the names of those that do.
+        state: The start, where it is known already; None where it is to be found.
     """
 
     trial: Trial
@@ -67,6 +68,7 @@ class Rollout:
     pieces: tuple[Rollout, ...] = ()
     whole: Trial | None = None
     periods: Mapping[str, float] = field(default_factory=dict[str, float])
+    state: JointState | None = None
 
 
 class PlaybackSimulator:
@@ -259,7 +261,9 @@ class PlaybackSimulator:
         start_at_joints(model, data, rollout.trial)
         left = self._remember(model, data, rollout, delays)
         fit = PoseFit(model, self._markers, self.robot.plane)
-        if rollout.stretch is not None:
+        if rollout.state is not None:
+            data.qpos[:], data.qvel[:], data.act[:] = rollout.state
+        elif rollout.stretch is not None:
             stretch = rollout.stretch.read_late(self._late(delays, rollout.trial))
             guess = self._guess(fit, model, data, rollout, stretch)
             data.qpos[:], data.qvel[:], data.act[:] = self._fitted(model, data, fit, guess, left, controls, stretch)
