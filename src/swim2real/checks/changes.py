@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from swim2real.formatting import listed
 from swim2real.robots.robot import Robot
 from swim2real.trials import MarkerTrack, Signals, Trial, frames
 
@@ -164,10 +165,16 @@ def of_commands(robot: Robot, trials: Sequence[Trial]) -> Iterator[Change]:
 def of_readings(robot: Robot, trials: Sequence[Trial], played: Sequence[Trial]) -> Iterator[Change]:
     """What tables of readings may be, beside what the robot would read."""
     names = [sensor.name for sensor in robot.trials.sensors]
-    if not names or any(one.sensors is None for one in (*trials, *played)):
+    if any(trial.sensors is None for trial in trials):
         return
     every = {name: (name, 1.0) for name in names}
-    for name in names:
+    for unit in dict.fromkeys(sensor.unit for sensor in robot.trials.sensors):  # a table has them all in one
+        alike = [sensor.name for sensor in robot.trials.sensors if sensor.unit == unit]
+        who = f"readings of sensor{'s' * (len(alike) > 1)} {listed([repr(name) for name in alike])}"
+        for what, factor in _FACTORS.items():
+            said = f"{who} look like {what}: say NAME=COLUMN:UNIT (--sensors)"
+            yield Change(said, _columns("sensors", {**every, **{name: (name, factor) for name in alike}}), tuple(alike))
+    for name in names if all(one.sensors is not None for one in played) else ():
         real, made = (np.concatenate([_column(one, name) for one in some]) for some in (trials, played))
         sizes = float(np.nanstd(real)), float(np.nanstd(made))
         if not all(size > 0 for size in sizes):
@@ -200,8 +207,6 @@ def of_clocks(robot: Robot, trials: Sequence[Trial], driven: Sequence[Trial]) ->
         trials: Real trials.
         driven: What it does, as its commands have it, each as long as these last.
     """
-    if any(trial.controls is None for trial in trials):
-        return
     readings = tuple(sensor.name for sensor in robot.trials.sensors)
     unit, begin = (
         "say the unit of the time (--time COLUMN:UNIT)",
@@ -246,8 +251,9 @@ class _Clocks:
             kept = np.unique(np.linspace(0, len(times) - 1, _SAMPLES).astype(int))
             self._pairs.append((times[kept], values[kept], sim_times, simulated))
             self._ratios.append(float(np.ptp(times) / max(np.ptp(sim_times), 1e-9)))
-        sizes = [np.nanstd(simulated, axis=0) for *_, simulated in self._pairs]
-        self._sizes = np.maximum(np.mean(sizes, axis=0), 1e-9) if sizes else np.ones(1)
+        both = [np.fmax(np.nanstd(one[1], axis=0), np.nanstd(one[3], axis=0)) for one in self._pairs]
+        sizes = np.maximum(np.mean(both, axis=0), 1e-9) if both else np.ones(1)
+        self._sizes = np.full_like(sizes, sizes.max()) if stream == "markers" else sizes
 
     def lags(self) -> list[float]:
         """By how much it is late [s], where that explains it best."""
@@ -339,6 +345,7 @@ def _exchanged(trials: Sequence[Trial], kind: str, streams: tuple[str, ...] | No
 def _shifted(trial: Trial, later: float, stream: str) -> Trial:
     """Markers or readings on a clock that is later; of a film the other streams are earlier, which is the same."""
     controls, sensors = trial.controls, trial.sensors
+    stream = stream if trial.track.marker_count else "markers"  # its frames are its readings
     if stream != "readings" and controls is not None:
         controls = replace(controls, times=controls.times - later)
     if stream == "film" and sensors is not None:

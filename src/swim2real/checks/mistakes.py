@@ -105,7 +105,7 @@ class _Judge:
         self.robot, self.motion, self.poses = robot, Motion(robot), _Poses(robot)
         self.begin: Values = robot.space.published
         prepared = [(trial, one) for trial in reference if (one := self._prepared(trial)) is not None]
-        parts = self.motion.parts([one for _, one in prepared], [self.begin])[0]
+        parts = self.motion.parts([one for _, one in prepared], [self.begin])[0] if prepared else []
         worst = sorted(range(len(parts)), key=lambda k: -share([parts[k]]))[:_TRIALS]
         self.trials, self.own = [prepared[k][0] for k in sorted(worst)], [parts[k] for k in sorted(worst)]
 
@@ -176,7 +176,7 @@ class _Judge:
         if robot.marker_names:
             yield from of_pixels(robot, trials, played)
             beside = [real.track.positions[0] - made.track.positions[0] for real, made in zip(cut, played, strict=True)]
-            some = _some(trials[0], _FRAMES)
+            some = _some(trials[0], 2)
             limit = max(2 * self.poses.misfit(some), _NO_POSE * robot.size)
             for change in of_markers(robot, np.nan_to_num(np.nanmean(np.concatenate(beside), axis=0))):
                 if self.poses.misfit(change.undo([some])[0], change.scale) < limit:

@@ -134,8 +134,9 @@ class Motion:
         """What a candidate does from rest under the whole of each trial's commands."""
         whole: list[Rollout] = []
         for trial in trials:
-            rows = trial.track.times if trial.controls is None else trial.controls.times
-            times = np.arange(rows[0], min(float(rows[-1]), rows[0] + _LONGEST), 1 / _RATE)
+            begin = float(trial.track.times[0])
+            end = begin + _LONGEST if trial.controls is None else min(float(trial.controls.times[-1]), begin + _LONGEST)
+            times = np.arange(begin, max(end, begin + 2 / _RATE), 1 / _RATE)
             nowhere = np.full((len(times), trial.track.marker_count, 2), np.nan)
             whole.append(Rollout(replace(trial, track=MarkerTrack(times, nowhere), sensors=None)))
         return self._player.simulate(values, whole)
