@@ -89,13 +89,14 @@ def marker_noise(tracks: Sequence[MarkerTrack]) -> float | None:
 
 
 def noise_of(trials: Sequence[Trial], sensors: Sequence[Sensor]) -> float | None:
-    """Noise of the markers, or of sensors alone the mean error that noise of readings counts as [m]; None without."""
-    tables = [trial.sensors for trial in trials if not trial.track.marker_count and trial.sensors is not None]
-    if not tables:
-        return marker_noise([trial.track for trial in trials])
+    """Noise of the markers, and the mean error that noise of readings counts as [m]; None without either."""
+    noise = marker_noise([trial.track for trial in trials])
+    tables = [trial.sensors for trial in trials if trial.sensors is not None]
     mean = np.sqrt(2 / np.pi)  # absolute deviation of a normal distribution
     found = [sum(s.meters_per_unit * mean * float(_scatter(one.column(s.name))) for s in sensors) for one in tables]
-    return float(np.mean(found)) if np.isfinite(found).all() and sensors else None
+    if not sensors or not found or not np.isfinite(found).all():
+        return noise
+    return float(np.mean(found)) + (noise or 0.0)
 
 
 def _scatter(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -110,8 +111,9 @@ def _scatter(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def standing(
-    entries: Sequence[RecordedEvaluation], settings: RunSettings, outcome: Outcome | None, space: ParameterSpace
-) -> tuple[str, ...]:
+    entries: Sequence[RecordedEvaluation], settings: RunSettings, outcome: Outcome | None, space: ParameterSpace,
+    sensors: Sequence[Sensor] = (),
+) -> tuple[str, ...]:  # fmt: skip
     """Where a search without a budget stands, in sentences; none for a run that a budget ends.
 
     Args:
@@ -119,6 +121,7 @@ def standing(
         settings: Settings of the run.
         outcome: What it found; None for one that was interrupted.
         space: Parameters, on the run's scale.
+        sensors: Sensors that are compared.
     """
     best = min((entry for entry in entries if not entry.failed), key=lambda entry: entry.loss, default=None)
     if best is None or (settings.budget is not None and not settings.finish):
@@ -143,10 +146,12 @@ def standing(
         name, trial = max(best.evidence.trials.items(), key=lambda item: item[1].loss or 0.0)
         errors = {what: getattr(trial, figure, None) or 0.0 for figure, what in _PARTS.items()}
         known = dict(list(errors.items())[:-1]) if errors["shape"] else errors  # of which the markers' error is made
+        read = trial.sensor_errors
+        known |= {f"sensor '{one.name}'": one.meters_per_unit * (read.get(one.name) or 0.0) for one in sensors}
         part = max(known, key=lambda what: known[what])
         said.append(
             f"no parameters of this robot explain the trials: {near} descents agree so far above the noise; worst is "
-            f"trial '{name}', most by its {part}, {1e3 * known[part]:.1f} mm off"
+            f"trial '{name}', most by its {part}, which adds {1e3 * known[part]:.1f} mm"
         )
     return tuple(said)
 

@@ -212,28 +212,28 @@ def of_clocks(robot: Robot, trials: Sequence[Trial], driven: Sequence[Trial]) ->
         "say the unit of the time (--time COLUMN:UNIT)",
         "say when the log begins (--from), or shift its time_s",
     )
-    if robot.marker_names:
-        clocks = _Clocks(robot, trials, driven, "markers")
-        for late in clocks.lags():
-            said = f"its film seems {abs(late):.2f} s {'late' if late > 0 else 'early'}, beside the commands"
-            yield Change(f"{said}; {begin}", each(partial(_shifted, later=-late, stream="markers")))
-            if readings:
-                yield Change(f"{said} and readings; {begin}", each(partial(_shifted, later=-late, stream="film")))
-        for ratio in clocks.ratios():
-            yield Change(
-                f"its frames last {ratio:.3g} times as long as what drove it: give --fps {ratio * trials[0].fps:.4g}, the "
-                f"rate at which the camera took them, or {unit}", each(partial(_stretched, factor=1 / ratio, filmed=True)),
-            )  # fmt: skip
-    if readings:
-        clocks = _Clocks(robot, trials, driven, "readings")
-        for late in clocks.lags():
-            said = (
-                f"its readings seem {abs(late):.2f} s {'late' if late > 0 else 'early'}, beside the commands; {begin}"
-            )
-            yield Change(said, each(partial(_shifted, later=-late, stream="readings")), readings)
-        for ratio in clocks.ratios():
-            said = f"its readings last {ratio:.3g} times as long as what drove it: {unit}"
-            yield Change(said, each(partial(_stretched, factor=1 / ratio, filmed=False)), readings)
+    several = [slice(k, k + 1) for k in range(len(trials))] if len(trials) > 1 else []
+    for some in (slice(None), *several):  # a clock may be that of one trial alone
+        if robot.marker_names:
+            clocks = _Clocks(robot, trials[some], driven[some], "markers")
+            for late in clocks.lags():
+                said = f"its film seems {abs(late):.2f} s {'late' if late > 0 else 'early'}, beside the commands"
+                yield Change(f"{said}; {begin}", each(partial(_shifted, later=-late, stream="markers")))
+                if readings:
+                    yield Change(f"{said} and readings; {begin}", each(partial(_shifted, later=-late, stream="film")))
+            for ratio in clocks.ratios():
+                said = f"its frames last {ratio:.3g} times as long as what drove it: give --fps"
+                rate = f"{ratio * trials[0].fps:.4g}, the rate at which the camera took them"
+                slower = partial(_stretched, factor=1 / ratio, filmed=True)
+                yield Change(f"{said} {rate}, or {unit}", each(slower))
+        if readings:
+            clocks = _Clocks(robot, trials[some], driven[some], "readings")
+            for late in clocks.lags():
+                said = f"its readings seem {abs(late):.2f} s {'late' if late > 0 else 'early'}, beside the commands"
+                yield Change(f"{said}; {begin}", each(partial(_shifted, later=-late, stream="readings")), readings)
+            for ratio in clocks.ratios():
+                said = f"its readings last {ratio:.3g} times as long as what drove it: {unit}"
+                yield Change(said, each(partial(_stretched, factor=1 / ratio, filmed=False)), readings)
 
 
 class _Clocks:
@@ -289,7 +289,7 @@ class _Clocks:
             best = minimize_scalar(error, bounds=(float(grid[k - 1]), float(grid[k + 1])), method="bounded")
             if abs(float(best.x) - none) > step and best.fun < error(none):
                 found.append(float(best.x))
-        return found
+        return sorted(found, key=lambda one: abs(one - none))
 
 
 def _numbers(trial: Trial, frame: tuple[int, int] | None, stream: str, names: Sequence[str]) -> tuple[Array, Array]:

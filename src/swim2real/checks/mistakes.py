@@ -40,9 +40,10 @@ _NO_POSE, _NEITHER = 0.04, 0.1  # of the robot's size: root mean square beside a
 _UNDONE = 0.55  # of the misfit, below which a change has undone the mistake
 _FOLLOWED = 0.25  # share of the motion that a short search may leave of trials that are right
 _BETTER = 0.6  # of a trial's share, below which a change has undone its mistake
+_SHOWS = 0.9  # of a trial's share, below which a change explains more of it
 _ALIKE = 1.3  # times the least share, up to which a simpler change explains as much
 _TRIALS, _SECONDS = 4, 2.0  # that are searched, s of each
-_SEARCH, _FINALISTS = 4, 4  # steps of a search, changes that get one of their own
+_SEARCH, _FINALISTS = 4, 3  # steps of a search, changes that get one of their own
 _MOST = 3  # mistakes of one reference that are named
 
 
@@ -77,8 +78,8 @@ class Verdict:
             return f"All trials fit: {', '.join(names)}. The motion is off by {errors}{rest} (the worst, '{worst}')."
         return (
             f"All trials start where the model starts; the motion is off by {errors} ('{worst}'), which leaves "
-            f"{100 * self.shares[worst]:.0f} % of it unexplained. No single mistake explains that: the parameters are far "
-            f"off, or the model lacks something."
+            f"{100 * self.shares[worst]:.0f} % of it unexplained. No single mistake explains that: the parameters are "
+            f"far off, or the model lacks something."
         )
 
 
@@ -132,40 +133,43 @@ class _Judge:
     ) -> tuple[str, list[Trial], list[Prepared], Values, list[Parts]] | None:
         """The simplest change that explains about as much as the best one, if that undoes a mistake."""
         (before,) = self.motion.parts(prepared, [self.begin])
-        tried: list[tuple[float, float, int, Change, list[Trial], list[Prepared]]] = []
+        tried: list[_Tried] = []
         for order, change in enumerate(self._changes(trials, prepared, values)):
             changed = change.undo(trials)
             ready = [self._prepared(one, like) for one, like in zip(changed, prepared, strict=True)]
             playable = [one for one in ready if one is not None]
             if len(playable) == len(ready):
                 (after,) = self.motion.parts(playable, [self.begin])
-                ratios = [f(after, change.streams) / f(before, change.streams) for f in (share, unlike)]
-                tried.append((ratios[0], ratios[1], order, change, changed, playable))
-        first = {one[2]: one for k in (0, 1) for one in sorted(tried, key=lambda one: (one[k], one[2]))[:_FINALISTS]}
-        finals: list[tuple[float, int, str, list[Trial], list[Prepared], Values, list[Parts]]] = []
-        for _, _, order, change, changed, ready in sorted(first.values(), key=lambda one: (min(one[:2]), one[2])):
-            found, left = self.motion.searched(ready, self.begin, _SEARCH)
-            better = [k for k in range(len(trials)) if _gains([parts[k]], [left[k]], change)]
-            if not better:
-                continue
-            mixed, made = changed, ready
-            if len(better) < len(trials) and share(left) >= share(parts):
-                mixed = [changed[k] if k in better else trials[k] for k in range(len(trials))]
-                made = [ready[k] if k in better else prepared[k] for k in range(len(trials))]
-                found, left = self.motion.searched(made, self.begin, _SEARCH)
-            if share(left) < _BETTER * share(parts):
-                who = f"trial{'s' * (len(better) > 1)} {listed([repr(trials[k].name) for k in better])}"
-                finals.append((share(left), order, f"{who}: {change.said}", mixed, made, found, left))
-            if share(left) < _FOLLOWED and len(finals) > 1:
+                tried += _tried(order, change, before, after, list(zip(changed, playable, strict=True)))
+        first = {
+            id(one): one
+            for k in (0, 1)
+            for one in sorted(tried, key=lambda one: (one.ratios[k], one.order))[:_FINALISTS]
+        }
+        finals: list[tuple[float, _Tried, list[Trial], list[Prepared], Values, list[Parts]]] = []
+        for one in sorted(first.values(), key=lambda one: (min(one.ratios), one.order)):
+            if finals and finals[0][0] < _FOLLOWED and min(one.ratios) > _ALIKE * min(finals[0][1].ratios):
                 break
+            mixed = [one.changed[k][0] if k in one.of else trial for k, trial in enumerate(trials)]
+            made = [one.changed[k][1] if k in one.of else trial for k, trial in enumerate(prepared)]
+            found, left = self.motion.searched(made, self.begin, _SEARCH)
+            gains = [
+                share([left[k]], one.change.streams) < _BETTER * share([parts[k]], one.change.streams) for k in one.of
+            ]
+            if share(left) < _BETTER * share(parts) and any(gains):
+                finals.append((share(left), one, mixed, made, found, left))
+                finals.sort(key=lambda final: final[0])
         if not finals:
             return None
-        least = min(one[0] for one in finals)
-        _, _, said, mixed, made, found, left = min(
-            (o for o in finals if o[0] <= _ALIKE * least), key=lambda one: one[1]
+        least, was = finals[0][0], share(parts)
+        now, one, mixed, made, found, left = min(
+            (f for f in finals if f[0] <= _ALIKE * least), key=lambda f: f[1].order
         )
-        was, now = 100 * share(parts), 100 * share(left)
-        said = f"{said} (a short search then leaves {now:.0f} % of the motion unexplained, and {was:.0f} % as it is)"
+        who = f"trial{'s' * (len(one.of) > 1)} {listed([repr(trials[k].name) for k in one.of])}"
+        said = (
+            f"{who}: {one.change.said} (a short search then leaves {100 * now:.0f} % of the motion unexplained, and "
+            f"{100 * was:.0f} % as it is)"
+        )
         return said, mixed, made, found, left
 
     def _changes(self, trials: Sequence[Trial], prepared: Sequence[Prepared], values: Values) -> Iterator[Change]:
@@ -197,9 +201,44 @@ class _Judge:
         return self.motion.prepared(cut, self.begin, like)
 
 
-def _gains(before: Sequence[Parts], after: Sequence[Parts], change: Change) -> bool:
-    """Whether a change undoes a mistake, where it is about anything."""
-    return share(after, change.streams) < _BETTER * share(before, change.streams)
+@dataclass(frozen=True)
+class _Tried:
+    """A change as it was tried with the robot's own values.
+
+    Attributes:
+        ratios: What share it leaves unexplained beside what was, and the same beside gains and offsets.
+        order: Its place in the order of simplicity.
+        change: The change.
+        of: Numbers of the trials that it is made of.
+        changed: All trials, changed.
+    """
+
+    ratios: tuple[float, float]
+    order: int
+    change: Change
+    of: tuple[int, ...]
+    changed: list[tuple[Trial, Prepared]]
+
+
+def _tried(
+    order: int, change: Change, before: list[Parts], after: list[Parts], changed: list[tuple[Trial, Prepared]]
+) -> Iterator[_Tried]:
+    """A change of all trials, and of those alone in which it shows."""
+
+    def ratios(of: Sequence[int]) -> tuple[float, float]:
+        mixed = [after[k] if k in of else one for k, one in enumerate(before)]
+        share_now, unlike_now = (f(mixed, change.streams) / f(before, change.streams) for f in (share, unlike))
+        return share_now, unlike_now
+
+    every = tuple(range(len(before)))
+    shown = tuple(k for k in every if _shows(before[k], after[k], change))
+    for of in {every, shown or every}:
+        yield _Tried(ratios(of), order, change, of, changed)
+
+
+def _shows(before: Parts, after: Parts, change: Change) -> bool:
+    """Whether a change explains more of a trial."""
+    return any(f([after], change.streams) < _SHOWS * f([before], change.streams) for f in (share, unlike))
 
 
 def _error(parts: Parts) -> float:

@@ -129,13 +129,13 @@ def _scaled(run: ReportedRun) -> tuple[str, bool]:
 
     The scale is the noise of the data, the size of the real motion, and what other starts came to. The size is the root
     mean square distance of the real markers from their mean places, on the way of a trial that is scored by it, else in
-    the frame of comparison; without markers, how far readings are from their means, as they count. Half of it is bad;
+    the frame of comparison, and how far readings are from their means, as they count. Half of it is bad;
     so is a tenth far above the noise, of readings, or where no two of several starts agree.
     """
     sizes: list[tuple[float, float]] = []
     for trial in (one.compared for one in run.saved if not one.held_out and one.compared.divergence is None):
+        spread = sum(sensor.meters_per_unit * float(np.nanstd(sensor.real)) for sensor in trial.sensors)
         if not run.robot.marker_names:
-            spread = sum(sensor.meters_per_unit * float(np.nanstd(sensor.real)) for sensor in trial.sensors)
             sizes.append((trial.loss, spread**2))
             continue
         real = trial.real if trial.progress is None else trial.path_real
@@ -143,7 +143,9 @@ def _scaled(run: ReportedRun) -> tuple[str, bool]:
         count = np.maximum(seen.sum(axis=0), 1)[:, None]
         places = np.where(seen[:, :, None], real, 0.0)
         apart = np.where(seen[:, :, None], places - places.sum(axis=0) / count, 0.0)
-        sizes.append((float(getattr(trial, trial.loss_figure)), float((apart**2).sum() / max(int(seen.sum()), 1))))
+        moved = math.sqrt(float((apart**2).sum() / max(int(seen.sum()), 1)))
+        off = sum(sensor.meters_per_unit * sensor.error for sensor in trial.sensors)
+        sizes.append((float(getattr(trial, trial.loss_figure)) + off, (moved + spread) ** 2))
     error, square = np.mean(sizes, axis=0).tolist() if sizes else (0.0, 0.0)
     size, noise = math.sqrt(square), run.of_best.noise
     if not size:
@@ -152,7 +154,8 @@ def _scaled(run: ReportedRun) -> tuple[str, bool]:
     apart = len(ends) > 1 and agreeing(ends) == 1
     far = bool(noise) and error > max(_FAR * (noise or 0.0), _UNEXPLAINED * size)
     bad = error > _POOR * size or (far and (apart or not run.robot.marker_names))
-    what = "markers move" if run.robot.marker_names else "readings vary, as they count,"
+    names = ["markers"] * bool(run.robot.marker_names) + ["readings"] * bool(run.robot.trials.sensors)
+    what = f"{' and '.join(names)} {'vary, as readings count,' if 'readings' in names else 'move'}"
     kind = " is bad" if bad else ""
     if noise and not bad:
         kind = " is as good as the noise lets it be" if error <= _AT_NOISE * noise else " is above the noise"

@@ -127,7 +127,7 @@ class ReportedRun:
     @property
     def standing(self) -> tuple[str, ...]:
         """Where a search without a budget stands, in sentences."""
-        return standing(self.entries, self.settings, self.outcome, self.space)
+        return standing(self.entries, self.settings, self.outcome, self.space, self.robot.trials.sensors)
 
     @property
     def loss(self) -> str:
