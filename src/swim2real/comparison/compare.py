@@ -136,6 +136,7 @@ def compare(
     Raises:
         Swim2RealError: The folder holds another comparison, or the work can't be begun.
     """
+    robot.check_trials(reference)
     root = Path(out).resolve()
     with _exclusive(root):
         before = read_plan(root) if (root / RUNS).is_dir() else None  # a plan without a run binds nobody

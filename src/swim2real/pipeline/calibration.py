@@ -76,6 +76,7 @@ def calibrate(
     Raises:
         Swim2RealError: Something is wrong, which its sentence names.
     """
+    robot.check_trials(reference)
     folder = RunFolder(out)
     begun, minutes = folder.settings() if resume else None, settings.minutes or MINUTES
     if begun is not None and begun.budget is not None and (settings.budget is None or begun.finish):

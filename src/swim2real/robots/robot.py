@@ -12,11 +12,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import ArgumentError
+from swim2real.errors import ArgumentError, TrialError
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.drives import Drive
 from swim2real.robots.targets import Delay, Delays
 from swim2real.settings import ProtocolName
+from swim2real.trials import TrialSet
 
 _PLACES = tuple(
     map(int, (mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtSensor.mjSENS_ACTUATORPOS))
@@ -312,6 +313,19 @@ class Robot:
             raise ArgumentError(
                 f"robot '{self.name}' has no markers, so there is nothing to {what}; its trials are tables of sensors, "
                 f"which calibrate, evaluate and identify take as they are"
+            )
+
+    def check_trials(self, trials: TrialSet) -> None:
+        """Refuses trials of another robot.
+
+        Raises:
+            TrialError: They have another number of markers; of recordings, or other names.
+        """
+        theirs, own = trials.marker_names, self.marker_names
+        if theirs != own and (self.trials.swims is None or len(theirs) != len(own)):
+            raise TrialError(
+                f"these trials have {len(theirs)} markers ({', '.join(theirs)}); robot '{self.name}' has {len(own)} "
+                f"({', '.join(own)}); give --robot FILE.toml, or name the markers alike, in the same order"
             )
 
     def delays_of(self, values: Values) -> Delays:
