@@ -74,7 +74,7 @@ with store.whole_folder(folder) as part:
 
 
 @pytest.mark.parametrize("again", [True, False])
-@pytest.mark.parametrize(("call", "when"), [("rmtree", 1), ("rmtree", 2), ("rmtree", 3), ("replace", 1), ("replace", 2)])
+@pytest.mark.parametrize(("call", "when"), [*(("rmtree", i) for i in (1, 2, 3)), *(("replace", i) for i in (1, 2))])
 def test_a_folder_that_is_replaced_is_there_whenever_the_process_is_killed(tmp_path, call, when, again):
     with store.whole_folder(tmp_path / "step") as part:
         (part / "state").write_text("old")

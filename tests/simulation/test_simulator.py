@@ -130,6 +130,17 @@ def test_a_candidate_that_diverges_names_the_time_and_leaves_the_others_alone(tm
     assert not list(tmp_path.iterdir())  # nor a log of the engine's
 
 
+@pytest.mark.parametrize("swims", [LONG, [Swim("rest", Actuation(1.0), 0.5)]])
+def test_a_candidate_of_which_no_model_can_be_made_is_a_diverged_trial(swims):
+    def spoil(spec, values) -> None:
+        if values["fluid_kutta_lift"] == STIFF["fluid_kutta_lift"]:
+            spec.geoms[0].size[0] = -1
+
+    none, good = Simulator(rebuilt(spoil), threads=2).simulate_many([STIFF, PUBLISHED], swims)
+    assert all(says(trial.divergence, "the model can't be made: Error: ") for trial in none)
+    assert not any(trial.divergence for trial in good)
+
+
 def test_a_motor_too_weak_to_turn_makes_a_diverged_trial():
     def weaken(spec, _) -> None:
         motor = spec.actuators[0]
