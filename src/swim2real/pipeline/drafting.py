@@ -192,6 +192,8 @@ def _heights(model: mujoco.MjModel, markers: tuple[str, ...]) -> dict[str, float
 
 def _unfit(one: Probe, markers: bool) -> str | None:
     """Why a parameter is only suggested; None where it shows."""
+    if one.effect.undone is not None:
+        return one.effect.undone
     failure = one.refused or one.lower.failure or one.upper.failure
     if failure is not None:
         return f"at a bound the model can't be simulated; choose other bounds ({failure})"

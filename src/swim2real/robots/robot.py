@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.drives import Drive
-from swim2real.robots.targets import Delay, Delays
+from swim2real.robots.targets import Delay, Delays, Target
 from swim2real.settings import ProtocolName
 from swim2real.trials import TrialSet
 
@@ -248,6 +248,7 @@ class Robot:
         policy: What a policy commands and sees; None where nobody has said.
         delays: What parameters delay in recordings, by the parameter's name.
         source: File that describes the robot; None for one of Python's.
+        targets: Places in the model that a parameter sets, by its name, where a file says so.
     """
 
     name: str
@@ -263,6 +264,7 @@ class Robot:
     policy: PolicySetup | None = None
     delays: Mapping[str, tuple[Delay, ...]] = field(default_factory=dict[str, tuple[Delay, ...]])
     source: Path | None = None
+    targets: Mapping[str, tuple[Target, ...]] = field(default_factory=dict[str, tuple[Target, ...]])
 
     def __getstate__(self) -> dict[str, object]:
         """Without what is compiled, which another process compiles when it needs it."""
