@@ -49,7 +49,7 @@ def undone(robot: Robot, parameter: Parameter) -> str | None:
     """
     for target in robot.targets.get(parameter.name, ()):
         place = _Place(robot, parameter, target.selection)
-        for number in np.flatnonzero(place.change):
+        for number in map(int, np.flatnonzero(place.change)):
             if place.arrives(number) is not False:
                 continue
             said = f"{parameter.name}: the compiled model doesn't have what it writes to {target.line}, since "
@@ -184,7 +184,7 @@ class _Place:
         owners = zip(names, _owners(spec, element), (plain.compiler, add(), body), strict=False)
         for owner, (who, one, other) in enumerate(owners):
             for name in dir(one):
-                here = None if name.startswith("_") or name in ("id", "signature") else getattr(one, name)
+                here: Any = None if name.startswith("_") or name in ("id", "signature") else getattr(one, name)
                 if isinstance(here, int | float | np.ndarray) or hasattr(here, "__members__"):
                     there = getattr(other, name)
                     if not np.array_equal(np.asarray(here, float), np.asarray(there, float), equal_nan=True):
