@@ -334,9 +334,11 @@ def _read_track(
         pairs = ", ".join(f"{ours} is {theirs}" for ours, theirs in zip(robot.marker_names, names, strict=True))
         notes.append(f"markers are taken in the table's order: {pairs}")
     else:
+        site = f'; write a site for each into the body that carries it, as in <site name="{names[0]}" pos="0 0 0"/>'
+        hint = site if len(names) > len(robot.marker_names) else ""
         raise TrialError(
             f"{path}: {len(names)} markers ({', '.join(names)}); robot '{robot.name}' has {len(robot.marker_names)} "
-            f"({', '.join(robot.marker_names)})"
+            f"({', '.join(robot.marker_names)}){hint}"
         )
     rigid = robot.rigid_markers
     camera = camera_for(track, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid, known)
