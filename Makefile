@@ -6,8 +6,7 @@ CORE := $(VENV)/.core
 STAMP := $(VENV)/.installed
 NEWEST = .venv-newest-$(shell $(PYTHON) -c 'import platform; print(platform.python_version())')
 PIP := -m pip install --quiet --disable-pip-version-check
-EXTRAS ?= all
-EVERYTHING = --editable ".[$(EXTRAS)]" --group dev --group docs
+EVERYTHING := --editable ".[all]" --group dev --group docs
 PYTEST := -m pytest -n 2 --dist loadfile  # a file's tests share what it makes
 
 .PHONY: demo test test-all test-newest check site format clean

@@ -47,6 +47,7 @@ def robot_of(folder, writes, lower, upper, more="", **places):
 TOOL, HULL = 'geom "tool" mass', 'body "base" diaginertia[0]'
 
 
+@pytest.mark.filterwarnings("ignore:compiler attribute")  # which MuJoCo 4 deprecates
 @pytest.mark.parametrize(
     ("writes", "lower", "upper", "places", "names"),
     [

@@ -88,7 +88,7 @@ def check(robot: Positional[str], *, reference: Path | None = None, out: Path | 
     """Check a robot: what each parameter sets and moves, its markers, and what drives a trial.
 
     Simulates 2 s with each parameter at both bounds, and draws a map of the markers. Exits with 1 if a parameter
-    changes nothing, the model doesn't compile at a bound, or the trials of --reference don't fit or are probably of
+    changes nothing or is undone by a setting of the model, the model doesn't compile at a bound, or the trials of --reference don't fit or are probably of
     another unit, order, axes, clock or sign. Takes some seconds.
 
     Args:
