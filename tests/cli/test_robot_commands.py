@@ -29,6 +29,7 @@ def test_a_robot_file_is_begun_and_passes_its_check(program, model):
     program("init", model).done()
     out = model.with_suffix(".toml")
     assert program.text.strip() == (
+        'camera = "side" is a guess: from there the markers move most; change it if yours stands elsewhere.\n'
         f"{out}: 3 markers, 2 parameters (shoulder_damping, elbow_damping), and 6 more as comments. Edit it, then: "
         f"swim2real check {out}"
     )

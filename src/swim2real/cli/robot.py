@@ -50,7 +50,9 @@ def init(
     draft = draft_robot(model)
     write_draft(draft, model, file)
     if draft.markers:
-        say(f"Filmed from {draft.camera}? That is a guess: from there the markers move most; see camera in the file.")
+        say(
+            f'camera = "{draft.camera}" is a guess: from there the markers move most; change it if yours stands elsewhere.'
+        )
     calibrated = draft.calibrated
     say(
         f"{file}: {len(draft.markers)} markers, {len(calibrated)} parameters ({', '.join(calibrated)}), and "
