@@ -50,9 +50,7 @@ def init(
     draft = draft_robot(model)
     write_draft(draft, model, file)
     if draft.markers:
-        say(
-            f'camera = "{draft.camera}" is a guess: from there the markers move most; change it if yours stands elsewhere.'
-        )
+        say(f'camera = "{draft.camera}" is a guess, by where markers move most; change it if it stands elsewhere.')
     calibrated = draft.calibrated
     say(
         f"{file}: {len(draft.markers)} markers, {len(calibrated)} parameters ({', '.join(calibrated)}), and "
@@ -90,8 +88,8 @@ def check(robot: Positional[str], *, reference: Path | None = None, out: Path | 
     """Check a robot: what each parameter sets and moves, its markers, and what drives a trial.
 
     Simulates 2 s with each parameter at both bounds, and draws a map of the markers. Exits with 1 if a parameter
-    changes nothing or is undone by a setting of the model, the model doesn't compile at a bound, or the trials of --reference don't fit or are probably of
-    another unit, order, axes, clock or sign. Takes some seconds.
+    changes nothing, a setting of the model undoes it or the model doesn't compile at a bound, or if the trials of
+    --reference don't fit or are probably of another unit, order, axes, clock or sign. Takes some seconds.
 
     Args:
         robot: Robot file, or the name of a robot: fish, fish-extended, fish-rolling.
