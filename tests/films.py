@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
+import av
 import numpy as np
 
 import pools
@@ -90,6 +91,18 @@ def named(shot: Shot, folder: Path, name: str) -> Shot:
     video = folder / f"{name}.mp4"
     video.write_bytes(shot.video.read_bytes())
     return replace(shot, video=video)
+
+
+def slowed(path: Path, other: Path, times: int, **metadata: str) -> Path:
+    """The same pictures, which play so many times as slowly."""
+    with av.open(str(path)) as early, av.open(str(other), "w", options={"movflags": "use_metadata_tags"}) as late:
+        late.metadata.update(metadata)
+        stream = late.add_stream_from_template(early.streams.video[0])
+        for packet in early.demux(video=0):
+            if packet.dts is not None:
+                packet.pts, packet.dts, packet.stream = times * packet.pts, times * packet.dts, stream
+                late.mux(packet)
+    return other
 
 
 def discs(places, colors, size: tuple[int, int]) -> np.ndarray:

@@ -8,9 +8,9 @@ import pytest
 
 EXTRAS = (
     "plotly", "torch", "pydantic_ai", "openai", "anthropic", "google", "genai_prices", "cma", "skopt", "sklearn",
-    "distributed", "dask", "gymnasium", "stable_baselines3", "dynamixel_sdk", "imageio", "tabulate", "pandas",
+    "distributed", "dask", "gymnasium", "stable_baselines3", "dynamixel_sdk", "imageio", "tabulate",
 )  # fmt: skip
-CORE = ("mujoco", "scipy", "numpy", "numba", "jinja2", "matplotlib", "PIL", "av", "cv2", "pooch", "requests")
+CORE = ("mujoco", "scipy", "numpy", "numba", "jinja2", "matplotlib", "PIL", "av", "cv2", "pooch", "requests", "pandas")
 HEAVY = (*CORE, *EXTRAS)
 
 

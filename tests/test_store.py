@@ -99,6 +99,14 @@ def test_a_full_disk_is_told_with_the_room_that_is_left(tmp_path):
     assert re.fullmatch(says, store.reason(failed.value))
 
 
+@pytest.mark.parametrize("place", ["a.csv", "a.csv/b", "a.csv/b/c"])
+def test_a_file_where_a_folder_would_be_is_named(tmp_path, place):
+    (tmp_path / "a.csv").touch()
+    with pytest.raises(OSError) as caught:  # noqa: PT011
+        (tmp_path / place).mkdir(parents=True)
+    assert store.reason(caught.value) == f"'{tmp_path / 'a.csv'}' is a file and no folder; give another place"
+
+
 def test_a_reason_that_isnt_a_full_disk_says_nothing_of_room(tmp_path):
     assert store.reason(PermissionError(errno.EACCES, "Permission denied", str(tmp_path))) == "Permission denied"
     assert store.reason(OSError("odd")) == "odd"

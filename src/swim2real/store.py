@@ -138,9 +138,14 @@ def reason(error: OSError, file: str | Path | None = None) -> str:
         file: The file or folder, where the error doesn't name it.
     """
     text, named = error.strerror or str(error), error.filename or file
-    if error.errno not in _FULL or named is None:
+    if named is None:
         return text
     place = Path(os.fsdecode(named)).absolute()
+    in_the_way = next((one for one in (place, *place.parents) if one.is_file()), None)
+    if error.errno in (errno.ENOTDIR, errno.EEXIST) and in_the_way is not None:
+        return f"'{in_the_way}' is a file and no folder; give another place"
+    if error.errno not in _FULL:
+        return text
     there = next(folder for folder in (place, *place.parents) if folder.is_dir())
     try:
         free = shutil.disk_usage(there).free

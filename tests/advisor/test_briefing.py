@@ -515,7 +515,7 @@ def asked(robot, space, comparison, evaluation, videos=(), takes_video=False) ->
 @pytest.mark.parametrize("takes_video", [False, True])
 def test_a_robot_that_swims_is_no_fish_unless_it_says_so(takes_video, film, burned_in):
     pairs = [(Wave(f), Wave(f, 0.15)) for f in (0.8, 1.6)]
-    videos = {"swim0": film, "swim1": film}
+    videos = {"swim0": (film, None), "swim1": (film, None)}
     request = asked(eel(), EEL_SPACE, compared_waves(pairs), evaluate([0.5, 0.5], pairs), videos, takes_video)
     assert len(request.media) == 3
     text = "\n".join([everything(request), *burned_in])
@@ -548,7 +548,8 @@ def test_pictures_come_with_a_new_point_and_of_a_full_step_that_was_rejected():
 @pytest.mark.parametrize("robot", [ARM, CART])
 def test_recordings_know_neither_fish_nor_swims(robot, takes_video, film, burned_in):
     comparison = compared({"a": (Swing(), Swing(0.12)), "b": (Swing(0.2), Swing(0.2, (0.01, 0.0)))}, robot)
-    request = asked(robot, robot.space, comparison, evaluated(comparison, robot), {"a": film, "b": film}, takes_video)
+    videos = {"a": (film, None), "b": (film, None)}
+    request = asked(robot, robot.space, comparison, evaluated(comparison, robot), videos, takes_video)
     kind = "video/mp4" if takes_video else "image/png"
     assert [one.media_type for one in request.media] == [kind] * 3
     assert request.media[-1].label.startswith("The real robot in trial ")

@@ -80,9 +80,11 @@ def test_the_loss_is_what_the_sensors_errors_count_as(problem):
 def test_joint_sensors_tell_where_a_fit_of_the_start_begins():
     model = build(ROBOT.space.published).compile()
     times = np.arange(20) / 100
-    readings = (Reading("encoder", times, 0.3 + 2 * times, 1.0), Reading("gyro[1]", times, times, 1.0))
+    encoder = Sensor("encoder", "deg", 1.0, 180 / np.pi, 360.0)
+    turned = np.rad2deg(0.3 + 2 * times) + 720  # of readings that begin anew, the turn in which the model is
+    readings = (Reading(encoder, times, turned, 360.0), Reading(Sensor("gyro[1]", "rad/s", 1.0), times, times))
     stretch = Stretch(times, np.zeros((20, 0, 2)), np.zeros((20, 0)), readings)
-    qpos, qvel = sensed_start(model, (np.array([0.0, 0.7]), np.zeros(2)), stretch)
+    qpos, qvel, _ = sensed_start(model, (np.array([0.0, 0.7]), np.zeros(2), np.zeros(0)), stretch)
     assert qpos == pytest.approx([0.3, 0.7])
     assert qvel == pytest.approx([2.0, 0.0])
 

@@ -1,11 +1,13 @@
 """`overlay` and `view`: drawings, simulated markers on a person's own film, and a robot without a display."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from films import slowed
 from swim2real.video import VideoReader, VideoWriter
 
 
@@ -54,6 +56,17 @@ def test_markers_lie_on_the_film_where_the_camera_sees_them(program, words, tmp_
         blue = image[:, :, 2] - image[:, :, 0] > 60
         assert blue[PIVOT[1], PIVOT[0]]
         assert np.argwhere(blue)[:, 0].max() > PIVOT[1] + 60  # the end hangs below
+
+
+def test_a_film_whose_rate_was_given_is_drawn_on_the_camera_s_clock(program, words, pendulum_folder, tmp_path):
+    clock = {"track": {"origin": "first frame of a.mp4", "rate": 20.0, "known_by": "given"}}
+    shutil.copytree(pendulum_folder / "tracks", tmp_path / "tracks")
+    index = json.loads((tmp_path / "tracks" / "reference.json").read_text())
+    index["trials"][0]["timebases"] = clock
+    (tmp_path / "tracks" / "reference.json").write_text(json.dumps(index))
+    slowed(tmp_path / "films" / "a.mp4", tmp_path / "slow.mp4", 8).replace(tmp_path / "films" / "a.mp4")
+    program(*[tmp_path / "tracks" if word == pendulum_folder / "tracks" else word for word in words]).done()
+    assert program.out.strip() == f"{tmp_path / 'out' / 'a.on-film.mp4'}: 11 frames"
 
 
 def without(words: list, option: str) -> list:

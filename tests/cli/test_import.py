@@ -97,7 +97,7 @@ def test_nothing_is_written_when_one_table_is_wrong(tmp_path):
     write_dlc(MarkerTrack(track.times, track.positions[:, :2]), ("M0", "M1"), short)
     with pytest.raises(TrialError) as caught:
         imported(tmp_path, good, short)
-    assert str(caught.value) == f"{short}: 2 markers (M0, M1); robot 'fish' has 9 ({', '.join(FISH.marker_names)})"
+    assert str(caught.value) == f"{short}: 2 markers (M0, M1); 9 are wanted ({', '.join(FISH.marker_names)})"
     assert not (tmp_path / "reference").exists()
 
 
@@ -135,7 +135,8 @@ def test_a_stretch_of_a_table_becomes_a_trial_from_time_0(tmp_path):
     np.testing.assert_allclose(cut.track.times, np.arange(61) / 60, atol=1e-9)
     moved = cut.track.positions / cut.meters_per_pixel - whole.track.positions[30:91] / whole.meters_per_pixel
     assert np.ptp(moved.reshape(-1, 2), axis=0).max() < 1e-6
-    assert (cut.controls.times.tolist(), cut.controls.values.tolist()) == ([0.0], [[2.0]])
+    assert (cut.controls.at("motor", cut.track.times) == 2).all()
+    assert cut.controls.times == pytest.approx([-0.5, -0.1, 0.0])
     assert cut.provenance == "pose table swim.csv, 60 fps, from 0.5 s to 1.5 s"
 
 
@@ -148,7 +149,7 @@ def write_log(path, trial, begin=0.0, *, markers=True, gyro=180 / np.pi) -> None
     """A trial as a log: milliseconds, mNm, degrees and millimeters, and a column of words."""
     lines = ["t_ms,cmd_mNm,gyro y (deg/s)," + ("px,pz,mx,mz,ex,ez," if markers else "") + "state"]
     for time, places in zip(trial.track.times, trial.track.positions, strict=True):
-        torque = 1e3 * trial.controls.held("torque", np.array([time]))[0]
+        torque = 1e3 * trial.controls.at("torque", np.array([time]))[0]
         rate = gyro * np.interp(time, trial.sensors.times, trial.sensors.values[:, 0])
         cells = [1e3 * (time + begin), torque, rate, *(1e3 * places.ravel() if markers else ())]
         lines.append(",".join([*map(repr, map(float, cells)), "on"]))
@@ -184,7 +185,7 @@ def test_logs_become_trials_in_the_models_units(program, reference, words, tmp_p
         gyro = np.interp(times, real.sensors.times - real.track.times[0], real.sensors.values[:, 0])
         np.testing.assert_allclose(made.sensors.values[:, 0], gyro, rtol=1e-5, atol=1e-5)
         np.testing.assert_allclose(
-            made.controls.held("torque", times + 1e-4), real.controls.held("torque", real.track.times)
+            made.controls.at("torque", times + 1e-4), real.controls.at("torque", real.track.times)
         )
 
 
@@ -220,7 +221,11 @@ def test_a_trial_that_was_tracked_keeps_its_track(program, reference, words, tmp
     [
         ((), 2, "no columns of the markers pivot, middle, end, and there is no trial 'a' that was tracked"),
         (MARKERS, 2, "no column 'torque' for actuator 'torque', so say --controls torque=COLUMN"),
-        ((*MARKERS, "--controls", "torque=cmd"), 2, "no column 'cmd' for actuator 'torque'; did you mean 'cmd_mNm'?"),
+        (
+            (*MARKERS, "--controls", "torque=cmd_Nm"),
+            2,
+            "no column 'cmd_Nm' for actuator 'torque'; did you mean 'cmd_mNm'?",
+        ),
         ((*MARKERS, *COLUMNS[:3], "gyro[1]=cmd_mNm"), 2, "'mNm' is a unit of torque, and 'rad/s' one of angular"),
         ((*MARKERS[:3], "end=ex", *COLUMNS), 2, "say end=XCOLUMN,YCOLUMN or end=XCOLUMN,YCOLUMN:UNIT"),
         ((*MARKERS, *COLUMNS, "--time", "px:s"), 1, "times must rise"),

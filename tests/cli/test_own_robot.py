@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from program import process
 
+from films import slowed
 from run_settings import record_of, run_settings
 from small_models import PENDULUM
 from swim2real.calibration import RunFolder
@@ -87,7 +88,9 @@ def test_tracking_and_its_check_take_a_robot_file_that_calibrate_refuses(program
     assert "hold 2 points; expected are 3" in program.err
 
 
-def test_a_film_of_tags_becomes_a_trial_without_a_click(program, pendulum_folder, tmp_path):
+@pytest.fixture
+def tags(pendulum_folder, tmp_path):
+    """A command that tracks a film of three tags, and where they are in its first frame."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_50)
     corners = np.array([[40, 30], [120, 60], [200, 90]])
     with VideoWriter(tmp_path / "pull.mp4", 320, 200, 30) as writer:
@@ -102,13 +105,39 @@ def test_a_film_of_tags_becomes_a_trial_without_a_click(program, pendulum_folder
         "track", tmp_path / "pull.mp4", "--robot", pendulum_folder / "pendulum.toml", "--tracker", "aruco", "--tags",
         "5X5_50", "--markers", "auto", "--camera", tmp_path / "camera.json", "--to", tmp_path / "to", "--no-overlay",
     ]  # fmt: skip
+    return command, corners
+
+
+def test_a_film_of_tags_becomes_a_trial_without_a_click(program, tags, tmp_path):
+    command, corners = tags
     program(*command).done()
+    assert "Next: the same command with --controls TABLE.csv --sensors TABLE.csv" in program.text
     (trial,) = load_reference(tmp_path / "to")
     np.testing.assert_array_equal(trial.track.confidence, 1)
     pixels = trial.track.positions / 1e-3 * [1, -1]
     np.testing.assert_allclose(pixels[5], corners[[2, 0, 1]] + 17 + [15, 5], atol=0.3)  # 2, 4, 9
     program(*command[:6], "--tags", "APRILTAG_16h5", *command[8:])
     assert "the first frame shows 0 tags of APRILTAG_16h5 (none); there must be 3" in program.err
+
+
+def test_a_film_that_is_longer_than_its_tables_is_named_with_the_rate_that_would_fit(program, tags, tmp_path):
+    """Whatever the ratio; with that rate all is well, and a table that is kept keeps its clock."""
+    command, robot = tags[0], tags[0][3]
+    rows = "".join(f"{k / 100},{np.sin(k)}\n" for k in range(18))
+    (tmp_path / "driven.csv").write_text(f"time_s,torque\n{rows}", encoding="utf-8")
+    slowed(tmp_path / "pull.mp4", tmp_path / "slow.mp4", 7).replace(tmp_path / "pull.mp4")
+    (tmp_path / "read.csv").write_text("time_s,gyro[1]\n0,0.1\n0.17,0.2\n", encoding="utf-8")
+    program(*command, "--controls", tmp_path / "driven.csv", "--sensors", tmp_path / "read.csv").done()
+    program("quality", tmp_path / "to", "--robot", robot)
+    assert program.err == ""
+    assert "pull: clocks: track 4.286 Hz by its container, from the first frame of pull.mp4; " in program.text
+    assert "controls 100 Hz by its time stamps, from the time 0 of the track" in program.text
+    assert "the track lasts 1.17 s, its controls 0.17 s: 6.86 times as long" in program.text
+    assert "--fps 29.4" in program.text
+    program(*command, "--fps", 30).done()
+    program("quality", tmp_path / "to", "--robot", robot)
+    assert "track 30 Hz as given, from the first frame of pull.mp4; controls 100 Hz by its time" in program.text
+    assert "times as long" not in program.text
 
 
 @pytest.fixture

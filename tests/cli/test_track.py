@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,11 @@ import pytest
 from PIL import Image
 from program import CTRL_C, interrupted
 
-from films import Shot, contents, named, parts, tables
+from films import Shot, contents, named, parts, slowed, tables
 from swim2real.robots.fish import FISH
 from swim2real.tracking.camera_file import CameraFile, write_camera
 from swim2real.trials import load_reference
-from swim2real.video import VideoWriter
+from swim2real.video import VideoReader, VideoWriter, film_title
 
 NAMES = FISH.marker_names
 
@@ -102,13 +103,53 @@ def test_a_stretch_of_a_film_becomes_a_trial_from_time_0(program, clip, tmp_path
     off = trial.track.positions / trial.meters_per_pixel * [1, -1] - clip.filmed.truth.positions[3:6]
     assert np.ptp(off[:, 0], axis=0).max() < 1  # it moves as it does from 0.1 s on, the camera's height aside
     assert (trial.video_begin, trial.provenance[:35]) == (0.1, "video f1_25.mp4, from 0.1 s to 0.17")
-    np.testing.assert_allclose(trial.controls.times, [0, 0.05])
-    np.testing.assert_array_equal(trial.controls.values[:, 0], [2, 3])
+    np.testing.assert_allclose(trial.controls.times, [-0.1, -0.05, 0.05])
+    np.testing.assert_array_equal(trial.controls.values[:, 0], [1, 2, 3])
     assert program(*command).done().err == "f1_25: done before\n"
     program(*command[:-2], "--until", 0.2).done()
     assert load_reference(tmp_path / "reference")["f1_25"].track.frame_count == 4
     late = program(*command[:8], "--from", 0.14)
     assert "were picked in frame 3 of the video; tracking begins with frame 5" in late.err
+
+
+# rates and clocks
+
+
+def test_a_film_of_any_speed_and_its_single_pictures_are_the_same_trial(program, clip, tmp_path):
+    """Each by the rate at which the camera took the frames; corrections, overlay and review need none of their own."""
+    slow, pictures = slowed(clip.video, tmp_path / "slow.mp4", 8), tmp_path / "pictures"
+    pictures.mkdir()
+    with VideoReader(clip.video) as reader:
+        for frame in reader:
+            Image.fromarray(frame.image).save(pictures / f"{frame.index}.png")
+    to = tmp_path / "reference"
+    program(*words(clip, replace(clip, video=slow), replace(clip, video=pictures), to=to), "--fps", 30).done()
+    normal, *others = load_reference(to)["f1_25"], load_reference(to)["slow"], load_reference(to)["pictures"]
+    for trial in others:
+        np.testing.assert_allclose(trial.track.times, normal.track.times, atol=1e-9)
+        np.testing.assert_array_equal(trial.track.positions, normal.track.positions)
+        clock = trial.timebases["track"]
+        assert (clock.rate, clock.known_by, clock.origin) == (30, "given", f"first frame of {film_title(trial.video)}")
+        assert (to / "tracks" / f"{trial.name}.mp4").is_file()
+    program("track", slow, *words(clip, to=to)[2:], "--from", 0.1, "--fps", 30)
+    assert "were picked in frame 0 of the video; tracking begins with frame 3" in program.err
+    program("pick", slow, "--from", 0.1, "--fps", 30).done()
+    assert '"number": 3' in (tmp_path / "slow.pick.html").read_text(encoding="utf-8")
+    assert program.out.endswith("--to REFERENCE --from 0.1 --fps 30\n")
+    program("pick", pictures).done()
+    assert program.out.endswith("--markers pictures.points.json --to REFERENCE --fps RATE\n")
+
+
+def test_a_rate_that_isnt_known_is_asked_for_before_anything_is_written(program, clip, tmp_path):
+    pictures, to = tmp_path / "pictures", tmp_path / "reference"
+    pictures.mkdir()
+    for k in range(3):
+        Image.new("RGB", (640, 360)).save(pictures / f"{k}.png")
+    program(*words(replace(clip, video=pictures), to=to), "--quiet")
+    assert "states how many frames per second the camera took; give them with --fps RATE" in program.err
+    assert not to.exists()
+    assert "--fps has 2 values for 1 videos" in program(*words(clip, to=to), "--fps", 30, 60).sentence(2)
+    assert "--fps is 0 frames per second" in program(*words(clip, to=to), "--fps", 0).sentence(2)
 
 
 def test_points_of_a_later_frame_are_followed_in_both_directions(program, clip, tmp_path):
@@ -148,7 +189,7 @@ def test_cut_makes_shorter_trials_in_another_reference(program, pendulum_folder,
     there = (whole.track.times >= 3 - 1e-3) & (whole.track.times <= 3.5 + 1e-3)
     np.testing.assert_array_equal(short.track.positions, whole.track.positions[there])
     np.testing.assert_array_equal(
-        short.controls.held("torque", short.track.times), whole.controls.held("torque", whole.track.times[there])
+        short.controls.at("torque", short.track.times), whole.controls.at("torque", whole.track.times[there])
     )
     assert program.out == f"b: {there.sum()} of {whole.track.frame_count} frames, {short.track.duration:.3f} s\n"
     program("calibrate", tmp_path / "short", "--robot", pendulum_folder / "pendulum.toml", "--out", tmp_path / "run",

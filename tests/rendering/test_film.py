@@ -50,6 +50,15 @@ def test_a_film_is_copied_upright_at_the_nearest_frames(film, tmp_path, fps, opt
     assert [round((np.median(image[120:]) - 40) / 20) for _, image in frames] == levels
 
 
+def test_a_film_whose_rate_was_given_is_shown_on_the_camera_s_clock(tmp_path):
+    with VideoWriter(tmp_path / "slow.mp4", 64, 48, 5) as writer:
+        for k in range(6):
+            writer.write(np.full((48, 64, 3), 40 * k, np.uint8))
+    (time, _), (other, _) = film_frames(tmp_path / "slow.mp4", [0.02, 0.05], 320, rate=100)
+    assert (time, other) == (0.02, 0.05)
+    assert film_sheet(tmp_path / "slow.mp4", [0.02, 0.05], 2, 320, rate=100).shape[1] > 600
+
+
 def test_a_film_has_its_time_burned_in(film):
     pictures = dict(film_frames(film, [0.0, 0.1, 0.3], 320))
     np.testing.assert_allclose(list(pictures), [0, 0.1, 0.31], atol=1e-4)

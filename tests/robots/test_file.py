@@ -142,8 +142,23 @@ def test_controls_sensors_start_and_frame_of_recordings(tmp_path):
     assert recordings.controls == {
         "servo": TABLE, "motor": SPEED, "torque": Drive(offset=0.5), "damped": Drive(0.2, 1.5, 0.1)
     }  # fmt: skip
-    assert recordings.sensors == (Sensor("angle", "rad", 0.1), Sensor("imu[2]", "m/s²", 0.001))
+    assert recordings.sensors == (Sensor("angle", "rad", 0.1, turn=2 * np.pi), Sensor("imu[2]", "m/s²", 0.001))
     assert (recordings.start, recordings.frame, recordings.score_progress) == ("up", (0, 2), True)
+
+
+@pytest.mark.parametrize(
+    ("said", "factor", "turn", "wraps"),
+    [
+        ("unit = 'deg'", 180 / np.pi, 360.0, False),
+        ("unit = 'mrad'", 1e3, 2e3 * np.pi, False),
+        ("unit = 'rev', range = [0, 1]", 0.5 / np.pi, 1.0, True),
+        ("range = [-2048, 2047]", 1.0, 4095.0, True),
+    ],
+)
+def test_a_unit_converts_and_a_range_is_a_turn(tmp_path, said, factor, turn, wraps):
+    text = RECORDINGS + f"[recordings.sensors]\nangle = {{{said}, meters_per_unit = 0.1}}\n"
+    (sensor,) = load_robot(made(tmp_path, ROBOT, text, DAMPING)).recordings.sensors
+    assert (sensor.factor, sensor.turn, sensor.wraps) == (pytest.approx(factor), pytest.approx(turn), wraps)
 
 
 def test_a_swimmer_has_its_markers_sensors_only(tmp_path):
@@ -339,12 +354,16 @@ def test_robots_are_found_by_name_or_file(tmp_path):
         ("[recordings]", "[recordings]\nscore_progress = 1", ["'recordings.score_progress' is 1", "true or false"]),
         ("[recordings]", '[recordings.controls]\nmoter = "table"', ["'moter'", "servo, motor, torque, damped, law"]),
         ("[recordings]", '[recordings.controls]\nmotor = "tables"', ["'recordings.controls.motor' is \"tables\"",
-                                                                      "'table' or 'frequency'"]),
+                                                                      "'interpolated table' or 'frequency'"]),
         ("[recordings]", "[recordings.controls]\nmotor = nan", ["'recordings.controls.motor'", "finite"]),
         ("[recordings]", "[recordings.controls]\nmotor = {phase = 1}", ["controls.motor.amplitude' is missing"]),
         ("[recordings]", "[recordings.sensors]\nload = {meters_per_unit = 1}", ["no sensor 'load'", "angle, imu"]),
         ("[recordings]", "[recordings.sensors]\nangle = {meters_per_unit = 0}", ["meters_per_unit' is 0", "above 0"]),
         ("[recordings]", "[recordings.sensors]\nimu = {meters_per_unit = 1}", ["'imu' has 3", '"imu[0]" to "imu[2]"']),
+        ("[recordings]", "[recordings.sensors]\nangle = {unit = 'V', meters_per_unit = 1}",
+         ["'unit' of sensor 'angle' is 'V'", "in rad", "rad, mrad, deg, °, rev"]),
+        ("[recordings]", "[recordings.sensors]\nangle = {range = [360, 0], meters_per_unit = 1}",
+         ["angle.range': it is [360.0, 0.0]", "below the second"]),
         ("[recordings]", '[recordings.sensors]\n"imu[3]" = {meters_per_unit = 1}', ["'imu' has 3", "no [3]"]),
         (DAMPING, "", ["'parameters' is missing"]),
         (DAMPING, "[parameters]", ["'parameters' is {}", "a list"]),

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from made_robots import DAMPING, RECORDINGS, ROBOT, made
 from recorded import PENDULUM, PENDULUM_HIDDEN, blank, build_pendulum, recorded, telling, torque_table
@@ -12,6 +14,7 @@ from swim2real.calibration import Problem
 from swim2real.errors import RobotError
 from swim2real.parameters import Parameter, ParameterSpace
 from swim2real.robots import load_robot
+from swim2real.robots.drives import INTERPOLATED, TABLE
 from swim2real.robots.targets import Delay, Delays
 from swim2real.simulation import PlaybackSimulator
 from swim2real.trials import Signals
@@ -123,6 +126,35 @@ def test_a_file_says_what_is_late_if_it_can_be(tmp_path, target, parts):
     assert says(said, "parameter 'late'", *parts)
 
 
-def test_a_mean_of_commands_over_a_step():
-    table = Signals([0.0, 1.0, 2.0], ["u"], [[1.0], [3.0], [-1.0]])
-    assert table.mean("u", np.array([-2.0, 0.5, 0.75, 1.0, 5.0]), 1.0) == pytest.approx([1.0, 2.0, 2.5, 3.0, -1.0])
+NUMBERS = st.floats(-1e3, 1e3, allow_nan=False)
+TIMES = np.arange(0, 2.001, 0.002)
+COLUMN = st.lists(st.tuples(st.floats(1e-2, 5.0), NUMBERS), min_size=1, max_size=12)
+
+
+@given(column=COLUMN, interpolated=st.booleans(), begin=st.floats(-10.0, 60.0), over=st.floats(1e-3, 5.0))
+def test_means_of_commands_are_means_of_their_values(column, interpolated, begin, over):
+    """Between rows a command holds, or goes on a straight line; beyond them it stays."""
+    times = np.cumsum([gap for gap, _ in column])
+    table = Signals(times, ["u"], [[value] for _, value in column])
+    inner = times[(times > begin) & (times < begin + over)]
+    knots = np.array([begin, *inner, begin + over])
+    values = table.at("u", (knots[:-1] + knots[1:]) / 2, interpolated=interpolated)  # of each piece its middle
+    expected = values @ np.diff(knots) / over
+    assert table.at("u", np.array([begin]), over, interpolated=interpolated) == pytest.approx([expected], abs=1e-6)
+    at_rows = table.at("u", times, interpolated=interpolated)
+    np.testing.assert_allclose(at_rows, table.column("u"), atol=1e-6)
+
+
+def test_a_continuous_command_is_interpolated():
+    """A sine that is logged at 50 Hz and held is 10 ms late; on straight lines it is on time."""
+    often, seldom = (Signals(t, ["torque"], 0.02 * np.sin(6 * t)[:, None]) for t in (TIMES, TIMES[::10]))
+    trial = blank(PENDULUM, "a", 1.9, 100, controls=seldom)
+    true, straight, held, earlier = (
+        played(telling(late('control "torque" delay'), controls={"torque": drive}), one, delay).track.positions
+        for one, drive, delay in (
+            (replace(trial, controls=often), TABLE, -0.001), (trial, INTERPOLATED, 0.0), (trial, TABLE, 0.0),
+            (trial, TABLE, -0.01),
+        )
+    )  # fmt: skip
+    off = [np.abs(one - true).mean() for one in (straight, earlier, held)]
+    assert max(off[:2]) < 0.05 * off[2]

@@ -7,7 +7,7 @@ from hypothesis.extra.numpy import arrays
 from refused import refusal, says
 from swim2real.errors import TrialError
 from swim2real.trials import MarkerTrack
-from swim2real.trials.pose_tables import read_dlc, write_dlc
+from swim2real.trials.pose_tables import read_dlc, read_poses, write_dlc
 
 HEADER = "scorer,net,net,net,net,net,net\nbodyparts,M0,M0,M0,M1,M1,M1\ncoords,x,y,likelihood,x,y,likelihood\n"
 LINES = HEADER.splitlines()
@@ -67,30 +67,28 @@ def test_pixels_stay_pixels_with_y_down(tmp_path, text):
 def test_missing_values_are_markers_that_werent_seen_and_missing_rows_a_gap_in_time(tmp_path):
     text = HEADER + "100,,,,3,4,1.0000001\n101,nan,2.6,0.8,3.1,4.1,\n105,1,2,0.7,inf,4,-1e-9\n"
     track, _ = read_dlc(table(tmp_path, text), 10)
-    np.testing.assert_array_equal(track.confidence, [[0, 1], [0, 0], [0.7, 0]])
+    np.testing.assert_array_equal(track.confidence, [[0, 1], [0, 1], [0.7, 0]])  # what isn't known isn't lost
     np.testing.assert_array_equal(np.isnan(track.positions).any(axis=2), [[True, False], [True, False], [False, True]])
-    np.testing.assert_allclose(track.times, [0, 0.1, 0.5])
+    np.testing.assert_allclose(track.times, [10, 10.1, 10.5])  # the film began before the table
 
 
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("", ("no DeepLabCut table", "scorer, bodyparts, coords")),
-        (LINES[0] + "\n", ("no DeepLabCut table",)),
-        ("0,1,2,3\n1,2,3,4\n2,3,4,5\n", ("line 1", "'0'", "scorer, bodyparts, coords")),
-        ("\n".join([LINES[0], LINES[2], LINES[1]]) + "\n" + ROWS, ("line 2", "'coords'")),
-        (HEADER.replace("likelihood", "p") + ROWS, ("line 3", "x, y, likelihood")),
-        (HEADER.replace("M1,M1,M1", "M1,M1,M2") + ROWS, ("line 2", "name", "three columns")),
-        (HEADER.replace("M1", "M0") + ROWS, ("line 2", "twice", "M0, M0")),
-        (HEADER + "0,1,2,1,3,4\n", ("line 4", "6 columns", "7")),
+        ("", ("the table is empty",)),
+        (LINES[0] + "\n", ("the table is empty",)),
+        ("0,1,2,3\n1,2,3,4\n2,3,4,5\n", ("no pose table", "NAME.x and NAME.y")),
+        (HEADER.replace("M1,M1,M1", "M1,M1,M2") + ROWS, ("'M2'", "no columns x and y")),
+        (HEADER.replace("M1", "M0") + ROWS, ("'M0' comes twice",)),
+        (HEADER + ROWS + "2,1,2,1,3,4\n", ("line 6", "6 columns", "7")),
         (HEADER + "0,1,2,1,3,4,1\n1,1,b,1,3,4,1\n", ("line 5, column 3", "'b'")),
-        (HEADER + "0,1,2,1,3,4,1.5\n", ("line 4, column 7", "likelihood 1.5", "0 and 1")),
-        (HEADER + "0,1,2,inf,3,4,1\n", ("line 4, column 4", "likelihood inf")),
-        (HEADER + "0,1,2e9,1,3,4,1\n", ("line 4, column 3", "2e+09 px", "1e+09")),
+        (HEADER + ROWS + "2,1,2e19,1,3,4,1\n", ("line 6, column 3", "2e+19", "1e+12")),
+        (HEADER + ROWS + "lost the animal\n", ("left out", "line 6, 'lost the animal'", "a row per frame")),
+        (HEADER + "0.5,1,2,1,3,4,1\n1,1,2,1,3,4,1\n", ("line 4, column 1", "0.5 is no frame number")),
         (HEADER + "\n1,1,2,1,3,4,1\n1,1,2,1,3,4,1\n", ("line 6", "frame 1 comes after frame 1")),
-        (HEADER + "labeled-data/img001.png,1,2,1,3,4,1\n", ("line 4, column 1", "img001.png", "video")),
+        (HEADER + "labeled-data/img001.png,1,2,1,3,4,1\n" * 2, ("line 4, column 1", "img001.png", "video")),
         (HEADER + "0,1,2,1,3,4,1\n", ("1 frames", "at least 2")),
-        (individuals(*["fish"] * 3, *["carp"] * 3) + ROWS, ("line 2", "2 animals (fish, carp)", "by itself")),
+        (individuals(*["fish"] * 3, *["carp"] * 3) + ROWS, ("2 animals (fish, carp)", "by itself")),
     ],
 )
 def test_tables_that_are_none_are_refused(tmp_path, text, parts):
@@ -101,7 +99,7 @@ def test_tables_that_are_none_are_refused(tmp_path, text, parts):
 def test_files_rates_and_names_that_wont_do_are_refused(tmp_path):
     assert says(refusal(TrialError, read_dlc, tmp_path / "no.csv", 60), tmp_path / "no.csv", "not readable")
     path = tmp_path / "binary.csv"
-    path.write_bytes(b"\x89\xff\xfe\x00")
+    path.write_bytes(b"\x89PNG\r\n\x1a\n\xff\xfe\x00")
     assert says(refusal(TrialError, read_dlc, path, 60), path, "not readable")
     for fps in (0.0, -60.0, np.nan, np.inf):
         assert says(refusal(TrialError, read_dlc, path, fps), path, f"fps is {fps}", "finite and above 0")
@@ -110,3 +108,37 @@ def test_files_rates_and_names_that_wont_do_are_refused(tmp_path):
     assert says(refusal(TrialError, write_dlc, track, ("a", "b"), nowhere), nowhere, "No such file or directory")
     for names in (("a",), ("a", "a")):
         assert says(refusal(TrialError, write_dlc, track, names, path), f"{len(names)} names", "2 markers", "its own")
+
+
+SLEAP = "track,frame_idx,instance.score,M0.x,M0.y,M0.score,M1.x,M1.y,M1.score\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "confidence", "notes"),
+    [
+        (HEADER + "3,1,2,2.5,3,4,0.5\n4,1,2,-4,3,5,1\n", [[1, 0.5], [0, 1]], ["2 likelihoods lie outside 0 and 1"]),
+        (HEADER + "3,1,2,,3,4,\n4,1,2,,3,5,\n", [[1, 1], [1, 1]], ["4 positions have no likelihood"]),
+        (SLEAP + "track_0,3,0.9,1,2,1,3,4,0.5\ntrack_1,4,0.9,1,2,1,3,5,1.0\n", [[1, 0.5], [1, 1]], []),
+        ("frame;M1_y;M1_x;M0_x;M0_y\n3;4;3;1;2\n4;5;3;1;2\n", [[1, 1], [1, 1]], ["no likelihood"]),
+        (
+            "scorer,n,n,n,n,n,n,n,n\nindividuals,a,a,a,a,a,a,single,single\nbodyparts,M1,M1,M1,M0,M0,M0,ruler,ruler\n"
+            "coords,x,y,likelihood,x,y,likelihood,x,y\n3,3,4,0.5,1,2,1,7,8\n4,3,5,1,1,2,1,7,8\n",
+            [[1, 0.5], [1, 1]], ["isn't taken: ruler"],
+        ),
+        (
+            "scorer,n,n,n,n,n,n,n,n\nbodyparts,M0,M0,M0,M0,M1,M1,M1,M1\ncoords,x,y,x_ens_median,likelihood,x,y,likelihood,"
+            "x_ens_var\n3,1,2,9,1,3,4,0.5,9\n4,1,2,9,1,3,5,1,9\n",
+            [[1, 0.5], [1, 1]], [],
+        ),
+        (HEADER.replace("M0", "a").replace("M1", "b") + "3,1,2,1,3,4,0.5\n4,1,2,1,3,5,1\n", [[1, 0.5], [1, 1]],
+         ["M0 is a, M1 is b"]),
+    ],
+    ids=["beyond 1", "without", "SLEAP", "coordinates alone", "unique part", "smoother", "other names"],
+)  # fmt: skip
+def test_the_markers_of_a_robot_are_found_in_tables_of_every_program(tmp_path, text, confidence, notes):
+    track, found = read_poses(table(tmp_path, text), 10, ("M0", "M1"))
+    np.testing.assert_array_equal(track.positions, [[[1, 2], [3, 4]], [[1, 2], [3, 5]]])
+    np.testing.assert_array_equal(track.confidence, confidence)
+    np.testing.assert_allclose(track.times, [0.3, 0.4])
+    assert len(found) == len(notes)
+    assert all(note in line for note, line in zip(notes, found, strict=True))

@@ -88,8 +88,8 @@ HEADLESS = "\n".join([",".join(map(str, [*row[:2], *row[:2], *row[4:]])) for row
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("", ("empty", "18 numbers per row")),
-        ("\n\n", ("empty", "18 numbers per row")),
+        ("", ("the table is empty",)),
+        ("\n\n", ("the table is empty",)),
         ("1,2,3\n4,5,6\n", ("3 columns", "18 numbers per row")),
         ("1,2,3\n4,5\n", ("line 2", "2 columns", "3")),
         ("1,2\n3,4\n5,oops\n", ("line 3, column 2", "'oops'")),
@@ -315,7 +315,7 @@ HEADER = ("line 1", "time_s,P0_x_m,P0_y_m,P0_confidence", "28 columns")
         (lambda x: with_cell(x, 1, 2, "x"), HEADER),
         (lambda x: with_cell(x, 7, 5, "abc"), ("line 7, column 5", "'abc'")),
         (lambda x: [*x, "1,2,3"], ("line 33", "3 columns", "28")),
-        (lambda x: x[:1], ("empty", "28 columns")),
+        (lambda x: x[:1], ("the table is empty",)),
         (lambda x: x[:2], ("one frame", "at least 2")),
         (lambda x: with_cell(x, 9, 1, "0"), ("finite and rise",)),
         (lambda x: with_cell(x, 9, 1, ""), ("finite and rise",)),

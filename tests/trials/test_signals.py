@@ -9,7 +9,9 @@ from swim2real.calibration import reference_fingerprint
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet, load_reference, save_reference
 from swim2real.trials.reference import add_trial
+from swim2real.trials.signals import MEMORY
 from swim2real.trials.span import WHOLE, Span, spans
+from swim2real.trials.timebase import Timebase
 
 NAMES = ("M0", "M1")
 
@@ -54,10 +56,10 @@ def test_signals_cant_be_changed():
 
 def test_a_value_holds_until_the_next_and_the_first_before_it():
     times = np.array([-1.0, 0.1, 0.2 - 1e-12, 0.25, 9.0])
-    assert torques().held("left", times).tolist() == [1, 1, 2, 2, 3]
-    assert torques().held("right", times).tolist() == [1 / 3, 1 / 3, 1 / 3, 1 / 3, 1e-17]  # an empty cell is no value
-    assert says(refusal(TrialError, torques().held, "middle", times), "'middle'", "left, right")
-    assert says(refusal(TrialError, Signals([0.0], ["a"], [[np.nan]]).held, "a", times), "'a'", "no value")
+    assert torques().at("left", times).tolist() == [1, 1, 2, 2, 3]
+    assert torques().at("right", times).tolist() == [1 / 3, 1 / 3, 1 / 3, 1 / 3, 1e-17]  # an empty cell is no value
+    assert says(refusal(TrialError, torques().at, "middle", times), "'middle'", "left, right")
+    assert says(refusal(TrialError, Signals([0.0], ["a"], [[np.nan]]).at, "a", times), "'a'", "no value")
 
 
 def test_rows_are_cut_by_the_clock_of_the_track():
@@ -107,12 +109,12 @@ def test_two_trials_cant_have_one_table(tmp_path):
     ("table", "parts"),
     [
         ("time,left\n0,1\n", ("line 1", "time_s,NAME")),
-        ("time_s\n0\n", ("line 1", "time_s,NAME")),
-        ("", ("line 1", "time_s,NAME")),
+        ("time_s\n0\n", ("the table is empty",)),
+        ("", ("the table is empty",)),
         ("time_s,left\n0,1\n1,x\n", ("line 3, column 2", "'x'")),
         ("time_s,left\n0,1\n1,2,3\n", ("line 3", "3 columns", "2")),
-        ("time_s,left\n0,1,3\n", ("3 columns", "2 columns, as the header")),
-        ("time_s,left\n", ("0 columns", "2 columns, as the header")),
+        ("time_s,left\n0,1,3\n", ("3 columns", "the header names 2")),
+        ("time_s,left\n", ("the table is empty",)),
         ("time_s,left\n1,1\n0,1\n", ("finite and rise",)),
         ("time_s,left,left\n1,1,1\n", ("'left', 'left'",)),
         ("time_s,left\n0,1\n1,2e12\n", ("line 3, column 2", "2e+12", "1e+12")),
@@ -158,7 +160,8 @@ TIMES = np.arange(101) / 20  # 0 to 5 s
 TRACK = MarkerTrack(TIMES, np.stack([TIMES, -TIMES, 1 + TIMES, TIMES], axis=1).reshape(-1, 2, 2))
 CONTROLS = Signals([0.0, 0.7, 1.9, 2.5], ["a", "b"], [[1, 5], [2, np.nan], [3, np.nan], [4, 8]])
 SENSORS = Signals(TIMES[::2], ["load"], 10 * TIMES[::2, None])
-TRIAL = Trial("pull", TRACK, provenance="by hand", controls=CONTROLS, sensors=SENSORS, start={"hip": 0.1})
+TRIAL = Trial("pull", TRACK, provenance="by hand", controls=CONTROLS, sensors=SENSORS, start={"hip": 0.1},
+              timebases={"track": Timebase("first row of pull.csv", 20.0, "stamps")})  # fmt: skip
 
 
 def test_a_stretch_of_a_trial_counts_its_times_from_its_first_frame():
@@ -169,6 +172,7 @@ def test_a_stretch_of_a_trial_counts_its_times_from_its_first_frame():
     np.testing.assert_allclose(cut.sensors.column("load"), 20 + np.arange(11))
     assert (cut.provenance, cut.video_begin) == ("by hand, from 2 s to 3 s", 2.0)
     assert not cut.start  # it was that of another time
+    assert str(cut.timebases["track"]) == "20 Hz by its time stamps, from the first row of pull.csv plus 2 s"
     begun = Span(until=1.0).of_trial(TRIAL)
     assert (begun.start, begun.video_begin, begun.track.frame_count) == ({"hip": 0.1}, 0.0, 21)
     assert WHOLE.of_trial(TRIAL) is TRIAL
@@ -178,9 +182,19 @@ def test_a_stretch_of_a_trial_counts_its_times_from_its_first_frame():
 def test_what_drove_it_is_the_same_at_the_same_moment(begin):
     cut = Span(begin).of_trial(TRIAL)
     for name in ("a", "b"):
-        whole = CONTROLS.held(name, TIMES[begin - 1e-9 <= TIMES])
-        np.testing.assert_array_equal(cut.controls.held(name, cut.track.times), whole)
-    assert cut.controls.times[0] == pytest.approx(0.0)
+        np.testing.assert_array_equal(cut.controls.at(name, TIMES - begin), CONTROLS.at(name, TIMES))
+    assert cut.controls.times[0] == pytest.approx(-begin)
+    assert cut.controls.times[-1] >= 0  # what holds at the beginning is said there
+
+
+def test_commands_of_the_last_seconds_stay():
+    """Of a long log, those that actuators may remember; what holds where these begin has a row there."""
+    long = Signals(np.arange(100.0), ["a", "b"], [[i, i if i % 8 == 0 else np.nan] for i in range(100)])
+    cut = long.cut(60.5, 70.0, before=MEMORY)
+    np.testing.assert_allclose(cut.times, [-5.0, *(np.arange(56, 71) - 60.5)])
+    np.testing.assert_array_equal(cut.values[0], [55, 48])
+    only = Signals([0.0], ["a"], [[0.3]]).cut(60.0, 70.0, before=MEMORY)
+    assert (only.times.tolist(), only.column("a").tolist()) == ([-5.0, 0.0], [0.3, 0.3])
 
 
 def test_a_time_as_it_is_shown_means_its_frame():

@@ -27,22 +27,25 @@ def test_pictures_are_upright(tmp_path, name, rotation):
     assert notes == []
 
 
-@pytest.mark.parametrize(("matrix", "rotation"), [((0, 1, -1, 0), 90), ((-1, 0, 0, -1), 180), ((0, -1, 1, 0), 270)])
-def test_rotation_is_as_phones_write_it(tmp_path, matrix, rotation):
+@pytest.mark.parametrize("matrix", [(1, 0, 0, 1), (0, 1, -1, 0), (-1, 0, 0, -1), (0, -1, 1, 0)])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_pictures_are_turned_and_mirrored_as_players_do(tmp_path, matrix, mirrored):
     """ISO/IEC 14496-12: x' = a x + c y, y' = b x + d y with y down, so (0, 1, -1, 0) turns clockwise."""
-    a, b, c, d = (value << 16 for value in matrix)
-    turned = np.array([a, b, 0, c, d, 0, 0, 0, 1 << 30], ">i4").tobytes()
+    a, b, c, d = (-value if mirrored and k < 2 else value for k, value in enumerate(matrix))
+    turned = np.array([a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30], ">i4").tobytes()
     plain = clip(tmp_path / "swim.mp4", 6)
     data = plain.read_bytes()
-    head = data.index(b"tkhd")
-    place = data.index(IDENTITY, head)
+    place = data.index(IDENTITY, data.index(b"tkhd"))
     plain.write_bytes(data[:place] + turned + data[place + 36 :])
-    frames, _, info = read(plain)
-    assert info.rotation == rotation
-    corners = (CORNERS[0], CORNERS[1], CORNERS[3], CORNERS[2])  # clockwise
-    top_left = corners[-rotation // 90 % 4]
-    assert np.abs(frames[0][1][3, 3] - top_left).max() < 12
-    assert error(frames[0][1], np.rot90(picture(0), QUARTER_TURNS[rotation])) < 3
+    frames, notes, info = read(plain)
+    stored = picture(0)
+    height, width = stored.shape[:2] if a else stored.shape[1::-1]
+    x, y = np.meshgrid(np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2)
+    columns, rows = a * x + b * y, c * x + d * y  # the inverse of a turn or a mirror is its transpose
+    shown = stored[(rows + (stored.shape[0] - 1) / 2).astype(int), (columns + (stored.shape[1] - 1) / 2).astype(int)]
+    assert (info.mirrored, bool(notes)) == (mirrored, mirrored)
+    assert error(frames[0][1], shown) < 3
+    assert error(first_frame(plain).scaled(width), shown) < 3
 
 
 @pytest.mark.parametrize("rotation", [0, 90])
@@ -143,7 +146,8 @@ def test_pixels_that_are_not_square_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("swim.mp4", None, r"no video '.*swim\.mp4'; check the path"), (".", None, "is a folder; give the path of a"),
+        ("swim.mp4", None, r"no video '.*swim\.mp4'; check the path"),
+        (".", None, "is a folder without pictures; give the path of a"),
         ("empty.mp4", b"", r"is empty \(0 bytes\); copy it again"),
         ("swim.mp4", b"time,x\n0.0,2\n" * 40, "is not a video"),
         ("swim.csv", b"time,x\n0.0,2\n" * 40, "is not a video"),

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from swim2real.advisor.briefing.media import Films
 from swim2real.advisor.briefing.prompt import FromRest, TrialPromptBuilder
 from swim2real.advisor.physics import PhysicsAdvisor, SensitivityAdvisor
 from swim2real.advisor.vlm.advisor import REPAIRS, AdvisorEvent, ReplayAdvisor, VlmAdvisor
@@ -31,7 +32,7 @@ class AdvisorContext:
         simulate: Simulates parameter values once more, so that they can be drawn.
         from_rest: Simulates them from rest: forward speeds by trial [m/s], once settled and over the first two beats,
             None where it diverged; empty for robots without a beat.
-        videos: Real films by the names of their trials, where there are any.
+        videos: Real films by the names of their trials, where there are any, with the rates that were given.
         briefing: Settings of what is shown.
         access: How a VLM is reached.
         on_event: Called as things happen.
@@ -42,7 +43,7 @@ class AdvisorContext:
     run: Path
     simulate: Callable[[Values], Comparison]
     from_rest: Callable[[Values], FromRest] = lambda values: {}
-    videos: Mapping[str, Path] = field(default_factory=dict[str, Path])
+    videos: Films = field(default_factory=dict[str, tuple[Path, float | None]])
     briefing: BriefingSettings = field(default_factory=BriefingSettings)
     access: VlmAccess = field(default_factory=VlmAccess)
     on_event: Callable[[AdvisorEvent], None] = lambda event: None

@@ -99,6 +99,7 @@ class Outcome(_Part):
         noise: Noise of the markers of the fitted trials, of sensors alone that of what they count as [m].
         ranges: Values of each parameter within which the error rises by less than a tenth, others following; empty
             where the search has no slopes.
+        late: A sentence for each stream of commands or readings that seems late.
     """
 
     fit: FitFigures
@@ -112,6 +113,7 @@ class Outcome(_Part):
     ending: Text = "budget"
     noise: Number | None = None
     ranges: dict[str, tuple[Number, Number]] = {}
+    late: list[Text] = []
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""

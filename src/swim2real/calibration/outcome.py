@@ -20,6 +20,7 @@ from swim2real.parameters import Values
 def conclude(
     folder: RunFolder, problem: Problem, held_out: Problem | None, values: Values,
     sensitivity: Sequence[Sensitivity] | None = None, ending: Ending = "budget", slopes: Slopes | None = None,
+    late: Sequence[str] = (),
 ) -> Outcome:  # fmt: skip
     """Simulates the best parameters once more, on held-out trials too, and writes figures and trials.
 
@@ -31,6 +32,7 @@ def conclude(
         sensitivity: Effect of each parameter on the loss, where it was measured.
         ending: What ended the search.
         slopes: How the residual changes about the best parameters, where the search knows it.
+        late: A sentence for each stream that seems late.
 
     Raises:
         RunError: The folder can't be written.
@@ -49,6 +51,7 @@ def conclude(
         "ending": ending,
         "noise": rounded(noise_of(problem.trials, problem.robot.trials.sensors)),
         "ranges": {} if slopes is None else {name: list(ends) for name, ends in slopes.ranges().items()},
+        "late": list(late),
     }
     save_trials(folder, fit, on_held_out)
     folder.write_json(OUTCOME, content)

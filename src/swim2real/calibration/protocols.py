@@ -23,7 +23,6 @@ from swim2real.errors import ArgumentError, TrialError
 from swim2real.objective import ComparedTrial, Target, compare_playback, compare_steady, playback_target, steady_target
 from swim2real.objective.comparison import rounded
 from swim2real.parameters import Values
-from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import Robot
 from swim2real.settings import ProtocolName, Start, chooses_start
 from swim2real.simulation import ForwardModel, PlaybackSimulator, Simulator
@@ -286,16 +285,16 @@ class Playback(Protocol[PlaybackSimulator]):
         trials, lost, cut = robot.trials, check_bodies(trial.track, robot.marker_bodies), trial.cut(horizon)
         weights = lost.weights[: cut.track.frame_count]
         scales = {sensor.name: sensor.meters_per_unit for sensor in trials.sensors}
-        target = playback_target(cut, weights, trials.frame, trials.score_progress, scales)
+        request = simulator.request(cut, weights, self.pieces, start)
+        target = playback_target(request.trial, weights, trials.frame, trials.score_progress, scales)
         recorded = {
             "controls": [] if trial.controls is None else list(trial.controls.names),
             "sensors": [] if trial.sensors is None else list(trial.sensors.names),
         }
-        driven = TABLE in trials.controls.values()
+        driven = any(drive.table for drive in trials.controls.values())
         summary = _summary(trial, recorded, lost, {}, robot.marker_names, _other_rate(trial) if driven else [])
         if driven:
             summary["findings"] += _uncommanded(trial)
-        request = simulator.request(cut, weights, self.pieces, start)
         if request.first is not None and request.stretch is None:
             summary["findings"] += too_fast(cut, weights)
         return PreparedTrial(trial, target, request, summary)
@@ -380,7 +379,8 @@ def _other_rate(trial: Trial) -> list[str]:
     """A sentence where a trial takes twice or half as long as what drove it."""
     if trial.controls is None:
         return []
-    drove, took = float(np.ptp(trial.controls.times)), trial.track.duration
+    drove = float(trial.controls.times[-1] - max(trial.controls.times[0], trial.track.times[0]))
+    took = trial.track.duration
     if not any(abs(took / max(drove, _ROUNDING) / factor - 1) < _SAME_FACTOR for factor in (2.0, 0.5)):
         return []
     return [

@@ -198,7 +198,5 @@ class RunFolder:
         try:
             yield
         except OSError as error:
-            raise RunError(
-                f"can't write run folder '{self.path}': {store.reason(error, self.path)}; what was recorded so far is "
-                f"kept, --resume goes on from there"
-            ) from error
+            kept = "; what was recorded so far is kept, --resume goes on from there" if self.path.is_dir() else ""
+            raise RunError(f"can't write run folder '{self.path}': {store.reason(error, self.path)}{kept}") from error

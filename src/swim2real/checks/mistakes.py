@@ -1,76 +1,89 @@
 """What a reference probably is where it can't be the robot's: another unit, order, origin, axes, clock, sign or sensor.
 
-A mistake is known by what undoes it. A trial is doubted where the robot, with its own values, misses it: no pose has
-its markers, its playback is as far off as a robot that stands still, or a sensor reads what no pose has. It is named
-after the one change with which that is no longer so; where no change helps, only poses are reported.
+A mistake is known by what undoes it. Trials are doubted where the robot can't have moved like that: no pose has its
+markers, or a short search of the parameters leaves much of the motion unexplained. They are named after the simplest
+change of which that isn't true; what no change explains is reported as it is.
 """
 
 from __future__ import annotations
 
 import re
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.errors import Swim2RealError, TrialError
+from swim2real.checks.changes import (
+    Change,
+    moved,
+    of_clocks,
+    of_commands,
+    of_markers,
+    of_mirrors,
+    of_pixels,
+    of_readings,
+)
+from swim2real.checks.motion import Motion, Parts, Prepared, share, unlike
+from swim2real.errors import TrialError
 from swim2real.formatting import listed
-from swim2real.objective import compare_playback, playback_target
+from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
-from swim2real.settings import HORIZON
-from swim2real.simulation.playback import PlaybackSimulator, sensor_address
 from swim2real.simulation.pose import PoseFit
 from swim2real.tracking import check_plausible
-from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
+from swim2real.trials import MarkerTrack, Trial, TrialSet
 
 Array = NDArray[np.float64]
 
-_FRAMES, _MANY_FRAMES = 5, 25  # of a trial in which poses are looked for, of a sensor's
+_FRAMES = 5  # of a trial in which poses are looked for
 _NO_POSE, _NEITHER = 0.04, 0.1  # of the robot's size: root mean square beside any pose that is doubted, and reported
 _UNDONE = 0.55  # of the misfit, below which a change has undone the mistake
-_MOST_SWAPS = 66  # pairs of markers that are tried
-_SCALES = [1.12**k for k in range(-14, 15) if k]
-_MOST_TRIALS = 4  # that are played back
-_SECONDS = 10.0  # s, that playing back may take
-_ASTRAY, _FOLLOWED = 0.7, 0.65  # errors of doubted trials and of others, as shares of a robot's that stands still
-_DRASTIC = 1.1, 0.4  # the same of trials whose commands are doubted
-_TINY = 1e-9  # m
-_MOST_OFF = 100.0  # of that, too
-_OTHERWISE = 1.5  # of the least error, below which something else explains a trial as well
-_RATES = {
-    6 / 5: "50 for 60 frames per second", 5 / 6: "60 for 50 frames per second", 5 / 4: "24 for 30 frames per second",
-    4 / 5: "30 for 24 frames per second", 2.0: "half of the frames per second", 0.5: "twice the frames per second",
-    4.0: "a quarter of the frames per second", 0.25: "four times the frames per second",
-}  # fmt: skip
-_ALIKE, _UNLIKE = 0.35, 0.9  # of a sensor's spread: errors of readings that fit, and of those that don't
-_TURNS = {"degrees in place of radians": np.pi / 180, "thousandths (mm)": 1e-3, "turns in place of radians": 2 * np.pi}
+_FOLLOWED = 0.25  # share of the motion that a short search may leave of trials that are right
+_BETTER = 0.6  # of a trial's share, below which a change has undone its mistake
+_ALIKE = 1.3  # times the least share, up to which a simpler change explains as much
+_TRIALS, _SECONDS = 4, 2.0  # that are searched, s of each
+_SEARCH, _FINALISTS = 4, 4  # steps of a search, changes that get one of their own
+_MOST = 3  # mistakes of one reference that are named
 
 
 @dataclass(frozen=True)
-class _Mistake:
-    """A mistake.
+class Verdict:
+    """How trials fit a robot.
 
     Attributes:
-        said: What is said of it.
-        undo: Undoes it.
-        scale: By how much that makes a trial larger.
-        instead: Another change, that is no mistake; where it explains a trial as well, nothing is said.
-        drastic: Whether it may explain trials of a robot with far other values as well, so that it takes more.
+        doubts: What is probably wrong with them, a sentence each.
+        shares: Share of the motion that stays unexplained after a short search, by recording.
+        errors: Root mean square error that markers and sensors add up to, with the robot's own values and after the
+            search, by recording [m].
     """
 
-    said: str
-    undo: Callable[[Trial], Trial]
-    scale: float = 1.0
-    instead: Callable[[Trial], Trial] | None = None
-    drastic: bool = False
+    doubts: tuple[str, ...] = ()
+    shares: Mapping[str, float] = field(default_factory=dict[str, float])
+    errors: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
+
+    def summary(self, names: Sequence[str]) -> str:
+        """Whether the trials fit, in a sentence: of recordings their whole motion.
+
+        Args:
+            names: Names of all trials.
+        """
+        if not self.shares:
+            return f"All trials have poses of the robot: {', '.join(names)}."
+        worst = max(self.shares, key=lambda name: self.shares[name])
+        own, searched = (1e3 * one for one in self.errors[worst])
+        errors = f"{own:.3g} mm with the robot's own values, {searched:.3g} mm after a short search"
+        if self.shares[worst] <= _FOLLOWED:
+            rest = f", which leaves {100 * self.shares[worst]:.2g} % of it unexplained"
+            return f"All trials fit: {', '.join(names)}. The motion is off by {errors}{rest} (the worst, '{worst}')."
+        return (
+            f"All trials start where the model starts; the motion is off by {errors} ('{worst}'), which leaves "
+            f"{100 * self.shares[worst]:.0f} % of it unexplained. No single mistake explains that: the parameters are far "
+            f"off, or the model lacks something."
+        )
 
 
-def mistakes(robot: Robot, reference: TrialSet) -> list[str]:
-    """A sentence for each trial, or thing in all of them, that is probably not what it is taken for.
+def judged(robot: Robot, reference: TrialSet) -> Verdict:
+    """Looks for what is probably wrong with trials.
 
     Args:
         robot: The robot, with its own values.
@@ -81,9 +94,116 @@ def mistakes(robot: Robot, reference: TrialSet) -> list[str]:
     """
     found = _of_poses(robot, reference)
     if found or robot.trials.swims is not None:
-        return found
-    read = _of_sensors(robot, reference)
-    return read or _of_motion(robot, reference)
+        return Verdict(tuple(found))
+    return _Judge(robot, reference).verdict()
+
+
+class _Judge:
+    """Looks for what undoes the mistakes of recordings."""
+
+    def __init__(self, robot: Robot, reference: TrialSet) -> None:
+        self.robot, self.motion, self.poses = robot, Motion(robot), _Poses(robot)
+        self.begin: Values = robot.space.published
+        prepared = [(trial, one) for trial in reference if (one := self._prepared(trial)) is not None]
+        parts = self.motion.parts([one for _, one in prepared], [self.begin])[0] if prepared else []
+        worst = sorted(range(len(parts)), key=lambda k: -share([parts[k]]))[:_TRIALS]
+        self.trials, self.own = [prepared[k][0] for k in sorted(worst)], [parts[k] for k in sorted(worst)]
+
+    def verdict(self) -> Verdict:
+        """What is probably wrong, and how much stays unexplained."""
+        trials, doubts = self.trials, list[str]()
+        if not trials:
+            return Verdict()
+        prepared = [one for trial in trials if (one := self._prepared(trial))]
+        values, parts = self.motion.searched(prepared, self.begin, _SEARCH)
+        while len(doubts) < _MOST and any(share([one]) > _FOLLOWED for one in parts):
+            better = self._undone(trials, prepared, parts, values)
+            if better is None:
+                break
+            said, trials, prepared, values, parts = better
+            doubts.append(said)
+        names = [trial.name for trial in trials]
+        shares = {name: share([one]) for name, one in zip(names, parts, strict=True)}
+        errors = {name: (_error(own), _error(one)) for name, own, one in zip(names, self.own, parts, strict=True)}
+        return Verdict(tuple(doubts), shares, errors)
+
+    def _undone(
+        self, trials: list[Trial], prepared: list[Prepared], parts: list[Parts], values: Values
+    ) -> tuple[str, list[Trial], list[Prepared], Values, list[Parts]] | None:
+        """The simplest change that explains about as much as the best one, if that undoes a mistake."""
+        (before,) = self.motion.parts(prepared, [self.begin])
+        tried: list[tuple[float, float, int, Change, list[Trial], list[Prepared]]] = []
+        for order, change in enumerate(self._changes(trials, prepared, values)):
+            changed = change.undo(trials)
+            ready = [self._prepared(one, like) for one, like in zip(changed, prepared, strict=True)]
+            playable = [one for one in ready if one is not None]
+            if len(playable) == len(ready):
+                (after,) = self.motion.parts(playable, [self.begin])
+                ratios = [f(after, change.streams) / f(before, change.streams) for f in (share, unlike)]
+                tried.append((ratios[0], ratios[1], order, change, changed, playable))
+        first = {one[2]: one for k in (0, 1) for one in sorted(tried, key=lambda one: (one[k], one[2]))[:_FINALISTS]}
+        finals: list[tuple[float, int, str, list[Trial], list[Prepared], Values, list[Parts]]] = []
+        for _, _, order, change, changed, ready in sorted(first.values(), key=lambda one: (min(one[:2]), one[2])):
+            found, left = self.motion.searched(ready, self.begin, _SEARCH)
+            better = [k for k in range(len(trials)) if _gains([parts[k]], [left[k]], change)]
+            if not better:
+                continue
+            mixed, made = changed, ready
+            if len(better) < len(trials) and share(left) >= share(parts):
+                mixed = [changed[k] if k in better else trials[k] for k in range(len(trials))]
+                made = [ready[k] if k in better else prepared[k] for k in range(len(trials))]
+                found, left = self.motion.searched(made, self.begin, _SEARCH)
+            if share(left) < _BETTER * share(parts):
+                who = f"trial{'s' * (len(better) > 1)} {listed([repr(trials[k].name) for k in better])}"
+                finals.append((share(left), order, f"{who}: {change.said}", mixed, made, found, left))
+            if share(left) < _FOLLOWED and len(finals) > 1:
+                break
+        if not finals:
+            return None
+        least = min(one[0] for one in finals)
+        _, _, said, mixed, made, found, left = min(
+            (o for o in finals if o[0] <= _ALIKE * least), key=lambda one: one[1]
+        )
+        was, now = 100 * share(parts), 100 * share(left)
+        said = f"{said} (a short search then leaves {now:.0f} % of the motion unexplained, and {was:.0f} % as it is)"
+        return said, mixed, made, found, left
+
+    def _changes(self, trials: Sequence[Trial], prepared: Sequence[Prepared], values: Values) -> Iterator[Change]:
+        """All changes, in the order of their simplicity."""
+        robot = self.robot
+        played = self.motion.played(prepared, [self.begin])[0].trials
+        cut = [one.trial for one in prepared]
+        if robot.marker_names:
+            yield from of_pixels(robot, trials, played)
+            beside = [real.track.positions[0] - made.track.positions[0] for real, made in zip(cut, played, strict=True)]
+            some = _some(trials[0], 2)
+            limit = max(2 * self.poses.misfit(some), _NO_POSE * robot.size)
+            for change in of_markers(robot, np.nan_to_num(np.nanmean(np.concatenate(beside), axis=0))):
+                if self.poses.misfit(change.undo([some])[0], change.scale) < limit:
+                    yield change
+            yield from of_mirrors(robot)
+        yield from of_commands(robot, trials)
+        yield from of_readings(robot, cut, played)
+        if robot.trials.controls:
+            for point in (values, self.begin):
+                yield from of_clocks(robot, trials, self.motion.driven(trials, point).trials)
+
+    def _prepared(self, trial: Trial, like: Prepared | None = None) -> Prepared | None:
+        cut = trial.cut(_SECONDS)
+        if like is not None and len(cut.track.times) == len(like.trial.track.times):
+            same = np.array_equal(cut.track.positions, like.trial.track.positions, equal_nan=True)
+            same = same and np.array_equal(cut.track.times, like.trial.track.times)
+            cut = replace(cut, track=like.trial.track) if same else cut
+        return self.motion.prepared(cut, self.begin, like)
+
+
+def _gains(before: Sequence[Parts], after: Sequence[Parts], change: Change) -> bool:
+    """Whether a change undoes a mistake, where it is about anything."""
+    return share(after, change.streams) < _BETTER * share(before, change.streams)
+
+
+def _error(parts: Parts) -> float:
+    return sum(part.error for part in parts.values())
 
 
 class _Poses:
@@ -116,15 +236,10 @@ class _Poses:
         places = max(trial.track.positions, key=lambda frame: int(np.isfinite(frame).all(axis=1).sum()))
         shift = np.zeros(2)
         for _ in range(40):
-            (qpos, _), *_ = self.of(_moved(trial, np.repeat(places[None] - shift, 2, axis=0)))
+            (qpos, _), *_ = self.of(moved(trial, np.repeat(places[None] - shift, 2, axis=0)))
             missed = places - shift - self.fit.motion(qpos, np.zeros(self._unknowns))[0]
             shift = shift + np.nanmean(missed, axis=0)
         return shift
-
-
-def _moved(trial: Trial, positions: Array) -> Trial:
-    """The trial, or its first frames, with its markers elsewhere."""
-    return replace(trial, track=MarkerTrack(trial.track.times[: len(positions)], positions))
 
 
 def _some(trial: Trial, count: int) -> Trial:
@@ -136,7 +251,7 @@ def _some(trial: Trial, count: int) -> Trial:
 
 
 def _of_poses(robot: Robot, reference: TrialSet) -> list[str]:
-    """Trials whose markers no pose of the robot has: their unit, order, axes or origin."""
+    """A sentence for trials whose markers no pose of the robot has: their unit, order, axes or origin."""
     if not robot.marker_names:
         return []
     poses, size, found = _Poses(robot), robot.size, dict[str, tuple[str, list[str]]]()
@@ -147,7 +262,7 @@ def _of_poses(robot: Robot, reference: TrialSet) -> list[str]:
             continue
         try:
             check_plausible(trial, robot.rest_markers, robot.marker_names)
-            said = _undone(robot, poses, some, misfit)
+            said = _unposed(robot, poses, some, misfit)
         except TrialError as error:
             said = str(error).removeprefix(f"trial '{trial.name}': ")
         if said:  # of one kind, whatever its numbers
@@ -155,9 +270,11 @@ def _of_poses(robot: Robot, reference: TrialSet) -> list[str]:
     return [f"trial{'s' * (len(names) > 1)} {listed(names)}: {said}" for said, names in found.values()]
 
 
-def _undone(robot: Robot, poses: _Poses, some: Trial, misfit: float) -> str:
+def _unposed(robot: Robot, poses: _Poses, some: Trial, misfit: float) -> str:
     """The first change that fits about as well as the best, if that undoes the misfit; else what a large one says."""
-    tried = [(poses.misfit(one.undo(some), one.scale), one.said) for one in _of_markers(robot, poses, some)]
+    in_world = robot.trials.swims is None and robot.trials.frame is None
+    changes = of_markers(robot, poses.beside(some) if in_world else np.zeros(2))
+    tried = [(poses.misfit(one.undo([some])[0], one.scale), one.said) for one in changes]
     least = min(tried)[0]
     if least < _UNDONE * misfit:
         return next(said for off, said in tried if off < max(1.5 * least, _NO_POSE * robot.size / 8))
@@ -167,242 +284,3 @@ def _undone(robot: Robot, poses: _Poses, some: Trial, misfit: float) -> str:
         f"its markers are {1e3 * misfit:.0f} mm beside any pose of robot '{robot.name}', and none of the usual "
         f"mistakes explains that; is it a film of this robot, and do its sites lie where the markers are?"
     )
-
-
-def _of_markers(robot: Robot, poses: _Poses, some: Trial) -> Iterator[_Mistake]:
-    """What markers may be."""
-    names, count = robot.marker_names, len(robot.marker_names)
-
-    def placed(change: Callable[[Array], Array]) -> Callable[[Trial], Trial]:
-        return lambda trial: _moved(trial, change(trial.track.positions))
-
-    if robot.trials.swims is None and robot.trials.frame is None:  # else its place is of no importance
-        right, up = ("xyz"[axis] for axis in robot.plane)
-        mend = f"the camera sees {right} to its right and {up} up; mend the camera file, or the columns of --markers"
-        for said, turn in {
-            "its axes look swapped": [[0, 1], [1, 0]], f"its {up} looks upside down": [[1, 0], [0, -1]],
-            f"its {right} looks mirrored": [[-1, 0], [0, 1]], "it looks turned by 180 degrees": [[-1, 0], [0, -1]],
-            "it looks turned by 90 degrees": [[0, -1], [1, 0]], "it looks turned by -90 degrees": [[0, 1], [-1, 0]],
-        }.items():  # fmt: skip
-            yield _Mistake(f"{said}: {mend}", placed(lambda places, turn=turn: places @ np.transpose(turn)))
-        shift = poses.beside(some)
-        yield _Mistake(
-            f"it lies beside the robot by {right} {1e3 * shift[0]:+.0f} mm, {up} {1e3 * shift[1]:+.0f} mm; check the "
-            f"camera file's origin, which must be the model's",
-            placed(lambda places: places - shift),
-        )
-    yield _turned(robot)
-    pairs = list(combinations(range(count), 2))
-    for i, j in pairs if len(pairs) <= _MOST_SWAPS else [(i, i + 1) for i in range(count - 1)]:
-        order = [j if m == i else i if m == j else m for m in range(count)]
-        yield _Mistake(
-            f"markers {names[i]} and {names[j]} look swapped; click them again, or swap their columns (--markers)",
-            placed(lambda places, order=order: places[:, order]),
-        )
-    for scale in _SCALES:
-        yield _Mistake(
-            f"its markers are about {1 / scale:.2g} times as far apart as the robot's; check the camera file's "
-            f"lengths, the unit of the columns (--markers NAME=XCOLUMN,YCOLUMN:UNIT), or the model's",
-            placed(lambda places, scale=scale: scale * places),
-            scale,
-        )
-
-
-def _turned(robot: Robot) -> _Mistake:
-    first, *_, last = robot.marker_names
-    said = f"its markers fit the robot in the other order, from {last} to {first}; click, or name, {first} first"
-    return _Mistake(said, lambda trial: _moved(trial, trial.track.positions[:, ::-1]))
-
-
-def _of_motion(robot: Robot, reference: TrialSet) -> list[str]:
-    """Whether trials move as the robot does under their commands only by another clock, or with other commands."""
-    trials = [trial.cut(HORIZON) for trial in reference.trials[:_MOST_TRIALS]]
-    player, begun = PlaybackSimulator(robot), time.monotonic()
-
-    def off(undo: Callable[[Trial], Trial]) -> float:
-        """Error of playbacks, as a share of that of a robot that stands still."""
-        errors = np.array([playback_errors(robot, player, undo(trial)) for trial in trials])
-        return float(np.median(np.minimum(errors[:, 0] / np.maximum(errors[:, 1], _TINY), _MOST_OFF)))
-
-    as_it_is = off(lambda trial: trial)
-    if not as_it_is > _ASTRAY:
-        return []
-    every = (*_of_order(robot), *_of_commands(robot), *_of_readings(robot), *_of_clocks(robot, trials))
-    changes = [one for one in every if as_it_is > _DRASTIC[0] or not one.drastic]
-    most = int(_SECONDS / (time.monotonic() - begun))
-    tried = [(off(one.undo), one) for one in changes[:most]]
-    least, best = min(tried, key=lambda one: one[0], default=(np.inf, None))
-    if best is None or least > min(_DRASTIC[1] if best.drastic else _FOLLOWED, _UNDONE * as_it_is):
-        return []
-    if best.instead is not None and off(best.instead) < _OTHERWISE * least:
-        return []
-    shares = f"{as_it_is:.1f} times as far off as a robot that stands still, and so {least:.1f} times"
-    return [f"{best.said} (played back as it is, it is {shares})"]
-
-
-def _of_order(robot: Robot) -> Iterator[_Mistake]:
-    """Of robots that look the same in a mirror, or from the other end, as long as they don't move."""
-    if len(robot.marker_names) > 1:
-        yield _turned(robot)
-    if robot.marker_names:
-        for axis in (0, 1):
-            flip = np.where(np.arange(2) == axis, -1.0, 1.0)
-            yield _Mistake(
-                f"the trials move as the robot does in a mirror: the camera sees {'xyz'[robot.plane[0]]} to its right "
-                f"and {'xyz'[robot.plane[1]]} up; mend the camera file, or the signs of all commands",
-                lambda trial, flip=flip: _moved(trial, trial.track.positions * flip),
-            )
-
-
-def _of_commands(robot: Robot) -> Iterator[_Mistake]:
-    names = [name for name, drive in robot.trials.controls.items() if drive.table]
-
-    def changed(change: Mapping[str, tuple[str, float]]) -> Callable[[Trial], Trial]:
-        def undo(trial: Trial) -> Trial:
-            table = trial.controls
-            assert table is not None  # else it couldn't be played back
-            sources = [change.get(name, (name, 1.0)) for name in table.names]
-            columns = [sign * table.column(source) for source, sign in sources]
-            return replace(trial, controls=Signals(table.times, table.names, np.stack(columns, axis=1)))
-
-        return undo
-
-    for name in names:
-        said = f"commands of actuator '{name}' look of the other sign; turn its column, or the model's gear"
-        yield _Mistake(said, changed({name: (name, -1.0)}), drastic=True)
-    for one, other in combinations(names, 2):
-        said = f"commands of '{one}' and '{other}' look swapped; name their columns the other way round (--controls)"
-        yield _Mistake(said, changed({one: (other, 1.0), other: (one, 1.0)}), drastic=True)
-
-
-def _of_readings(robot: Robot) -> Iterator[_Mistake]:
-    """Of robots without markers, whose encoders tell how they begin, too."""
-    for name in () if robot.marker_names else robot.sensed_places:
-
-        def undo(trial: Trial, name: str = name) -> Trial:
-            read = trial.sensors
-            assert read is not None  # there is nothing else
-            return replace(
-                trial, sensors=replace(read, values=read.values * np.where(np.array(read.names) == name, -1, 1))
-            )
-
-        yield _Mistake(
-            f"readings of sensor '{name}' look of the other sign, or what drives it; turn one's column", undo
-        )
-
-
-def _of_clocks(robot: Robot, trials: Sequence[Trial]) -> Iterator[_Mistake]:
-    if robot.trials.controls and all(trial.track.marker_count for trial in trials):
-        for rate, what in _RATES.items():
-            yield _Mistake(
-                f"the trials look {rate:.3g} times as long as what drove them: that looks like {what}; give the "
-                f"film's true rate (--fps), or the unit of the time (--time COLUMN:UNIT)",
-                lambda trial, rate=rate: _slower(trial, 1 / rate),
-                # explained as well by other natural frequencies, of which parameters decide
-                instead=lambda trial, rate=rate: _slower(trial, 1 / rate, whole=True),
-                drastic=abs(np.log(rate)) > 1,
-            )
-
-
-def _slower(trial: Trial, factor: float, *, whole: bool = False) -> Trial:
-    """The trial on a clock of its film that goes slower, or of its commands and sensors as well."""
-    track, frequency = trial.track, trial.nominal_frequency
-    slower = replace(trial, track=MarkerTrack(factor * track.times, track.positions, track.confidence))
-    if not whole:
-        return slower
-    controls, sensors = (
-        None if signals is None else replace(signals, times=factor * signals.times)
-        for signals in (trial.controls, trial.sensors)
-    )
-    return replace(
-        slower, controls=controls, sensors=sensors, nominal_frequency=frequency / factor if frequency else frequency
-    )
-
-
-def playback_errors(robot: Robot, player: PlaybackSimulator, trial: Trial) -> tuple[float, float]:
-    """Error of a trial's playback with the robot's own values, and of a robot that stays as the trial begins [m].
-
-    NaN for a trial that can't be played back, infinite for a playback that diverges. Sensors count where nothing else
-    does.
-    """
-    about, track = robot.trials, trial.track
-    scales = {} if robot.marker_names else {sensor.name: sensor.meters_per_unit for sensor in about.sensors}
-    target = playback_target(trial, np.ones(track.confidence.shape), about.frame, about.score_progress, scales)
-    try:
-        played = player.simulate(robot.space.published, [player.request(trial)])[trial.name]
-    except TrialError:  # `misfits` reports it
-        return np.nan, np.nan
-    seen = np.isfinite(track.positions).all(axis=2).argmax(axis=0)  # the first frame of each marker
-    first = np.repeat(track.positions[seen, np.arange(track.marker_count)][None], track.frame_count, axis=0)
-    sensors = trial.sensors
-    if sensors is not None:
-        sensors = sensors.between(track.times[0], track.times[-1])
-        mean = np.nan_to_num(sensors.values).sum(axis=0) / np.maximum(np.isfinite(sensors.values).sum(axis=0), 1)
-        sensors = replace(sensors, values=np.repeat(mean[None], len(sensors.times), axis=0))
-    still = compare_playback(target, Trial(trial.name, MarkerTrack(track.times, first), sensors=sensors)).loss
-    return np.inf if played.divergence else compare_playback(target, played).loss, still
-
-
-def _of_sensors(robot: Robot, reference: TrialSet) -> list[str]:
-    """Encoders that read what the robot's joints don't do: swapped, of another sign, unit or zero."""
-    names = robot.sensed_places
-    pairs = [_read(robot, trial, names) for trial in reference.trials] if names else []
-    if not pairs:
-        return []
-    made, read = (np.concatenate(part) for part in zip(*pairs, strict=True))  # (N, S)
-    if len(made) < _FRAMES:
-        return []
-    spread = made.std(axis=0)
-
-    def off(i: int, readings: Array) -> float:
-        return float(np.sqrt(np.nanmean(np.square(made[:, i] - readings))) / spread[i])
-
-    seen = [i for i in range(len(names)) if spread[i] > 1e-3 and np.isfinite(read[:, i]).any()]
-    wrong = [i for i in seen if off(i, read[:, i]) > _UNLIKE]
-    for i, j in combinations(wrong, 2):
-        if max(off(i, read[:, j]), off(j, read[:, i])) < _ALIKE:
-            swapped = f"'{names[i]}' and '{names[j]}'"
-            return [f"sensors {swapped} look swapped; name their columns the other way round (--sensors)"]
-    found: list[str] = []
-    for i in wrong:
-        gap = float(np.nanmean(read[:, i] - made[:, i]))
-        changes = {
-            "look of the other sign; turn the column, or the model's axis": -read[:, i],
-            f"are {gap:+.3g} beside the joint's place; subtract that": read[:, i] - gap,
-            **{
-                f"look like {unit}: say NAME=COLUMN:UNIT (--sensors)": factor * read[:, i]
-                for unit, factor in _TURNS.items()
-            },
-        }
-        said = min(changes, key=lambda one: off(i, changes[one]))
-        if off(i, changes[said]) < _ALIKE:
-            found.append(f"readings of sensor '{names[i]}' {said}")
-    return found
-
-
-def _read(robot: Robot, trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
-    """What sensors should read by the markers, or by a playback without any, and what they read. Shapes (N, S)."""
-    none = np.zeros((0, len(names)))
-    if trial.sensors is None or any(name not in trial.sensors.names for name in names):
-        return none, none
-    columns = np.stack([trial.sensors.column(name) for name in names], axis=1)
-    if not robot.marker_names:
-        try:
-            player = PlaybackSimulator(robot)
-            played = player.simulate(robot.space.published, [player.request(trial)])[trial.name]
-        except Swim2RealError:  # `misfits` reports it
-            return none, none
-        if played.divergence or played.sensors is None:
-            return none, none
-        within = np.isin(trial.sensors.times, played.sensors.times)
-        return np.stack([played.sensors.column(name) for name in names], axis=1), columns[within]
-    some, model = _some(trial, _MANY_FRAMES), robot.model
-    data, made = mujoco.MjData(model), list[Array]()
-    known = np.isfinite(some.track.positions).all(axis=2).sum(axis=1) > 1
-    for data.qpos[:], _ in _Poses(robot).of(some):
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_sensorPos(model, data)
-        made.append(np.array([data.sensordata[sensor_address(model, name)] for name in names]))
-    times = some.track.times[known]
-    read = np.stack([np.interp(times, trial.sensors.times, column) for column in columns.T], axis=1)
-    return np.array(made).reshape(-1, len(names)), read

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import detrend
 
-from swim2real.checks.mistakes import mistakes
 from swim2real.checks.probing import growing
 from swim2real.checks.resting import in_motion
 from swim2real.errors import Swim2RealError, TrialError
 from swim2real.robots.robot import Robot, Trials
 from swim2real.settings import EvaluationSettings
 from swim2real.simulation.playback import PlaybackSimulator
-from swim2real.simulation.pose import MarkerView
 from swim2real.simulation.start import FITTED, MARKERS, STRETCH, FirstFrames
 from swim2real.trials import Trial, TrialSet
 from swim2real.trials.frames import to_body
@@ -47,18 +44,6 @@ def reference_warnings(robot: Robot, reference: TrialSet, settings: EvaluationSe
         lines += [*warn_fast_starts(robot, reference), *long_swings(robot, reference, settings.horizon)]
         lines += growing(robot, reference, settings.horizon)
     return lines
-
-
-def judged(robot: Robot, reference: TrialSet) -> list[str]:
-    """What is probably wrong with trials, a sentence each: their unit, order, place, axes, clock, commands or sensors.
-
-    Raises:
-        TrialError: A trial can't be played back.
-        EngineError: The robot itself can't be simulated.
-    """
-    found = mistakes(robot, reference)
-    far = None if found else misplaced(robot, reference)
-    return [*found, *([] if far is None else [far]), *other_units(robot, reference)]
 
 
 def misfits(robot: Robot, reference: TrialSet) -> list[str]:
@@ -150,121 +135,6 @@ def long_swings(robot: Robot, reference: TrialSet, horizon: float | None) -> lis
                 f"{max(_PIECE / fastest, _SHORTEST):.1g}"
             )
     return lines
-
-
-def other_units(robot: Robot, reference: TrialSet) -> list[str]:
-    """A warning for each command and reading that is probably in another unit than the model's.
-
-    Commands are far beyond what an actuator takes; readings vary far more, or less, than the robot's own with its
-    published values.
-
-    Raises:
-        TrialError: A trial can't be played back.
-        EngineError: The robot itself can't be simulated.
-    """
-    if robot.trials.swims is not None:
-        return []
-    lines = _beyond(robot, robot.trials, reference)
-    if not robot.trials.sensors:
-        return lines
-    simulator = PlaybackSimulator(robot)
-    made = simulator.simulate(robot.space.published, [simulator.request(trial) for trial in reference])
-    for sensor in robot.trials.sensors:
-        spreads = np.array([[_spread(trial, sensor.name) for trial in (real, made[real.name])] for real in reference])
-        ratios = spreads[(spreads > 0).all(axis=1)]
-        factor = float(np.median(ratios[:, 0] / ratios[:, 1])) if len(ratios) else 1.0
-        if 1 / _FAR_OFF < factor < _FAR_OFF:
-            continue
-        near = [name for name, times in _UNITS.items() if 1 / _NEAR_UNIT < factor / times < _NEAR_UNIT]
-        looks = f": that looks like {near[0]}" if near else ""
-        lines.append(
-            f"sensor '{sensor.name}' varies {factor:.3g} times as much as the robot's own does{looks}; readings are "
-            f"compared in the model's unit, here '{sensor.unit}'"
-        )
-    return lines
-
-
-def _beyond(robot: Robot, about: Trials, reference: TrialSet) -> list[str]:
-    """A warning for each actuator whose commands are far beyond what it takes."""
-    model = robot.model
-    lines: list[str] = []
-    for name in (name for name, drive in about.controls.items() if drive.table):
-        allowed = _command_range(model, int(model.actuator(name).id))
-        tables = [trial.controls for trial in reference if trial.controls is not None and name in trial.controls.names]
-        if not tables or allowed is None:
-            continue
-        sizes = np.abs(np.concatenate([table.column(name) for table in tables]))
-        largest, most = float(sizes[np.isfinite(sizes)].max(initial=0.0)), max(map(abs, allowed))
-        if largest > _FAR_BEYOND * most:
-            lines.append(
-                f"commands of actuator '{name}' reach {largest:.4g}, and it takes {allowed[0]:.4g} to "
-                f"{allowed[1]:.4g}: these look like degrees, mm or the like; they must be in the model's unit"
-            )
-    return lines
-
-
-def _command_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float] | None:
-    """What an actuator takes: its own range, or that of the joint that it holds in a position; None without any."""
-    if model.actuator_ctrllimited[actuator]:
-        low, high = model.actuator_ctrlrange[actuator]
-        return float(low), float(high)
-    gain = model.actuator_gainprm[actuator, 0]
-    of_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
-    if not of_joint or gain == 0 or model.actuator_biasprm[actuator, 1] != -gain:
-        return None
-    joint, gear = int(model.actuator_trnid[actuator, 0]), float(model.actuator_gear[actuator, 0])
-    if model.jnt_limited[joint] and gear > 0:
-        low, high = gear * model.jnt_range[joint]
-        return float(low), float(high)
-    return (-np.pi, np.pi) if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE and gear == 1 else None
-
-
-def _spread(trial: Trial, name: str) -> float:
-    """Half of the range in which nine tenths of a sensor's readings lie; NaN without any."""
-    if trial.sensors is None or trial.divergence is not None:
-        return np.nan
-    column = trial.sensors.values[:, trial.sensors.names.index(name)]
-    low, high = np.nanpercentile(column, [5, 95]) if np.isfinite(column).any() else (np.nan, np.nan)
-    return float(high - low) / 2
-
-
-def misplaced(robot: Robot, reference: TrialSet) -> str | None:
-    """A warning where recordings that are compared in the world begin far from where their simulations do.
-
-    Far is more than a third of the largest distance between two markers of the robot at rest, on average over the
-    markers that are seen in the first frame: so far off are a camera file's origin, or a start that isn't the robot's.
-
-    Raises:
-        TrialError: A trial can't be played back.
-        EngineError: The robot itself can't be simulated.
-    """
-    about = robot.trials
-    if about.swims is not None or about.frame is not None:
-        return None
-    if reference.marker_names != robot.marker_names or not robot.marker_names:
-        return None
-    simulator, model = PlaybackSimulator(robot), robot.model
-    view = MarkerView(model, len(robot.marker_names), robot.plane)
-    limit = _FAR * robot.size
-    far: dict[str, tuple[float, NDArray[np.float64]]] = {}
-    for trial in reference:
-        shift = trial.track.positions[0] - view.at(simulator.begin(model, simulator.request(trial))[0].qpos).markers
-        shift = shift[np.isfinite(shift).all(axis=1)]
-        distance = float(np.linalg.norm(shift, axis=1).mean()) if len(shift) else 0.0
-        if distance > limit:
-            far[trial.name] = distance, shift.mean(axis=0)
-    if not far:
-        return None
-    worst = max(far, key=lambda name: far[name][0])
-    distance, (right, up) = far[worst][0], 1e3 * far[worst][1]
-    first, second = ("xyz"[axis] for axis in robot.plane)
-    others = f" (and {len(far) - 1} more)" if len(far) > 1 else ""
-    start = "" if about.start in (MARKERS, FITTED) else ', or take start = "fitted" in the robot file'
-    return (
-        f"trial '{worst}'{others} begins {1e3 * distance:.0f} mm from where its simulation starts "
-        f"({first} {right:+.0f} mm, {second} {up:+.0f} mm); check the camera file's "
-        f"origin and axes, which must be the model's{start}"
-    )
 
 
 def _of(simulator: PlaybackSimulator, about: Trials, trial: Trial) -> list[str]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.checks.mistakes import playback_errors
+from swim2real.checks.motion import Motion
 from swim2real.errors import Swim2RealError
 from swim2real.robots.robot import Robot, Trials
 from swim2real.settings import HORIZON
@@ -125,13 +125,26 @@ def _better(robot: Robot, reference: TrialSet, begun: Mapping[str, Beginning]) -
     made: dict[str, BetterStart] = {}
     if not begun:
         return made
-    players = [PlaybackSimulator(replace(robot, trials=replace(robot.trials, start=s))) for s in (REST, FITTED)]
+    players = [Motion(replace(robot, trials=replace(robot.trials, start=s))) for s in (REST, FITTED)]
     for name, one in begun.items():
         trial = reference[name].cut(HORIZON)
-        rest, fitted = (playback_errors(player.robot, player, trial)[0] for player in players)
+        rest, fitted = (_error(player, trial) for player in players)
         rests = one.rests and not rest > _WORSE * fitted
         made[name] = BetterStart(REST if rests or (np.isfinite(rest) and fitted == np.inf) else FITTED, rest, fitted)
     return made
+
+
+def _error(motion: Motion, trial: Trial) -> float:
+    """Root mean square errors of a trial's streams with the robot's own values, added up [m].
+
+    NaN for a trial that can't be played back, infinite for a playback that diverges.
+    """
+    values = motion.robot.space.published
+    ready = motion.prepared(trial, values)
+    if ready is None:
+        return np.nan
+    parts = motion.parts([ready], [values])[0][0].values()
+    return np.inf if any(part.diverged for part in parts) else sum(part.error for part in parts)
 
 
 def started(robot: Robot, reference: TrialSet) -> Robot:
@@ -187,8 +200,9 @@ def _beginning(robot: Robot, about: Trials, real: Trial, simulated: Trial) -> Be
         if not names or real.sensors is None or simulated.sensors is None:
             return None
         scales = np.array([sensor.meters_per_unit for sensor in about.sensors if sensor.name in names])
-        times = real.sensors.times
-        places = (scales * np.stack([real.sensors.column(name) for name in names], axis=1))[:, :, None]
+        read = about.unwrapped(real)[0].sensors or real.sensors
+        times = read.times
+        places = (scales * np.stack([read.column(name) for name in names], axis=1))[:, :, None]
         played = (scales * np.stack([simulated.sensors.column(name) for name in names], axis=1))[:, :, None]
         played_at = simulated.sensors.times
     since = times - times[0]

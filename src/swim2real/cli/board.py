@@ -16,7 +16,9 @@ from swim2real.errors import ArgumentError
 From = Annotated[float, tyro.conf.arg(name="from")]
 
 
-def board(film: Positional[Path], *, squares: str, square_size: float, to: Path, begin: From = 0.0) -> int:
+def board(
+    film: Positional[Path], *, squares: str, square_size: float, to: Path, begin: From = 0.0, fps: float | None = None
+) -> int:
     """Make a camera file of a chessboard that lies in the robot's plane, as `track --camera` takes it.
 
     Reads a film or a picture that shows the whole board, at the height of the head's markers. An existing camera file
@@ -29,6 +31,7 @@ def board(film: Positional[Path], *, squares: str, square_size: float, to: Path,
         square_size: Side of a square [m].
         to: Camera file to write.
         begin: Use the first frame from this time on [s].
+        fps: Frames per second that the camera took, if --from is given and the film doesn't state them.
     """
     counts = re.fullmatch(r"(\d+)\s*[x×]\s*(\d+)", squares)
     if counts is None:
@@ -41,7 +44,7 @@ def board(film: Positional[Path], *, squares: str, square_size: float, to: Path,
 
     known = read_camera(to) if to.exists() else CameraFile()
     corners, places = find_board(
-        first_frame(film, Span(begin).begin).image, (int(counts[1]), int(counts[2])), square_size
+        first_frame(film, Span(begin).begin, fps).image, (int(counts[1]), int(counts[2])), square_size
     )
     write_camera(to, replace(known, points=(corners, places), homography=None))
     plane, residual = fit_plane(corners if known.lens is None else known.lens.undistort(corners), places)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from swim2real.robots.robot import Robot
     from swim2real.tracking.camera import Camera
     from swim2real.tracking.camera_file import CameraFile
-    from swim2real.trials import MarkerTrack, TrialSet
+    from swim2real.trials import MarkerTrack, Trial, TrialSet
     from swim2real.trials.span import Span
 
 AUTO = "auto"
@@ -46,39 +46,46 @@ def fetch(*, to: Path, source: Annotated[str | None, tyro.conf.arg(name="from")]
 
 
 def pick(
-    videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str = "fish", begin: From = ()
+    videos: Positional[tuple[Path, ...]], *, out: Path | None = None, robot: str = "fish", begin: From = (),
+    fps: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
     """Write a page per video on which you click the markers of its first frame.
 
     One self-contained HTML file: open it in a browser, click the markers in order, download NAME.points.json.
 
     Args:
-        videos: Videos whose first frames are shown.
+        videos: Videos, folders of pictures or patterns of their names, as for `track`; their first frames are shown.
         out: Page to write, for one video; by default beside each video.
         robot: Robot whose markers they are: fish, or a robot file (.toml).
         begin: Show the first frame from this time on [s], as for `track --from`; one for all videos, or one for each.
+        fps: Frames per second that the camera took, as for `track --fps`, if --from is given.
     """
     if not videos:
         raise ArgumentError("no video was given")
+    rates = _rates(fps, len(videos))
     if out is not None and len(videos) > 1:
         raise ArgumentError(f"--out '{out}' is one page for {len(videos)} videos; leave it out")
     from swim2real.robots import load_robot
     from swim2real.tracking.pages import write_pick_page
     from swim2real.trials.span import spans
-    from swim2real.video import first_frame
+    from swim2real.video import film_name, film_title, first_frame
 
     begins = [span.begin for span in spans(begin, (), len(videos), "videos")]
     body = load_robot(robot, markers_only=True)
     body.check_markers("pick")
     names = body.marker_names
-    for video, since in zip(videos, begins, strict=True):
-        page = out or video.with_name(f"{video.stem}.pick.html")
-        frame = first_frame(video, since)
-        write_pick_page(frame.image, names, video.name, page, body.rest_markers, frame.index)
-        say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {video.stem}.points.json")
-    points = shlex.join(f"{video.stem}.points.json" for video in videos)
-    films, later = shlex.join(map(str, videos)), f" --from {' '.join(f'{time:g}' for time in begin)}" if begin else ""
-    say(f"Next: swim2real track {films} --markers {points} --to REFERENCE{for_robot(robot)}{later}")
+    points, unknown = [f"{film_name(video)}.points.json" for video in videos], False
+    for video, since, rate, saved in zip(videos, begins, rates, points, strict=True):
+        page = out or (video if video.name else video.resolve()).with_name(f"{film_name(video)}.pick.html")
+        frame = first_frame(video, since, rate)
+        unknown |= rate is None and math.isnan(frame.time)
+        write_pick_page(frame.image, names, film_title(video), page, body.rest_markers, frame.index)
+        say(f"{page}: open it in a browser, click {names[0]} to {names[-1]}, download {saved}")
+    options = for_robot(robot) + _tables_of(body, len(videos))
+    for option, values in (("from", begin), ("fps", fps)):
+        options += f" --{option} {' '.join(f'{value:g}' for value in values)}" if values else ""
+    options += " --fps RATE" if unknown else ""
+    say(f"Next: swim2real track {shlex.join(map(str, videos))} --markers {shlex.join(points)} --to REFERENCE{options}")
     return 0
 
 
@@ -86,11 +93,12 @@ def track(
     videos: Positional[tuple[Path, ...]], settings: TrackingSettings, *, to: Path, markers: tuple[str, ...],
     corrections: tuple[Path, ...] = (), robot: str = "fish", frequency: tuple[float, ...] = (),
     controls: tuple[Path, ...] = (), sensors: tuple[Path, ...] = (), begin: From = (), until: tuple[float, ...] = (),
-    workers: int = 0, json: bool = False, quiet: bool = False,
+    fps: tuple[float, ...] = (), workers: int = 0, json: bool = False, quiet: bool = False,
 ) -> int:  # fmt: skip
     """Find the markers in videos and make trials of them.
 
-    Reads videos (any codec, frame rate and rotation) and the markers' places in one of their frames. Adds one trial per
+    Reads videos (any codec, frame rate and rotation; a folder of numbered pictures, a pattern of their names such as
+    frame_%04d.png, a TIFF of many pages) and the markers' places in one of their frames. Adds one trial per
     video to a reference folder, and to its folder tracks the track in pixels (.pixels.csv, DeepLabCut's format), an
     overlay video (.mp4), a page to correct doubtful markers (.review.html) and the findings (.json). A marker that
     isn't visible is lost, not guessed. Takes about twice as long as decoding. After an interruption the same command
@@ -106,12 +114,15 @@ def track(
             another frame: markers are followed from there in both directions, and correct positions are kept.
         robot: Robot whose markers they are: fish, or a robot file (.toml).
         frequency: Motor command in each video [Hz], if the names don't contain it. Only protocol paper needs it.
-        controls: Tables of what drove the robot in each video, in order: time_s on the video's clock, then a column per
-            actuator.
+        controls: Tables of what drove the robot in each video, in order: time_s on the camera's clock (0 is the first
+            frame), then a column per actuator.
         sensors: Tables of what was measured in each video, in order: time_s, then a column per sensor.
         begin: Track from this time of the video on [s], which becomes time 0 of the trial and its tables; one for all
-            videos, or one for each. The points belong to that frame or a later one: `pick --from`.
-        until: Track up to this time of the video [s]; one for all videos, or one for each.
+            videos, or one for each. The points belong to that frame or a later one: `pick --from`. It is a time of the
+            camera, as --fps has it.
+        until: Track up to this time of the video [s], on the same clock; one for all videos, or one for each.
+        fps: Frames per second that the camera took; one for all videos, or one for each. By default the video's own
+            rate: give it for slow motion (240 for 240 frames per second that play at 30) and where the video has none.
         workers: Videos tracked in parallel; 0 for all cores.
         json: Print the findings as JSON.
         quiet: Print no progress.
@@ -127,11 +138,13 @@ def track(
     for option, values in per_video.items():
         one_each(option, values, count, "videos")
     finite_above_0("frequency", *frequency, unit=" Hz")
+    rates = _rates(fps, count)
     from swim2real.cli.progress import films_shown, loading
 
     with loading(f"reading {', '.join(video.name for video in videos)}", quiet or json):
         from swim2real.pipeline import TRACKS, TrackedVideo, track_videos
         from swim2real.robots import load_robot
+        from swim2real.trials import load_reference
         from swim2real.trials.span import spans
 
         stretches = spans(begin, until, count, "videos")
@@ -142,7 +155,7 @@ def track(
         with films_shown(quiet or json) as (on_progress, on_done):
             results = track_videos(
                 videos, points, body, settings, to, corrections=corrections or None, frequencies=frequency or None,
-                controls=controls or None, sensors=sensors or None, spans=stretches, workers=workers or None,
+                controls=controls or None, sensors=sensors or None, spans=stretches, fps=rates, workers=workers or None,
                 on_progress=on_progress, on_done=on_done,
             )  # fmt: skip
     except KeyboardInterrupt:
@@ -154,6 +167,8 @@ def track(
     elif not quiet and reports:
         _print_tracked(reports, body)
         run = f"swim2real calibrate {word(to)} --out RUN{for_robot(robot)}"
+        if missing := _tables_of(body, count, [trial for trial in load_reference(to) if trial.name in reports]):
+            run = f"the same command with{missing}, recorded with each video"
         say(f"Reference: {to}   Overlays: {to / TRACKS}   Next: {run}")
     failed = [(video, error) for video, error in zip(videos, results, strict=True) if isinstance(error, Swim2RealError)]
     for video, error in failed:
@@ -167,10 +182,10 @@ def import_tracks(
     frequency: tuple[float, ...] = (), controls: tuple[Path, ...] = (), sensors: tuple[Path, ...] = (),
     begin: From = (), until: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
-    """Make trials of other programs' tracks: DeepLabCut's CSV tables, which SLEAP and movement write as well.
+    """Make trials of other programs' tracks: tables of DeepLabCut, SLEAP, or others with columns NAME.x and NAME.y.
 
     Args:
-        tables: Tables, one per trial, in pixels.
+        tables: Tables, one per trial, in pixels; their frames are counted from the video's first, 0.
         to: Reference folder to add the trials to.
         fps: Frames per second of the videos.
         robot: Robot whose markers they are: fish, or a robot file (.toml).
@@ -193,6 +208,7 @@ def import_tracks(
     from swim2real.trials.reference import add_trial
     from swim2real.trials.signals import read_signals
     from swim2real.trials.span import spans
+    from swim2real.trials.timebase import Timebase
 
     stretches = spans(begin, until, len(tables), "tables")
     body = load_robot(robot, markers_only=True)
@@ -207,18 +223,23 @@ def import_tracks(
         raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(read)}); rename one")
     driven, measured = ([read_signals(path) for path in paths] for paths in (controls, sensors))
     for i, (name, (path, span, pixels, scale, notes)) in enumerate(read.items()):
+        clocks = {"track": Timebase(f"first frame of the video of {path.name}", fps, "given")}
+        for stream, paths, signals in (("controls", controls, driven), ("sensors", sensors, measured)):
+            if paths and (clock := signals[i].timebase(f"time 0 of {paths[i].name}")) is not None:
+                clocks[stream] = clock
         trial = span.of_trial(
             Trial(
                 name, scale.to_meters(pixels), frequency[i] if frequency else nominal_frequency(name),
                 scale.scale.meters_per_pixel,
                 f"pose table {path.name}, {fps:g} fps" + ("" if camera is None else f", camera {camera.name}"),
                 controls=driven[i] if driven else None, sensors=measured[i] if measured else None,
+                timebases=clocks,
             )
         )  # fmt: skip
         add_trial(to, trial, body.marker_names)
         mm_per_pixel = 1e3 * scale.scale.meters_per_pixel
         say(f"{name}: {pixels.frame_count} frames, {pixels.duration:.2f} s, {mm_per_pixel:.4f} mm per pixel")
-        for line in (*notes, *scale.findings()):
+        for line in (*(f"{stream} at {clock}" for stream, clock in trial.timebases.items()), *notes, *scale.findings()):
             say(f"{name}: {line}")
     say(f"{to}: check the tracks with: swim2real quality {word(to)}{for_robot(robot)}")
     return 0
@@ -230,7 +251,8 @@ def cut(
 ) -> int:  # fmt: skip
     """Cut a stretch out of recordings: tracks, controls and sensors, with times from 0.
 
-    Reads a reference and adds the cut trials to another one.
+    Reads a reference and adds the cut trials to another one. Commands of the 5 s before them stay, at times below 0,
+    since filters, muscles and servos remember them.
 
     Args:
         reference: Folder with the real trials.
@@ -265,7 +287,7 @@ def quality(
     reference: Positional[Path], *, robot: str = "fish", allow_lost: float = 0.05, plot: Path | None = None,
     json: bool = False,
 ) -> int:  # fmt: skip
-    """Check the tracks of a reference: lost markers, body lengths, and what drove each trial.
+    """Check the tracks of a reference: clocks, lost markers, body lengths, and what drove each trial.
 
     Exits with 1 if a trial shouldn't be used as it is. Calibration leaves lost marker-frames out by itself.
 
@@ -281,9 +303,13 @@ def quality(
     from swim2real.pipeline import check_lost
     from swim2real.robots import load_robot
     from swim2real.trials import load_reference
+    from swim2real.trials.timebase import contradiction, described
 
     body, trials = load_robot(robot, markers_only=True), load_reference(reference)
     findings, refusals = _examined(trials, body)
+    for name, finding in findings.items():
+        finding["clocks"], doubt = described(trials[name]), contradiction(trials[name])
+        finding["findings"] = [*finding["findings"], *filter(None, [doubt])]
     refused: dict[str, dict[str, float]] = {}
     for name, finding in findings.items():
         shares = zip(body.marker_names, finding["lost_share"], strict=True)
@@ -311,6 +337,24 @@ def quality(
     return 0 if all(finding["usable"] for finding in findings.values()) and not refusals else 1
 
 
+def _rates(fps: tuple[float, ...], count: int) -> tuple[float | None, ...]:
+    """The rate of each video, where one for all, one for each or none was given."""
+    finite_above_0("fps", *fps, unit=" frames per second")
+    rates: tuple[float | None, ...] = (fps or (None,)) * (count if len(fps) < 2 else 1)
+    one_each("fps", rates, count, "videos")
+    return rates
+
+
+def _tables_of(robot: Robot, count: int, trials: Sequence[Trial] = ()) -> str:
+    """Options for the tables that trials of a robot need beside their films and these don't have."""
+    about = robot.trials
+    needed = {"controls": about.controls, "sensors": about.sensors} if about.swims is None else {}
+    lacking = [kind for kind, any_of in needed.items() if any_of]
+    if trials:
+        lacking = [kind for kind in lacking if any(getattr(trial, kind) is None for trial in trials)]
+    return "".join(f" --{kind}{' TABLE.csv' * count}" for kind in lacking)
+
+
 def _trial_name(path: Path) -> str:
     """What the trial is called: the video's name, without what DeepLabCut or `track` adds to it."""
     return composed(path.stem.removesuffix(".pixels").split("DLC_")[0] or path.stem)
@@ -321,25 +365,10 @@ def _read_track(
 ) -> tuple[MarkerTrack, Camera, list[str]]:
     """A stretch of a track in pixels with the robot's markers in order, its camera, and what to tell of it."""
     from swim2real.tracking.camera import camera_for
-    from swim2real.trials import MarkerTrack
-    from swim2real.trials.pose_tables import read_dlc
+    from swim2real.trials.pose_tables import read_poses
 
-    track, names = read_dlc(path, fps)
+    track, notes = read_poses(path, fps, robot.marker_names)
     track = span.of_track(track, str(path))
-    notes: list[str] = []
-    if set(names) == set(robot.marker_names):
-        order = [names.index(name) for name in robot.marker_names]
-        track = MarkerTrack(track.times, track.positions[:, order], track.confidence[:, order])
-    elif len(names) == len(robot.marker_names):
-        pairs = ", ".join(f"{ours} is {theirs}" for ours, theirs in zip(robot.marker_names, names, strict=True))
-        notes.append(f"markers are taken in the table's order: {pairs}")
-    else:
-        site = f'; write a site for each into the body that carries it, as in <site name="{names[0]}" pos="0 0 0"/>'
-        hint = site if len(names) > len(robot.marker_names) else ""
-        raise TrialError(
-            f"{path}: {len(names)} markers ({', '.join(names)}); robot '{robot.name}' has {len(robot.marker_names)} "
-            f"({', '.join(robot.marker_names)}){hint}"
-        )
     rigid = robot.rigid_markers
     camera = camera_for(track, robot.rest_markers, robot.marker_heights, robot.marker_names, rigid, known)
     return track, camera, notes
@@ -429,7 +458,7 @@ def _print_quality(findings: Findings, robot: Robot) -> None:
         LOST, robot.marker_names, ("trial",), (*lengths.values(), "usable as it is"), rows, tables.percent
     )  # fmt: skip
     for name, t in findings.items():
-        for line in t["findings"]:
+        for line in (f"clocks: {t['clocks']}", *t["findings"]):
             say(f"{name}: {line}")
 
 

@@ -21,22 +21,24 @@ _MOST_GAPS = 3  # that are reported of a log
 
 def import_recording(
     tables: Positional[tuple[Path, ...]], *, robot: str, to: Path,
-    time: Annotated[str | None, tyro.conf.arg(metavar="COLUMN[:UNIT]")] = None, controls: Named = (),
+    time: Annotated[tuple[str, ...], tyro.conf.arg(metavar="COLUMN[:UNIT] ...")] = (), controls: Named = (),
     sensors: Named = (), markers: NamedPairs = (), control_tables: tuple[Path, ...] = (),
     frequency: tuple[float, ...] = (), begin: From = (), until: tuple[float, ...] = (),
 ) -> int:  # fmt: skip
-    """Make trials of logs: CSV tables with a header, in any units.
+    """Make trials of logs: text tables with a header, of any program and in any units.
 
     Reads one table per trial; adds the trials to a reference folder, reference.json included. Unnamed parts are taken
-    from the column of their own name. A column's unit is the given one (hip=q1:deg), or the end of its name (hip_deg,
-    'load [mN]'), or the model's. If a trial has been tracked and its log has no markers, the track is kept. Exits with
+    from the column of their own name. A column's unit is the given one (hip=q1:deg), or that of its header (hip_deg,
+    'load [mN]', a row of units), or the model's. A factor may stand before it, or in its place (hip=q1:-1,
+    hip=counts:0.0879deg). If a trial has been tracked and its log has no markers, the track is kept. Exits with
     1 where the trials, which are written all the same, are probably of another unit, order, axes, clock or sign.
 
     Args:
-        tables: Tables, one per trial, separated by commas, semicolons or tabs; their names become the trials' names.
+        tables: Tables, one per trial, of any encoding and separator; their names become the trials' names.
         robot: Robot whose recordings they are: a robot file (.toml), or fish.
         to: Reference folder to add the trials to.
-        time: Column of the time stamps; by default time, t, timestamp or stamp.
+        time: Column of the time stamps, which may count from 1970 or be dates; by default time, t, timestamp or stamp.
+            Two where tables and control tables name it differently.
         controls: Columns of the actuators that the robot file drives by a table.
         sensors: Columns of the sensors that the robot file compares.
         markers: Columns of the markers in the camera's plane; by default NAME_x and NAME_y, or named after the plane's
@@ -53,7 +55,7 @@ def import_recording(
     for option, values in (("control-tables", control_tables), ("frequency", frequency)):
         one_each(option, values, len(tables), "tables")
     finite_above_0("frequency", *frequency, unit=" Hz")
-    from swim2real.checks.reference import judged
+    from swim2real.checks.mistakes import judged
     from swim2real.names import composed
     from swim2real.pipeline.recording import Recorded, Wanted, recorded
     from swim2real.robots import load_robot
@@ -86,6 +88,8 @@ def import_recording(
         seconds = one.trial.track.duration
         say(f"{one.trial.name}: {len(one.times)} rows of {path}, {rate:.4g} Hz; the trial has {seconds:.2f} s")
         say(f"  {', '.join(f'{what} from {column}' for what, column in one.columns.items())}")
+        for note in (*(f"{stream} at {clock}" for stream, clock in one.trial.timebases.items()), *one.notes):
+            say(f"  {note}")
         missing = gaps(one.times)
         told = ", ".join(f"{length:.3g} s from {at - one.times[0]:.3f} s on" for at, length in missing[:_MOST_GAPS])
         if missing:
@@ -95,7 +99,7 @@ def import_recording(
             )
     doubts: list[str] = []
     try:
-        doubts = judged(body, TrialSet(tuple(one.trial for one in made), body.marker_names))
+        doubts = judged(body, TrialSet(tuple(one.trial for one in made), body.marker_names)).doubts
     except Swim2RealError as error:
         tell(f"warning: whether they are the robot's wasn't seen: {error}")
     for line in doubts:

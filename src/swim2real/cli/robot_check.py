@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from swim2real.calibration import Problem
+from swim2real.checks.delays import delays
 from swim2real.checks.effects import why_no_effect
 from swim2real.checks.floating import afloat
-from swim2real.checks.mistakes import mistakes
+from swim2real.checks.mistakes import judged
 from swim2real.checks.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
-from swim2real.checks.reference import judged, misfits, reference_warnings, starts
+from swim2real.checks.reference import misfits, reference_warnings, starts
 from swim2real.checks.resting import better_starts, other_start, started
 from swim2real.cli.tables import millimeters, table
 from swim2real.cli.terminal import say
@@ -51,7 +52,7 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
     try:
         probes = probe(robot, reference if fits else None, threads)
     except EngineError:  # it may be the trials' fault
-        doubts = mistakes(robot, reference) if reference is not None and fits else []
+        doubts = judged(robot, reference).doubts if reference is not None and fits else ()
         if not doubts:
             raise
         for sentence in doubts:
@@ -68,11 +69,14 @@ def check_robot(name: str, reference_folder: Path | None, out: Path | None, thre
     if reference is not None and fits:
         begun = started(robot, reference)
         _starts(begun, reference)
-        doubts = judged(begun, reference) or _doubts(robot, reference)
+        verdict = judged(begun, reference)
+        doubts = list(verdict.doubts) or _doubts(robot, reference)
         for sentence in doubts:
             say(f"Probably wrong: {sentence}.")
         if not doubts:
-            say(f"All trials of '{reference_folder}' fit: {', '.join(reference.names)}.")
+            say(verdict.summary(reference.names))
+            for sentence in delays(begun, reference, begun.space.published):
+                say(f"{sentence[0].upper()}{sentence[1:]}.")
         wrong += doubts
     if robot.marker_names:
         _draw(robot, out or _beside(name))
@@ -176,7 +180,7 @@ def _driven_by(drive: Drive | None) -> str:
     if drive is None:
         return "nothing, so 0"
     if drive.table:
-        return "its column of the trial's controls"
+        return "its column of the trial's controls" + ", interpolated" * drive.interpolated
     if drive.speed:
         return "2π times the trial's frequency"
     if not drive.amplitude:

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from swim2real.comparison.results import ComparisonResults, RunResult
-from swim2real.errors import MissingExtraError
 from swim2real.objective.figures import (
     AVERAGED,
     SENSORS,
@@ -24,13 +24,6 @@ from swim2real.objective.figures import (
     figures_for,
     sensor_figure,
 )
-
-try:
-    import pandas as pd
-except ImportError as error:
-    raise MissingExtraError(
-        "statistics of a comparison need pandas; install it with: pip install 'swim2real[compare]'"
-    ) from error
 
 Array = NDArray[np.float64]
 Measure = Literal["final", "auc"]

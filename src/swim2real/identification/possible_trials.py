@@ -17,7 +17,6 @@ from swim2real.calibration.problem import Problem
 from swim2real.deployment.commands import FISH, RATE
 from swim2real.errors import RunError
 from swim2real.parameters import Values
-from swim2real.robots.drives import TABLE
 from swim2real.robots.robot import CommandLimits, Robot
 from swim2real.simulation import Rollout, Swim
 from swim2real.trials import MarkerTrack, Signals, Trial
@@ -102,7 +101,7 @@ def _columns(robot: Robot, trial: Trial, frequency: float) -> dict[str, Array]:
     return {
         name: drive.commands(since, frequency)
         if not drive.table or trial.controls is None
-        else trial.controls.held(name, trial.track.times[0] + since)
+        else trial.controls.at(name, trial.track.times[0] + since, interpolated=drive.interpolated)
         for name, drive in robot.trials.controls.items()
     }
 
@@ -163,7 +162,7 @@ def _tables(problem: Problem, values: Values) -> Iterator[PossibleTrial]:
     filmed = [
         _columns(robot, trial, _frequency(one)) for trial, one in zip(problem.trials, problem.prepared, strict=True)
     ]
-    driven = [name for name, drive in robot.trials.controls.items() if drive == TABLE]
+    driven = [name for name, drive in robot.trials.controls.items() if drive.table]
     track, rows = _nowhere(first), max(2, round(first.track.duration * RATE))
     rest = {name: np.full(rows, filmed[0][name][0]) for name in driven}
     for name in driven:

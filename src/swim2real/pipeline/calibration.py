@@ -23,7 +23,9 @@ from swim2real.calibration import (
     sensitivities,
     versions,
 )
-from swim2real.checks.reference import judged, reference_warnings
+from swim2real.checks.delays import delays
+from swim2real.checks.mistakes import judged
+from swim2real.checks.reference import reference_warnings
 from swim2real.checks.resting import other_start, started
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor, recorded_advice
@@ -85,7 +87,7 @@ def calibrate(
     if on_warning is not None:
         check_targets(robot)
         begins, other = started(robot, reference), other_start(robot, reference)
-        for line in (*judged(begins, reference), *reference_warnings(begins, reference, settings)):
+        for line in (*judged(begins, reference).doubts, *reference_warnings(begins, reference, settings)):
             on_warning(line)
         if other is not None and settings.pieces is None:
             on_warning(other)
@@ -99,7 +101,8 @@ def calibrate(
     _check_replay(resolved)
     space = replace(robot.space, scale=resolved.resolved_scale)
     # an advisor is shown films on the clock of their trials
-    videos = {trial.name: trial.video for trial in fitted if trial.video is not None and not trial.video_begin}
+    shown = [trial for trial in fitted if not trial.video_begin]
+    videos = {trial.name: (trial.video, trial.film_rate) for trial in shown if trial.video is not None}
     context = AdvisorContext(
         folder.path, problem.evaluate, problem.speeds_from_rest, videos, settings.briefing, access or VlmAccess(),
         on_advisor, resolved.budget, resolved.method == "proposal-search",
@@ -124,7 +127,8 @@ def calibrate(
             None if first is None else space.to_cube(first), minutes, slopes, resolved.budget or 0,
         )  # fmt: skip
         effects = sensitivities(problem, space, best.values) if sensitivity else None
-        return conclude(folder, problem, held_out, best.values, effects, ending, slopes)
+        late = [] if on_warning is None else delays(robot, fitted, best.values, settings.horizon)
+        return conclude(folder, problem, held_out, best.values, effects, ending, slopes, late)
 
 
 def _resolved(

@@ -22,7 +22,7 @@ from swim2real.tracking.quality import DOUBTFUL
 from swim2real.tracking.tracker import Tracker
 from swim2real.trials import MarkerTrack
 from swim2real.trials.span import Span
-from swim2real.video import Frame, VideoReader, frames_backwards
+from swim2real.video import Frame, VideoReader, film_title, frames_backwards
 
 Array = NDArray[np.float64]
 
@@ -66,6 +66,7 @@ class Film:
         bodies: Number of the rigid body that carries each.
         threads: Number of threads that decode.
         overlay: Path of the overlay video; None for none.
+        fps: Frames per second that the camera took; None as the film states it.
     """
 
     name: str
@@ -75,13 +76,15 @@ class Film:
     bodies: tuple[int, ...]
     threads: int
     overlay: Path | None
+    fps: float | None = None
 
     def drawn(self, reader: VideoReader) -> TrackOverlay | nullcontext[None]:
         """The overlay video, to be drawn."""
         if self.overlay is None:
             return nullcontext()
         info = reader.info
-        return TrackOverlay(self.overlay, info.width, info.height, info.fps, self.names)
+        rate = float(np.clip(info.fps, 0.1, 1e4))  # that a film can be written with; each frame has its own time
+        return TrackOverlay(self.overlay, info.width, info.height, rate, self.names)
 
 
 def follow(
@@ -180,7 +183,7 @@ def _backward(film: Film, track: MarkerTrack, first: int, start: Anchor, tracker
     """The track with what comes before the frame with the points."""
     positions, confidence = track.positions.copy(), track.confidence.copy()
     begin = track.times[start.frame - first]
-    for frame in frames_backwards(film.path, first, start.frame, film.threads):
+    for frame in frames_backwards(film.path, first, start.frame, film.threads, film.fps):
         k = frame.index - first
         if frame.index == start.frame:
             tracker.start(frame.image, start.points, 0.0)
@@ -260,7 +263,7 @@ def _count(reader: VideoReader, span: Span) -> int | None:
 
 def write_review(
     video: Path, track: MarkerTrack, names: Sequence[str], path: Path, first_frame: int, command: str, *,
-    anchors: Sequence[Anchor] = (), threads: int = 0,
+    anchors: Sequence[Anchor] = (), threads: int = 0, fps: float | None = None,
 ) -> Path | None:  # fmt: skip
     """Writes a page that shows where a track is lost or doubtful, and takes a person's corrections.
 
@@ -275,6 +278,7 @@ def write_review(
         command: How to go on with the file that the page lets a person download; shown there.
         anchors: What was corrected before, which stays in the file.
         threads: Number of threads that decode the video; 0 for as many as the machine has cores.
+        fps: Frames per second that the camera took; by default as the film states it.
 
     Returns:
         The path; None where nothing is doubtful, and no page is written.
@@ -286,7 +290,7 @@ def write_review(
     stretches = find_stretches(track)
     if not stretches:
         return None
-    with VideoReader(video, threads) as reader:
+    with VideoReader(video, threads, fps) as reader:
         size = reader.info.width, reader.info.height
         strips = make_strips(track, stretches[:MOST_STRETCHES], *size)
         wanted: dict[int, list[Cut]] = {}
@@ -302,6 +306,6 @@ def write_review(
             f"video '{video}' has no frame {max(wanted)}, in which its track is; track it again to see what is doubtful"
         )
     return write_review_page(
-        path, video.name, names, *size, strips, first_frame=first_frame, command=command,
+        path, film_title(video), names, *size, strips, first_frame=first_frame, command=command,
         more=len(stretches) - len(strips), anchors=anchors,
     )  # fmt: skip

@@ -27,7 +27,7 @@ from swim2real.tracking.camera_file import CameraFile
 from swim2real.trials import Trial, TrialSet, frames
 from swim2real.trials.pose_tables import read_dlc
 from swim2real.trials.span import Span
-from swim2real.video import VideoReader
+from swim2real.video import VideoReader, film_name
 
 Array = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ def chosen_trials(videos: tuple[Path, ...], reference: TrialSet) -> TrialSet:
         TrialError: A film has no trial of its name.
         ArgumentError: Two films have one name.
     """
-    names = [video.stem for video in videos]
+    names = [film_name(video) for video in videos]
     if len(set(names)) < len(names):
         raise ArgumentError(f"two films of --video have one name ({', '.join(names)}); draw them one after another")
     return TrialSet(tuple(reference[name] for name in names), reference.marker_names)
@@ -134,7 +134,7 @@ def draw_on_film(
         raise ArgumentError(f"can't write '{out}': {store.reason(error)}; choose another folder") from error
     target, count = out / f"{trial.name}.on-film.mp4", len(compared.times)
     real = trial.track.positions[:count]
-    with VideoReader(video) as reader:
+    with VideoReader(video, fps=trial.film_rate) as reader:
         size = (reader.info.width, reader.info.height)
         camera = fixed_camera(known, trial.meters_per_pixel, problem.robot.marker_heights, size)
         tracked, drawn = camera.to_pixels(real), camera.to_pixels(in_world(compared, real))

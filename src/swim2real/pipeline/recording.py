@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +15,11 @@ from swim2real.robots.robot import Robot
 from swim2real.trials import MarkerTrack, Signals, Trial
 from swim2real.trials.log_table import Column, LogTable, choices
 from swim2real.trials.span import Span
+from swim2real.trials.timebase import Timebase
 
 Array = NDArray[np.float64]
 
 _DIGITS = 9  # of times in s
-_MARKER_UNITS = ("", "_m", "_mm", "_cm")  # that columns of markers end in
 
 
 @dataclass(frozen=True)
@@ -25,20 +27,20 @@ class Wanted:
     """Which columns are taken for what; what isn't named is taken from the column of its name.
 
     Attributes:
-        time: Column of the time stamps, with its unit; None for the one that is called so.
+        time: Columns of the time stamps, of which each table has one; none for the one that is called so.
         controls: Columns by the names of actuators.
         sensors: Columns by the names of sensors.
         markers: Columns by the names of markers: x and y of the camera's plane, with a comma between them.
     """
 
-    time: str | None
+    time: tuple[str, ...]
     controls: Mapping[str, str]
     sensors: Mapping[str, str]
     markers: Mapping[str, str]
 
     @classmethod
     def of(
-        cls, robot: Robot, time: str | None, controls: Sequence[str], sensors: Sequence[str], markers: Sequence[str]
+        cls, robot: Robot, time: Sequence[str], controls: Sequence[str], sensors: Sequence[str], markers: Sequence[str]
     ) -> Wanted:
         """What options say, each as NAME=COLUMN.
 
@@ -46,9 +48,15 @@ class Wanted:
             ArgumentError: The robot has no actuator that takes a table, no such sensor or no such marker.
         """
         return cls(
-            time,
+            tuple(time),
             choices("controls", controls, _commanded(robot), f"actuator that robot '{robot.name}' takes from a table"),
-            choices("sensors", sensors, _measured(robot), f"sensor under [recordings.sensors] of robot '{robot.name}'"),
+            choices(
+                "sensors",
+                sensors,
+                _measured(robot),
+                f"sensor under [recordings.sensors] of robot '{robot.name}'",
+                behind=partial(_behind, robot),
+            ),
             choices("markers", markers, robot.marker_names, f"marker of robot '{robot.name}'"),
         )
 
@@ -59,13 +67,15 @@ class Recorded:
 
     Attributes:
         trial: The trial.
-        times: Time stamps of the whole log [s]. Shape (R,).
+        times: Time stamps of the whole log, from its first row on [s]. Shape (R,).
         columns: Columns in words, by what they were taken for, such as `sensor load`.
+        notes: What was understood without being said, or is missing.
     """
 
     trial: Trial
     times: Array
     columns: Mapping[str, str]
+    notes: Sequence[str]
 
 
 def recorded(
@@ -90,8 +100,14 @@ def recorded(
         ArgumentError: A column isn't there, or its unit isn't known.
         TrialError: Cells or times are wrong, or there is nothing to compare.
     """
-    stamps = log.times(wanted.time)
-    columns = {"time": str(stamps)}
+    tables = [log] if commands is None else [log, commands]
+    for text in wanted.time:
+        if not any(table.has(text) for table in tables):
+            raise ArgumentError(log.missing(text, "the time stamps (--time COLUMN:UNIT)"))
+    clocks = [table.times(*wanted.time) for table in tables]
+    stamps, driving_times = clocks[0], clocks[-1]
+    columns = {"time": stamps.words}
+    notes = [note for clock in clocks for note in clock.notes]
     positions = _positions(log, robot, wanted, columns)
     into = tracked if positions is None and robot.marker_names else None
     if into is None and positions is None and robot.marker_names:
@@ -101,24 +117,32 @@ def recorded(
         )
     if into is not None and span.until is not None:
         raise ArgumentError(f"--until is for new trials; '{name}' was tracked, and its frames say where it ends")
-    first = float(stamps.values[0])
-    zero = first if into is None else first + span.begin if from_first_row else 0.0
-    driving = log if commands is None else commands
-    driving_times = stamps if commands is None else commands.times(wanted.time)
+    if into is None:
+        zero, origin = stamps.first, f"first row of {log.path.name}"
+    elif from_first_row:
+        zero, origin = stamps.first + round(1e9 * span.begin), f"first row of {log.path.name} plus {span.begin:g} s"
+    else:
+        zero, origin = 0, f"time 0 of {log.path.name}"
+    driving = tables[-1]
     limits = {sensor.name: sensor.unit for sensor in robot.trials.sensors}
     controls = _signals(
-        "actuator", driving, driving_times, zero, dict.fromkeys(_commanded(robot), ""), wanted.controls, columns,
-        optional=into is not None and into.controls is not None,
+        "actuator", driving, driving_times.since(zero), dict.fromkeys(_commanded(robot), ""), wanted.controls, columns,
+        notes, optional=into is not None and into.controls is not None,
     )  # fmt: skip
     sensors = _signals(
-        "sensor", log, stamps, zero, limits, wanted.sensors, columns,
+        "sensor", log, stamps.since(zero), limits, wanted.sensors, columns, [],
         optional=into is not None and into.sensors is not None,
     )  # fmt: skip
+    streams = {"controls": controls, "sensors": sensors}
+    known = {stream: clock for stream, one in streams.items() if one and (clock := one.timebase(origin)) is not None}
     if into is not None:
         if controls is None and sensors is None:
             raise ArgumentError(f"{log.path}: nothing of it is taken; say --controls or --sensors NAME=COLUMN")
-        trial = replace(into, controls=controls or into.controls, sensors=sensors or into.sensors)
-        return Recorded(_on_clock(trial, log), stamps.values, columns)
+        trial = replace(
+            into, controls=controls or into.controls, sensors=sensors or into.sensors,
+            timebases={**into.timebases, **known},
+        )  # fmt: skip
+        return Recorded(_on_clock(trial, log), stamps.values, columns, notes)
     if positions is None:
         if sensors is None:
             raise TrialError(f"robot '{robot.name}' has neither markers nor sensors, so there is nothing to compare")
@@ -127,9 +151,12 @@ def recorded(
         seen = np.isfinite(positions).all(axis=2).any(axis=-1)
         if seen.sum() < 2:
             raise TrialError(f"{log.path}: {seen.sum()} rows have a marker; a trial needs at least 2")
-        track = MarkerTrack(np.round(stamps.values - zero, _DIGITS)[seen], positions[seen])
-    trial = Trial(name, track, frequency, provenance=f"log {log.path.name}", controls=controls, sensors=sensors)
-    return Recorded(span.of_trial(_on_clock(trial, log)), stamps.values, columns)
+        track = MarkerTrack(np.round(stamps.since(zero), _DIGITS)[seen], positions[seen])
+        known["track"] = Timebase(origin, float(1 / np.median(np.diff(track.times))), "stamps")
+    trial = Trial(
+        name, track, frequency, provenance=f"log {log.path.name}", controls=controls, sensors=sensors, timebases=known
+    )
+    return Recorded(span.of_trial(_on_clock(trial, log)), stamps.values, columns, notes)
 
 
 def _commanded(robot: Robot) -> list[str]:
@@ -142,8 +169,8 @@ def _measured(robot: Robot) -> list[str]:
 
 
 def _signals(
-    kind: str, log: LogTable, times: Column, zero: float, units: Mapping[str, str], given: Mapping[str, str],
-    columns: dict[str, str], *, optional: bool,
+    kind: str, log: LogTable, times: Array, units: Mapping[str, str], given: Mapping[str, str],
+    columns: dict[str, str], notes: list[str], *, optional: bool,
 ) -> Signals | None:  # fmt: skip
     """Columns as signals, rows without any left out; None where none is needed, or none is there that needn't be."""
     if optional and not given and not any(log.has(name) for name in units):
@@ -154,13 +181,15 @@ def _signals(
         what = f"{kind} '{name}'" + ("" if name in given else f", so say {option} {name}=COLUMN")
         found.append(log.column(given.get(name, name), what, unit))
         columns[f"{kind} {name}"] = str(found[-1])
+        if lacking := int(np.isnan(found[-1].values).sum()):
+            notes.append(f"{lacking} of {len(times)} rows have no value of {kind} '{name}': the one before holds")
     if not found:
         return None
     values = np.stack([column.values for column in found], axis=1)
     kept = np.isfinite(values).any(axis=-1)
     if not kept.any():
         raise TrialError(f"{log.path}: the columns {', '.join(map(str, found))} are empty; take others")
-    return Signals(np.round(times.values - zero, _DIGITS)[kept], tuple(units), values[kept])
+    return Signals(np.round(times, _DIGITS)[kept], tuple(units), values[kept])
 
 
 def _positions(log: LogTable, robot: Robot, wanted: Wanted, columns: dict[str, str]) -> Array | None:
@@ -185,9 +214,20 @@ def _positions(log: LogTable, robot: Robot, wanted: Wanted, columns: dict[str, s
 
 def _named_so(log: LogTable, robot: Robot, name: str) -> str | None:
     """The two columns that are called after a marker and the axes of its plane."""
-    planes = ("".join("xyz"[axis] for axis in robot.plane), "xy")
-    pairs = [[f"{name}_{axis}{unit}" for axis in axes] for axes in planes for unit in _MARKER_UNITS]
-    return next((",".join(pair) for pair in pairs if all(column in log.headers for column in pair)), None)
+    for axes in ("".join("xyz"[axis] for axis in robot.plane), "xy"):
+        for form in ("{}_{}", "{}_{}_m"):
+            pair = [form.format(name, axis) for axis in axes]
+            if all(map(log.has, pair)):
+                return ",".join(pair)
+    return None
+
+
+def _behind(robot: Robot, name: str) -> str:
+    """That a sensor is in the robot file behind a #, and what to do; empty where it isn't."""
+    text = "" if robot.source is None else robot.source.read_text(encoding="utf-8")
+    if not re.search(rf'(?m)^\s*#\s*"?{re.escape(name)}"?\s*=', text):
+        return ""
+    return f"; it is there behind #: remove that in {robot.source}, and the one before [recordings.sensors]"
 
 
 def _pair(log: LogTable, name: str, text: str) -> tuple[str, str]:
@@ -196,8 +236,8 @@ def _pair(log: LogTable, name: str, text: str) -> tuple[str, str]:
     if len(parts) != 2:
         raise ArgumentError(f"--markers has '{name}={text}'; say {name}=XCOLUMN,YCOLUMN or {name}=XCOLUMN,YCOLUMN:UNIT")
     x, y = parts
-    unit = "" if y in log.headers else y.rpartition(":")[2] if ":" in y else ""
-    return (f"{x}:{unit}" if unit and x in log.headers else x), y
+    unit = "" if y in log.table.names else y.rpartition(":")[2] if ":" in y else ""
+    return (f"{x}:{unit}" if unit and (x in log.table.names or ":" not in x) else x), y
 
 
 def _on_clock(trial: Trial, log: LogTable) -> Trial:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,9 +42,10 @@ from swim2real.trials import MarkerTrack, Trial
 from swim2real.trials.pose_tables import write_dlc
 from swim2real.trials.published import nominal_frequency
 from swim2real.trials.reference import add_trial, check_folder, load_reference
-from swim2real.trials.signals import read_signals
+from swim2real.trials.signals import MEMORY, read_signals
 from swim2real.trials.span import WHOLE, Span
-from swim2real.video import Frame, VideoReader
+from swim2real.trials.timebase import TABLES, Timebase, by_stamps
+from swim2real.video import Frame, VideoReader, film_files, film_name, film_title
 
 Array = NDArray[np.float64]
 
@@ -62,7 +64,9 @@ class TrackingReport(BaseModel):
         width: Width of the upright picture [px].
         height: Height of the upright picture [px].
         fps: Mean number of frames per second.
+        rate_from: How that is known: by the film's `container`, or `given` by the user.
         codec: Name of the video's codec.
+        mirrored: Whether the stored pictures are mirrored, left for right, before they are turned.
         rotation: Angle by which the stored pictures are turned clockwise [degrees].
         frames: Number of frames.
         tracker: Name of the tracker.
@@ -85,7 +89,9 @@ class TrackingReport(BaseModel):
     width: int
     height: int
     fps: float
+    rate_from: Literal["container", "given"]
     codec: str
+    mirrored: bool
     rotation: int
     frames: int
     tracker: str
@@ -120,13 +126,13 @@ class TrackedVideo:
 def track_video(
     video: str | Path, points: str | Path, robot: Robot, settings: TrackingSettings, folder: str | Path, *,
     corrections: Path | None = None, frequency: float | None = None, controls: Path | None = None,
-    sensors: Path | None = None, span: Span = WHOLE, threads: int = 0,
+    sensors: Path | None = None, span: Span = WHOLE, fps: float | None = None, threads: int = 0,
     on_progress: Callable[[FrameProgress], None] = lambda progress: None,
 ) -> TrackedVideo:  # fmt: skip
     """Tracks a video and adds it to a reference folder as a trial of the video's name.
 
     Args:
-        video: Path of the video.
+        video: Path of the video, of a folder of pictures, or a pattern of their names such as `frame_%04d.png`.
         points: Path of the points file with the markers in one of its frames; "auto" finds them in the first one
             without a click, which is refused where it isn't sure.
         robot: Robot that carries the markers.
@@ -134,9 +140,10 @@ def track_video(
         folder: Path of the reference folder.
         corrections: Path of a file of corrections, or of the points of another frame.
         frequency: Frequency that the motor was commanded to turn at [Hz]; None takes it from a name such as f1_50.
-        controls: Path of a table of what drove the robot, on the video's clock.
-        sensors: Path of a table of what was measured, on the video's clock.
-        span: Stretch of the video that is tracked. The trial's time is 0 at its first frame.
+        controls: Path of a table of what drove the robot, on the camera's clock: time 0 is the first frame.
+        sensors: Path of a table of what was measured, on the camera's clock.
+        span: Stretch of the video that is tracked, on the camera's clock. The trial's time is 0 at its first frame.
+        fps: Frames per second that the camera took; by default as the film states it.
         threads: Number of threads that decode the video; 0 for as many as the machine has cores.
         on_progress: Called after every frame.
 
@@ -146,9 +153,9 @@ def track_video(
     if frequency is not None and not 0 < frequency < np.inf:
         raise ArgumentError(f"frequency is {frequency:g} Hz; it must be finite and above 0")
     source, out = Path(video), Path(folder)
-    name = composed(source.stem)
+    title, name = film_title(source), composed(film_name(source))
     report_path = out / TRACKS / f"{name}.json"
-    with VideoReader(source, threads) as reader:
+    with VideoReader(source, threads, fps) as reader:
         info = reader.info
         size = (info.width, info.height)
         frames = within(reader, span)
@@ -159,11 +166,11 @@ def track_video(
             if points == AUTO
             else load_points(points, robot.marker_names, *size, first.index)
         )
-        anchors = load_anchors(corrections, robot.marker_names, *size, source.name) if corrections else ()
+        anchors = load_anchors(corrections, robot.marker_names, *size, title) if corrections else ()
         camera_file = None if settings.camera is None else read_camera(settings.camera)
         commands, readings = (None if table is None else read_signals(table) for table in (controls, sensors))
         tables = (settings.camera, controls, sensors, corrections)
-        fingerprint = _fingerprint(source, start, settings, robot, frequency, tables, span)
+        fingerprint = _fingerprint(source, start, settings, robot, frequency, tables, span, fps)
         before = _finished(report_path, fingerprint, out, name)
         if before is not None:
             return TrackedVideo(name, before, True)
@@ -175,7 +182,7 @@ def track_video(
         overlay = report_path.with_suffix(".mp4") if settings.overlay else None
         names = robot.marker_names
         bodies = robot.marker_bodies if robot.trials.swims is None else tuple(range(len(names)))
-        film = Film(name, source, span, names, bodies, threads, overlay)
+        film = Film(name, source, span, names, bodies, threads, overlay, fps)
         seen = follow(film, reader, first, frames, start, anchors, lambda: _tracker(settings, robot), on_progress)
         notes = list(reader.notes)
     seconds = time.monotonic() - began
@@ -188,26 +195,37 @@ def track_video(
         end = begin + float(track.times[-1])
         if span.until is not None and span.until - end > 2 / info.fps:
             notes.append(f"the last frame is at {end:.3f} s, before --until, {span.until:g} s")
-        commands = None if commands is None else commands.cut(begin, end, held=True)
+        commands = None if commands is None else commands.cut(begin, end, before=MEMORY)
         readings = None if readings is None else readings.cut(begin, end)
+    origin = f"{f'frame at {begin:g} s' if begin else 'first frame'} of {title}"
+    assert info.rate_from is not None  # without a rate no film is read
+    clocks = {
+        "track": Timebase(origin, fps or round(1 / float(np.median(np.diff(track.times))), 6), info.rate_from),
+        "controls": None if commands is None else by_stamps(TABLES, commands.times),
+        "sensors": None if readings is None else by_stamps(TABLES, readings.times),
+    }
     trial = Trial(
         name, track, nominal_frequency(name) if frequency is None else frequency, camera.scale.meters_per_pixel,
-        ", ".join(filter(None, (f"video {source.name}", span.words, made))),
+        ", ".join(filter(None, (f"video {title}", span.words, made))),
         video=source, video_begin=begin, controls=commands, sensors=readings,
+        timebases={kind: clock for kind, clock in clocks.items() if clock is not None},
     )  # fmt: skip
     report_path.unlink(missing_ok=True)  # it is of the track that is replaced now
     write_dlc(seen, robot.marker_names, report_path.with_suffix(".pixels.csv"))
     page = report_path.with_suffix(".review.html")
     page.unlink(missing_ok=True)
     if settings.overlay:
-        again = f"swim2real track … --corrections {composed(source.stem)}.corrections.json"
-        write_review(source, seen, robot.marker_names, page, first.index, again, anchors=anchors, threads=threads)
+        again = f"swim2real track … --corrections {name}.corrections.json"
+        write_review(
+            source, seen, robot.marker_names, page, first.index, again, anchors=anchors, threads=threads, fps=fps
+        )
     add_trial(out, trial, robot.marker_names)
     report = TrackingReport.model_validate(
         rounded(
             {
-                "fingerprint": fingerprint, "trial": name, "video": source.name, "width": size[0], "height": size[1],
-                "fps": info.fps, "codec": info.codec, "rotation": info.rotation, "frames": seen.frame_count,
+                "fingerprint": fingerprint, "trial": name, "video": title, "width": size[0], "height": size[1],
+                "fps": info.fps, "rate_from": info.rate_from, "codec": info.codec, "mirrored": info.mirrored,
+                "rotation": info.rotation, "frames": seen.frame_count,
                 "tracker": settings.tracker, "points": start.points, "points_from": AUTO if points == AUTO else "file",
                 "meters_per_pixel": camera.scale.meters_per_pixel, "scale_spread": camera.scale.spread,
                 "scales": dict(camera.scale.estimates), "confidence": seen.confidence.mean(axis=0),
@@ -262,17 +280,19 @@ def _filled_share(seen: MarkerTrack, pixels: MarkerTrack) -> Array:
 
 def _fingerprint(
     video: Path, start: Anchor, settings: TrackingSettings, robot: Robot, frequency: float | None,
-    tables: tuple[Path | None, ...], span: Span,
+    tables: tuple[Path | None, ...], span: Span, fps: float | None,
 ) -> str:  # fmt: skip
     digest = hashlib.sha256()
-    with video.open("rb") as file:
-        digest.update(file.read(_ENDS))
-        size = file.seek(0, 2)
-        file.seek(max(size - _ENDS, 0))
-        digest.update(file.read())
+    files = film_files(video)
+    for one in (files[0], files[-1]):
+        with one.open("rb") as file:
+            digest.update(file.read(_ENDS))
+            file.seek(max(one.stat().st_size - _ENDS, 0))
+            digest.update(file.read())
     about = [
-        size, start.points.tolist(), start.frame, settings.tracker, settings.smooth, settings.overlay, robot.name,
-        frequency, versions()["swim2real"],
+        [(one.name, one.stat().st_size) for one in files[1:]], files[0].stat().st_size, fps, start.points.tolist(),
+        start.frame, settings.tracker, settings.smooth, settings.overlay, robot.name, frequency,
+        versions()["swim2real"],
     ]  # fmt: skip
     if settings.tracker == "aruco":
         about.append(settings.tags)

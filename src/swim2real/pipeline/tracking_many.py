@@ -19,6 +19,7 @@ from swim2real.processes import ProcessDiedError, ProcessPool
 from swim2real.robots.robot import Robot
 from swim2real.settings import TrackingSettings
 from swim2real.trials.span import WHOLE, Span
+from swim2real.video import film_name
 
 _POLL_INTERVAL = 0.2  # s between two looks at what the processes report
 _progress: Any = None  # a process's end of the queue
@@ -29,7 +30,8 @@ def track_videos(
     videos: Sequence[str | Path], points: Sequence[str | Path], robot: Robot, settings: TrackingSettings,
     folder: str | Path, *, corrections: Sequence[Path | None] | None = None,
     frequencies: Sequence[float | None] | None = None, controls: Sequence[Path | None] | None = None,
-    sensors: Sequence[Path | None] | None = None, spans: Sequence[Span] | None = None, workers: int | None = None,
+    sensors: Sequence[Path | None] | None = None, spans: Sequence[Span] | None = None,
+    fps: Sequence[float | None] | None = None, workers: int | None = None,
     on_progress: Callable[[FrameProgress], None] = lambda progress: None,
     on_done: Callable[[str, Result], None] = lambda name, result: None,
 ) -> list[Result]:  # fmt: skip
@@ -46,6 +48,7 @@ def track_videos(
         controls: Table of what drove the robot in each video, None where there is none.
         sensors: Table of what was measured in each video, None where there is none.
         spans: Stretch of each video that is tracked; None for all of all.
+        fps: Frames per second that the camera took for each video, None where the film states it.
         workers: Number of processes at a time; None for as many as there are cores and videos.
         on_progress: Called now and then with the state of a video.
         on_done: Called when a video is done or has failed.
@@ -57,7 +60,7 @@ def track_videos(
         ArgumentError: The videos can't make one reference.
     """
     count = len(videos)
-    names = [composed(Path(video).stem) for video in videos]
+    names = [composed(film_name(Path(video))) for video in videos]
     keys = [file_key(name) for name in names]
     if not videos:
         raise ArgumentError("no video was given")
@@ -69,7 +72,7 @@ def track_videos(
     none: list[None] = [None] * count
     of_each = {
         "points": points, "corrections": corrections or none, "frequency": frequencies or none,
-        "controls": controls or none, "sensors": sensors or none, "span": spans or [WHOLE] * count,
+        "controls": controls or none, "sensors": sensors or none, "span": spans or [WHOLE] * count, "fps": fps or none,
     }  # fmt: skip
     for what, values in of_each.items():
         if len(values) != count:

@@ -19,7 +19,9 @@ ROUNDING = 1e-6  # s
 CRF = 32  # thin lines and text stay clear, and 4 s at 10 frames per second take some 80 kB
 
 
-def film_frames(video: str | Path, times: Iterable[float], width: int) -> Iterator[tuple[float, Bytes]]:
+def film_frames(
+    video: str | Path, times: Iterable[float], width: int, rate: float | None = None
+) -> Iterator[tuple[float, Bytes]]:
     """The frames of a film that are nearest to given times, upright and scaled, with time and number burned in.
 
     The film is read once, from its start to the last time, and one frame at a time is in memory.
@@ -28,6 +30,7 @@ def film_frames(video: str | Path, times: Iterable[float], width: int) -> Iterat
         video: Path of the film.
         times: Times since its first frame, rising [s]. They end with the film, half a frame after its last one.
         width: Width of the pictures, even [px].
+        rate: Frames per second that the camera took; by default as the film states it.
 
     Yields:
         Time of each frame [s] and its picture, RGB. Shape (H, width, 3).
@@ -40,7 +43,7 @@ def film_frames(video: str | Path, times: Iterable[float], width: int) -> Iterat
         raise ArgumentError(f"width is {width} px; it must be even and at least {LEAST_WIDTH}")
     wanted = _rising(times)
     time = next(wanted, None)
-    with VideoReader(video) as reader:
+    with VideoReader(video, fps=rate) as reader:
         before: Frame | None = None
         for frame in reader:
             if before is not None and time is not None and time <= (before.time + frame.time) / 2:
@@ -59,8 +62,9 @@ def film_frames(video: str | Path, times: Iterable[float], width: int) -> Iterat
 
 
 def film_clip(
-    video: str | Path, path: str | Path, fps: float, width: int = 640, seconds: float | None = None, start: float = 0.0
-) -> None:
+    video: str | Path, path: str | Path, fps: float, width: int = 640, seconds: float | None = None, start: float = 0.0,
+    rate: float | None = None,
+) -> None:  # fmt: skip
     """Writes a small copy of a real film, upright, in true speed, with frame number and time burned in.
 
     Args:
@@ -70,6 +74,7 @@ def film_clip(
         width: Width of the copy, even [px].
         seconds: Seconds that are copied; None for all that there are.
         start: Start of the copy, since the film's first frame [s].
+        rate: Frames per second that the camera took; by default as the film states it.
 
     Raises:
         ArgumentError: The width, fps, seconds or start are not allowed, or the film ends before the start.
@@ -83,7 +88,7 @@ def film_clip(
     times = (start + k / fps for k in itertools.count())
     if seconds is not None:
         times = itertools.takewhile(lambda time: time <= start + seconds + ROUNDING, times)
-    frames = film_frames(video, times, width)
+    frames = film_frames(video, times, width, rate)
     first = next(frames, None)
     if first is None:
         raise ArgumentError(f"the film '{video}' ends before start, {start:g} s; give a start within the film")
@@ -93,7 +98,7 @@ def film_clip(
             writer.write(image, k / fps)
 
 
-def film_sheet(video: str | Path, times: Sequence[float], columns: int, width: int) -> Bytes:
+def film_sheet(video: str | Path, times: Sequence[float], columns: int, width: int, rate: float | None = None) -> Bytes:
     """Frames of a real film, upright, with time and number burned in.
 
     Args:
@@ -101,6 +106,7 @@ def film_sheet(video: str | Path, times: Sequence[float], columns: int, width: i
         times: Times since its first frame, rising [s]; each shows the nearest frame. Those after the end are left out.
         columns: Pictures in a row.
         width: Width of each picture, even [px].
+        rate: Frames per second that the camera took; by default as the film states it.
 
     Returns:
         The sheet, RGB.
@@ -109,7 +115,7 @@ def film_sheet(video: str | Path, times: Sequence[float], columns: int, width: i
         ArgumentError: No time lies within the film, the times don't rise, or a number is not allowed.
         VideoError: The film can't be read.
     """
-    frames = list(film_frames(video, times, width))
+    frames = list(film_frames(video, times, width, rate))
     if not frames:
         raise ArgumentError(f"none of the {len(times)} times lies within '{video}'; give times within the film, in s")
     captions = [f"{time:.3f} s" for time, _ in frames]

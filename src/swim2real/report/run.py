@@ -117,7 +117,7 @@ class ReportedRun:
         found = (
             () if self.standing else tuple(told(self.entries, self.settings) for told in (still_falling, never_beaten))
         )
-        return tuple(warning for warning in (backward_from_rest(from_rest), *found) if warning)
+        return tuple(warning for warning in (backward_from_rest(from_rest), *found, *self.of_best.late) if warning)
 
     @property
     def budget(self) -> int | None:

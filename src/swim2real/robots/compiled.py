@@ -11,6 +11,14 @@ import numpy as np
 from swim2real.errors import RobotError
 
 SHORTEST_STEP = 1e-6  # s
+_UNITS = {
+    "TOUCH": "N", "ACCELEROMETER": "m/s²", "VELOCIMETER": "m/s", "GYRO": "rad/s", "FORCE": "N", "TORQUE": "N·m",
+    "MAGNETOMETER": "T", "RANGEFINDER": "m", "BALLANGVEL": "rad/s", "FRAMEPOS": "m", "FRAMELINVEL": "m/s",
+    "FRAMEANGVEL": "rad/s", "FRAMELINACC": "m/s²", "FRAMEANGACC": "rad/s²", "SUBTREECOM": "m", "SUBTREELINVEL": "m/s",
+    "GEOMDIST": "m", "JOINTPOS": "rad", "JOINTVEL": "rad/s", "JOINTACTFRC": "N·m", "JOINTLIMITPOS": "rad",
+    "JOINTLIMITVEL": "rad/s", "JOINTLIMITFRC": "N·m", "ACTUATORPOS": "rad", "ACTUATORVEL": "rad/s", "TENDONPOS": "m",
+    "TENDONVEL": "m/s", "TENDONACTFRC": "N",
+}  # fmt: skip
 REFUSALS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
 """What MuJoCo raises where a model can't be read or compiled."""
 
@@ -34,6 +42,26 @@ def compiled(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
             f"{where}: the model's timestep is {model.opt.timestep:g} s; it must be at least {SHORTEST_STEP:g} s"
         )
     return model
+
+
+def sensor_units(model: mujoco.MjModel) -> dict[str, str]:
+    """Units of the model's sensors by name, `-` where the model doesn't tell."""
+    joints, hinge, slide = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+    units = dict[str, str]()
+    for i in range(model.nsensor):
+        kind, of = mujoco.mjtSensor(model.sensor_type[i]).name.removeprefix("mjSENS_"), int(model.sensor_objid[i])
+        unit, joint = _UNITS.get(kind, "-"), of if kind.startswith("JOINT") else None
+        if kind.startswith("ACTUATOR"):
+            unit = unit if model.actuator_trntype[of] == joints else "-"
+            joint = int(model.actuator_trnid[of, 0])
+        if kind.startswith("TENDON") and model.wrap_type[model.tendon_adr[of]] == mujoco.mjtWrap.mjWRAP_JOINT:
+            unit = "-"  # a sum of joints, of whatever kind
+        if joint is not None and model.jnt_type[joint] == slide:
+            unit = unit.replace("rad", "m").replace("N·m", "N")
+        elif joint is not None and model.jnt_type[joint] != hinge:
+            unit = "-"
+        units[model.sensor(i).name] = unit
+    return units
 
 
 def set_linear(element: Any, attribute: str, value: float) -> None:

@@ -12,15 +12,10 @@ import mujoco
 from jinja2 import Environment, StrictUndefined
 
 from swim2real.robots.candidates import Candidate
+from swim2real.robots.compiled import sensor_units
 from swim2real.robots.targets import class_name
 
 _WIDTH = 110
-_UNITS = {
-    "TOUCH": "N", "ACCELEROMETER": "m/s²", "VELOCIMETER": "m/s", "GYRO": "rad/s", "FORCE": "N", "TORQUE": "N·m",
-    "MAGNETOMETER": "T", "RANGEFINDER": "m", "TENDONPOS": "m", "TENDONVEL": "m/s", "TENDONACTFRC": "N",
-    "FRAMELINVEL": "m/s", "FRAMEANGVEL": "rad/s", "FRAMELINACC": "m/s²", "FRAMEANGACC": "rad/s²",
-}  # fmt: skip
-_OF_JOINTS = {"JOINTPOS": "rad", "JOINTVEL": "rad/s", "JOINTACTFRC": "N·m", "JOINTLIMITFRC": "N·m"}
 
 
 @dataclass(frozen=True)
@@ -107,17 +102,12 @@ def _limits(model: mujoco.MjModel) -> dict[str, tuple[float, float]]:
 
 def _sensors(spec: mujoco.MjSpec, model: mujoco.MjModel) -> dict[str, str]:
     """Units of the numbers of the named sensors, by their names in [recordings.sensors]; positions are markers."""
-    units = dict[str, str]()
-    slides = {joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE}
+    units, known = dict[str, str](), sensor_units(model)
     for sensor in spec.sensors:
-        kind = mujoco.mjtSensor(sensor.type).name.removeprefix("mjSENS_")
-        if not sensor.name or kind == "FRAMEPOS":
-            continue
-        unit = _OF_JOINTS.get(kind, _UNITS.get(kind, "-"))
-        if kind in _OF_JOINTS and sensor.objname in slides:
-            unit = unit.replace("rad", "m").replace("N·m", "N")
-        size = int(model.sensor(sensor.name).dim[0])
-        units |= dict.fromkeys([sensor.name] if size == 1 else [f"{sensor.name}[{i}]" for i in range(size)], unit)
+        if sensor.name and sensor.type != mujoco.mjtSensor.mjSENS_FRAMEPOS:
+            size = int(model.sensor(sensor.name).dim[0])
+            names = [sensor.name] if size == 1 else [f"{sensor.name}[{i}]" for i in range(size)]
+            units |= dict.fromkeys(names, known[sensor.name])
     return units
 
 

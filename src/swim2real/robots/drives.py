@@ -26,6 +26,7 @@ class Drive:
         offset: Mean value in the actuator's unit.
         speed: Whether it gets 2 pi f instead, the constant speed of a motor [rad/s].
         table: Whether it gets its column of the trial's table of controls instead.
+        interpolated: Whether that goes from row to row on straight lines; otherwise a row holds until the next.
     """
 
     amplitude: float = 0.0
@@ -33,6 +34,7 @@ class Drive:
     offset: float = 0.0
     speed: bool = False
     table: bool = False
+    interpolated: bool = False
 
     def commands(self, times: Array, frequency: float, phase: float = 0.0) -> Array:
         """Commands of a drive without a table.
@@ -51,6 +53,7 @@ class Drive:
 
 
 SPEED, TABLE = Drive(speed=True), Drive(table=True)
+INTERPOLATED = Drive(table=True, interpolated=True)
 
 
 def commands(
@@ -83,7 +86,8 @@ def commands(
             )
         late = None if delays is None else delays.control(name, trial.name)
         if drive.table:
-            column = _recorded(name, trial, times - (late or 0.0), None if late is None else model.opt.timestep)
+            over = 0.0 if late is None else model.opt.timestep
+            column = _recorded(name, trial, times - (late or 0.0), over, drive.interpolated)
         else:
             if trial.nominal_frequency is None and (drive.speed or drive.amplitude):
                 raise TrialError(
@@ -96,14 +100,12 @@ def commands(
     return out
 
 
-def _recorded(name: str, trial: Trial, times: Array, mean_over: float | None) -> Array:
+def _recorded(name: str, trial: Trial, times: Array, over: float, interpolated: bool) -> Array:
     if trial.controls is None:
         raise TrialError(
             f"trial '{trial.name}' has no controls; actuator '{name}' needs a table with a column of its name"
         )
     try:
-        if mean_over is None:
-            return trial.controls.held(name, times)
-        return trial.controls.mean(name, times, mean_over)
+        return trial.controls.at(name, times, over, interpolated=interpolated)
     except TrialError as error:
         raise TrialError(f"trial '{trial.name}': the controls don't drive actuator '{name}': {error}") from error

@@ -6,6 +6,7 @@ The tables and keys of the file are those of `schema.py`; here they are held aga
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,11 +19,11 @@ import numpy as np
 
 from swim2real import consent
 from swim2real.checking import check
-from swim2real.errors import ParameterError, RobotError
+from swim2real.errors import ArgumentError, ParameterError, RobotError
 from swim2real.parameters import Parameter, ParameterSpace, Values
 from swim2real.robots.alone import compile_alone, within
-from swim2real.robots.compiled import REFUSALS, compiled, one_line
-from swim2real.robots.drives import SPEED, TABLE, Drive
+from swim2real.robots.compiled import REFUSALS, compiled, one_line, sensor_units
+from swim2real.robots.drives import INTERPOLATED, SPEED, TABLE, Drive
 from swim2real.robots.mjcf_files import outside
 from swim2real.robots.named_code import FORMS, PREFIX, NamedCode, request
 from swim2real.robots.robot import CommandLimits, PolicySetup, Robot, Sensor, SteadySwims, Trials
@@ -31,11 +32,13 @@ from swim2real.robots.schema import (
     ParameterTable,
     RecordingsTable,
     RobotTable,
+    SensorTable,
     SineTable,
     SwimsTable,
     read_content,
 )
 from swim2real.robots.targets import Delay, Target
+from swim2real.trials import units
 
 PLANES = {"above": (0, 1), "side": (0, 2), "front": (1, 2)}
 MARKER = "marker:"  # before the name of a marker's sensor, where the model may have others
@@ -434,7 +437,8 @@ def _policy(file: RobotFile) -> PolicySetup | None:
 def _drive(entry: ControlEntry) -> Drive:
     if isinstance(entry, SineTable):
         return Drive(entry.amplitude, entry.phase, entry.offset)
-    return TABLE if entry == "table" else SPEED if entry == "frequency" else Drive(offset=entry)
+    words = {"table": TABLE, "interpolated table": INTERPOLATED, "frequency": SPEED}
+    return words[entry] if isinstance(entry, str) else Drive(offset=entry)
 
 
 def _sensors(file: RobotFile, table: RecordingsTable) -> tuple[Sensor, ...]:
@@ -442,13 +446,32 @@ def _sensors(file: RobotFile, table: RecordingsTable) -> tuple[Sensor, ...]:
         return ()
     model = compiled(file.spec.copy(), file.where)
     sizes = {model.sensor(i).name: int(model.sensor_dim[i]) for i in range(model.nsensor) if model.sensor(i).name}
-    for name in table.sensors:
-        _check_sensor(f"{file.where}, [recordings.sensors]", name, sizes)
-    return tuple(Sensor(name, entry.unit, entry.meters_per_unit) for name, entry in table.sensors.items())
+    own, where = sensor_units(model), f"{file.where}, [recordings.sensors]"
+    return tuple(
+        _sensor(where, name, own[_check_sensor(where, name, sizes)], entry) for name, entry in table.sensors.items()
+    )
 
 
-def _check_sensor(where: str, name: str, sizes: Mapping[str, int]) -> None:
-    """Checks a name: `NAME`, or `"NAME[I]"` for one number of a vector."""
+def _sensor(where: str, name: str, own: str, entry: SensorTable) -> Sensor:
+    """A sensor whose own unit, that of the model, is known or `-`."""
+    unit, wraps, turn, factor = entry.unit, entry.range is not None, None, 1.0
+    if "-" not in (own, unit):
+        try:
+            factor = units.factor(own, unit)
+        except ArgumentError as error:
+            raise RobotError(
+                f"{where}: 'unit' of sensor '{name}' is '{unit}', and what the model's sensor measures is in {own}; "
+                f"allowed are {', '.join(units.alike(own))}, or '-' for the model's own"
+            ) from error
+    if own == "rad":
+        turn = 2 * math.pi * factor
+    if entry.range is not None:
+        turn = entry.range[1] - entry.range[0]
+    return Sensor(name, unit, entry.meters_per_unit, factor, turn, wraps)
+
+
+def _check_sensor(where: str, name: str, sizes: Mapping[str, int]) -> str:
+    """Checks a name, `NAME` or `"NAME[I]"` for one number of a vector; gives that of the sensor."""
     matched = re.fullmatch(r"(.*)\[(\d+)\]", name)
     stem, index = (name, None) if name in sizes or matched is None else (matched[1], int(matched[2]))
     if stem not in sizes:
@@ -460,6 +483,7 @@ def _check_sensor(where: str, name: str, sizes: Mapping[str, int]) -> None:
         )
     if index is not None and index >= size:
         raise RobotError(f"{where}: sensor '{stem}' has {size} values, from [0]; there is no [{index}]")
+    return stem
 
 
 def _calibrated(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,13 +17,12 @@ from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.drives import Drive
 from swim2real.robots.targets import Delay, Delays, Target
 from swim2real.settings import ProtocolName
-from swim2real.trials import TrialSet
+from swim2real.trials import Signals, Trial, TrialSet
 
 _PLACES = tuple(
     map(int, (mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtSensor.mjSENS_ACTUATORPOS))
 )
-
-
+_JUMP, _RANGE = 0.75, 1.01  # of a turn: readings that jump by more, and lie within it, begin anew after it
 _EITHER = "at rest or where their first stretch fits best, whichever suits them,"
 
 
@@ -98,11 +97,36 @@ class Sensor:
         name: Name of the model's sensor; one value of a vector is `NAME[I]`.
         unit: Unit of its readings.
         meters_per_unit: Meters of marker error that an error of one unit counts as [m/unit].
+        factor: How many of this unit one of the model's is.
+        turn: After how much an angle comes back to where it was, or the range of readings is over [unit]; None for what
+            never does.
+        wraps: Whether readings surely begin anew then; otherwise they do where they jump by about a turn.
     """
 
     name: str
     unit: str
     meters_per_unit: float
+    factor: float = 1.0
+    turn: float | None = None
+    wraps: bool = False
+
+    def period(self, readings: NDArray[np.float64]) -> float:
+        """After how much these readings begin anew [unit]; 0 where they don't. Shape (R,).
+
+        Raises:
+            TrialError: They go beyond the range that the robot file gives them.
+        """
+        known = readings[np.isfinite(readings)]
+        if self.turn is None or not known.size:
+            return 0.0
+        within = float(np.ptp(known)) <= _RANGE * self.turn
+        if self.wraps and not within:
+            raise TrialError(
+                f"readings of sensor '{self.name}' go from {known.min():g} to {known.max():g} {self.unit}, more than "
+                f"the {self.turn:g} of its range; give 'range' in the robot file in the unit of the readings"
+            )
+        jumps = np.abs(np.diff(known)).max(initial=0.0) > _JUMP * self.turn
+        return self.turn if self.wraps or (within and jumps) else 0.0
 
 
 @dataclass(frozen=True)
@@ -158,6 +182,23 @@ class Trials:
     score_progress: bool = False
     swims: SteadySwims | None = None
     start_named: bool = True
+
+    def unwrapped(self, trial: Trial) -> tuple[Trial, dict[str, float]]:
+        """The trial, with readings that go on where they began anew; after how much these did [unit], by their names.
+
+        Raises:
+            TrialError: Readings go beyond the range that the robot file gives them.
+        """
+        read, periods = trial.sensors, dict[str, float]()
+        if read is None:
+            return trial, periods
+        values = read.values.copy()
+        for sensor in self.sensors:
+            column = values[:, read.names.index(sensor.name)] if sensor.name in read.names else np.zeros(0)
+            if period := sensor.period(column):
+                known, periods[sensor.name] = np.isfinite(column), period
+                column[known] = np.unwrap(column[known], period=period)
+        return replace(trial, sensors=Signals(read.times, read.names, values)) if periods else trial, periods
 
     @property
     def description(self) -> str:

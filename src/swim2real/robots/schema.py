@@ -14,9 +14,11 @@ start = "fitted"                       rest, markers, fitted or the name of a ke
 frame = ["base", "knuckle"]            compare in the frame of two markers; left out: in the world
 score_progress = false                 whether how far it comes is compared, too
 [recordings.controls]
-tendon = "table"                       or "frequency", a number, or {amplitude = 1.0, phase = 0.0, offset = 0.0}
+tendon = "table"                       held from row to row; or "interpolated table", "frequency", a number, or
+                                       {amplitude = 1.0, phase = 0.0, offset = 0.0}
 [recordings.sensors]
 load = {unit = "N", meters_per_unit = 0.01}    an error of 1 N counts as much as 10 mm
+crank = {unit = "deg", meters_per_unit = 1e-4, range = [0, 360]}    begins anew at 360
 
 [policy]                               only to train policies
 sites = ["nail"]                       what a policy sees beside the markers
@@ -69,6 +71,12 @@ def _hook(text: str) -> str:
     return text
 
 
+def _rising(limits: list[float]) -> list[float]:
+    if not limits[0] < limits[1]:
+        raise ValueError(f"it is {limits}; the first number must be below the second")
+    return limits
+
+
 def _site(value: Any) -> Any:
     return {"site": value} if isinstance(value, str) else value
 
@@ -112,7 +120,7 @@ class SineTable(_Table):
 
 ControlEntry = Annotated[
     Annotated[SineTable, Tag("<sine>")]
-    | Annotated[Literal["table", "frequency"], Tag("<word>")]
+    | Annotated[Literal["table", "interpolated table", "frequency"], Tag("<word>")]
     | Annotated[float, Tag("<number>")],
     Discriminator(_kind_of_control),
 ]
@@ -123,6 +131,7 @@ class SensorTable(_Table):
 
     unit: Label = "-"
     meters_per_unit: Annotated[float, Field(gt=0)]
+    range: Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_rising)] | None = None
 
 
 class RecordingsTable(_Table):

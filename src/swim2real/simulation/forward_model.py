@@ -118,6 +118,7 @@ T = TypeVar("T")
 
 _BUILDING = Lock()
 """Held while a robot is built and compiled: a robot file's code needn't know of threads."""
+_WARNING = Lock()
 
 
 def model_of(robot: Robot, values: Values) -> mujoco.MjModel | str:
@@ -151,7 +152,9 @@ def all_of(work: Sequence[Callable[[], T]], costs: Sequence[float], threads: int
 def log_warnings() -> None:
     """Takes the engine's warnings into the log; it would write MUJOCO_LOG.TXT into the working folder.
 
-    Whoever steps a simulation sees that it diverges, so they are of interest to developers only.
+    Whoever steps a simulation sees that it diverges, so they are of interest to developers only. The engine's bindings
+    wait for each other forever where two threads ask for the first time.
     """
-    if mujoco.get_mju_user_warning() is None:
-        mujoco.set_mju_user_warning(_log.debug)
+    with _WARNING:
+        if mujoco.get_mju_user_warning() is None:
+            mujoco.set_mju_user_warning(_log.debug)

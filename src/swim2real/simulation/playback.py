@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 
@@ -13,8 +14,8 @@ from numpy.typing import NDArray
 
 from swim2real.errors import EngineError, TrialError
 from swim2real.parameters import Values
-from swim2real.robots.drives import TABLE, commands
-from swim2real.robots.robot import Robot
+from swim2real.robots.drives import commands
+from swim2real.robots.robot import Robot, Sensor
 from swim2real.robots.targets import Delays
 from swim2real.simulation.forward_model import Engine, all_of, model_of, thread_count
 from swim2real.simulation.pose import PoseFit
@@ -28,6 +29,8 @@ from swim2real.simulation.start import (
     JointState,
     Stretch,
     fitted_start,
+    nearest,
+    remembered,
     sensed_start,
     start_at_joints,
     start_at_keyframe,
@@ -35,6 +38,7 @@ from swim2real.simulation.start import (
 )
 from swim2real.simulation.stepper import physics_state, roll, roll_each
 from swim2real.trials import MarkerTrack, Signals, Trial, TrialSet
+from swim2real.trials.signals import MEMORY
 
 Array = NDArray[np.float64]
 
@@ -46,13 +50,15 @@ class Rollout:
     """A request to the simulator: one recording to play back. `PlaybackSimulator.request` makes it.
 
     Attributes:
-        trial: Recording whose time stamps, controls and start are played back.
+        trial: Recording whose time stamps, controls and start are played back; its readings are unwrapped.
         first: What its first frames show, where the playback starts by its markers; else None.
         guess: A pose near that start. Shape (nq,).
         stretch: What the start is fitted to; None where it isn't.
         pieces: Parts of the recording, each played back from a start of its own; empty for one that is played in one.
             Each begins with the frame that ends the one before it.
         whole: The recording that this one is a piece of; None for none.
+        periods: After how much readings of sensors begin anew [unit], by the names of those that do.
+        state: The start, where it is known already; None where it is to be found.
     """
 
     trial: Trial
@@ -61,6 +67,8 @@ class Rollout:
     stretch: Stretch | None = None
     pieces: tuple[Rollout, ...] = ()
     whole: Trial | None = None
+    periods: Mapping[str, float] = field(default_factory=dict[str, float])
+    state: JointState | None = None
 
 
 class PlaybackSimulator:
@@ -89,7 +97,7 @@ class PlaybackSimulator:
         self.robot, self._about = robot, robot.recordings
         self.engine = Engine.of(robot)
         self._markers = len(robot.marker_names)
-        self._sensors = {sensor.name: sensor_address(self.robot.model, sensor.name) for sensor in self._about.sensors}
+        self._addresses = {one.name: sensor_address(self.robot.model, one.name) for one in self._about.sensors}
         if self._about.start not in STARTS:
             start_at_keyframe(self.robot.model, mujoco.MjData(self.robot.model), self._about.start)
 
@@ -113,40 +121,43 @@ class PlaybackSimulator:
         """
         times = trial.track.times
         commands(self.robot.model, self._about.controls, trial, times)
-        if trial.controls is not None and TABLE in self._about.controls.values():
+        if trial.controls is not None and any(drive.table for drive in self._about.controls.values()):
             try:
                 trial.controls.check_clock(times[0], times[-1])
             except TrialError as error:
                 raise TrialError(f"trial '{trial.name}': its controls don't drive it: {error}") from error
         start_at_joints(self.robot.model, mujoco.MjData(self.robot.model), trial)
         believed = np.ones(trial.track.confidence.shape) if weights is None else weights
+        ready, periods = self._about.unwrapped(trial)
+        begun = Rollout(ready, periods=periods)
         if pieces is not None:
-            return Rollout(trial, pieces=tuple(self._piece(trial, believed, part) for part in cut(trial, pieces)))
+            return replace(begun, pieces=tuple(self._piece(begun, believed, part) for part in cut(trial, pieces)))
         begins = start or self._about.start
         if begins not in (MARKERS, FITTED) or trial.start or trial.start_velocities:
-            return Rollout(trial)
-        return self._shown(trial, believed, begins == FITTED)
+            return begun
+        return self._shown(begun, believed, begins == FITTED)
 
-    def _shown(self, trial: Trial, weights: Array, fitted: bool) -> Rollout:
+    def _shown(self, begun: Rollout, weights: Array, fitted: bool) -> Rollout:
         """A recording whose markers, or joint sensors, show its start."""
-        scales = {sensor.name: sensor.meters_per_unit for sensor in self._about.sensors}
+        trial = begun.trial
+        stretch = Stretch.of(trial, weights, self._about, begun.periods) if fitted else None
         if not self._markers:
             if not fitted:
                 raise TrialError(
                     f"trial '{trial.name}' has no markers, and start is '{self._about.start}'; say "
                     f'start = "fitted" in the robot file'
                 )
-            return Rollout(trial, stretch=Stretch.of(trial, weights, scales))
+            return replace(begun, stretch=stretch)
         first = FirstFrames(trial, weights, 2) if fitted else FirstFrames(trial, weights)
         guess = PoseFit(self.robot.model, self._markers, self.robot.plane).first(first.places, first.known).qpos
-        return Rollout(trial, first, guess, Stretch.of(trial, weights, scales) if fitted else None)
+        return replace(begun, first=first, guess=guess, stretch=stretch)
 
-    def _piece(self, trial: Trial, weights: Array, part: slice) -> Rollout:
+    def _piece(self, begun: Rollout, weights: Array, part: slice) -> Rollout:
         """A part of a recording, from one frame to another."""
-        track = trial.track
+        trial, track = begun.trial, begun.trial.track
         frames = MarkerTrack(track.times[part], track.positions[part], track.confidence[part])
         own = replace(trial, track=frames, start={}, start_velocities={})
-        return replace(self._shown(own, weights[part], fitted=True), whole=trial)
+        return self._shown(replace(begun, trial=own, whole=trial), weights[part], fitted=True)
 
     def simulate(self, values: Values, rollouts: Sequence[Rollout]) -> TrialSet:
         """Simulated trials for one candidate, in the order of the recordings."""
@@ -173,7 +184,7 @@ class PlaybackSimulator:
         trial, track = rollout.trial, rollout.trial.track
         if isinstance(model, str):
             return self._diverged(trial, model)
-        names, samples = tuple(self._sensors), track.times
+        names, samples = tuple(self._addresses), track.times
         if trial.sensors is not None and names:
             samples = trial.sensors.between(track.times[0], track.times[-1]).times
         parts = rollout.pieces or (rollout,)
@@ -206,11 +217,18 @@ class PlaybackSimulator:
         markers = self._in_plane(
             sampled(made.sensors[:, made.sensors.shape[1] - 3 * self._markers :], step, frames - begun)
         )
-        readings = np.empty((len(samples), len(self._sensors)))
-        late = self._late(self.robot.delays_of(values), rollout.trial)
-        for column, (name, address) in zip(readings.T, self._sensors.items(), strict=True):
-            column[:] = sampled(made.sensors[:, [address]], step, samples - begun - late[name])[:, 0]
+        readings = np.empty((len(samples), len(self._addresses)))
+        late, real = self._late(self.robot.delays_of(values), rollout.trial), rollout.trial.sensors
+        for column, sensor in zip(readings.T, self._about.sensors, strict=True):
+            column[:] = self._read(sensor, made.sensors, step, samples - begun - late[sensor.name])
+            if real is not None and sensor.name in rollout.periods:
+                read = real.column(sensor.name)[np.isin(real.times, samples)]
+                column[:] = nearest(column, read, rollout.periods[sensor.name])
         return markers, readings
+
+    def _read(self, sensor: Sensor, sensors: Array, step: float, times: Array) -> Array:
+        """What a sensor reads at times of a simulation [unit]. Shapes (N, nsensordata) and (R,)."""
+        return sensor.factor * sampled(sensors[:, [self._addresses[sensor.name]]], step, times)[:, 0]
 
     def begin(
         self, model: mujoco.MjModel, rollout: Rollout, values: Values | None = None
@@ -233,64 +251,83 @@ class PlaybackSimulator:
         if self._about.start not in STARTS:
             start_at_keyframe(model, data, self._about.start)
         start_at_joints(model, data, rollout.trial)
+        left = self._remember(model, data, rollout, delays)
         fit = PoseFit(model, self._markers, self.robot.plane)
-        if rollout.stretch is not None:
+        if rollout.state is not None:
+            data.qpos[:], data.qvel[:], data.act[:] = rollout.state
+        elif rollout.stretch is not None:
             stretch = rollout.stretch.read_late(self._late(delays, rollout.trial))
             guess = self._guess(fit, model, data, rollout, stretch)
-            data.qpos[:], data.qvel[:] = self._fitted(model, fit, guess, controls, stretch)
+            data.qpos[:], data.qvel[:], data.act[:] = self._fitted(model, data, fit, guess, left, controls, stretch)
         elif rollout.first is not None and rollout.guess is not None:
-            simulated = partial(self._first_frames, model, mujoco.MjData(model), controls, rollout.first.times)
+            simulated = partial(self._first_frames, model, data, controls, rollout.first.times)
             data.qpos[:], data.qvel[:] = start_at_markers(fit, rollout.first, rollout.guess, simulated)
         return data, controls
 
+    def _remember(self, model: mujoco.MjModel, data: mujoco.MjData, rollout: Rollout, delays: Delays) -> Array:
+        """Gives a start what commands before it leave; where the start is shown, also those before the table begins.
+
+        Returns:
+            What is left at the start of a change of each activation where the table begins. Shape (na,).
+        """
+        shown, whole = rollout.stretch is not None or rollout.first is not None, rollout.whole or rollout.trial
+        if len(physics_state(model, data)) == 1 + model.nq + model.nv:  # it remembers nothing
+            return np.zeros(0)
+        begun, step, table = rollout.trial.track.times[0], float(model.opt.timestep), whole.controls
+        since = begun - table.times[0] if table is not None else 0.0
+        known = round(float(np.clip(since, 0.0, MEMORY)) / step)
+        count = round(MEMORY / step) if shown else known
+        times = begun - step * np.arange(count, 0, -1)
+        return remembered(model, data, commands(model, self._about.controls, whole, times, delays), known)
+
     def _late(self, delays: Delays, trial: Trial) -> dict[str, float]:
         """How old the readings of a trial's sensors are [s]."""
-        return {name: delays.sensor(name, trial.name) for name in self._sensors}
+        return {name: delays.sensor(name, trial.name) for name in self._addresses}
 
     def _guess(
         self, fit: PoseFit, model: mujoco.MjModel, data: mujoco.MjData, rollout: Rollout, stretch: Stretch
     ) -> JointState:
         """Where a fit of the start begins: where the markers are; without any, where joint sensors say."""
         if rollout.first is None or rollout.guess is None:
-            return sensed_start(model, (data.qpos.copy(), data.qvel.copy()), stretch)
+            return sensed_start(model, (data.qpos.copy(), data.qvel.copy(), data.act.copy()), stretch)
         qpos = fit.pose(rollout.first.places, rollout.first.known, rollout.guess).qpos
-        return qpos, fit.velocities(qpos, rollout.first.velocities, rollout.first.known)
+        return qpos, fit.velocities(qpos, rollout.first.velocities, rollout.first.known), data.act.copy()
 
     def _fitted(
-        self, model: mujoco.MjModel, fit: PoseFit, guess: JointState, controls: Array, stretch: Stretch
-    ) -> JointState:
-        """The start that fits the first stretch best."""
-        step, free, data = float(model.opt.timestep), fit.free(guess[0]), mujoco.MjData(model)
+        self, model: mujoco.MjModel, data: mujoco.MjData, fit: PoseFit, guess: JointState, left: Array, controls: Array,
+        stretch: Stretch,
+    ) -> JointState:  # fmt: skip
+        """The start that fits the first stretch best, with activations as far as commands before it leave them open."""
+        step, free = float(model.opt.timestep), fit.free(guess[0])
         unknowns = free.shape[1]
         driving = controls[: int(np.ceil(stretch.seconds / step - 1e-9)) + 1]
 
         def move(start: JointState, change: Array) -> JointState:
-            turned, faster = free @ change[:unknowns], free @ change[unknowns:]
-            return fit.moved(start[0], turned), start[1] + faster / UNIT_TIME
+            turned, faster, other = np.split(change, [unknowns, 2 * unknowns])
+            return fit.moved(start[0], free @ turned), start[1] + free @ faster / UNIT_TIME, start[2] + left * other
 
         def simulate(starts: Sequence[JointState]) -> list[Attempt]:
             states: list[Array] = []
-            for data.qpos[:], data.qvel[:] in starts:
+            for data.qpos[:], data.qvel[:], data.act[:] in starts:
                 states.append(physics_state(model, data))
             rolled = roll_each(model, np.array(states), driving)
             return [self._attempt(start, sensors, step, stretch) for start, sensors in zip(starts, rolled, strict=True)]
 
-        return fitted_start(guess, stretch.room, move, 2 * unknowns, simulate)
+        return fitted_start(guess, stretch.room, move, 2 * unknowns + model.na, simulate)
 
     def _attempt(self, start: JointState, sensors: Array | None, step: float, stretch: Stretch) -> Attempt:
         if sensors is None:
             return Attempt(start, None, np.inf)
         markers = self._in_plane(sampled(sensors[:, sensors.shape[1] - 3 * self._markers :], step, stretch.times))
-        readings = [sampled(sensors[:, [self._sensors[one.name]]], step, one.times)[:, 0] for one in stretch.sensors]
+        readings = [self._read(one.sensor, sensors, step, one.times) for one in stretch.sensors]
         return Attempt(start, stretch.residual(markers, readings), stretch.off(markers))
 
     def _first_frames(
         self, model: mujoco.MjModel, data: mujoco.MjData, controls: Array, times: Array, qpos: Array, qvel: Array
     ) -> Array | None:
-        mujoco.mj_resetData(model, data)
-        data.qpos[:], data.qvel[:] = qpos, qvel
-        step = float(model.opt.timestep)
-        made = roll(model, data, controls[: int(np.ceil(times[-1] / step - 1e-9)) + 1])
+        begun, step = copy.copy(data), float(model.opt.timestep)
+        begun.qpos[:], begun.qvel[:] = qpos, qvel
+        made = roll(model, begun, controls[: int(np.ceil(times[-1] / step - 1e-9)) + 1])
         if made.failed_at is not None:
             return None
         return self._in_plane(sampled(made.sensors[:, made.sensors.shape[1] - 3 * self._markers :], step, times))

@@ -7,16 +7,20 @@ sensors, say, and may not leave the range that these allow.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import mujoco
 import numpy as np
+from mujoco import rollout
 from numpy.typing import NDArray
 
 from swim2real.errors import EngineError, TrialError
+from swim2real.robots.robot import Sensor, Trials
 from swim2real.simulation.pose import SCALAR, PoseFit
+from swim2real.simulation.stepper import PHYSICS, physics_state
 from swim2real.trials import Trial
 
 Array = NDArray[np.float64]
@@ -26,6 +30,8 @@ WINDOW = 0.1  # s of first frames that show how a recording starts
 _FRAMES = 5  # at least
 _TRIES = 6
 _STILL = 1e-6  # m: a correction that is none
+_UNMOVED = 1e12  # kg or kg·m²: inertia of a joint that commands don't move
+_CHANGE = 1e-3  # of an activation, at least, to see what is left of it
 REST, MARKERS, FITTED = "rest", "markers", "fitted"
 STARTS = (REST, MARKERS, FITTED)
 """What a start may be, beside a keyframe."""
@@ -102,6 +108,46 @@ def start_at_joints(model: mujoco.MjModel, data: mujoco.MjData, trial: Trial) ->
         data.qvel[model.joint(name).dofadr[0]] = value
 
 
+def remembered(model: mujoco.MjModel, data: mujoco.MjData, controls: Array, known: int) -> Array:
+    """Drives what the engine remembers beside positions and velocities by the commands before a start.
+
+    These are activations, delayed commands and readings, and states of plugins; the joints are held where they are.
+    What the known commands begin with is where commands lead that hold forever, as far as they lead anywhere.
+
+    Args:
+        model: Compiled.
+        data: At the start; gets the state, and its time goes on.
+        controls: Controls of the steps before the start. Shape (N, nu).
+        known: How many of the last of these are known.
+
+    Returns:
+        What is left at the start of a change of each activation where the known commands begin. Shape (na,).
+    """
+    held, scratch = copy.copy(model), mujoco.MjData(model)
+    held.dof_armature[:] = held.dof_M0[:] = _UNMOVED
+    held.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    pose, own = (data.qpos.copy(), data.qvel.copy()), data.act.copy()
+    activations = slice(1 + model.nq + model.nv, 1 + model.nq + model.nv + model.na)
+
+    def left(part: Array) -> Array:
+        if not len(part):
+            return np.ones(model.na)
+        data.qvel[:] = 0.0
+        states = np.tile(physics_state(model, data), (2, 1))
+        change = np.where(np.abs(own - data.act) > _CHANGE, own - data.act, _CHANGE)
+        states[1, activations] += change
+        states[:] = rollout.rollout(held, scratch, states, part[None], nstep=len(part))[0][:, -1]
+        mujoco.mj_setState(model, data, states[0], PHYSICS)
+        return (states[1] - states[0])[activations] / change
+
+    held.actuator_actlimited[:] = False  # or what integrates commands would seem to lead to its limit
+    data.act[:] += left(controls[: len(controls) - known]) * (own - data.act)
+    held.actuator_actlimited[:] = model.actuator_actlimited
+    changed = left(controls[len(controls) - known :])
+    data.qpos[:], data.qvel[:] = pose
+    return changed
+
+
 def start_at_markers(
     fit: PoseFit, first: FirstFrames, guess: Array, simulated: Callable[[Array, Array], Array | None]
 ) -> tuple[Array, Array]:
@@ -171,8 +217,8 @@ def _scalar(model: mujoco.MjModel, trial: Trial, given: Mapping[str, float]) -> 
     return given
 
 
-JointState = tuple[Array, Array]
-"""Positions and velocities of the joints. Shapes (nq,) and (nv,)."""
+JointState = tuple[Array, Array, Array]
+"""Positions and velocities of the joints, and activations of the actuators. Shapes (nq,), (nv,) and (na,)."""
 
 STRETCH = 0.25  # s of a recording that its start is fitted to
 _STRETCH_FRAMES = 8  # at least
@@ -191,16 +237,30 @@ class Reading:
     """A sensor of the first stretch.
 
     Attributes:
-        name: Name of the sensor.
+        sensor: What it is.
         times: Times since the start [s]. Shape (R,).
         readings: Readings, NaN where nothing was read [unit]. Shape (R,).
-        meters_per_unit: Marker error that an error of one unit counts as [m/unit].
+        period: After how much they began anew before they were unwrapped [unit]; 0 where they didn't.
     """
 
-    name: str
+    sensor: Sensor
     times: Array
     readings: Array
-    meters_per_unit: float
+    period: float = 0.0
+
+
+def nearest(readings: Array, to: Array, period: float) -> Array:
+    """Readings, moved by as many periods as bring them nearest to others where these begin.
+
+    Args:
+        readings: Readings [unit]. Shape (R,).
+        to: Others at the same times, NaN where nothing was read [unit]. Shape (R,).
+        period: After how much readings begin anew [unit]; 0 where they don't.
+    """
+    known = np.flatnonzero(np.isfinite(to))
+    if not period or not known.size:
+        return readings
+    return readings + period * np.round((to - readings)[known[0]] / period)
 
 
 @dataclass(frozen=True)
@@ -220,13 +280,14 @@ class Stretch:
     sensors: tuple[Reading, ...]
 
     @classmethod
-    def of(cls, trial: Trial, weights: Array, meters_per_unit: Mapping[str, float]) -> Stretch:
+    def of(cls, trial: Trial, weights: Array, about: Trials, periods: Mapping[str, float]) -> Stretch:
         """The first stretch of a recording.
 
         Args:
-            trial: The recording.
+            trial: The recording, its readings unwrapped.
             weights: Weights of its markers, 0 where one isn't believed. Shape (T, M).
-            meters_per_unit: Sensors that are compared, by name: marker error that an error of one unit counts as.
+            about: What a trial of its robot is.
+            periods: After how much readings began anew before [unit], by the names of their sensors.
         """
         track = trial.track
         since = track.times - track.times[0]
@@ -238,8 +299,8 @@ class Stretch:
             rows = trial.sensors.times - track.times[0]
             within = (rows >= -_ROUNDING) & (rows <= since[count - 1] + _ROUNDING)
             sensors = [
-                Reading(name, rows[within], trial.sensors.column(name)[within], scale)
-                for name, scale in meters_per_unit.items() if name in trial.sensors.names
+                Reading(one, rows[within], trial.sensors.column(one.name)[within], periods.get(one.name, 0.0))
+                for one in about.sensors if one.name in trial.sensors.names
             ]  # fmt: skip
         return cls(since[:count], np.nan_to_num(positions), np.where(seen, weights[:count], 0.0), tuple(sensors))
 
@@ -247,7 +308,7 @@ class Stretch:
         """The same with readings dated earlier, by the delays of sensors [s]."""
         if not any(delays.values()):
             return self
-        sensors = tuple(replace(one, times=one.times - delays.get(one.name, 0.0)) for one in self.sensors)
+        sensors = tuple(replace(one, times=one.times - delays.get(one.sensor.name, 0.0)) for one in self.sensors)
         return replace(self, sensors=sensors)
 
     @property
@@ -276,10 +337,11 @@ class Stretch:
         """
         share = self.weights / max(float(self.weights.sum()), 1e-12)
         parts = [(np.sqrt(share)[:, :, None] * (positions - self.positions)).ravel()]
-        for sensor, simulated in zip(self.sensors, readings, strict=True):
-            known = np.isfinite(sensor.readings)
-            missed = np.where(known, simulated - np.nan_to_num(sensor.readings), 0.0)
-            parts.append(sensor.meters_per_unit * missed / np.sqrt(max(int(known.sum()), 1)))
+        for one, simulated in zip(self.sensors, readings, strict=True):
+            known = np.isfinite(one.readings)
+            missed = nearest(simulated, one.readings, one.period) - np.nan_to_num(one.readings)
+            share = one.sensor.meters_per_unit / np.sqrt(max(int(known.sum()), 1))
+            parts.append(share * np.where(known, missed, 0.0))
         return np.concatenate(parts)
 
 
@@ -356,16 +418,18 @@ def sensed_start(model: mujoco.MjModel, start: JointState, stretch: Stretch) -> 
     qpos, qvel = start[0].copy(), start[1].copy()
     for one in stretch.sensors:
         first = np.isfinite(one.readings) & (one.times <= max(WINDOW, float(one.times[min(1, len(one.times) - 1)])))
-        sensor = model.sensor(one.name.partition("[")[0])
+        sensor = model.sensor(one.sensor.name.partition("[")[0])
         joint, kind = int(sensor.objid[0]), int(sensor.type[0])
         if not first.any() or kind not in _OF_JOINTS:
             continue
-        times, readings = one.times[first] - one.times[0], one.readings[first]
+        times, address = one.times[first] - one.times[0], model.jnt_qposadr[joint]
+        readings = one.readings[first] / one.sensor.factor
         if kind == _OF_JOINTS[1]:
             qvel[model.jnt_dofadr[joint]] = readings[0]
             continue
-        qpos[model.jnt_qposadr[joint]] = readings[0]
+        readings = nearest(readings, np.full_like(readings, qpos[address]), one.period / one.sensor.factor)
+        qpos[address] = readings[0]
         if len(times) > 1:
             slope, place = np.polyfit(times, readings, 1)
-            qpos[model.jnt_qposadr[joint]], qvel[model.jnt_dofadr[joint]] = place, slope
-    return qpos, qvel
+            qpos[address], qvel[model.jnt_dofadr[joint]] = place, slope
+    return qpos, qvel, start[2]

@@ -15,7 +15,8 @@ from swim2real.simulation.forward_model import log_warnings
 
 Array = NDArray[np.float64]
 
-_PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
+PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
+"""Time, positions, velocities and all else that the engine remembers."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Rolled:
         qpos: Shape (N, nq).
         qvel: Shape (N, nv).
         sensors: Shape (N, nsensordata).
-        failed_at: Time at which the engine gave up [s]; None when it didn't.
+        failed_at: Time since the first step at which the engine gave up [s]; None when it didn't.
     """
 
     qpos: Array
@@ -36,9 +37,9 @@ class Rolled:
 
 
 def physics_state(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Time, positions, velocities and activations in a row, as the engine rolls out from. Shape (n,)."""
-    state = np.empty(mujoco.mj_stateSize(model, _PHYSICS))
-    mujoco.mj_getState(model, data, state, _PHYSICS)
+    """Time, positions, velocities, activations and the like in a row, as the engine rolls out from. Shape (n,)."""
+    state = np.empty(mujoco.mj_stateSize(model, PHYSICS))
+    mujoco.mj_getState(model, data, state, PHYSICS)
     return state
 
 
@@ -54,12 +55,12 @@ def roll(model: mujoco.MjModel, data: mujoco.MjData, controls: Array) -> Rolled:
     state = physics_state(model, data)
     states, sensors = rollout.rollout(model, data, state[None], controls[None], nstep=len(controls))
     states, sensors = states[0], sensors[0]
-    mujoco.mj_setState(model, data, states[-1], _PHYSICS)
+    mujoco.mj_setState(model, data, states[-1], PHYSICS)
     before = np.concatenate([state[None], states[:-1]])
     stalled = np.flatnonzero(states[:, 0] <= before[:, 0])  # after a warning the engine repeats its last state
     broken = np.flatnonzero(~np.isfinite(sensors).all(axis=1))
     first_bad = min([*stalled[:1], *broken[:1]], default=None)
-    failed_at = None if first_bad is None else float(before[first_bad, 0])
+    failed_at = None if first_bad is None else float(before[first_bad, 0] - state[0])
     qpos = before[:, 1 : 1 + model.nq]
     return Rolled(qpos, before[:, 1 + model.nq : 1 + model.nq + model.nv], sensors, failed_at)
 
@@ -171,7 +172,7 @@ class Stepper:
         controls, begun = self.controls(steps), float(self._data.time)
         if self._fast is None:
             made = roll(self._model, self._data, controls)
-            failed_at = made.failed_at
+            failed_at = None if made.failed_at is None else begun + made.failed_at
         else:
             made = self._fast.run(self._data, controls, steps)
             failed_at = float(self._data.time) if made.failed else None

@@ -1,11 +1,13 @@
-"""Tables of other programs' logs: CSV with a header, whose columns are taken by name, in whatever unit they are."""
+"""Columns of other programs' logs, taken by name, in whatever unit they are and whatever clock they are on."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +15,22 @@ from numpy.typing import NDArray
 from swim2real.checking import did_you_mean
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.names import quoted
-from swim2real.store import MOST_ROWS
-from swim2real.trials.signals import TIME, is_number, read_header, read_lines, read_number
-from swim2real.trials.units import factor, unit_of_header, without_unit
+from swim2real.trials.text_table import TextTable, read_table
+from swim2real.trials.units import factor, kind_of, unit_of_header, without_unit
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
 _TIMES = ("time", "t", "timestamp", "stamp")
-_SEPARATORS = ",;\t"
 _GAP = 5.0  # usual steps from one row to the next, that make a gap
 _MOST_NAMED = 40  # columns in a sentence
+_PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+_EPOCH = 631_152_000, 4_102_444_800  # s since 1970 of 1990 and 2100
+_NANO = 1e-9
+_CLOCK = re.compile(r"\d[:T]\d")  # in a date or a time of day
+_FACTOR = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*(.*)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -32,15 +40,38 @@ class Column:
     Attributes:
         header: Its name in the table.
         unit: Unit that it was taken to be in; None where nothing says one.
+        times: Factor that was given with it.
         values: NaN where a cell is empty. Shape (R,).
     """
 
     header: str
     unit: str | None
+    times: float
     values: Array
 
     def __str__(self) -> str:
-        return f"'{self.header}'" + (f" in {self.unit}" if self.unit else "")
+        return f"'{self.header}'{f' in {self.unit}' if self.unit else ''}{f' times {self.times:g}' * (self.times != 1)}"
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """When the rows of a log are.
+
+    Attributes:
+        words: The column of the stamps, in words.
+        first: Stamp of the first row on the log's own clock, such as the one that counts from 1970 [ns].
+        values: Times of the rows after the first one, rising [s]. Shape (R,).
+        notes: What was understood without being said.
+    """
+
+    words: str
+    first: int
+    values: Array
+    notes: tuple[str, ...] = ()
+
+    def since(self, zero: int) -> Array:
+        """Times of the rows after a moment on the log's own clock [ns]. Shape (R,), in s."""
+        return _NANO * (self.first - zero) + self.values
 
 
 @dataclass(frozen=True)
@@ -48,27 +79,26 @@ class LogTable:
     """A log that was read.
 
     Attributes:
-        path: Its file.
-        headers: Names of its columns.
-        rows: Number of its line in the file, and its cells, for every row that isn't blank.
-        decimal_comma: Whether a comma in a cell is a decimal point, as where columns are separated by semicolons.
+        table: Its cells.
     """
 
-    path: Path
-    headers: tuple[str, ...]
-    rows: tuple[tuple[int, list[str]], ...]
-    decimal_comma: bool
+    table: TextTable
+
+    @property
+    def path(self) -> Path:
+        return self.table.path
 
     def has(self, text: str) -> bool:
         """Whether a text names a column, with or without its unit."""
-        return any(name in self.headers for name in _split(text))
+        return any(self._named(name) for name in _split(text))
 
     def column(self, text: str, what: str, into: str = "") -> Column:
         """A column, as numbers.
 
         Args:
-            text: Its name, or NAME:UNIT. Without a unit it is in the one that its name ends in (`hip_deg`,
-                `load [mN]`), else in the unit that is wanted.
+            text: Its name, or NAME:UNIT, NAME:FACTOR or NAME:FACTOR UNIT. Without a unit it is in the one that its name
+                or the row below its name says (`hip_deg`, `load [mN]`), else in the one that the lines above the table
+                state for all, else in the unit that is wanted.
             what: What it is taken for, such as `sensor 'load'`.
             into: Unit that is wanted; by default that of SI.
 
@@ -76,93 +106,180 @@ class LogTable:
             ArgumentError: There is no such column, or its unit isn't known or can't be the one that is wanted.
             TrialError: A cell is no number; the message names line and column.
         """
-        named = next((name for name in _split(text) if name in self.headers), None)
+        place, unit, scale, times = self._chosen(text, what, into)
+        return Column(self.table.names[place], unit, times, times * scale * self.table.numbers(place))
+
+    def _chosen(self, text: str, what: str, into: str) -> tuple[int, str | None, float, float]:
+        """Place of a column, its unit, how many of the wanted unit one of that is, and the factor that was given."""
+        named = next((name for name in _split(text) if self._named(name)), None)
         if named is None:
             raise ArgumentError(self.missing(text, what))
-        if self.headers.count(named) > 1:
-            raise ArgumentError(f"{self.path}: several columns are named '{named}'; give each its own name")
-        unit = text[len(named) + 1 :] or unit_of_header(named)
+        places = self._named(named)
+        headers = [self.table.names[place] for place in places]
+        if len(places) > 1 and len(set(headers)) == 1:
+            raise ArgumentError(f"{self.path}: several columns are named '{headers[0]}'; give each its own name")
+        if len(places) > 1:
+            raise ArgumentError(
+                f"{self.path}: '{named}' for {what} may be {', '.join(map(quoted, headers))}; give the whole name"
+            )
+        place, given = places[0], text[len(named) + 1 :]
+        number = _FACTOR.fullmatch(given)
+        times, given = (float(number[1]), number[2]) if number else (1.0, given)
+        below = self.table.units[place] if self.table.cells[place].dtype.kind in "iufb" else None  # of dates it is none
+        unit = given or unit_of_header(headers[0]) or below or self.table.stated.get(kind_of(into))
         try:
             scale = 1.0 if unit is None else factor(unit, into)
         except ArgumentError as error:
-            remedy = f"; say its unit with '{named}:UNIT'" if named == text else ""
-            raise ArgumentError(f"{self.path}: column '{named}' for {what}: {error}{remedy}") from error
-        place = self.headers.index(named)
-        cells = ((line, row[place].replace(",", ".") if self.decimal_comma else row[place]) for line, row in self.rows)
-        values = np.array([read_number(self.path, line, place + 1, cell.strip()) for line, cell in cells])
-        return Column(named, unit, scale * values)
+            remedy = "" if given else f"; say its unit with '{headers[0]}:UNIT'"
+            raise ArgumentError(f"{self.path}: column '{headers[0]}' for {what}: {error}{remedy}") from error
+        return place, unit, scale, times
+
+    def _named(self, text: str) -> list[int]:
+        """Places of the columns that a text names: exactly, else without regard to unit, case and signs.
+
+        What is before a name, up to a dot, a slash or a colon, says whose it is, and may be left out.
+        """
+        names = self.table.names
+        exact = [place for place, name in enumerate(names) if name == text]
+        if exact or not (wanted := _words(text)):
+            return exact
+        called = [_calls(name) for name in names]
+        whole = [place for place, calls in enumerate(called) if calls[0] == wanted]
+        return whole or [place for place, calls in enumerate(called) if wanted in calls]
 
     def missing(self, text: str, what: str) -> str:
         """That there is no such column, and which there are."""
-        lower = {header.lower(): header for header in self.headers}
-        near = next((f"; did you mean '{lower[name.lower()]}'?" for name in _split(text) if name.lower() in lower), "")
-        near = near or next(filter(None, (did_you_mean(name, self.headers) for name in _split(text))), "")
-        more = f" and {len(self.headers) - _MOST_NAMED} more" if len(self.headers) > _MOST_NAMED else ""
-        there = f"{', '.join(map(quoted, self.headers[:_MOST_NAMED]))}{more}"
+        headers = self.table.names
+        near = next(filter(None, (did_you_mean(name, headers) for name in _split(text))), "")
+        more = f" and {len(headers) - _MOST_NAMED} more" if len(headers) > _MOST_NAMED else ""
+        there = f"{', '.join(map(quoted, headers[:_MOST_NAMED]))}{more}"
         end = f"{near} Its" if near else "; its"
         return f"{self.path} has no column '{text}' for {what}{end} columns are {there}"
 
-    def times(self, text: str | None = None) -> Column:
-        """The time stamps, rising [s].
+    def times(self, *texts: str) -> Stamps:
+        """The time stamps.
 
         Args:
-            text: Name of their column, or NAME:UNIT; by default the first that is called time, t, timestamp or stamp.
+            texts: Names of their column, or NAME:UNIT, of which the first that the table has is taken; by default, or
+                where it has none, the column that is called time, t, timestamp or stamp, or else is in a unit of time.
 
         Raises:
             ArgumentError: There is no such column, or its unit is none of time.
             TrialError: One is missing, or they don't rise.
         """
-        called = (header for header in self.headers if without_unit(header).lower() in _TIMES)
-        column = self.column(text or next(called, TIME), "the time stamps (--time COLUMN:UNIT)", "s")
-        times = column.values
-        for row in np.flatnonzero(~np.isfinite(times))[:1]:
-            line = self.rows[row][0]
-            raise TrialError(f"{self.path}, line {line}: no time in column '{column.header}'; each row needs one")
-        for row in np.flatnonzero(np.diff(times) <= 0)[:1]:
-            told = "is the time of the row above" if times[row + 1] == times[row] else "is before the row above"
-            raise TrialError(
-                f"{self.path}, line {self.rows[row + 1][0]}: {times[row + 1]:.10g} s {told} "
-                f"({times[row]:.10g} s); times must rise, so leave the row out, or cut a log that begins anew in two"
+        called = [name for name in self.table.names if _calls(name)[-1].replace(" ", "") in _TIMES]
+        for place, (name, below) in enumerate(zip(self.table.names, self.table.units, strict=True)):
+            dated = _CLOCK.search(str(self.table.cells[place][0])) is not None
+            called += [name] if dated or kind_of(unit_of_header(name) or below or "") == "time" else []
+        text = next(filter(self.has, texts), next(iter([*called, *texts]), ""))
+        if not text:
+            there = ", ".join(map(quoted, self.table.names[:_MOST_NAMED]))
+            raise ArgumentError(
+                f"{self.path} has no column that is called time, t, timestamp or stamp: say --time COLUMN:UNIT, or of "
+                f"one that counts rows --time COLUMN:SECONDS, as in frame:0.01; its columns are {there}"
             )
-        return column
+        place, unit, scale, times = self._chosen(text, "the time stamps (--time COLUMN:UNIT)", "s")
+        header = self.table.names[place]
+        first, values, words = self._counted(place, unit, scale * times)
+        for row in np.flatnonzero(~np.isfinite(values))[:1]:
+            raise TrialError(f"{self.table.place(row)}: no time in column '{header}'; each row needs one")
+        ticks = np.diff(values)
+        notes = [self.table.left_out] if self.table.left_out else []
+        if not (ticks < 0).any() and (ticks == 0).any() and (ticks > 0).sum() > 1:
+            tick = float(np.median(ticks[ticks > 0]))
+            notes.append(
+                f"the clock in '{header}' ticks every {1e3 * tick:.4g} ms, and {(ticks == 0).sum()} of {len(values)} "
+                f"rows have the time of the row above: they are spread evenly, at most one tick off"
+            )
+            values = _spread(values, tick)
+        for row in np.flatnonzero(np.diff(values) <= 0)[:1]:
+            before, after = _NANO * first + values[row : row + 2]
+            told = f"is {'the time of' if after == before else 'before'} the row above ({before:.10g} s)"
+            raise TrialError(
+                f"{self.table.place(row + 1)}: {after:.10g} s {told}; times must rise, so leave the row out, or cut a "
+                f"log that begins anew in two"
+            )
+        return Stamps(f"'{header}'{words}", first + round(values[0] / _NANO), values - values[0], tuple(notes))
+
+    def _counted(self, place: int, unit: str | None, scale: float) -> tuple[int, Array, str]:
+        """First stamp [ns], all of them after it [s], and what they are, in words.
+
+        The first one is subtracted before anything else, so that nanoseconds since 1970 keep their last digit.
+        """
+        cells = self.table.cells[place]
+        if cells.dtype.kind not in "iuf":
+            dates = _dates(cells.astype("str").str.strip().str.replace(",", "."))
+            if dates is None:
+                return 0, scale * self.table.numbers(place), f" in {unit}" if unit else ""
+            return int(dates[0].value), (dates - dates[0]).dt.total_seconds().to_numpy(float), ", dates or times of day"
+        low, high = cells.min(), cells.max()
+        for one, per in _PER_SECOND.items() if unit is None else ():
+            if _EPOCH[0] * per <= low and high <= _EPOCH[1] * per:
+                unit, scale = f"{one} since 1970", 1 / per
+        values = scale * (cells - cells[0]).to_numpy(dtype=float)
+        nanos = round(scale / _NANO)
+        whole = cells.dtype.kind in "iu" and nanos > 0
+        first = int(cells[0]) * nanos if whole else round(float(np.nan_to_num(cells[0])) * scale / _NANO)
+        return first, values, f" in {unit}" if unit else ""
+
+
+def _dates(texts: pd.Series[str]) -> pd.Series[Any] | None:
+    """Dates with times, else times of day or since a beginning; None where they are neither."""
+    import pandas as pd
+
+    if not _CLOCK.search(texts[0]):
+        return None
+    readers: list[Callable[[], pd.Series[Any]]] = [
+        lambda: pd.to_datetime(texts, format="ISO8601", utc=True),
+        lambda: pd.to_timedelta(texts.str.replace(r"^(\d+:\d\d(?:\.\d*)?)$", r"00:\1", regex=True)),
+    ]
+    if re.match(r"\d{1,4}[-/. ]\w+[-/. ]\d{1,4}\D", texts[0]):
+        readers.append(lambda: pd.to_datetime(texts, format="mixed", dayfirst=True, utc=True))
+    for read in readers:
+        with suppress(ValueError, OverflowError):
+            return read()
+    return None
+
+
+def _spread(values: Array, tick: float) -> Array:
+    """Times of rows on a clock that is coarser than they are.
+
+    They are even throughout if that explains all stamps, else from one tick to the next.
+
+    Args:
+        values: Times that don't fall, of which some are equal [s]. Shape (R,).
+        tick: From one tick to the next [s].
+    """
+    rows, turns = np.arange(len(values)), np.flatnonzero(np.diff(values)) + 1
+    step, begin = np.polyfit(rows, values, 1)
+    late = values - step * rows - begin
+    if np.ptp(late) <= tick + step:
+        return step * rows + begin + late.max()  # a row is read at its stamp or later
+    step = (values[turns[-1]] - values[turns[0]]) / (turns[-1] - turns[0])
+    outside = np.minimum(rows - turns[0], 0) + np.maximum(rows - turns[-1], 0)
+    even = np.interp(rows, turns, values[turns]) + step * outside
+    return values + np.clip(even - values, -tick, tick)
 
 
 def read_log(path: Path) -> LogTable:
-    """Reads a log: columns separated by commas, semicolons or tabs, with their names in the first line.
+    """Reads a log.
 
     Raises:
-        TrialError: It isn't there or isn't such a table; the message names the line.
+        TrialError: It isn't there, or is no table with a header; the message names the line.
     """
-    lines = read_lines(path)
-    first = next((number for number, line in enumerate(lines) if line.strip()), 0)
-    header = lines[first] if lines else ""
-    separator = max(_SEPARATORS, key=header.count)
-    headers = tuple(cell.strip() for cell in read_header(path, [header], separator))
-    if len(headers) < 2 or all(map(is_number, headers)):
+    table = read_table(path)
+    if len(table.names) < 2 or not any(table.names):
         raise TrialError(
-            f"{path}, line {first + 1}: it must name the columns, separated by commas, semicolons or tabs; it is "
-            f"{quoted(header)}"
+            f"{path}, line {table.lines[0] if len(table.lines) else 1}: a line above the numbers must name the columns"
         )
-    rows: list[tuple[int, list[str]]] = []
-    reader = csv.reader(lines[first + 1 :], delimiter=separator)
-    try:
-        for cells in reader:
-            if not any(cell.strip() for cell in cells):
-                continue
-            line = first + 1 + reader.line_num
-            if len(cells) != len(headers):
-                raise TrialError(f"{path}, line {line}: {len(cells)} columns; the header has {len(headers)}")
-            rows.append((line, cells))
-            if len(rows) > MOST_ROWS:
-                raise TrialError(f"{path}: more than {MOST_ROWS} rows; cut it into shorter trials, or leave out rows")
-    except csv.Error as error:
-        raise TrialError(f"{path}, after line {reader.line_num}: not readable as a table ({error})") from error
-    if len(rows) < 2:
-        raise TrialError(f"{path}: {len(rows)} rows of numbers; a trial needs at least 2")
-    return LogTable(path, headers, tuple(rows), separator != ",")
+    if len(table.lines) < 2:
+        raise TrialError(f"{path}: {len(table.lines)} rows of numbers; a trial needs at least 2")
+    return LogTable(table)
 
 
-def choices(option: str, texts: Sequence[str], known: Sequence[str], what: str) -> dict[str, str]:
+def choices(
+    option: str, texts: Sequence[str], known: Sequence[str], what: str, behind: Callable[[str], str] = lambda name: ""
+) -> dict[str, str]:
     """What was given as NAME=COLUMN, by name; a name alone stands for a column of the same name.
 
     Args:
@@ -170,6 +287,7 @@ def choices(option: str, texts: Sequence[str], known: Sequence[str], what: str) 
         texts: What was given.
         known: Names that there are.
         what: What they are names of, such as "sensor of robot 'arm'".
+        behind: Where a name is that isn't known, in words; empty where it is nowhere.
 
     Raises:
         ArgumentError: A name isn't known, or is given twice.
@@ -180,7 +298,7 @@ def choices(option: str, texts: Sequence[str], known: Sequence[str], what: str) 
         if not equals:
             name = next((one for one in _split(text) if one in known), text)
         if name not in known:
-            near = did_you_mean(name, known) or f"; there are {', '.join(known) or 'none'}"
+            near = behind(name) or did_you_mean(name, known) or f"; there are {', '.join(known) or 'none'}"
             raise ArgumentError(f"--{option} has '{text}', and '{name}' is no {what}{near}")
         if name in found:
             raise ArgumentError(f"--{option} has '{name}' twice; give it one column")
@@ -201,3 +319,14 @@ def _split(text: str) -> tuple[str, ...]:
     """The column that a text may name: all of it, or what is before its unit."""
     name, colon, _ = text.rpartition(":")
     return (text, name) if colon else (text,)
+
+
+def _words(text: str) -> str:
+    """The letters and digits of a name, its words apart."""
+    return " ".join(re.findall(r"[^\W_]+", text.lower()))
+
+
+def _calls(header: str) -> list[str]:
+    """What a column may be called: its name without its unit, whole and without whose it is, as in robot/arm.angle."""
+    parts = re.split(r"[./:]", without_unit(header))
+    return [_words(" ".join(parts[place:])) for place in range(len(parts))]

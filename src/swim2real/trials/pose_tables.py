@@ -1,25 +1,71 @@
-"""Pose tables as DeepLabCut writes them: three header rows, then x, y and likelihood per marker, a row per frame.
+"""Pose tables: x, y and likelihood per marker, a row per frame. Pixels, y down.
 
-Pixels, y down. Read by DeepLabCut, movement and napari; no library of theirs is needed for it.
+Written as DeepLabCut does it, which DeepLabCut, movement and napari read. Read are its tables, SLEAP's, and any other
+whose columns are named after a marker and a coordinate; no library of theirs is needed for it.
 """
 
 from __future__ import annotations
 
 import csv
-import io
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
-from swim2real.store import MOST_ROWS, MOST_TABLE, read_text, whole_file
+from swim2real.store import whole_file
+from swim2real.trials.text_table import TextTable, read_table
 from swim2real.trials.trial import MarkerTrack
 
+Array = NDArray[np.float64]
+
 _COORDS = ("x", "y", "likelihood")
-_FAR = 1e9  # px
-_DIGITS = 12  # of the number of a frame
-_ROUNDING = 1e-6  # by which a likelihood may lie outside 0 and 1
+_SURE = re.compile("likelihood|score|confidence|conf|p|prob|probability", re.IGNORECASE)
+_COLUMN = re.compile(rf"(.+)[._: ](x|y|{_SURE.pattern})", re.IGNORECASE)
+_FRAME = re.compile(r"frame.*|coords|bodyparts|", re.IGNORECASE)
+_ROUNDING = 1e-6  # by which a likelihood may lie outside 0 and 1 without a word
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """A pose table as it is read.
+
+    Attributes:
+        times: Times of the rows after the film's first frame [s]. Shape (T,).
+        animals: Places of the columns x, y and likelihood of each marker, -1 where there is none, by animal and name.
+        table: The cells.
+    """
+
+    times: Array
+    animals: Mapping[str, Mapping[str, list[int]]]
+    table: TextTable
+
+    def track(self, markers: Mapping[str, list[int]]) -> tuple[MarkerTrack, list[str]]:
+        """The track of some markers, and what was understood without being said.
+
+        Where a marker has a position, a likelihood that isn't there is one of 1: unknown isn't lost.
+        """
+        columns = list(markers.values())
+        positions = np.array([[self.table.numbers(place) for place in places[:2]] for places in columns])
+        given = [
+            self.table.numbers(places[2]) if places[2] >= 0 else np.full(len(self.times), np.nan) for places in columns
+        ]
+        likelihood = np.array(given)
+        notes: list[str] = []
+        outside = likelihood[(likelihood < -_ROUNDING) | (likelihood > 1 + _ROUNDING)]
+        if outside.size:
+            notes.append(
+                f"{outside.size} likelihoods lie outside 0 and 1, from {outside.min():.3g} to {outside.max():.3g}: "
+                f"above 1 counts as sure, below 0 as lost"
+            )
+        unknown = np.isnan(likelihood) & np.isfinite(positions).all(axis=1)
+        if unknown.any():
+            notes.append(f"{unknown.sum()} positions have no likelihood, and count as seen")
+        sure = np.where(unknown, 1.0, np.clip(likelihood, 0, 1))
+        return MarkerTrack(self.times, positions.transpose(2, 0, 1), np.nan_to_num(sure).T), notes
 
 
 def write_dlc(track: MarkerTrack, names: Sequence[str], path: str | Path, scorer: str = "swim2real") -> None:
@@ -53,94 +99,125 @@ def write_dlc(track: MarkerTrack, names: Sequence[str], path: str | Path, scorer
 
 
 def read_dlc(path: str | Path, fps: float) -> tuple[MarkerTrack, tuple[str, ...]]:
-    """Reads a DeepLabCut table of one animal.
+    """Reads a pose table of one animal.
 
     Args:
         path: Path of the table.
         fps: Frames a second of its video.
 
     Returns:
-        The track in pixels, its time 0 at the first frame of the table, and the names of its markers.
+        The track in pixels, its time 0 at the video's first frame, and the names of its markers.
 
     Raises:
         TrialError: The file isn't there or isn't such a table; the message names the line.
     """
-    table = Path(path)
-    if not (np.isfinite(fps) and fps > 0):
-        raise TrialError(f"{table}: fps is {fps}; it must be finite and above 0")
-    try:
-        text = read_text(table, MOST_TABLE, "utf-8-sig")
-        if text.count("\n") > MOST_ROWS:
-            raise TrialError(f"{table}: more than {MOST_ROWS} rows; cut it into shorter trials")
-        reader = csv.reader(io.StringIO(text, newline=""))
-        lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
-    except (OSError, ValueError, csv.Error) as error:
-        raise TrialError(f"{table}: not readable as a table ({error})") from error
-    names, lines = _header(table, lines)
-    width = 1 + len(_COORDS) * len(names)
-    frames: list[int] = []
-    rows: list[list[float]] = []
-    for line, cells in lines:
-        if len(cells) != width:
-            raise TrialError(f"{table}, line {line}: {len(cells)} columns; the header has {width}")
-        frame = cells[0].strip()
-        if not (frame.isdecimal() and len(frame) <= _DIGITS):
-            raise TrialError(
-                f"{table}, line {line}, column 1: '{frame}' is no frame number; tables of single labeled pictures "
-                f"are no track, analyze the video instead"
-            )
-        if frames and int(frame) <= frames[-1]:
-            raise TrialError(f"{table}, line {line}: frame {frame} comes after frame {frames[-1]}; they must rise")
-        frames.append(int(frame))
-        rows.append([_number(table, line, column, cell) for column, cell in enumerate(cells[1:], start=2)])
-    if len(rows) < 2:
-        raise TrialError(f"{table}: {len(rows)} frames; a track needs at least 2")
-    values = np.array(rows).reshape(len(rows), len(names), 3)
-    return MarkerTrack((np.array(frames) - frames[0]) / fps, values[:, :, :2], np.nan_to_num(values[:, :, 2])), names
+    poses = _read(Path(path), fps)
+    markers = _alone(poses, path)
+    return poses.track(markers)[0], tuple(markers)
 
 
-def _header(table: Path, lines: list[tuple[int, list[str]]]) -> tuple[tuple[str, ...], list[tuple[int, list[str]]]]:
-    """Names of the markers, and the lines below the header."""
-    rows = {cells[0].strip(): (line, [cell.strip() for cell in cells[1:]]) for line, cells in reversed(lines[:4])}
-    wanted = ["scorer", "bodyparts", "coords"]
-    if "individuals" in rows:
-        wanted.insert(1, "individuals")
-        animals = list(dict.fromkeys(rows["individuals"][1]))
-        if len(animals) > 1:
-            raise TrialError(
-                f"{table}, line {rows['individuals'][0]}: {len(animals)} animals ({', '.join(animals)}); "
-                f"one swimmer is needed, so export it by itself"
-            )
-    for (line, cells), key in zip(lines, wanted, strict=False):
-        if cells[0].strip() != key:
-            raise TrialError(
-                f"{table}, line {line}: begins with '{cells[0].strip()}'; a DeepLabCut table begins with rows "
-                f"{', '.join(wanted)}"
-            )
-    if len(lines) < len(wanted):
-        raise TrialError(f"{table}: no DeepLabCut table; it needs rows {', '.join(wanted)} and then one per frame")
-    (_, parts), (line, coords) = rows["bodyparts"], rows["coords"]
-    if not parts or len(parts) != len(coords) or coords != list(_COORDS) * (len(coords) // 3):
-        raise TrialError(f"{table}, line {line}: coords must be {', '.join(_COORDS)} for each marker above them")
-    names = tuple(parts[::3])
-    if parts != [name for name in names for _ in _COORDS]:
-        raise TrialError(f"{table}, line {rows['bodyparts'][0]}: each marker's name must stand above its three columns")
-    if len(set(names)) < len(names):
-        raise TrialError(f"{table}, line {rows['bodyparts'][0]}: a marker's name comes twice in {', '.join(names)}")
-    return names, lines[len(wanted) :]
+def read_poses(path: Path, fps: float, names: Sequence[str]) -> tuple[MarkerTrack, list[str]]:
+    """Reads the markers of one robot from a pose table.
 
+    Args:
+        path: Path of the table.
+        fps: Frames a second of its video.
+        names: Names of the markers. The animal that has them all is taken, else one that has as many, in its order.
 
-def _number(table: Path, line: int, column: int, cell: str) -> float:
-    try:
-        value = float(cell) if cell.strip() else float("nan")
-    except ValueError:
-        raise TrialError(f"{table}, line {line}, column {column}: '{cell}' is not a number") from None
-    if (column - 1) % 3 == 0:
-        if not (-_ROUNDING <= value <= 1 + _ROUNDING or np.isnan(value)):
-            raise TrialError(f"{table}, line {line}, column {column}: likelihood {cell} must lie within 0 and 1")
-        return value if np.isnan(value) else min(max(value, 0.0), 1.0)
-    if np.isfinite(value) and abs(value) > _FAR:
+    Returns:
+        The track in pixels with the markers in their order, its time 0 at the video's first frame, and notes.
+
+    Raises:
+        TrialError: The file isn't there or isn't such a table, or has other markers.
+    """
+    poses = _read(path, fps)
+    whole = {name: places for markers in poses.animals.values() for name, places in markers.items()}
+    named = [markers for markers in poses.animals.values() if set(names) <= set(markers)]
+    alike = [markers for markers in poses.animals.values() if len(markers) == len(names)]
+    if not named and sum(map(len, poses.animals.values())) == len(whole) and set(names) <= set(whole):
+        named = [whole]
+    notes: list[str] = []
+    if len(named) == 1:
+        chosen = {name: named[0][name] for name in names}
+        if others := [name for name in whole if name not in chosen]:
+            notes.append(f"what else the table has isn't taken: {', '.join(others)}")
+    elif not named and len(alike) == 1:
+        chosen = alike[0]
+        pairs = ", ".join(f"{ours} is {theirs}" for ours, theirs in zip(names, chosen, strict=True))
+        notes.append(f"markers are taken in the table's order: {pairs}")
+    else:
+        found = _alone(poses, path)
         raise TrialError(
-            f"{table}, line {line}, column {column}: {value:g} px is beyond ±{_FAR:g}; no picture is as large"
+            f"{path}: {len(found)} markers ({', '.join(found)}); {len(names)} are wanted ({', '.join(names)})"
         )
-    return value if np.isfinite(value) else float("nan")
+    track, more = poses.track(chosen)
+    return track, notes + more
+
+
+def _alone(poses: _Poses, path: str | Path) -> Mapping[str, list[int]]:
+    """The markers of the only animal."""
+    if len(poses.animals) > 1:
+        raise TrialError(
+            f"{path}: {len(poses.animals)} animals ({', '.join(poses.animals)}); one swimmer is needed, so export it "
+            f"by itself"
+        )
+    return next(iter(poses.animals.values()))
+
+
+def _read(path: Path, fps: float) -> _Poses:
+    """The columns and times of a pose table."""
+    if not (np.isfinite(fps) and fps > 0):
+        raise TrialError(f"{path}: fps is {fps}; it must be finite and above 0")
+    table = read_table(path)
+    rows = {head[0]: head[1:] for head in table.heads}
+    if "bodyparts" in rows and "coords" in rows:
+        animals = rows.get("individuals", ("",) * len(rows["coords"]))
+        columns = list(zip(animals, rows["bodyparts"], rows["coords"], strict=True))
+    else:
+        matches = [_COLUMN.fullmatch(name) for name in table.names[1:]]
+        columns = [("", match[1], match[2]) if match else ("", "", "") for match in matches]
+    found: dict[str, dict[str, list[int]]] = {}
+    for place, (animal, part, coordinate) in enumerate(columns, start=1):
+        axis = ("x", "y").index(coordinate.lower()) if coordinate.lower() in ("x", "y") else 2
+        if not part or (axis == 2 and not _SURE.fullmatch(coordinate)):
+            continue
+        places = found.setdefault(animal, {}).setdefault(part, [-1, -1, -1])
+        if places[axis] >= 0:
+            raise TrialError(f"{path}: column '{coordinate}' of marker '{part}' comes twice; leave one out")
+        places[axis] = place
+    for part in (
+        part for parts in found.values() for part, at in parts.items() if "coords" in rows and min(at[:2]) < 0
+    ):
+        raise TrialError(f"{path}: marker '{part}' has no columns x and y below it; give it both")
+    markers = {animal: {part: at for part, at in parts.items() if min(at[:2]) >= 0} for animal, parts in found.items()}
+    markers = {animal: parts for animal, parts in markers.items() if parts}
+    if not markers:
+        raise TrialError(
+            f"{path}: no pose table; it needs DeepLabCut's header rows scorer, bodyparts, coords, or columns NAME.x "
+            f"and NAME.y as SLEAP writes them, and then a row per frame"
+        )
+    if table.left_out:
+        raise TrialError(f"{path}: {table.left_out}; expected a row per frame")
+    if len(table.lines) < 2:
+        raise TrialError(f"{path}: {len(table.lines)} frames; a track needs at least 2")
+    return _Poses(_frames(table) / fps, markers, table)
+
+
+def _frames(table: TextTable) -> Array:
+    """Numbers of the frames, counted from the film's first, 0. Shape (T,)."""
+    place = next((i for i, name in enumerate(table.names) if _FRAME.fullmatch(name)), 0)
+    try:
+        frames = table.numbers(place)
+    except TrialError as error:
+        raise TrialError(
+            f"{error}, as the number of a frame must be; tables of single labeled pictures are no track, analyze the "
+            f"video instead"
+        ) from None
+    for row in np.flatnonzero(~(frames >= 0) | (frames % 1 != 0))[:1]:
+        raise TrialError(f"{table.place(row, place)}: {frames[row]:g} is no frame number; it must be whole, 0 or above")
+    for row in np.flatnonzero(np.diff(frames) <= 0)[:1]:
+        raise TrialError(
+            f"{table.place(row + 1)}: frame {frames[row + 1]:g} comes after frame {frames[row]:g}; they must rise: of "
+            f"several animals or tracks, export one by itself"
+        )
+    return frames

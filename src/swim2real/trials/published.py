@@ -9,7 +9,7 @@ import numpy as np
 
 from swim2real.errors import TrialError
 from swim2real.names import quoted
-from swim2real.trials.signals import check_table, is_number, read_header, read_lines, read_numbers
+from swim2real.trials.text_table import read_table
 from swim2real.trials.trial import MarkerTrack, Perspective, Trial, check_motion
 
 _FPS = 60.0
@@ -40,16 +40,13 @@ def read_published(path: str | Path, fps: float = _FPS) -> Trial:
     table = Path(path)
     if not (np.isfinite(fps) and fps > 0):
         raise TrialError(f"{table.name}: fps is {fps}; it must be finite and above 0")
-    lines = read_lines(table)
-    named = [cell for cell in read_header(table, lines) if cell.strip()]
-    if named and not any(map(is_number, named)):
+    read = read_table(table)
+    if any(read.names):
         raise TrialError(
-            f"{table}, line 1: it names columns ({quoted(named[0])}), and the published tables have none; of logs "
+            f"{table}, line 1: it names columns ({quoted(read.names[0])}), and the published tables have none; of logs "
             f"`swim2real import-recording` makes a reference, of DeepLabCut's tables `swim2real import-tracks`"
         )
-    rows = read_numbers(table, lines, first_line=1)
-    width = 2 * _MARKERS
-    check_table(table, rows, width, f"{width} numbers per row (x and y of {_MARKERS} markers)")
+    rows = read.matrix(f"{2 * _MARKERS} numbers per row (x and y of {_MARKERS} markers)", 2 * _MARKERS, 2)
     pixels = rows.reshape(len(rows), _MARKERS, 2)
     lengths = np.linalg.norm(pixels[:, 1] - pixels[:, 0], axis=1)
     seen = lengths[np.isfinite(lengths)]

@@ -24,16 +24,8 @@ from swim2real.errors import TrialError
 from swim2real.names import composed, file_key
 from swim2real.store import locked, path_from, reason, whole_file, write_json
 from swim2real.trials.published import read_published
-from swim2real.trials.signals import (
-    TIME,
-    Signals,
-    check_table,
-    read_header,
-    read_lines,
-    read_numbers,
-    read_signals,
-    write_signals,
-)
+from swim2real.trials.signals import TIME, Signals, read_signals, write_signals
+from swim2real.trials.text_table import read_table
 from swim2real.trials.timebase import Timebase
 from swim2real.trials.trial import MarkerTrack, Perspective, Trial, TrialSet, check_motion, check_trial_name
 
@@ -223,6 +215,8 @@ def add_trial(folder: str | Path, trial: Trial, marker_names: tuple[str, ...]) -
             if old is not None and old.video_begin_s == entry.video_begin_s:
                 kept = [key for key in _RECORDED if key in old.model_fields_set - entry.model_fields_set]
                 entry = entry.model_copy(update={key: getattr(old, key) for key in kept})
+                if clocks := {key: clock for key, clock in old.timebases.items() if key in kept} | entry.timebases:
+                    entry = entry.model_copy(update={"timebases": clocks})
             entries = [*(other for other in entries if other is not old), entry]
             _check_files(entry, entries, path)
             entries.sort(key=lambda other: other.name)  # whoever was added first
@@ -341,13 +335,10 @@ def _no_track(sensors: Signals | None) -> MarkerTrack:
 
 
 def _read_track(table: Path, markers: list[str]) -> MarkerTrack:
-    lines = read_lines(table)
-    columns = _columns(markers)
-    header = read_header(table, lines)
-    if header != columns:
+    read, columns = read_table(table), _columns(markers)
+    if list(read.names) != columns:
         raise TrialError(f"{table}, line 1: the header must be {','.join(columns[:4])},… ({len(columns)} columns)")
-    rows = read_numbers(table, lines[1:], first_line=2)
-    check_table(table, rows, len(columns), f"{len(columns)} columns, as the header")
+    rows = read.matrix(f"{len(columns)} columns, as the header", len(columns), 2)
     cells = rows[:, 1:].reshape(len(rows), len(markers), 3)
     try:
         return MarkerTrack(rows[:, 0], cells[:, :, :2], np.nan_to_num(cells[:, :, 2]))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +12,15 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
 from swim2real.names import label_fault, quoted
-from swim2real.store import MOST_ROWS, MOST_TABLE, read_text, whole_file
+from swim2real.store import whole_file
+from swim2real.trials.text_table import read_table
+from swim2real.trials.timebase import Timebase
 
 Array = NDArray[np.float64]
 
 TIME = "time_s"  # header of the first column of a table
 _ROUNDING = 1e-9  # s
-_LARGEST = 1e12  # of a number in a table, in whatever unit
+MEMORY = 5.0  # s of commands before a trial begins that tell the state of its actuators
 
 
 @dataclass(frozen=True)
@@ -68,47 +68,41 @@ class Signals:
             raise TrialError(f"there is no column '{name}'; there are {', '.join(self.names)}")
         return self.values[:, self.names.index(name)]
 
-    def held(self, name: str, times: Array) -> Array:
-        """A column at any times: each value holds until the next one, the first one also before its time.
+    def at(self, name: str, times: Array, over: float = 0.0, *, interpolated: bool = False) -> Array:
+        """A column at any times, or its means over a time from these on; the first value counts before its time, too.
 
         Args:
             name: Name of the column.
             times: Times [s]. Shape (N,).
+            over: How long after each the mean is taken [s]; with 0 there are values.
+            interpolated: Whether the column goes from row to row on a straight line; else each value holds until the
+                next one.
 
         Raises:
             TrialError: There is no such column, or no value in it.
         """
-        known, values = self._known(name)
-        rows = np.searchsorted(known, times + _ROUNDING, side="right") - 1
-        return values[np.maximum(rows, 0)]
+        from scipy.interpolate import PPoly
 
-    def _known(self, name: str) -> tuple[Array, Array]:
-        """Times and values of a column where it has one. Shapes (K,)."""
         values = self.column(name)
         known = np.isfinite(values)
         if not known.any():
             raise TrialError(f"column '{name}' has no value")
-        return self.times[known], values[known]
+        rows, levels = self.times[known], values[known]
+        slopes = interpolated * np.diff(levels) / np.diff(rows)
+        ends = np.array([rows[0] - 1, *rows, rows[-1] + 1])  # beyond which it stays as it is there
+        curve = PPoly(np.array([[0.0, *slopes, 0.0], [levels[0], *levels]]), ends)
+        if not over:
+            return curve(times if interpolated else times + _ROUNDING)
+        area = curve.antiderivative()
+        return (area(times + over) - area(times)) / over
 
-    def mean(self, name: str, times: Array, seconds: float) -> Array:
-        """Means of a column over a time from any times on, its values holding as `held` has it.
+    def timebase(self, origin: str) -> Timebase | None:
+        """The clock of the rows, by their time stamps; None where they are too few to have a rate.
 
         Args:
-            name: Name of the column.
-            times: Times [s]. Shape (N,).
-            seconds: How long after each the mean is taken [s], above 0.
-
-        Raises:
-            TrialError: There is no such column, or no value in it.
+            origin: What their time 0 is, in words.
         """
-        rows, levels = self._known(name)
-        sums = np.concatenate([[0.0], np.cumsum(levels[:-1] * np.diff(rows))])
-
-        def integral(until: Array) -> Array:
-            at = np.clip(np.searchsorted(rows, until, side="right") - 1, 0, len(rows) - 1)
-            return sums[at] + levels[at] * (until - rows[at])
-
-        return (integral(times + seconds) - integral(times)) / seconds
+        return None if len(self.times) < 2 else Timebase(origin, float(1 / np.median(np.diff(self.times))), "stamps")
 
     def check_clock(self, first: float, last: float) -> None:
         """Checks that the rows overlap a track in time, as they do when they are on its clock.
@@ -139,57 +133,53 @@ class Signals:
         if not kept.any():
             raise TrialError(
                 f"there is no row between {first:g} s and {last:g} s; the rows are from {self.times[0]:g} s to "
-                f"{self.times[-1]:g} s"
+                f"{self.times[-1]:g} s; cut off less, or leave the table out"
             )
         return Signals(self.times[kept], self.names, self.values[kept])
 
-    def cut(self, first: float, last: float, *, held: bool = False) -> Signals:
+    def cut(self, first: float, last: float, *, before: float | None = None) -> Signals:
         """The rows from one time to another, both included, with their times counted from the first.
 
         Args:
-            first: Where the rows begin [s].
-            last: Where they end [s].
-            held: Whether each value holds until the next one; what holds at the beginning then has a row there.
+            first: Where times are counted from [s].
+            last: Where the rows end [s].
+            before: Of commands, which count until the next row: how long before the first time they are kept, too [s].
+                What holds where that begins has a row there, and what holds at the first time where no other follows.
 
         Raises:
             TrialError: There is no such row.
         """
-        begun = self.times <= first + _ROUNDING
-        if not (held and begun.any()):
+        if before is None:
+            rows = self.between(first, last)
+            return Signals(rows.times - first, self.names, rows.values)
+        if self.times[0] > first + _ROUNDING:
             self.check_clock(first, last)
-        kept = (self.times >= first - _ROUNDING) & (self.times <= last + _ROUNDING)
-        if held and begun.any():
-            known = [column[begun & np.isfinite(column)] for column in self.values.T]
-            now = [column[-1] if column.size else np.nan for column in known]
-            kept &= ~begun
-            times, values = np.append(0.0, self.times[kept] - first), np.vstack([now, self.values[kept]])
-        else:
-            times, values = self.times[kept] - first, self.values[kept]
-        if not times.size:
-            raise TrialError(
-                f"there is no row between {first:g} s and {last:g} s; cut off less, or leave the table out"
-            )
+        kept = self.times <= last + _ROUNDING
+        times, values = self.times[kept] - first, self.values[kept]
+        latest = np.where(np.isfinite(values), np.arange(len(times))[:, None], 0)
+        held = np.take_along_axis(values, np.maximum.accumulate(latest, axis=0), axis=0)
+        begin = max(int(np.searchsorted(times, _ROUNDING - before, side="right")) - 1, 0)
+        times, values = np.maximum(times[begin:], -before), np.vstack([held[begin], values[begin + 1 :]])
+        if times[-1] < -_ROUNDING:
+            times, values = np.append(times, 0.0), np.vstack([values, held[-1]])
         return Signals(times, self.names, values)
 
 
-def read_signals(table: Path) -> Signals:
-    """Reads a CSV table with the header `time_s,NAME,…`; empty cells are NaN.
+def read_signals(path: Path) -> Signals:
+    """Reads a table with the header `time_s,NAME,…`; empty cells are NaN.
 
     Raises:
         TrialError: The table can't be read; the message names the file, and where it can line and column.
     """
-    lines = read_lines(table)
-    header = read_header(table, lines)
-    if header[:1] != [TIME] or len(header) < 2:
-        raise TrialError(f"{table}, line 1: the header must be {TIME},NAME,…, with a name for each column")
-    rows = read_numbers(table, lines[1:], first_line=2)
-    if len(rows) == 0 or rows.shape[1] != len(header):
-        width = rows.shape[1] if len(rows) else 0
-        raise TrialError(f"{table}: {width} columns of numbers; expected {len(header)} columns, as the header")
+    table = read_table(path)
+    wanted = f"{TIME},NAME,…, with a name for each column"
+    if table.names[:1] != (TIME,) or len(table.names) < 2:
+        raise TrialError(f"{path}, line 1: the header must be {wanted}")
+    rows = table.matrix(wanted)
     try:
-        return Signals(rows[:, 0], header[1:], rows[:, 1:])
+        return Signals(rows[:, 0], table.names[1:], rows[:, 1:])
     except TrialError as error:
-        raise TrialError(f"{table}: {error}") from error
+        raise TrialError(f"{path}: {error}") from error
 
 
 def write_signals(signals: Signals, path: Path) -> None:
@@ -199,115 +189,3 @@ def write_signals(signals: Signals, path: Path) -> None:
         writer.writerow([TIME, *signals.names])
         for time, row in zip(signals.times, signals.values, strict=True):
             writer.writerow([repr(float(time)), *("" if np.isnan(value) else repr(float(value)) for value in row)])
-
-
-def read_lines(table: Path) -> list[str]:
-    """The lines of a text file in UTF-8, at most 64 MB and a million of them.
-
-    Raises:
-        TrialError: The file isn't there, isn't text, or is too large.
-    """
-    try:
-        text = read_text(table, MOST_TABLE, "utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise TrialError(f"{table}: not readable as text ({error})") from error
-    except OSError as error:
-        raise TrialError(f"{table}: not readable as text ({error.strerror or error})") from error
-    except ValueError as error:
-        raise TrialError(f"{table}: {error}; cut it into shorter trials, or leave out rows") from error
-    rows = text.count("\n") + text.count("\r")
-    if rows > 2 * MOST_ROWS:  # counted before they are taken apart; a line's end has at most two characters
-        raise TrialError(_too_many(table))
-    return text.splitlines()
-
-
-def read_header(table: Path, lines: list[str], separator: str = ",") -> list[str]:
-    """The cells of a table's first line, none where there is no line.
-
-    Raises:
-        TrialError: It can't be taken apart.
-    """
-    try:
-        return next(csv.reader(lines[:1], delimiter=separator), [])
-    except csv.Error as error:
-        raise TrialError(f"{table}, line 1: not readable as a table ({error})") from error
-
-
-def _too_many(table: Path) -> str:
-    return f"{table}: more than {MOST_ROWS} rows; cut it into shorter trials, or leave out rows"
-
-
-def read_numbers(table: Path, lines: list[str], first_line: int) -> NDArray[np.float64]:
-    """Rows of comma-separated numbers; empty and infinite cells become NaN.
-
-    Args:
-        table: File of the lines, for messages.
-        lines: Lines of the file.
-        first_line: Number of the first of them in the file, from 1.
-
-    Returns:
-        Numbers. Shape (R, K), or (0, 0) without a row.
-
-    Raises:
-        TrialError: A cell is no number or is beyond ±1e12, a row has another number of columns, or there are too many
-            rows; the message names line and column.
-    """
-    numbers = array("d")
-    width = count = line = 0
-    try:
-        for line, cells in enumerate(csv.reader(lines), start=first_line):
-            if not cells:
-                continue
-            count += 1
-            width = width or len(cells)
-            if count > MOST_ROWS:
-                raise TrialError(_too_many(table))
-            if len(cells) != width:
-                raise TrialError(f"{table}, line {line}: {len(cells)} columns, the rows above have {width}")
-            for column, cell in enumerate(cells, start=1):
-                numbers.append(read_number(table, line, column, cell))
-    except csv.Error as error:
-        raise TrialError(f"{table}, after line {line}: not readable as a table ({error})") from error
-    return np.array(numbers).reshape(count, width)
-
-
-def read_number(table: Path, line: int, column: int, cell: str) -> float:
-    """The number in a cell, NaN where it is empty or infinite.
-
-    Raises:
-        TrialError: It is no number, or beyond ±1e12; the message names line and column.
-    """
-    try:
-        number = float(cell) if cell.strip() else math.nan
-        if not cell.isascii() or "_" in cell:  # Python reads ٣ and 0_1 as well
-            raise ValueError
-    except ValueError:
-        raise TrialError(f"{table}, line {line}, column {column}: {quoted(cell)} is not a number") from None
-    if math.isinf(number):
-        return math.nan
-    if abs(number) > _LARGEST:
-        raise TrialError(f"{table}, line {line}, column {column}: {number:g} is beyond ±{_LARGEST:g}; no reading is")
-    return number
-
-
-def is_number(cell: str) -> bool:
-    """Whether a cell holds a number, NaN and infinite ones included."""
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def check_table(table: Path, rows: Array, width: int, wanted: str) -> None:
-    """Checks the shape of a table.
-
-    Raises:
-        TrialError: It hasn't as many columns, or fewer than two rows; the message says what was wanted.
-    """
-    if len(rows) == 0:
-        raise TrialError(f"{table}: the table is empty; expected {wanted}")
-    if rows.shape[1] != width:
-        raise TrialError(f"{table}: {rows.shape[1]} columns; expected {wanted}")
-    if len(rows) < 2:
-        raise TrialError(f"{table}: one frame only; a trial needs at least 2")

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from swim2real.errors import ArgumentError, TrialError
+from swim2real.trials.signals import MEMORY
+from swim2real.trials.timebase import TABLES
 from swim2real.trials.trial import MarkerTrack, Trial
 
 ROUNDING = 5e-4  # s: times are given to a millisecond, as overlays and tables show them
@@ -81,7 +83,8 @@ class Span:
     def of_trial(self, trial: Trial) -> Trial:
         """A trial within the stretch, its times counted from its first frame.
 
-        Commands that held before go on in a row at 0. A known start stays only where nothing is cut off before it.
+        Commands of the last seconds before it stay, at times below 0, since actuators may remember them. A known start
+        stays only where nothing is cut off before it.
 
         Raises:
             TrialError: The stretch isn't within the trial, or holds fewer than 2 frames.
@@ -90,14 +93,20 @@ class Span:
             return trial
         track = self.of_track(trial.track, f"trial '{trial.name}'")
         first, last = float(track.times[0]), float(track.times[-1])
-        later = first > trial.track.times[0]
+        later = first > float(trial.track.times[0])
+        clocks = {
+            kind: clock if not first or clock.origin == TABLES
+            else replace(clock, origin=f"{clock.origin} plus {first:.10g} s")
+            for kind, clock in trial.timebases.items()
+        }  # fmt: skip
         return replace(
             trial,
             track=MarkerTrack(track.times - first, track.positions, track.confidence),
             provenance=", ".join(filter(None, (trial.provenance, self.words))),
             video_begin=trial.video_begin + first,
-            controls=None if trial.controls is None else trial.controls.cut(first, last, held=True),
+            controls=None if trial.controls is None else trial.controls.cut(first, last, before=MEMORY),
             sensors=None if trial.sensors is None else trial.sensors.cut(first, last),
+            timebases=clocks,
             start={} if later else trial.start,
             start_velocities={} if later else trial.start_velocities,
         )

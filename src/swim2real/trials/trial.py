@@ -210,6 +210,12 @@ class Trial:
         """Frames a second, from the median interval of the time stamps."""
         return float(1.0 / np.median(np.diff(self.track.times)))
 
+    @property
+    def film_rate(self) -> float | None:
+        """Frames per second that the user gave for the trial's film; None where the film's own hold."""
+        clock = self.timebases.get("track")
+        return clock.rate if clock is not None and clock.known_by == "given" else None
+
     def seen_from_afar(self) -> Trial:
         """The trial without what the camera's perspective did to it, where that is known.
 
@@ -313,7 +319,8 @@ def check_motion(trial: Trial, table: Path) -> Trial:
     if not _SHORTEST <= interval <= _LONGEST:  # what is simulated would have nothing to do with the table's size
         raise TrialError(
             f"{table}: {trial.track.frame_count} rows in {trial.track.duration:g} s, {interval:g} s from one to the "
-            f"next; allowed are {_SHORTEST:g} to {_LONGEST:g} s on average: check the time stamps"
+            f"next; allowed are {_SHORTEST:g} to {_LONGEST:g} s on average: check the "
+            f"time stamps, and say their unit, as in --time COLUMN:us"
         )
     what = "marker moves"
     if not trial.track.marker_count:

@@ -1,6 +1,10 @@
 """Videos, read and written frame by frame in constant memory. Knows nothing of markers."""
 
+from swim2real.video.pictures import film_files, film_name, film_title
 from swim2real.video.reader import Frame, VideoInfo, VideoReader, first_frame, frames_backwards
 from swim2real.video.writer import VideoWriter
 
-__all__ = ["Frame", "VideoInfo", "VideoReader", "VideoWriter", "first_frame", "frames_backwards"]
+__all__ = [
+    "Frame", "VideoInfo", "VideoReader", "VideoWriter", "film_files", "film_name", "film_title", "first_frame",
+    "frames_backwards",
+]  # fmt: skip

@@ -80,7 +80,7 @@ class Clock:
     def notes(self) -> list[str]:
         """A sentence for each irregularity of the time stamps."""
         rate = f"; placed by the frame rate of {float(1 / self.interval):.2f} a second"
-        notes = self.missing.note("without a time stamp", rate)
+        notes = self.missing.note("without a time stamp", rate) if self._origin is not None else []
         notes += self.mended.note(
             "with a time stamp that doesn't come after the one before", "; placed half an interval after it"
         )

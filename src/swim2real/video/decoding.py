@@ -1,19 +1,26 @@
 """Opens a video file and decodes its stream; broken pictures are left out, and those that depend on them are marked.
 
+A rate that nothing in the film states is made up by FFmpeg: it is told which one, so that it is recognized.
+
 A file may come from anywhere. FFmpeg reads it and no other: formats that name other files or addresses aren't opened,
 and sizes and counts that no camera has are refused before a picture is decoded.
 """
 
 from __future__ import annotations
 
+import re
 import stat
 import time
 from collections import deque
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
+import numpy as np
 from av import VideoFrame
 from av.container import InputContainer
 from av.error import ArgumentError, ExitError, FFmpegError
@@ -33,8 +40,11 @@ FORMATS = (  # films and pictures, each whole in one file
 MOST_PIXELS = 40_000_000  # of a picture: 8K has 33 million
 MOST_STREAMS = 32
 FIRST_PICTURE = 20.0  # s until the first picture is there, at most
-MOST_BOXES = 1000  # before the index of an MP4 file, that are looked at
+MADE_UP = Fraction(100, 101)  # frames per second, which no film has
 _OPTIONS = {
+    "framerate": str(MADE_UP),
+    "default_delay": str(100 / MADE_UP),  # of GIF, in 1/100 s
+    "min_delay": "1",
     "format_whitelist": ",".join(FORMATS),
     "protocol_whitelist": "file",
     "enable_drefs": "0",  # QuickTime's references to other files
@@ -42,6 +52,9 @@ _OPTIONS = {
     "max_streams": str(MOST_STREAMS + 1),
     "max_pixels": str(MOST_PIXELS),
 }
+# since PyAV 19 this is so; before, text in another encoding was an error
+_TEXTS: Any = {} if int(av.__version__.split(".")[0]) > 18 else {"metadata_errors": "surrogateescape"}
+SOUND_SLACK = 0.5  # s by which sound may outlast the pictures
 MOST_HELD = 16  # pictures that may wait for one that is shown later, as many as H.264 and HEVC can refer to
 
 
@@ -56,21 +69,14 @@ def _open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]
         VideoError: The file isn't there, is no file or no video, is cut off, goes beyond a limit, or there is no
             decoder for it.
     """
-    if path.is_dir():
-        raise VideoError(f"'{path}' is a folder; give the path of a video file")
     if not path.exists():
         raise VideoError(f"no video '{path}'; check the path")
     if not stat.S_ISREG(path.stat().st_mode):
         raise VideoError(f"'{path}' is a device, a pipe or a socket; give the path of a video file")
     if path.stat().st_size == 0:
         raise VideoError(f"'{path}' is empty (0 bytes); copy it again")
-    if _lacks_index(path):
-        raise VideoError(
-            f"'{path}' ends before its index (the 'moov' box): the recording or the copy was cut off; copy it again, "
-            "or repair it with a tool that has an intact video of the same camera"
-        )
     try:
-        container = av.open(str(path.absolute()), options=_OPTIONS, timeout=FIRST_PICTURE, metadata_errors="replace")
+        container = av.open(str(path.absolute()), options=_OPTIONS, timeout=FIRST_PICTURE, **_TEXTS)
     except FFmpegError as error:
         if isinstance(error, PermissionError):
             raise VideoError(f"'{path}' can't be read: permission denied") from None
@@ -81,6 +87,12 @@ def _open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]
                 f"'{path}' is not a video in a format that is read; playlists, texts and whatever else names other "
                 f"files aren't: give the film itself, or convert it to MP4 with H.264"
             ) from None
+        with path.open("rb") as file:
+            if file.read(8)[4:] in TOP_BOXES:
+                raise VideoError(
+                    f"'{path}' ends before its index (the 'moov' box): the recording or the copy was cut off; copy it "
+                    "again, or repair it with a tool that has an intact video of the same camera"
+                ) from None
         raise VideoError(f"'{path}' is not a video that FFmpeg can read ({error.strerror})") from None
     try:
         return container, _video_stream(container, path, threads)
@@ -99,8 +111,9 @@ def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoS
     if (
         not isinstance(stream, VideoStream) or stream.disposition & Disposition.attached_pic
     ):  # the cover of a sound file
-        held = ", ".join(sorted({other.type for other in container.streams})) or "nothing"
-        raise VideoError(f"'{path}' has no video in it, only {held}")
+        held = ", ".join(sorted({other.type for other in container.streams}))
+        what = f", only {held}" if held else ""
+        raise VideoError(f"'{path}' has no video in it{what}; if it had one, it was cut off: copy it again")
     # without a decoder PyAV has no codec context, whatever its stubs say
     if getattr(stream, "codec_context", None) is None:
         raise VideoError(f"no decoder for the video in '{path}'; convert it to H.264, for example")
@@ -111,29 +124,12 @@ def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoS
     return stream
 
 
-def _lacks_index(path: Path) -> bool:
-    """Whether this is an MP4 or QuickTime file without a whole 'moov' box (a photo has a 'meta' box instead)."""
-    with path.open("rb") as file:
-        end = path.stat().st_size
-        place = 0
-        for _ in range(MOST_BOXES):
-            if place + 8 > end:
-                break
-            file.seek(place)
-            head = file.read(16)
-            size, kind = int.from_bytes(head[:4], "big"), head[4:8]
-            if (place == 0 and kind not in TOP_BOXES) or kind == b"meta":
-                return False
-            if size == 1:
-                size = int.from_bytes(head[8:16], "big")
-            if kind == b"moov":
-                return place + size > end
-            if size < 8:  # 0: up to the end of the file
-                break
-            place += size
-        else:
-            return False
-        return place > 0 or end >= 8
+def too_large(path: Path) -> str:
+    """A sentence that there is no picture, or none that may be decoded."""
+    return (
+        f"not one frame of '{path}' can be decoded; it is cut off or damaged, or its pictures have more than "
+        f"{MOST_PIXELS // 10**6} million pixels"
+    )
 
 
 def no_picture(path: Path) -> str:
@@ -142,6 +138,67 @@ def no_picture(path: Path) -> str:
         f"no picture of '{path}' came within {FIRST_PICTURE:g} s; the file is damaged, or the disk or the network "
         f"that it is on doesn't answer: copy it to a disk of this machine"
     )
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a film states of itself.
+
+    Attributes:
+        base: Unit of its time stamps [s].
+        rate: Mean number of frames per second; None where nothing states it.
+        count: Number of frames; 0 where it isn't stated.
+        duration: Duration [s]; None where it isn't stated.
+        slack: What the duration may have beyond the last frame [s].
+        codec: Name of the codec.
+        pixel_shape: Width of a pixel over its height; None or 0 where it isn't stated.
+        counted: Whether there are no time stamps, so that pictures are only counted; FFmpeg's are made up then.
+        camera_rate: Frames per second that the camera says it took; None where it says nothing.
+    """
+
+    base: Fraction
+    rate: Fraction | None
+    count: int
+    duration: float | None
+    slack: float
+    codec: str
+    pixel_shape: Fraction | None = None
+    counted: bool = False
+    camera_rate: float | None = None
+
+
+def _stated(container: InputContainer, stream: VideoStream) -> Stated:
+    mean, base = (Fraction(value) if value else None for value in (stream.average_rate, stream.time_base))
+    rate = stream.codec_context.framerate if mean == MADE_UP else mean or stream.guessed_rate
+    # what FFmpeg makes up of stamps for frames of AVI that are stored out of order is wrong
+    counted = mean == MADE_UP or (container.format.name == "avi" and stream.codec_context.has_b_frames)
+    duration = float(stream.duration * base) if base and stream.duration is not None and mean != MADE_UP else None
+    if duration is None and container.duration is not None and mean != MADE_UP:
+        duration = container.duration / 1e6  # FFmpeg counts microseconds there
+    count = stream.frames
+    if "mp4" in container.format.name:  # what an edit list cuts away isn't in the index
+        count = min(count, len(stream.index_entries))
+    return Stated(
+        base or Fraction(1), Fraction(rate) if rate else None, count, duration,
+        SOUND_SLACK if len(container.streams) > 1 else 0.0, stream.codec_context.codec.canonical_name,
+        stream.sample_aspect_ratio, bool(counted), _camera_rate({**container.metadata, **stream.metadata}),
+    )  # fmt: skip
+
+
+def _camera_rate(texts: dict[str, str]) -> float | None:
+    """The rate that a camera wrote beside its film, such as Android's `com.android.capture.fps`."""
+    for key, text in texts.items():
+        if re.search(r"capture.*(fps|rate)", key, re.IGNORECASE):
+            with suppress(ValueError):
+                return float(text) or None
+    return None
+
+
+def usual_interval(stamps: Sequence[int]) -> Fraction | None:
+    """Mean interval between rising stamps, without those at gaps; None where there is none."""
+    steps = np.diff(np.unique(np.array(stamps, dtype=np.int64)))
+    usual = steps[abs(steps - np.median(steps)) < 0.5 * np.median(steps)] if len(steps) else steps
+    return Fraction(int(usual.sum()), len(usual)) if len(usual) else None
 
 
 @dataclass(frozen=True)
@@ -171,8 +228,7 @@ class Decoder:
     picture can lean on one that is stored before it and shown after it; it waits until that one has come.
 
     Attributes:
-        container: The file.
-        stream: Its best video stream.
+        stated: What the file states of itself.
         left_out: Stamps of the pictures that are left out, as keys.
         unstamped: Number of pictures without a stamp that are left out.
         hidden: Number of packets that the file marks as not to be shown.
@@ -181,9 +237,10 @@ class Decoder:
 
     def __init__(self, path: Path, threads: int) -> None:
         """Opens a file, as `_open_stream` does."""
-        self.container, self.stream = _open_stream(path, threads)
-        # AVI has no time stamps, and what FFmpeg makes up for frames that are stored out of order is wrong
-        self._stamped = not (self.container.format.name == "avi" and self.stream.codec_context.has_b_frames)
+        self._container, self._stream = _open_stream(path, threads)
+        self._path = path
+        self.stated = _stated(self._container, self._stream)
+        self._stamped = not self.stated.counted
         self._packet = 0  # number of the newest packet, in the order of storage
         self._waiting: dict[int, int] = {}  # stamps of packets that haven't become pictures: numbers
         self._held: deque[tuple[int, VideoFrame, int | None]] = deque()  # pictures in the order of showing
@@ -194,6 +251,26 @@ class Decoder:
         self.unstamped = 0
         self.hidden = 0
         self.failure = ""
+        self.notes: list[str] = []
+
+    def close(self) -> None:
+        self._container.close()
+
+    @property
+    def is_picture(self) -> bool:
+        """Whether the file is a single picture, which Pillow reads better."""
+        return self._container.format.name == "image2" or self._container.format.name.endswith("_pipe")
+
+    @property
+    def numbers(self) -> list[int]:
+        """The stamps of all frames, for which the file is read once more; none where they are only counted."""
+        if not self._stamped:
+            return []
+        container, stream = _open_stream(self._path, 1)
+        found: list[int] = []
+        with container, suppress(FFmpegError):
+            found.extend(packet.pts for packet in container.demux(stream) if packet.pts is not None)
+        return found
 
     def pictures(self) -> Generator[Picture]:
         """All that is fit to be seen, in the order of showing.
@@ -203,7 +280,7 @@ class Decoder:
         """
         for packet in self._packets():
             if self._until is not None and time.monotonic() > self._until:
-                raise VideoError(no_picture(Path(self.container.name)))
+                raise VideoError(no_picture(self._path))
             for stored in self._decode(packet):
                 self._until = None
                 stamp = stored.pts if self._stamped else None
@@ -221,7 +298,7 @@ class Decoder:
 
     def _packets(self) -> Iterator[Packet[VideoStream]]:
         try:
-            yield from self.container.demux(self.stream)
+            yield from self._container.demux(self._stream)
         except FFmpegError as error:
             self.failure = f"reading stopped before the end ({error.strerror})"
 

@@ -2,36 +2,36 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future
+from contextlib import closing
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import Literal, Self, TypeVar
 
 import numpy as np
 from av import VideoFrame
-from av.container import InputContainer
-from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
 from swim2real.errors import VideoError
 from swim2real.video.clock import Clock, Tally, frames
 from swim2real.video.damage import REPORTED, marked
-from swim2real.video.decoding import FIRST_PICTURE, MOST_PIXELS, Decoder, Picture, no_picture
+from swim2real.video.decoding import FIRST_PICTURE, Decoder, Picture, no_picture, too_large, usual_interval
+from swim2real.video.pictures import Pictures, is_pattern, pattern_of
 
 Image = NDArray[np.uint8]
 Result = TypeVar("Result")
 
-USUAL_RATE = Fraction(30)  # frames per second, where a file doesn't say
 ROUNDING = 5e-4  # s, of a time that a person gives
 SLACK = 5.0  # s beyond FIRST_PICTURE that a film has which is read, but gives no picture
 MOST_BYTES = 256 << 20  # of decoded frames that are kept at a time
 _BYTES = 1.5  # of a pixel, as it is decoded
-SOUND_SLACK = 0.5  # s by which sound may outlast the pictures
+SAME_RATE = 0.1  # relative difference of two rates that a camera may mean as one
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,11 @@ class VideoInfo:
         path: Path of the file.
         width: Width of the upright picture [px].
         height: Height of the upright picture [px].
-        fps: Mean number of frames per second.
+        fps: Mean number of frames per second; NaN where nothing states it.
+        rate_from: How that is known: by its `container`, or `given` by the user; None where it isn't.
         frame_count: Number of frames as the file states it, or from its duration; None if it states neither.
         duration: Duration as the file states it [s]; None if it doesn't.
+        mirrored: Whether stored pictures are mirrored, left for right, before they are turned.
         rotation: Angle by which stored pictures are turned clockwise to be upright [degrees]: 0, 90, 180 or 270.
         codec: Name of the codec, such as `h264`.
     """
@@ -53,8 +55,10 @@ class VideoInfo:
     width: int
     height: int
     fps: float
+    rate_from: Literal["container", "given"] | None
     frame_count: int | None
     duration: float | None
+    mirrored: bool
     rotation: int
     codec: str
 
@@ -65,7 +69,7 @@ class Frame:
 
     Attributes:
         index: Number of the frame among those that are delivered, from 0.
-        time: Time since the first frame, strictly rising [s].
+        time: Time since the first frame, strictly rising [s]; NaN where the film's rate isn't known.
         intact: False after a broken frame, up to the next key frame: the picture may be smeared, since it was
             predicted from one that isn't there. False also where a picture looks damaged.
     """
@@ -75,6 +79,7 @@ class Frame:
     intact: bool
     _stored: VideoFrame = field(repr=False, compare=False)
     _size: tuple[int, int] = field(repr=False, compare=False)  # of the stored picture: width, height
+    _mirrored: bool = field(repr=False, compare=False)
     _rotation: int = field(repr=False, compare=False)  # clockwise [degrees]
 
     @cached_property
@@ -108,7 +113,8 @@ class Frame:
         stored = self._stored.to_ndarray(
             format="rgb24", width=width, height=height, interpolation=interpolation, threads=1
         )
-        return np.rot90(np.asarray(stored, dtype=np.uint8), -(self._rotation // 90))
+        pixels = np.asarray(stored, dtype=np.uint8)
+        return np.rot90(pixels[:, ::-1] if self._mirrored else pixels, -(self._rotation // 90))
 
 
 class VideoReader:
@@ -122,22 +128,29 @@ class VideoReader:
 
     info: VideoInfo
 
-    def __init__(self, path: str | Path, threads: int = 0) -> None:
+    def __init__(self, path: str | Path, threads: int = 0, fps: float | None = None) -> None:
         """Opens the video and decodes its first frame.
 
         Args:
-            path: Path of the video.
+            path: Path of the video, of a folder of pictures, or a pattern of their names such as `frame_%04d.png`.
             threads: Number of threads that decode; 0 for as many as the machine has cores.
+            fps: Frames per second that the camera took; by default as the file states it. Where the file has time
+                stamps they keep their pattern, so that a frame that is missing leaves a gap.
 
         Raises:
-            VideoError: The file can't be read, or not one frame can be decoded.
+            VideoError: The file can't be read, not one frame can be decoded, or its rate isn't known.
         """
         if threads < 0:
             raise VideoError(f"threads is {threads}; it must be 0 (as many as there are cores) or more")
-        self._pass = _Pass(Path(path), threads)
-        self._threads = threads
+        if fps is not None and not 0 < fps < math.inf:
+            raise VideoError(f"fps is {fps:g}; it must be finite and above 0 frames per second")
+        self._pass = _Pass(Path(path), threads, fps)
+        self._threads, self._fps = threads, fps
         self._used = self._closed = False
         self.info = self._pass.info
+        if self.info.rate_from is None or self._pass.lone:
+            self.close()
+            raise VideoError(_no_film(Path(path)) if self._pass.lone else _unknown_rate(Path(path)))
 
     def __enter__(self) -> Self:
         return self
@@ -154,7 +167,7 @@ class VideoReader:
             raise VideoError(f"'{self.info.path}' is closed; read it within its `with` block")
         if self._used:
             self._pass.close()
-            self._pass = _Pass(self.info.path, self._threads)
+            self._pass = _Pass(self.info.path, self._threads, self._fps)
         self._used = True
         return self._pass.frames()
 
@@ -164,17 +177,22 @@ class VideoReader:
         return self._pass.notes()
 
 
-def first_frame(path: str | Path, since: float = 0.0) -> Frame:
-    """The first frame of a video, or the first from a time on.
+def first_frame(path: str | Path, since: float = 0.0, fps: float | None = None) -> Frame:
+    """The first frame of a video, for which no rate is needed, or the first from a time on.
 
     Args:
-        path: Path of the video.
+        path: Path of the video, as `VideoReader` takes it.
         since: Time since its first frame, to a millisecond [s].
+        fps: Frames per second that the camera took; by default as the file states it.
 
     Raises:
-        VideoError: The file can't be read, not one frame can be decoded, or it ends before that time.
+        VideoError: The file can't be read, not one frame can be decoded, it ends before that time, or its rate isn't
+            known.
     """
-    with VideoReader(path, threads=1) as reader:
+    if not since:
+        with closing(_Pass(Path(path), 1, None)) as film:
+            return next(film.frames())
+    with VideoReader(path, threads=1, fps=fps) as reader:
         last = 0.0
         for frame in reader:
             if frame.time >= since - ROUNDING:
@@ -183,7 +201,9 @@ def first_frame(path: str | Path, since: float = 0.0) -> Frame:
     raise VideoError(f"'{path}' ends at {last:.3f} s; there is no frame from {since:g} s on")
 
 
-def frames_backwards(path: str | Path, first: int, last: int, threads: int = 0) -> Iterator[Frame]:
+def frames_backwards(
+    path: str | Path, first: int, last: int, threads: int = 0, fps: float | None = None
+) -> Iterator[Frame]:
     """Frames of a video in reverse order.
 
     A video is decoded forward only, so it is read several times, up to the end of one part after the other: of 1000
@@ -194,11 +214,12 @@ def frames_backwards(path: str | Path, first: int, last: int, threads: int = 0) 
         first: Number of the frame that comes last.
         last: Number of the frame that comes first.
         threads: Number of threads that decode; 0 for as many as the machine has cores.
+        fps: Frames per second that the camera took; by default as the file states it.
 
     Raises:
         VideoError: The file can't be read.
     """
-    with VideoReader(path, threads) as reader:
+    with VideoReader(path, threads, fps) as reader:
         part = max(1, int(MOST_BYTES / (_BYTES * reader.info.width * reader.info.height)))
         while last >= first:
             begin = max(first, last - part + 1)
@@ -212,11 +233,12 @@ class _Pass:
 
     Attributes:
         info: What the file states about itself.
+        lone: Whether it is a single picture.
     """
 
     info: VideoInfo
 
-    def __init__(self, path: Path, threads: int) -> None:
+    def __init__(self, path: Path, threads: int, fps: float | None) -> None:
         """Opens the file and decodes the first frame.
 
         Raises:
@@ -228,27 +250,35 @@ class _Pass:
         except TimeoutError:
             raise VideoError(no_picture(path)) from None
         self._first: Picture | None = first
-        stream, container = self._decoder.stream, self._decoder.container
-        rate = stream.average_rate or stream.guessed_rate or USUAL_RATE
-        self._clock = Clock(1 / rate)
-        stored = self._first.stored
-        self._size = (stored.width, stored.height)
-        self._tilt = -stored.rotation % 360  # clockwise; PyAV's angle isn't
-        self._base = stream.time_base or Fraction(1)
-        self._pixel_shape = stream.sample_aspect_ratio
-        self._slack = SOUND_SLACK if len(container.streams) > 1 else float(2 / rate)
-        self._stated_count = _stated_count(container, stream)
+        self.lone = isinstance(self._decoder, Pictures) and len(self._decoder.numbers) == 1
+        stated = self._decoder.stated
+        rate = stated.rate if fps is None else Fraction(fps)
+        self._base = stated.base  # s: of a time stamp's unit
+        if fps is not None and (usual := usual_interval(self._decoder.numbers)):
+            self._base = 1 / (Fraction(fps) * usual)
+        self._clock = Clock(1 / (rate or Fraction(1)))
+        self._size = (first.stored.width, first.stored.height)
+        mirrored, self._tilt = _display(first.stored)
+        self._slack = stated.slack or 2 / float(rate or 1)
         self._closed = False
         self._delivered = 0
         self._end: float | None = None  # time of the last frame, once all are through
         self._smeared, self._odd = Tally(), Tally()
         self._resized = Tally()
-        self.info = self._describe(path, rate, stream)
+        rotation = round(self._tilt / 90) * 90 % 360
+        width, height = self._size if rotation in (0, 180) else self._size[::-1]
+        duration = None if stated.duration is None else stated.duration * float(self._base / stated.base)
+        known = "container" if stated.rate else None
+        self.info = VideoInfo(
+            path, width, height, float(rate or math.nan), "given" if fps is not None else known,
+            stated.count or (None if duration is None or rate is None else round(duration * rate)), duration, mirrored,
+            rotation, stated.codec,
+        )  # fmt: skip
 
     def close(self) -> None:
         self._closed = True
         self._pictures.close()
-        self._decoder.container.close()
+        self._decoder.close()
 
     def frames(self) -> Iterator[Frame]:
         """All frames, once."""
@@ -258,6 +288,7 @@ class _Pass:
             for _ in range(picture.lost):
                 self._clock.skip()
             time = self._clock.tick(None if picture.stamp is None else picture.stamp * self._base)
+            time = math.nan if self.info.rate_from is None else time
             stored, intact = picture.stored, picture.intact and not picture.odd
             if (stored.width, stored.height) != self._size:
                 self._resized.add(time)
@@ -266,7 +297,7 @@ class _Pass:
             elif not intact:
                 self._smeared.add(time)
             self._delivered += 1
-            yield Frame(self._delivered - 1, time, intact, stored, self._size, self.info.rotation)
+            yield Frame(self._delivered - 1, time, intact, stored, self._size, self.info.mirrored, self.info.rotation)
             if self._closed:
                 raise VideoError(
                     f"'{self.info.path}' was closed before its last frame; read it within its `with` block"
@@ -276,10 +307,18 @@ class _Pass:
 
     def notes(self) -> list[str]:
         """A sentence for each thing that a person should know; complete after the last frame."""
-        notes: list[str] = []
-        if self._pixel_shape and self._pixel_shape != 1:
-            shape = f"{self._pixel_shape.numerator}:{self._pixel_shape.denominator}"
+        notes, stated = list(self._decoder.notes), self._decoder.stated
+        shape, camera = stated.pixel_shape, stated.camera_rate
+        if shape and shape != 1:
+            shape = f"{shape.numerator}:{shape.denominator}"
             notes.append(f"the pixels aren't square ({shape}); lengths are distorted")
+        if camera and self.info.rate_from == "container" and abs(camera / self.info.fps - 1) > SAME_RATE:
+            notes.append(
+                f"the camera says that it took {camera:g} frames per second, and the film plays {self.info.fps:.4g}: "
+                f"give --fps {camera:g} if its motion is slower or quicker than it was"
+            )
+        if self.info.mirrored:
+            notes.append("the file asks for mirrored pictures; shown so, as players show them")
         if self._tilt % 90:
             notes.append(f"the file asks for a turn of {self._tilt} degrees; turned by {self.info.rotation}")
         times = [self._clock.place(stamp * self._base) for stamp in sorted(self._decoder.left_out)]
@@ -303,45 +342,61 @@ class _Pass:
             return []
         decoder = self._decoder
         count = self._delivered + len(decoder.left_out) + decoder.unstamped + decoder.hidden
-        if self._stated_count:
-            if count < self._stated_count:
-                return [f"the video ends early: the file says {frames(self._stated_count)}, {count} came"]
-            return []
+        if stated := decoder.stated.count:
+            return [f"the video ends early: the file says {frames(stated)}, {count} came"] if count < stated else []
         duration = self.info.duration
         if duration is not None and self._end + 1 / self.info.fps < duration - self._slack:
             return [f"the video ends early: the file says {duration:.3f} s, the last frame is at {self._end:.3f} s"]
         return []
 
-    def _describe(self, path: Path, rate: Fraction, stream: VideoStream) -> VideoInfo:
-        duration: float | None = None
-        if stream.duration is not None:
-            duration = float(stream.duration * self._base)
-        elif self._decoder.container.duration is not None:
-            duration = self._decoder.container.duration / 1e6  # FFmpeg counts microseconds there
-        rotation = round(self._tilt / 90) * 90 % 360
-        width, height = self._size if rotation in (0, 180) else self._size[::-1]
-        count = self._stated_count or (None if duration is None else round(duration * rate))
-        codec = stream.codec_context.codec.canonical_name
-        return VideoInfo(path, width, height, float(rate), count, duration, rotation, codec)
 
-
-def _begun(path: Path, threads: int) -> tuple[Decoder, Generator[Picture], Picture]:
+def _begun(path: Path, threads: int) -> tuple[Decoder | Pictures, Generator[Picture], Picture]:
     """A film whose first picture is there, which comes last."""
-    decoder = Decoder(path, threads)
+    if path.is_dir() or is_pattern(path):
+        decoder = Pictures(path)
+    else:
+        decoder = Decoder(path, threads)
+        if decoder.is_picture:
+            decoder.close()
+            decoder = Pictures(path)
     pictures = decoder.pictures()
-    if decoder.stream.codec_context.codec.canonical_name not in REPORTED:
+    if isinstance(decoder, Decoder) and decoder.stated.codec not in REPORTED:
         pictures = marked(pictures)
     try:
         first = next(pictures, None)
         if first is None:
-            raise VideoError(
-                f"not one frame of '{path}' can be decoded; it is cut off or damaged, or its pictures have more than "
-                f"{MOST_PIXELS // 10**6} million pixels"
-            )
+            raise VideoError(too_large(path))
     except VideoError:
-        decoder.container.close()
+        decoder.close()
         raise
     return decoder, pictures, first
+
+
+def _unknown_rate(path: Path) -> str:
+    return (
+        f"nothing in '{path}' states how many frames per second the camera took; give them with --fps RATE, such as "
+        f"--fps 60"
+    )
+
+
+def _no_film(path: Path) -> str:
+    pattern = pattern_of(path)
+    such = f", which is '{path.with_name(pattern)}'" if pattern else ""
+    return (
+        f"'{path}' has one frame only; for a film of single pictures give their folder or the pattern of their names"
+        f"{such}"
+    )
+
+
+def _display(stored: VideoFrame) -> tuple[bool, int]:
+    """Whether a picture is mirrored left for right, and by how much it is turned clockwise then [degrees]."""
+    data = stored.side_data.get("DISPLAYMATRIX")
+    if data is None:
+        return False, 0
+    # ISO/IEC 14496-12: x' = a x + c y, y' = b x + d y, with y down
+    (a, b), (c, d) = np.frombuffer(data, dtype=np.int32).reshape(3, 3)[:2, :2].astype(float)
+    mirrored = bool(a * d < b * c)
+    return mirrored, round(math.degrees(math.atan2(-b, -a) if mirrored else math.atan2(b, a))) % 360
 
 
 def _in_time(work: Callable[[], Result], seconds: float) -> Result:
@@ -360,10 +415,3 @@ def _in_time(work: Callable[[], Result], seconds: float) -> Result:
 
     threading.Thread(target=run, name="first picture", daemon=True).start()
     return future.result(seconds)
-
-
-def _stated_count(container: InputContainer, stream: VideoStream) -> int:
-    """Number of frames that the file states; 0 if it doesn't."""
-    if "mp4" in container.format.name:  # what an edit list cuts away isn't in the index
-        return min(stream.frames, len(stream.index_entries))
-    return stream.frames

@@ -7,6 +7,7 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from swim2real.advisor.vlm.exchange import Media
 from swim2real.errors import ArgumentError, VideoError
@@ -14,6 +15,8 @@ from swim2real.rendering.album import TrialPictures
 from swim2real.rendering.drawing import Bytes, to_png
 from swim2real.rendering.film import clip_times, film_clip, film_sheet
 from swim2real.settings import DetailName
+
+Films: TypeAlias = Mapping[str, tuple[Path, float | None]]  # by trial; the rate that was given for each
 
 MOST_BYTES = 14_000_000  # of all media; as text they are a third longer, and many services stop at 20 MB
 VIDEO_FRAME_TOKENS = 258  # the most that a service of today counts for a frame of a film
@@ -75,7 +78,7 @@ class Shown:
 
 
 def gather_media(
-    scenes: Sequence[TrialPictures], detail: Detail, takes_video: bool, videos: Mapping[str, Path], most: int | None
+    scenes: Sequence[TrialPictures], detail: Detail, takes_video: bool, videos: Films, most: int | None
 ) -> tuple[tuple[Media, ...], tuple[str, ...]]:
     """Pictures or films of a point's trials, within the budget of a detail, and remarks on what is missing.
 
@@ -85,7 +88,7 @@ def gather_media(
         scenes: The trials of the point.
         detail: How much is shown.
         takes_video: Whether films are shown, or sheets of pictures.
-        videos: Real films by the names of their trials, where there are any.
+        videos: Real films by the names of their trials, where there are any, with the rates that were given.
         most: Trials that are shown; None for all.
     """
     worst_first = sorted(range(len(scenes)), key=lambda i: -scenes[i].loss)
@@ -133,20 +136,18 @@ def overlay(
     return Shown(Media(label, "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(scene.duration, fps)))
 
 
-def _real(
-    scene: TrialPictures, detail: Detail, takes_video: bool, fps: float, videos: Mapping[str, Path]
-) -> Shown | None:
+def _real(scene: TrialPictures, detail: Detail, takes_video: bool, fps: float, videos: Films) -> Shown | None:
     """The real film of a trial, None where there is none."""
-    video = videos.get(scene.name)
-    if video is None:
+    if scene.name not in videos:
         return None
+    video, rate = videos[scene.name]
     about = f"The real robot in trial {scene.title}, as filmed"
     if not takes_video:
         times = scene.film_times(detail.moments)
-        sheet = film_sheet(video, times, min(_COLUMNS, detail.moments), detail.width // 2)
+        sheet = film_sheet(video, times, min(_COLUMNS, detail.moments), detail.width // 2, rate)
         return _picture(f"{about}: {scene.film_note}.", sheet)
     with _place() as path:
-        film_clip(video, path, fps, detail.width, scene.duration, scene.start)
+        film_clip(video, path, fps, detail.width, scene.duration, scene.start, rate)
         data = path.read_bytes()
     return Shown(Media(f"{about}.", "video/mp4", data, fps), VIDEO_FRAME_TOKENS * len(clip_times(scene.duration, fps)))
 

@@ -14,7 +14,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from swim2real.advisor.briefing import history, tables, texts
 from swim2real.advisor.briefing.facts import RoundFacts
 from swim2real.advisor.briefing.history import effects, loss, rounds_told
-from swim2real.advisor.briefing.media import DETAILS, Detail, gather_media, overlay, shorter
+from swim2real.advisor.briefing.media import DETAILS, Detail, Films, gather_media, overlay, shorter
 from swim2real.advisor.vlm.exchange import Media, Request
 from swim2real.advisor.vlm.reply import reply_schema
 from swim2real.errors import ArgumentError
@@ -33,7 +33,7 @@ class TrialPromptBuilder:
     """Writes the question of a round from the situation. A `PromptBuilder`."""
 
     def __init__(
-        self, robot: Robot, space: ParameterSpace, simulate: Callable[[Values], Comparison], videos: Mapping[str, Path],
+        self, robot: Robot, space: ParameterSpace, simulate: Callable[[Values], Comparison], videos: Films,
         settings: BriefingSettings, takes_video: bool, reply_tokens: int,
         from_rest: Callable[[Values], FromRest] = lambda values: {}, budget: int | None = None,
         several: bool = False,
@@ -44,7 +44,7 @@ class TrialPromptBuilder:
             robot: The robot whose simulator is calibrated.
             space: Its parameters, on the run's scale.
             simulate: Simulates parameter values once more, so that they can be drawn.
-            videos: Real films by the names of their trials, where there are any.
+            videos: Real films by the names of their trials, where there are any, with the rates that were given.
             settings: Settings of what is shown.
             takes_video: Whether films are shown, or sheets of pictures.
             reply_tokens: Most tokens of a reply.

@@ -1,0 +1,93 @@
+"""How late commands and readings are: one delay per stream, estimated with all parameters, where it matters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from swim2real.checks.motion import Motion, Parts, Prepared, share
+from swim2real.parameters import Parameter, ParameterSpace, Values
+from swim2real.robots.robot import Robot
+from swim2real.robots.targets import Delay
+from swim2real.settings import HORIZON
+from swim2real.trials import TrialSet
+
+_MOST = 0.1  # s
+_MATTERS = 0.9  # of the error, below which a delay matters
+_EXPLAINED = 0.25  # share of the motion above which a delay says nothing
+_STEPS = 6  # of the search
+_TRIALS = 4
+_LINES = {"commands": 'control "*" delay', "readings": 'sensor "*" delay'}
+
+
+def delays(robot: Robot, reference: TrialSet, values: Values, horizon: float | None = HORIZON) -> list[str]:
+    """A sentence for each stream of recordings that seems late or early, with what to write into the robot file.
+
+    Args:
+        robot: The robot.
+        reference: Recordings.
+        values: Values of its parameters, about which a short search goes with the delay and without.
+        horizon: Seconds of each trial that are compared; None for all.
+    """
+    found: list[str] = []
+    if robot.trials.swims is not None:
+        return found
+    for stream in _streams(robot, reference):
+        shifted, base = _with_delay(robot, stream), Motion(robot)
+        trials = [trial.cut(horizon) for trial in reference.trials[:_TRIALS]]
+        as_it_is = [one for trial in trials if (one := base.prepared(trial, values)) is not None]
+        if not as_it_is:
+            return []
+        begin, _ = base.searched(as_it_is, values, _STEPS)
+        _, before = base.searched(as_it_is, begin, _STEPS)  # as far as with the delay
+        late, after = Motion(shifted).searched(as_it_is, {**begin, stream: 0.0}, _STEPS)
+        if share(after) > _EXPLAINED or not _error(after) < _MATTERS * _error(before):
+            continue
+        seconds = late[stream]
+        found.append(
+            f"the {stream} seem {1e3 * abs(seconds):.0f} ms {'late' if seconds < 0 else 'early'}; without "
+            f"that the error falls from {1e3 * _error(before):.3g} to {1e3 * _error(after):.3g} mm: calibrate a "
+            f"parameter with targets = '{_LINES[stream]}', about {seconds:.3f} s{_held(as_it_is, stream, seconds)}"
+        )
+    return found
+
+
+def _streams(robot: Robot, reference: TrialSet) -> Iterator[str]:
+    """Streams that may be late and that no parameter delays."""
+    kinds = {delay.kind for each in robot.delays.values() for delay in each}
+    if any(drive.table for drive in robot.trials.controls.values()) and not kinds & {"control", "trial"}:
+        yield "commands"
+    if robot.trials.sensors and robot.marker_names and not kinds & {"sensor", "trial"}:
+        yield "readings"
+
+
+def _with_delay(robot: Robot, stream: str) -> Robot:
+    """The robot with a parameter that delays a stream."""
+    delay = Delay.parse(_LINES[stream])
+    assert delay is not None
+    late = Parameter(stream, "s", -_MOST, _MOST, "", 0.0)
+    names = robot.space.names
+    return replace(
+        robot,
+        space=ParameterSpace((*robot.space, late), robot.space.scale),
+        build=lambda values: robot.build({name: values[name] for name in names}),
+        delays={**robot.delays, stream: (delay,)},
+    )
+
+
+def _held(trials: list[Prepared], stream: str, seconds: float) -> str:
+    """That a command changes between its rows, where it is late by half the time between them."""
+    rows = [one.trial.controls.times for one in trials if one.trial.controls is not None]
+    half = float(np.median([np.median(np.diff(times)) for times in rows if len(times) > 1] or [0.0])) / 2
+    if stream != "commands" or not 0.5 * half < -seconds < 1.5 * half:
+        return ""
+    return (
+        ', or say "interpolated table" under [recordings.controls], if they are of a command that changes between rows'
+    )
+
+
+def _error(trials: list[Parts]) -> float:
+    """Root mean square error of the markers, else of what readings count as [m]; mean over trials."""
+    return float(np.mean([sum(part.error for part in one.values()) for one in trials]))

@@ -1,0 +1,128 @@
+"""What actuators remember when a recording begins in mid-motion: filters, muscles, slow servos, delays."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from recorded import blank, make_robot, recorded, telling, with_markers
+from swim2real.calibration import Problem
+from swim2real.parameters import Parameter, ParameterSpace
+from swim2real.robots.drives import INTERPOLATED, TABLE
+from swim2real.robots.robot import Trials
+from swim2real.simulation import PlaybackSimulator
+from swim2real.trials import Signals, TrialSet
+from swim2real.trials.span import Span
+
+XML = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body pos="0 0 0.5">
+      <joint name="hinge" axis="0 1 0" damping="0.03" stiffness="0.3"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.01" mass="0.1" contype="0"/>
+      <site name="middle" pos="0 0 -0.1"/><site name="tip" pos="0 0 -0.19"/>
+    </body>
+  </worldbody>
+  <actuator>{}</actuator>
+</mujoco>
+"""
+ACTUATORS = {
+    "filter": '<general name="drive" joint="hinge" dyntype="filter" dynprm="{time}" gainprm="0.5"/>',
+    "exact": '<general name="drive" joint="hinge" dyntype="filterexact" dynprm="{time}" gainprm="0.5"/>',
+    "muscle": '<muscle name="drive" joint="hinge" lengthrange="-2 2" force="1" timeconst="{time} 0.1"/>',
+    "servo": '<position name="drive" joint="hinge" kp="2" kv="0.05" timeconst="{time}"/>',
+    "integrator": '<intvelocity name="drive" joint="hinge" kp="2" actrange="-3 3"/>',
+    "delay": '<motor name="drive" joint="hinge" gear="0.3" delay="0.099" nsample="60"/>',
+}
+SPACE = ParameterSpace((Parameter("time", "s", 0.02, 1.0, "Time to follow a command.", 0.3),))
+
+
+def robot(kind):
+    def build(values):
+        return with_markers(XML.format(ACTUATORS[kind].format(**values)), ("middle", "tip"))
+
+    return make_robot(kind, SPACE, build, Trials({"drive": TABLE}, (), "fitted"), ("middle", "tip"), (0, 2))
+
+
+def whole(body, seed, seconds=4.0, noise=0.0, time=0.3):
+    """A recording from rest, under commands that change every 0.4 s."""
+    rng, rows = np.random.default_rng(seed), np.arange(0, seconds + 1, 0.02)
+    commands = np.interp(rows, np.arange(0, seconds + 2, 0.4), rng.uniform(0, 1, len(np.arange(0, seconds + 2, 0.4))))
+    table = Signals(rows, ("drive",), commands[:, None])
+    (trial,) = recorded(body, {"time": time}, [blank(body, "a", seconds, 50, controls=table)], noise)
+    return replace(trial, sensors=None)
+
+
+def off(body, trial, time=0.3):
+    """How far a playback is from a recording, on average [m]."""
+    player = PlaybackSimulator(body, 1)
+    (played,) = player.simulate({"time": time}, [player.request(trial)])
+    return np.linalg.norm(played.track.positions - trial.track.positions, axis=2).mean()
+
+
+@pytest.mark.parametrize("kind", ACTUATORS)
+@settings(max_examples=4, deadline=None)
+@given(begin=st.floats(0.1, 3.0), seed=st.integers(0, 99))
+def test_a_recording_that_is_cut_begins_as_it_went_on(kind, begin, seed):
+    """The truth meets any part of a recording; so it does where the commands before it are known no more."""
+    body = robot(kind)
+    cut = Span(begin).of_trial(whole(body, seed))
+    assert off(body, cut) < 1e-5
+    if kind not in ("delay", "muscle"):  # activations are fitted with the start; nothing shows what was on its way
+        assert off(body, replace(cut, controls=cut.controls.cut(0.0, 9.0, before=0.0))) < 1e-4
+
+
+def test_lines_through_the_first_frames_take_what_was_commanded_before():
+    body = robot("exact")
+    cut = Span(1.5).of_trial(whole(body, 1))
+    bare = replace(cut, controls=cut.controls.cut(0.0, 9.0, before=0.0))
+    lines = telling(body, start="markers")
+    assert off(lines, cut) < 5e-4 < 2e-3 < off(lines, bare)
+
+
+def test_every_piece_of_a_recording_begins_as_it_went_on():
+    body = robot("exact")
+    trial = whole(body, 1)
+    pieces = PlaybackSimulator(body, 1)
+    (played,) = pieces.simulate({"time": 0.3}, [pieces.request(trial, pieces=1.0)])
+    assert np.abs(played.track.positions - trial.track.positions).max() < 1e-4
+
+
+def test_from_rest_nothing_is_remembered_but_earlier_commands():
+    body = telling(robot("exact"), start="rest")
+    trial = whole(body, 1)
+    assert off(body, trial) < 1e-9
+    data, _ = PlaybackSimulator(body, 1).begin(body.model, PlaybackSimulator(body, 1).request(trial))
+    assert (data.act.tolist(), data.time) == ([0.0], 0.0)
+    table = Signals(np.append(-1.0, trial.controls.times), ("drive",), np.vstack([[0.8], trial.controls.values]))
+    data, _ = PlaybackSimulator(body, 1).begin(
+        body.model, PlaybackSimulator(body, 1).request(replace(trial, controls=table))
+    )
+    assert data.act[0] == pytest.approx(0.8 * (1 - np.exp(-1.0 / 0.3)), rel=1e-6)
+    assert data.qpos[0] == 0.0
+
+
+def test_the_loss_is_smooth_in_a_time_constant():
+    body = robot("exact")
+    reference = TrialSet((Span(1.0).of_trial(whole(body, 2, noise=3e-4)),), body.marker_names)
+    times = 0.3 + np.linspace(0, 0.01, 9)
+    losses = [one.loss for one in Problem(body, reference, threads=1).evaluate_many([{"time": t} for t in times])]
+    assert np.abs(np.diff(losses, 2)).max() < 0.05 * np.ptp(losses)
+
+
+def test_commands_on_straight_lines_drive_what_is_remembered():
+    body = telling(robot("exact"), controls={"drive": INTERPOLATED})
+    assert off(body, Span(1.0).of_trial(whole(body, 3))) < 1e-5
+
+
+@pytest.mark.slow
+def test_a_time_constant_is_found_in_recordings_from_mid_motion():
+    body = robot("exact")
+    cut = [replace(Span(1.5).of_trial(whole(body, s, 5.0, 3e-4, 0.4)), name=str(s)) for s in (1, 2)]
+    problem = Problem(body, TrialSet(tuple(cut), body.marker_names), threads=1)
+    times = np.geomspace(0.2, 0.8, 13)
+    losses = [one.loss for one in problem.evaluate_many([{"time": t} for t in times])]
+    assert times[np.argmin(losses)] == pytest.approx(0.4)
