@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 CORE := $(VENV)/.core
 STAMP := $(VENV)/.installed
-NEWEST := .venv-newest
+NEWEST = .venv-newest-$(shell $(PYTHON) -c 'import platform; print(platform.python_version())')
 PIP := -m pip install --quiet --disable-pip-version-check
 EVERYTHING := --editable ".[all]" --group dev --group docs
 PYTEST := -m pytest -n 2 --dist loadfile  # a file's tests share what it makes
@@ -21,7 +21,8 @@ test: $(STAMP)
 test-all: $(STAMP)
 	$(BIN)/python $(PYTEST)
 
-# the same suite on the newest physics engine that pip finds
+# the same suite on the newest release of every dependency that pip finds for this Python, each in an environment of its
+# own: make test-newest PYTHON=python3.13
 test-newest: $(NEWEST)/.installed
 	$(NEWEST)/bin/python $(PYTEST) -m "not slow"
 
@@ -54,13 +55,11 @@ $(STAMP): $(CORE)
 	-$(BIN)/python -m compileall -q -j 0 $(VENV)/lib > /dev/null  # tests start many processes
 	touch $@
 
-$(NEWEST)/.installed: pyproject.toml constraints.txt
+$(NEWEST)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(NEWEST)
-	$(NEWEST)/bin/python $(PIP) --upgrade "pip>=25.1"
-	grep -v '^mujoco==' constraints.txt > $(NEWEST)/constraints.txt
-	$(NEWEST)/bin/python $(PIP) --constraint $(NEWEST)/constraints.txt $(EVERYTHING)
-	$(NEWEST)/bin/python $(PIP) --upgrade mujoco
+	$(NEWEST)/bin/python $(PIP) --upgrade pip
+	$(NEWEST)/bin/python $(PIP) --upgrade --upgrade-strategy eager $(EVERYTHING)
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(NEWEST) demo-out site build dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-newest* demo-out site build dist .pytest_cache .ruff_cache .hypothesis

@@ -2,6 +2,7 @@
 
 import errno
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -51,6 +52,40 @@ def test_a_folder_that_cant_be_written_leaves_nothing(small_files, tmp_path):
     with pytest.raises(OSError, match="File too large"):
         write()
     assert list(tmp_path.iterdir()) == []
+
+
+KILLED = """
+import os, shutil, sys
+from pathlib import Path
+from swim2real import store
+
+folder, name, when = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+owner, calls = (shutil if name == "rmtree" else Path), []
+real = getattr(owner, name)
+
+def killed(*args, **keywords):
+    calls.append(name)
+    return os._exit(9) if len(calls) == when else real(*args, **keywords)
+
+setattr(owner, name, killed)
+with store.whole_folder(folder) as part:
+    (part / "state").write_text("new")
+"""
+
+
+@pytest.mark.parametrize("again", [True, False])
+@pytest.mark.parametrize(("call", "when"), [*(("rmtree", i) for i in (1, 2, 3)), *(("replace", i) for i in (1, 2))])
+def test_a_folder_that_is_replaced_is_there_whenever_the_process_is_killed(tmp_path, call, when, again):
+    with store.whole_folder(tmp_path / "step") as part:
+        (part / "state").write_text("old")
+    subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "step"), call, str(when)], check=False)
+    if again:
+        with pytest.raises(RuntimeError), store.whole_folder(tmp_path / "step"):
+            raise RuntimeError
+    else:
+        store.remove_leftovers(tmp_path, ["st*"])
+    assert [path.name for path in tmp_path.iterdir()] == ["step"]
+    assert (tmp_path / "step" / "state").read_text() in ("old", "new")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")

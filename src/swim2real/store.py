@@ -25,6 +25,7 @@ from zipfile import ZipFile
 
 MOST_ARRAYS = 1 << 29  # bytes of arrays in a file that isn't expected to have more
 PART = ".part"  # suffix of a file that is still being written
+_BEFORE = PART + "-before"  # of a folder that is being replaced
 LOCK = ".lock"
 MOST_JSON = 32_000_000  # bytes of a JSON file
 MOST_TEXT = 4_000_000  # bytes of a text that a person writes, as of a robot file
@@ -58,21 +59,33 @@ def whole_file(path: str | Path) -> Generator[Path]:
 def whole_folder(path: str | Path) -> Generator[Path]:
     """Gives an empty folder beside a path; it takes the path's place at a clean end and is removed after an error.
 
+    What it replaces is beside it, under another name, until the new one is there. Where a process was killed in
+    between, the next call begins by putting it back.
+
     Args:
         path: Path of the folder that is written or replaced.
     """
     place = Path(path)
-    part = place.with_name(place.name + PART)
+    part, before = (place.with_name(place.name + suffix) for suffix in (PART, _BEFORE))
     shutil.rmtree(part, ignore_errors=True)
     try:
         with _named(place):
+            _put_back(before, place)
             part.mkdir(parents=True)
             yield part
-            shutil.rmtree(place, ignore_errors=True)
+            if place.is_dir() and not place.is_symlink():
+                place.replace(before)
             part.replace(place)
-    except BaseException:
+    finally:
+        _put_back(before, place)
         shutil.rmtree(part, ignore_errors=True)
-        raise
+
+
+def _put_back(before: Path, place: Path) -> None:
+    """Gives a folder that was to be replaced its name back, or removes it where another has taken its place."""
+    if before.is_dir() and not os.path.lexists(place):
+        before.replace(place)
+    shutil.rmtree(before, ignore_errors=True)
 
 
 @contextmanager
@@ -87,7 +100,7 @@ def _named(place: Path) -> Generator[None]:
 
 
 def remove_leftovers(folder: str | Path, names: Iterable[str]) -> None:
-    """Removes what processes that were killed have left of files and folders that they were writing.
+    """Removes what processes that were killed have left of what they were writing; puts back what they hadn't replaced.
 
     To be called by the process that has the folder locked, for what is only written by one that has.
 
@@ -108,6 +121,8 @@ def remove_leftovers(folder: str | Path, names: Iterable[str]) -> None:
             else:
                 with suppress(OSError):
                     part.unlink()
+        for before in Path(folder).glob(name + _BEFORE):
+            _put_back(before, before.with_name(before.name.removesuffix(_BEFORE)))
 
 
 def _refuse_link(place: Path) -> None:

@@ -76,7 +76,7 @@ def test_a_reference_that_isnt_the_robots_is_refused(pendulum):
         return refusal(TrialError, Problem, PENDULUM, TrialSet(trials, names), threads=1)
 
     said = posed(*pendulum.trials, names=("pivot", "end", "middle"))
-    assert says(said, "pivot, end, middle", "'pendulum' has pivot, middle, end", "in the same order")
+    assert says(said, "pivot, end, middle", "'pendulum' has 3 (pivot, middle, end)", "in the same order")
     one, other = pendulum.trials
     deaf = replace(other, sensors=None)
     assert says(posed(one, deaf), "trial 'b' has no sensors", "a column 'gyro[1]'")

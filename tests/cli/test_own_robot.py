@@ -267,7 +267,7 @@ def test_a_urdf_becomes_a_model_to_which_markers_are_added(program, tmp_path):
     urdf.write_text(URDF)
     told = program("init", urdf).done().out
     out = urdf.with_suffix(".xml")
-    assert "the bodies upper and the joints shoulder" in told
+    assert "the bodies base, upper and the joints shoulder" in told
     assert '<site name="M0" pos="0 0 0"/>' in told
     assert shlex.split(told.partition("Then: ")[2]) == ["swim2real", "init", str(out)]
     assert f"'{out}' is there; --force writes" in program("init", urdf).sentence(2)

@@ -2,6 +2,7 @@ import json
 import re
 import shutil
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import toy
 
 from refused import refusal, says
+from swim2real.calibration.convergence import standing
 from swim2real.errors import RunError
 from swim2real.identification.evaluated import EvaluatedPoint, autocorrelation, independent_numbers
 from swim2real.identification.finished_run import reopen
@@ -19,6 +21,7 @@ from swim2real.identification.identifiability import (
     directions,
     doubted,
     identify,
+    interval,
     known_so_far,
     read_study,
 )
@@ -289,3 +292,30 @@ def test_autocorrelation_of_what_is_known():
     assert found[0] == 1
     assert found[20] == pytest.approx(-(1 - 20 / 400), abs=0.01)
     assert np.array_equal(autocorrelation(np.zeros((5, 2))), [1, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("size", [1, 2])
+def test_one_parameter_and_a_loss_of_0_are_studied_like_any_others(size, noise):
+    hidden, scatter = np.full(size, 0.4), noise * np.random.default_rng(0).standard_normal(20 * size) / 20
+
+    def evaluate(points):
+        residuals = [0.05 * np.repeat(point - hidden, 20) + scatter for point in points]
+        return [
+            EvaluatedPoint(np.array(p), float(np.abs(r).sum()), r, False)
+            for p, r in zip(points, residuals, strict=True)
+        ]
+
+    first = first_points([(hidden, 0.0), (hidden + 0.1, 0.1)])
+    found = draw(evaluate, first, lambda r: independent_numbers(r, [(20 * size, 1)]), 2, 0)
+    low, high = interval(found.draws, "95")
+    assert ((low <= hidden) & (hidden <= high) & (high - low < 0.4)).all()
+    assert len(directions(found.draws, NAMES[:size])) == size
+
+
+def test_a_run_that_ends_at_a_loss_of_0_has_its_record_and_says_where_it_stands(tmp_path):
+    reference = toy.make_reference(noise=0.0)
+    folder = toy.make_run(reference, tmp_path / "run", budget=3, start=toy.HIDDEN)
+    assert [entry.loss == 0 for entry in folder.record()] == [True, False, False]
+    told = standing(folder.record(), replace(folder.settings(), finish=True), None, toy.SPACE)
+    assert ("0.00 mm" in told[0], told[2]) == (True, "the last minute gained nothing")

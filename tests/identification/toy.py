@@ -3,6 +3,7 @@
 It is the double pendulum of `recorded`, released from a raised pose; its shoulder has two dampings that add up.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,7 +42,8 @@ def make_reference(noise: float = 1e-3) -> TrialSet:
     return recorded(ROBOT, HIDDEN, [blank(ROBOT, "released", SECONDS)], noise)
 
 
-def make_run(reference: TrialSet, out: Path, budget: int | None = 3, seed: int = 0) -> RunFolder:
+def make_run(reference: TrialSet, out: Path, budget: int | None = 3, seed: int = 0, start: Mapping[str, float] = START
+) -> RunFolder:  # fmt: skip
     """A short run that begins near the hidden values; without a budget a search until it is done."""
     problem = Problem(ROBOT, reference, threads=2)
     folder = RunFolder(out)
@@ -49,7 +51,7 @@ def make_run(reference: TrialSet, out: Path, budget: int | None = 3, seed: int =
         folder.begin(
             replace(settings_of(problem, reference, budget=budget, seed=seed), reference="the toy's reference")
         )
-        first, rng = SPACE.to_cube(START), streams(seed)[1]
+        first, rng = SPACE.to_cube(start), streams(seed)[1]
         optimizer = MultiStart([first], rng) if budget is None else RandomSearch(len(SPACE), rng, first)
         best, ending = minimize(problem, SPACE, optimizer, budget, folder)
         if budget is None:

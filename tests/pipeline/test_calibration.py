@@ -10,7 +10,8 @@ from pools import LOGARITHMIC, NAMES, film
 from refused import refusal, says
 from run_settings import record_of
 from swim2real.advisor import PhysicsAdvisor
-from swim2real.calibration import RunFolder
+from swim2real.api import compare
+from swim2real.calibration import Problem, RunFolder
 from swim2real.errors import ArgumentError, RunError, TrialError
 from swim2real.optimizers import (
     BacktrackingLineSearch,
@@ -25,8 +26,8 @@ from swim2real.optimizers import (
 from swim2real.optimizers.callback import CallbackSolver
 from swim2real.pipeline import calibrate, make_optimizer
 from swim2real.robots.fish import FISH
-from swim2real.settings import CalibrationSettings
-from swim2real.trials import TrialSet
+from swim2real.settings import CalibrationSettings, ComparisonSettings
+from swim2real.trials import MarkerTrack, Trial, TrialSet
 
 PHYSICS = PhysicsAdvisor(FISH, LOGARITHMIC, 0)
 
@@ -44,6 +45,20 @@ def record(path) -> list[dict]:
 
 def without_seconds(path) -> list[dict]:
     return [{key: value for key, value in entry.items() if key != "seconds"} for entry in record(path)]
+
+
+def test_trials_of_another_robot_are_refused_with_what_to_type(tmp_path):
+    names = ("nose", "mid", "tail")
+    track = MarkerTrack(np.arange(30) / 60, np.zeros((30, 3, 2)))
+    others = TrialSet((Trial("one", track),), names)
+    for begin in (
+        lambda: calibrate(others, FISH, CalibrationSettings(), tmp_path / "run"),
+        lambda: compare(others, FISH, ComparisonSettings(), tmp_path / "compared"),
+        lambda: Problem(FISH, others),
+    ):
+        said = refusal(TrialError, begin)
+        assert says(said, "3 markers (nose, mid, tail)", "robot 'fish' has 9", "give --robot FILE.toml")
+    assert list(tmp_path.iterdir()) == []
 
 
 # settings

@@ -109,7 +109,7 @@ def test_a_snake_swims_in_the_plane_with_one_value_for_its_joints(begun):
 def test_sites_of_tendons_are_no_markers_and_sensors_are_suggested(begun):
     draft, out = begun(FINGER)
     assert draft.markers == ("base", "middle", "tip")
-    assert draft.routing == ("anchor", "guide0", "guide1")
+    assert draft.left_out == {"tendons run through these sites": ("anchor", "guide0", "guide1")}
     text = out.read_text()
     assert "# tendons run through these sites, so they are left out: anchor, guide0, guide1" in text
     assert '# length = {unit = "m", meters_per_unit = 0.01}' in text
@@ -223,3 +223,15 @@ def test_actuators_without_names_are_called_after_what_they_act_on_and_the_camer
     assert [load_robot(out).model.actuator(i).name for i in range(3)] == names
     assert any('actuator "shoulder.pitch"' in draft.candidates[name].target for name in draft.calibrated)
     assert "From where is it filmed? Nothing in the model says so" in out.read_text()
+
+
+@pytest.mark.parametrize("hidden", ['rgba="1 0 0 0"', 'group="3"', 'group="5"'])
+def test_an_invisible_site_is_no_marker_unless_all_are(begun, hidden):
+    names = mujoco.MjSpec.from_string(PENDULUM).sites
+    first, *others = [site.name for site in names]
+    model = PENDULUM.replace(f'<site name="{first}"', f'<site name="{first}" {hidden}', 1)
+    draft, out = begun(model)
+    assert draft.markers == tuple(others)
+    assert f"# these sites are invisible, so they are left out: {first}\n" in out.read_text()
+    assert load_robot(out).marker_names == tuple(others)
+    assert begun(PENDULUM.replace("<site ", f"<site {hidden} "))[0].markers == (first, *others)

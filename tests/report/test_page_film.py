@@ -80,7 +80,7 @@ def rolling() -> ComparedTrial:
 
 
 def test_a_hull_that_rolls_is_seen_from_ahead_too(
-    rolling: ComparedTrial, simulated: None, monkeypatch: pytest.MonkeyPatch
+    rolling: ComparedTrial, simulated: None, monkeypatch: pytest.MonkeyPatch, repeatable_swims: None
 ) -> None:
     saved = [SavedTrial(False, rolling)]
     (film,) = films(saved, FISH_ROLLING, FISH_ROLLING.space.published)

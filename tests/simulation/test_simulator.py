@@ -64,18 +64,18 @@ def test_trials_say_what_was_asked_and_how_they_were_made():
     assert trials["slow"].provenance.startswith(f"mujoco {mujoco.__version__}, fast step, steady cycle after ")
 
 
-def test_the_cycle_is_what_a_swim_at_full_length_does():
+def test_the_cycle_is_what_a_swim_at_full_length_does(new_fluid_law):
     swims = [Swim("a", Actuation(1.0, 1.0, 0.1), 3.0), Swim("b", Actuation(1.6, 0.0, 0.1), 3.0)]
     short = Simulator(FISH, 2).simulate(PUBLISHED, swims)
     whole = Simulator(FISH, 2, full_length=True).simulate(PUBLISHED, swims)
     for name in ("a", "b"):
         assert "full length" in whole[name].provenance
-        assert short[name].track.speed == pytest.approx(whole[name].track.speed, abs=1e-3)
+        assert short[name].track.speed == pytest.approx(whole[name].track.speed, abs=2e-3 if new_fluid_law else 1e-3)
         gap = np.linalg.norm(short[name].track.body - whole[name].track.body, axis=2)
         assert gap.mean() < 1e-3
 
 
-def test_a_swim_of_a_hull_that_rolls_slower_than_the_tail_beats_changes_smoothly_with_the_parameters():
+def test_a_swim_of_a_hull_that_rolls_slower_than_the_tail_beats_changes_smoothly(new_fluid_law):
     robot = load_robot("fish-rolling")
     loose = {"fluid_kutta_lift": 10.0, "fluid_blunt_drag": 1.81, "fluid_slender_drag": 0.2, "roll_damping": 0.002}
     swims = [Swim("a", Actuation(0.75, 0.0, 0.0), 2.0)]
@@ -83,7 +83,7 @@ def test_a_swim_of_a_hull_that_rolls_slower_than_the_tail_beats_changes_smoothly
     sets = Simulator(robot).simulate_many(near, swims)
     assert "full length" in sets[0].trials[0].provenance
     bodies = np.array([each.trials[0].track.body for each in sets])
-    assert np.abs(np.diff(bodies, 2, axis=0)).max() < 1e-6  # m
+    assert np.abs(np.diff(bodies, 2, axis=0)).max() < (1e-4 if new_fluid_law else 1e-6)  # m
 
 
 def test_a_swim_from_rest_begins_at_rest_and_at_the_motor_angle_that_is_asked():
@@ -128,6 +128,17 @@ def test_a_candidate_that_diverges_names_the_time_and_leaves_the_others_alone(tm
         assert trial.divergence is None
         np.testing.assert_array_equal(trial.track.positions, same.track.positions)
     assert not list(tmp_path.iterdir())  # nor a log of the engine's
+
+
+@pytest.mark.parametrize("swims", [LONG, [Swim("rest", Actuation(1.0), 0.5)]])
+def test_a_candidate_of_which_no_model_can_be_made_is_a_diverged_trial(swims):
+    def spoil(spec, values) -> None:
+        if values["fluid_kutta_lift"] == STIFF["fluid_kutta_lift"]:
+            spec.geoms[0].size[0] = -1
+
+    none, good = Simulator(rebuilt(spoil), threads=2).simulate_many([STIFF, PUBLISHED], swims)
+    assert all(says(trial.divergence, "the model can't be made: Error: ") for trial in none)
+    assert not any(trial.divergence for trial in good)
 
 
 def test_a_motor_too_weak_to_turn_makes_a_diverged_trial():

@@ -18,6 +18,7 @@ from swim2real.trials import MarkerTrack, Trial
 _FALLING = 0.05  # of the loss, by which the last quarter of the budget may lower it in a run that has converged
 _FEW = 10  # evaluations of which nothing is said
 _LATELY = 60.0  # s
+_LEAST = 1e-300  # m, in place of a loss of 0
 _ON_BOUND = 0.005  # of the range
 _UNEXPLAINED = 4.0  # times the noise of the markers, from which a search that is done has not explained the trials
 _PARTS = {"shape_error": "shape", "recoil_error": "recoil", "progress_error": "way", "aligned_marker_error": "markers"}
@@ -187,4 +188,4 @@ def _gain_lately(entries: Sequence[RecordedEvaluation]) -> float:
     while index > 0 and seconds < _LATELY:
         seconds += entries[index].seconds or 0.0
         index -= 1
-    return 1 - losses[-1] / losses[index]
+    return (losses[index] - losses[-1]) / max(losses[index], _LEAST)

@@ -148,7 +148,8 @@ def minimize(
         elapsed = time.monotonic() - started
         left = 60 * minutes - elapsed if budget is None else elapsed / (fresh or index + 1) * (budget - index - 1)
         lowest.append(best.loss)
-        gained = 1 - best.loss / lowest[3 * len(lowest) // 4 - 1] if index else 1.0
+        quarter = lowest[3 * len(lowest) // 4 - 1]
+        gained = (quarter - best.loss) / max(quarter, 1e-300) if index else 1.0
         progress = Progress(index + 1, budget, entry.loss, best.loss, candidate.note, improved, left, replayed)
         on_progress(replace(progress, ends=optimizer.ends, gained=gained))
     if best is None:

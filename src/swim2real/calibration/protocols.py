@@ -152,11 +152,7 @@ def examine_swims(reference: TrialSet, robot: Robot) -> tuple[RealSwim, ...]:
     Raises:
         TrialError: The markers aren't the robot's, or a trial shows no beat.
     """
-    if len(reference.marker_names) != len(robot.marker_names):
-        raise TrialError(
-            f"the reference has {len(reference.marker_names)} markers ({', '.join(reference.marker_names)}); "
-            f"robot '{robot.name}' has {len(robot.marker_names)} ({', '.join(robot.marker_names)})"
-        )
+    robot.check_trials(reference)
     swims: list[RealSwim] = []
     for filmed in reference:
         trial = filmed.seen_from_afar() if robot.swims.from_afar else filmed
@@ -274,11 +270,7 @@ class Playback(Protocol[PlaybackSimulator]):
     def prepare(
         self, reference: TrialSet, robot: Robot, simulator: PlaybackSimulator, horizon: float | None
     ) -> tuple[PreparedTrial, ...]:
-        if reference.marker_names != robot.marker_names:
-            raise TrialError(
-                f"the reference has the markers {', '.join(reference.marker_names)}; robot '{robot.name}' has "
-                f"{', '.join(robot.marker_names)}; name them alike, in the same order"
-            )
+        robot.check_trials(reference)
         named = robot.trials.start_named or self.pieces is not None
         starts = {} if named else {name: one.start for name, one in better_starts(robot, reference).items()}
         return tuple(self._prepared(trial, robot, simulator, horizon, starts.get(trial.name)) for trial in reference)

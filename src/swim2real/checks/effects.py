@@ -1,4 +1,7 @@
-"""What each parameter of a robot file does to the model: do the bounds compile, do numbers change, and why not?"""
+"""What each parameter of a robot file does to the model: do the bounds compile, do numbers change, and why not?
+
+Whether the compiled model has what a parameter writes, `read_back` tells.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from swim2real.parameters import Parameter
 from swim2real.robots.compiled import compiled, same
 from swim2real.robots.drives import Drive
 from swim2real.robots.file import CalibratedParameter, RobotFile
+from swim2real.robots.read_back import undone
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import Selection
 
@@ -34,12 +38,14 @@ class ModelEffect:
         lower: Why the model doesn't compile at the lower bound; None where it does.
         upper: Why the model doesn't compile at the upper bound; None where it does.
         changes: Whether any number of the model differs at a bound.
+        undone: What the model makes of it instead of what it says, with the cause; None where it is as written.
     """
 
     parameter: Parameter
     lower: str | None
     upper: str | None
     changes: bool
+    undone: str | None = None
 
 
 def model_effects(robot: Robot) -> list[ModelEffect]:
@@ -55,7 +61,7 @@ def model_effects(robot: Robot) -> list[ModelEffect]:
     for parameter in robot.space:
         lower, upper = (_made(robot, {parameter.name: value}) for value in (parameter.lower, parameter.upper))
         changes = any(not isinstance(made, str) and not same(nominal, made) for made in (lower, upper))
-        effects.append(ModelEffect(parameter, _why(lower), _why(upper), changes))
+        effects.append(ModelEffect(parameter, _why(lower), _why(upper), changes, undone(robot, parameter)))
     return effects
 
 
@@ -76,7 +82,7 @@ def why_no_effect(file: RobotFile, robot: Robot, name: str) -> str | None:
             return f"parameter '{later.parameter.name}' writes to the same place after it"
     model = file.spec.copy().compile()
     reasons = [
-        next(_reasons(target.selection, element, file.spec, model, robot), None)
+        next(_reasons(target.selection, element, model, robot), None)
         for target in entry.targets
         for _, element in target.selection.elements(file.spec)
     ]
@@ -110,7 +116,7 @@ def _numbers(
 
 
 def _reasons(
-    selection: Selection, element: Any, spec: mujoco.MjSpec, model: mujoco.MjModel, robot: Robot
+    selection: Selection, element: Any, model: mujoco.MjModel, robot: Robot
 ) -> Iterator[str]:  # fmt: skip
     who, name = selection.label(element), selection.attribute
     for flag in _FLAGS.get(name, ()):
@@ -121,7 +127,7 @@ def _reasons(
         case "body":
             yield from _of_body(element, who, name, model)
         case "geom":
-            yield from _of_geom(element, who, name, spec, model)
+            yield from _of_geom(element, who, name, model)
         case "joint":
             yield from _of_joint(element, who, name, model)
         case "tendon":
@@ -144,28 +150,21 @@ def _of_body(body: Any, who: str, name: str, model: mujoco.MjModel) -> Iterator[
         yield f"{who} is fixed to the world"
 
 
-def _of_geom(geom: Any, who: str, name: str, spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[str]:
-    body = geom.parent
-    if name in ("mass", "density"):
-        from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-        if body.explicitinertial and not from_geoms:
-            yield f"body '{body.name}' has an <inertial>, which counts instead of {who}"
-        if name == "density" and np.isfinite(geom.mass):
-            yield f"{who} has a mass, which counts instead of its density"
+def _of_geom(geom: Any, who: str, name: str, model: mujoco.MjModel) -> Iterator[str]:
+    if name in ("mass", "density") and geom.parent.explicitinertial:
+        yield f"body '{geom.parent.name}' has an <inertial>, which counts instead of {who}"
     if name == "fluidcoef":
         if not geom.fluid_ellipsoid:
             yield f'{who} has no fluidshape="ellipsoid"'
         if model.opt.density == 0:
             yield "option density is 0, so there is no fluid"
-    if name in ("mass", "density", "fluidcoef") and _fixed(body, model):
+    if name in ("mass", "density", "fluidcoef") and _fixed(geom.parent, model):
         yield f"{who} is fixed to the world"
     if name == "friction" and not geom.contype and not geom.conaffinity:
         yield f"{who} touches nothing, since its contype and conaffinity are 0"
 
 
 def _of_joint(joint: Any, who: str, name: str, model: mujoco.MjModel) -> Iterator[str]:
-    if name in ("stiffness", "damping") and np.all(joint.springdamper > 0):
-        yield f"{who} has a springdamper, which sets its stiffness and damping"
     if name == "springref" and not np.ravel(joint.stiffness)[0]:
         yield f"{who} has no stiffness"
     if name == "range" and joint.name and not model.joint(joint.name).limited:

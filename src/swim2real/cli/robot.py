@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
 
 from swim2real import consent
 from swim2real.cli.options import PUBLISHED, Positional, word
@@ -11,11 +13,15 @@ from swim2real.cli.terminal import say
 from swim2real.errors import ArgumentError, RobotError
 from swim2real.settings import all_cores
 
+Folders = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=FOLDER ...")]
+
 if TYPE_CHECKING:
     from swim2real.pipeline.drafting import Converted
 
 
-def init(model: Positional[Path], *, out: Path | None = None, force: bool = False) -> int:
+def init(
+    model: Positional[Path], *, out: Path | None = None, force: bool = False, package: Folders = ()
+) -> int:  # fmt: skip
     """Write a robot file for an MJCF model: markers, what drives a trial, and candidates to calibrate.
 
     Simulates 2 s with each candidate at both bounds. Candidates that no camera would see, or that should rather be
@@ -26,6 +32,8 @@ def init(model: Positional[Path], *, out: Path | None = None, force: bool = Fals
         model: MJCF file, or a URDF.
         out: Robot file to write; by default beside the model.
         force: Overwrite an existing file.
+        package: Folders of packages whose meshes a URDF names (package://NAME/…); by default they are looked for beside
+            the file and above it.
     """
     file = out or model.with_suffix(".toml")
     if file.suffix != ".toml":
@@ -34,11 +42,15 @@ def init(model: Positional[Path], *, out: Path | None = None, force: bool = Fals
         raise ArgumentError(f"'{file}' is there; give another --out, or --force to write over it")
     from swim2real.pipeline.drafting import draft_robot, from_urdf, write_draft
 
-    converted = from_urdf(model)
+    if wrong := next((pair for pair in package if "=" not in pair), None):
+        raise ArgumentError(f"--package is '{wrong}'; it must be NAME=FOLDER")
+    converted = from_urdf(model, {name: Path(folder) for name, _, folder in (pair.partition("=") for pair in package)})
     if converted is not None:
         return _write_model(converted, model, force)
     draft = draft_robot(model)
     write_draft(draft, model, file)
+    if draft.markers:
+        say(f'camera = "{draft.camera}" is a guess, by where markers move most; change it if it stands elsewhere.')
     calibrated = draft.calibrated
     say(
         f"{file}: {len(draft.markers)} markers, {len(calibrated)} parameters ({', '.join(calibrated)}), and "
@@ -60,13 +72,14 @@ def _write_model(converted: Converted, urdf: Path, force: bool) -> int:
         write_text(out, converted.text)
     except OSError as error:
         raise RobotError(f"model '{out}' can't be written: {reason(error, out)}") from error
+    base = f"'{converted.bodies[0]}'" if converted.bodies else "that moves"
     joint = converted.joints[0] if converted.joints else "JOINT"
     say(
         f"{out}: '{urdf}' in MuJoCo's format, with the bodies {', '.join(converted.bodies) or 'none'} and the joints "
         f"{', '.join(converted.joints) or 'none'}. A URDF has neither markers nor motors: write a site for each marker "
         f'into the body that carries it, as in <site name="M0" pos="0 0 0"/>, and what drives the joints, as in '
         f'<actuator><position name="{joint}" joint="{joint}" kp="1"/></actuator>; a base that isn\'t fixed also needs '
-        f"<freejoint/>. Then: swim2real init {word(out)}"
+        f"<freejoint/> in the body {base}. Then: swim2real init {word(out)}"
     )
     return 0
 
@@ -75,8 +88,8 @@ def check(robot: Positional[str], *, reference: Path | None = None, out: Path | 
     """Check a robot: what each parameter sets and moves, its markers, and what drives a trial.
 
     Simulates 2 s with each parameter at both bounds, and draws a map of the markers. Exits with 1 if a parameter
-    changes nothing, the model doesn't compile at a bound, or the trials of --reference don't fit or are probably of
-    another unit, order, axes, clock or sign. Takes some seconds.
+    changes nothing, a setting of the model undoes it or the model doesn't compile at a bound, or if the trials of
+    --reference don't fit or are probably of another unit, order, axes, clock or sign. Takes some seconds.
 
     Args:
         robot: Robot file, or the name of a robot: fish, fish-extended, fish-rolling.

@@ -194,7 +194,7 @@ def _signed(number: float) -> str:
 
 def _wrong(file: RobotFile, robot: Robot, one: Probe) -> Iterator[str]:
     """What is wrong with a parameter."""
-    refused = [why for why in (one.effect.lower, one.effect.upper) if why is not None]
+    refused = [why for why in (one.effect.lower, one.effect.upper, one.effect.undone) if why is not None]
     yield from refused
     if not refused and one.idle:
         shown = "moves no marker" if robot.marker_names else "changes no sensor"

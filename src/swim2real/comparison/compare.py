@@ -27,6 +27,7 @@ from swim2real.errors import RunError, Swim2RealError
 from swim2real.pipeline import calibrate
 from swim2real.pipeline.methods import METHODS
 from swim2real.processes import ProcessPool
+from swim2real.robots.read_back import check_targets
 from swim2real.robots.robot import Robot
 from swim2real.settings import VlmAccess, asks_a_vlm
 from swim2real.simulation import Engine
@@ -136,6 +137,8 @@ def compare(
     Raises:
         Swim2RealError: The folder holds another comparison, or the work can't be begun.
     """
+    robot.check_trials(reference)
+    check_targets(robot)
     root = Path(out).resolve()
     with _exclusive(root):
         before = read_plan(root) if (root / RUNS).is_dir() else None  # a plan without a run binds nobody

@@ -13,6 +13,8 @@ from swim2real.parameters import ParameterSpace
 
 Array = NDArray[np.float64]
 
+_LEAST = 1e-5  # m, of a misfit; no camera sees less
+
 
 @dataclass(frozen=True)
 class EvaluatedPoint:
@@ -32,8 +34,8 @@ class EvaluatedPoint:
 
     @property
     def misfit(self) -> float:
-        """Root of the mean square of the residual, which Gauss-Newton lowers [m]."""
-        return float(np.linalg.norm(self.residual))
+        """Root of the mean square of the residual, which Gauss-Newton lowers; never 0 [m]."""
+        return max(float(np.linalg.norm(self.residual)), _LEAST)
 
 
 def evaluated(problem: Problem, space: ParameterSpace, points: Sequence[Array]) -> Iterator[EvaluatedPoint]:
@@ -82,6 +84,6 @@ def _independent_frames(correlation: Array) -> float:
 
 
 def _participation(covariance: Array) -> float:
-    """Participation ratio: how many eigenvalues share the sum."""
+    """Participation ratio: how many eigenvalues share the sum; all of them where there is no residual."""
     square = float(np.sum(covariance**2))
-    return float(np.trace(covariance)) ** 2 / square if square > 0 else 0.0
+    return float(np.trace(covariance)) ** 2 / square if square > 0 else float(len(covariance))

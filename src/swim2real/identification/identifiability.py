@@ -429,7 +429,7 @@ def directions(draws: Array, names: Sequence[str]) -> list[dict[str, Any]]:
         of a parameter that nothing determines, and the `parameters` that hold most of it with their shares of the
         vector, the largest first.
     """
-    values, vectors = np.linalg.eigh(np.cov(draws.T))
+    values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(draws.T)))
     found: list[dict[str, Any]] = []
     for value, vector in zip(values, vectors.T, strict=True):
         order = np.argsort(-np.abs(vector))

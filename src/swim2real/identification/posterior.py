@@ -101,7 +101,7 @@ def _lowest(evaluated: Sequence[EvaluatedPoint]) -> EvaluatedPoint:
 
 def _determined(draws: Array) -> float:
     """How many directions are narrower than nothing would leave them, each by its share."""
-    variances = np.linalg.eigvalsh(np.cov(draws.T))
+    variances = np.linalg.eigvalsh(np.atleast_2d(np.cov(draws.T)))
     return float(np.sum(1 - np.clip(variances / _UNIFORM, 0.0, 1.0)))
 
 

@@ -32,6 +32,7 @@ from swim2real.optimizers import ScriptedAdvisor, recorded_advice
 from swim2real.parameters import read_parameters
 from swim2real.pipeline.methods import METHODS, default_starts, make_optimizer
 from swim2real.robots.fingerprint import fingerprint
+from swim2real.robots.read_back import check_targets
 from swim2real.robots.robot import Robot
 from swim2real.settings import (
     ADVISED,
@@ -78,11 +79,13 @@ def calibrate(
     Raises:
         Swim2RealError: Something is wrong, which its sentence names.
     """
+    robot.check_trials(reference)
     folder = RunFolder(out)
     begun, minutes = folder.settings() if resume else None, settings.minutes or MINUTES
     if begun is not None and begun.budget is not None and (settings.budget is None or begun.finish):
         settings = replace(settings, method=begun.method, budget=begun.budget, finish=True)
     if on_warning is not None:
+        check_targets(robot)
         begins, other = started(robot, reference), other_start(robot, reference)
         for line in (*judged(begins, reference).doubts, *reference_warnings(begins, reference, settings)):
             on_warning(line)

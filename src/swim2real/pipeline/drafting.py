@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import mujoco
 import numpy as np
 
 from swim2real.checks.probing import FAINT, Probe, made_up_for, moved, probe
-from swim2real.errors import RobotError
+from swim2real.errors import RobotError, Swim2RealError
 from swim2real.names import label_fault, quoted
 from swim2real.robots import ROBOTS
 from swim2real.robots.candidates import candidates, carrying
@@ -21,6 +22,8 @@ from swim2real.robots.file import PLANES, read_mjcf, robot_from_file
 from swim2real.robots.mjcf_files import root_tag
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import class_name
+from swim2real.robots.urdf import plain_urdf
+from swim2real.store import reason
 
 _UPRIGHT = 0.99  # the vertical part of a hinge's axis about which nothing tilts
 _REST_SHARE = 0.1  # by which the place of markers counts for the camera, beside their motion
@@ -60,7 +63,7 @@ class Converted:
 
     Attributes:
         text: The MJCF.
-        bodies: Names of its bodies; links that are fixed to the world are part of it.
+        bodies: Names of its bodies, the base first.
         joints: Names of its joints.
     """
 
@@ -69,19 +72,34 @@ class Converted:
     joints: tuple[str, ...]
 
 
-def from_urdf(path: Path) -> Converted | None:
+def from_urdf(path: Path, packages: Mapping[str, Path]) -> Converted | None:
     """A model in MuJoCo's format, of a URDF; None of any other file, or where there is none.
 
+    Args:
+        path: Path of the file.
+        packages: Folders of packages that it names.
+
     Raises:
-        RobotError: It can't be read or compiled.
+        RobotError: It can't be read or compiled, or a mesh isn't found.
+        ConsentError: It names files outside of its folder, which wasn't allowed.
     """
     try:
         if not path.is_file() or root_tag(path) != "robot":
             return None
     except OSError:
         return None  # of which the reader of MJCF tells
-    spec = read_mjcf(path, alone=True)
-    compiled(spec, f"model '{path}'")
+    beside = path.with_name(f".{path.stem}.part.urdf")  # where its meshes are found
+    try:
+        beside.unlink(missing_ok=True)  # a link that came with a folder would be followed
+        beside.write_bytes(plain_urdf(path, packages))
+        spec = read_mjcf(beside, alone=True)
+        compiled(spec, f"model '{path}'")
+    except OSError as error:
+        raise RobotError(f"model '{path}' can't be read, or nothing be written beside it: {reason(error)}") from error
+    except Swim2RealError as error:
+        raise type(error)(str(error).replace(str(beside), str(path))) from error
+    finally:
+        beside.unlink(missing_ok=True)
     bodies = tuple(body.name for body in spec.bodies if body.name not in ("", "world"))
     return Converted(spec.to_xml(), bodies, tuple(joint.name for joint in spec.joints if joint.name))
 
@@ -121,7 +139,10 @@ def _first(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> Draft:
         )
     wraps = zip(model.wrap_type, model.wrap_objid, strict=True)
     routed = {model.site(int(i)).name for kind, i in wraps if kind == mujoco.mjtWrap.mjWRAP_SITE}
-    markers = tuple(name for name in sites if name not in routed) or tuple(sites)
+    shown = mujoco.MjvOption().sitegroup  # as MuJoCo's viewer begins
+    seen = {name for name in sites if model.site(name).rgba[3] > 0 and shown[model.site(name).group[0]]}
+    free = tuple(name for name in sites if name not in routed)
+    markers = tuple(name for name in free if name in seen) or free or tuple(sites)
     found = candidates(spec, model)
     if not found:
         raise RobotError(
@@ -135,7 +156,14 @@ def _first(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> Draft:
         path.name,
         spec,
         markers,
-        tuple(name for name in sites if name not in markers),
+        {
+            why: left
+            for why, left in (
+                ("tendons run through these sites", tuple(name for name in sites if name not in (*markers, *free))),
+                ("these sites are invisible", tuple(name for name in free if name not in markers)),
+            )
+            if left
+        },
         _frame(model, markers),
         found,
         aside=aside if len(aside) < len(found) else {},
@@ -192,6 +220,8 @@ def _heights(model: mujoco.MjModel, markers: tuple[str, ...]) -> dict[str, float
 
 def _unfit(one: Probe, markers: bool) -> str | None:
     """Why a parameter is only suggested; None where it shows."""
+    if one.effect.undone is not None:
+        return one.effect.undone
     failure = one.refused or one.lower.failure or one.upper.failure
     if failure is not None:
         return f"at a bound the model can't be simulated; choose other bounds ({failure})"

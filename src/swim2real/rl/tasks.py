@@ -42,7 +42,7 @@ class Task(Protocol):
     `near_goals` and `turn_reward`, which then become attributes of the task.
 
     Attributes:
-        observes: Parts of the robot that a policy sees by default, as `observation.PARTS` names them.
+        observes: Parts of the robot that a policy sees by default, as `rl.state.PARTS` names them.
         adds: Length and greatest magnitude of each part that the task adds to the observation.
         needs_frame: Whether it is about where the robot is and points.
         stages: Stages of the curriculum, in order; empty without one.

@@ -111,7 +111,7 @@ _TENDON = {key: _JOINT[key] for key in ("stiffness", "damping", "frictionloss")}
 
 def _joints(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[Candidate]:
     """Candidates of the joints that turn or slide; a free one has no resistance of its own."""
-    there = [joint for joint in spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE and not _set_together(joint)]
+    there = [joint for joint in spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE]
 
     def inertia(joint: Any) -> float:
         return float(model.dof_M0[model.joint(joint.name).dofadr[0]])
@@ -183,11 +183,6 @@ def _read(element: Any, name: str) -> float:
 
 def _turns(joint: Any) -> bool:
     return joint.type != mujoco.mjtJoint.mjJNT_SLIDE
-
-
-def _set_together(joint: Any) -> bool:
-    """Whether springdamper sets what is written to stiffness and damping."""
-    return bool(np.all(joint.springdamper > 0))
 
 
 _FILTERS = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)

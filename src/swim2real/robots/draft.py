@@ -27,7 +27,7 @@ class Draft:
         title: Name of the model's file.
         spec: The model.
         markers: Sites, in the order of the model.
-        routing: Sites that are none, since tendons run through them.
+        left_out: Sites that are none, by the reason.
         frame: Two markers on one body of a robot that travels; None for one that doesn't.
         candidates: Candidates by name.
         camera: The side from which it moves most.
@@ -39,7 +39,7 @@ class Draft:
     title: str
     spec: mujoco.MjSpec
     markers: tuple[str, ...]
-    routing: tuple[str, ...]
+    left_out: Mapping[str, tuple[str, ...]]
     frame: tuple[str, str] | None
     candidates: Mapping[str, Candidate]
     camera: str = "above"

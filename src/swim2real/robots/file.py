@@ -136,6 +136,7 @@ def _robot(file: RobotFile, markers_only: bool) -> Robot:
         policy=_policy(file),
         delays={entry.parameter.name: entry.delays for entry in file.calibrated if entry.delays},
         source=file.path,
+        targets={entry.parameter.name: entry.targets for entry in file.calibrated},
     )
 
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.parameters import ParameterSpace, Values
 from swim2real.robots.drives import Drive
-from swim2real.robots.targets import Delay, Delays
+from swim2real.robots.targets import Delay, Delays, Target
 from swim2real.settings import ProtocolName
-from swim2real.trials import Signals, Trial
+from swim2real.trials import Signals, Trial, TrialSet
 
 _PLACES = tuple(
     map(int, (mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtSensor.mjSENS_ACTUATORPOS))
@@ -289,6 +289,7 @@ class Robot:
         policy: What a policy commands and sees; None where nobody has said.
         delays: What parameters delay in recordings, by the parameter's name.
         source: File that describes the robot; None for one of Python's.
+        targets: Places in the model that a parameter sets, by its name, where a file says so.
     """
 
     name: str
@@ -304,6 +305,7 @@ class Robot:
     policy: PolicySetup | None = None
     delays: Mapping[str, tuple[Delay, ...]] = field(default_factory=dict[str, tuple[Delay, ...]])
     source: Path | None = None
+    targets: Mapping[str, tuple[Target, ...]] = field(default_factory=dict[str, tuple[Target, ...]])
 
     def __getstate__(self) -> dict[str, object]:
         """Without what is compiled, which another process compiles when it needs it."""
@@ -354,6 +356,19 @@ class Robot:
             raise ArgumentError(
                 f"robot '{self.name}' has no markers, so there is nothing to {what}; its trials are tables of sensors, "
                 f"which calibrate, evaluate and identify take as they are"
+            )
+
+    def check_trials(self, trials: TrialSet) -> None:
+        """Refuses trials of another robot.
+
+        Raises:
+            TrialError: They have another number of markers; of recordings, or other names.
+        """
+        theirs, own = trials.marker_names, self.marker_names
+        if theirs != own and (self.trials.swims is None or len(theirs) != len(own)):
+            raise TrialError(
+                f"these trials have {len(theirs)} markers ({', '.join(theirs)}); robot '{self.name}' has {len(own)} "
+                f"({', '.join(own)}); give --robot FILE.toml, or name the markers alike, in the same order"
             )
 
     def delays_of(self, values: Values) -> Delays:

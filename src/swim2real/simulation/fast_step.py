@@ -181,7 +181,7 @@ class FastStep:
         """Makes steps with the data, in place.
 
         Args:
-            data: EngineState at the start; it is the state at the end afterward.
+            data: State of the engine at the start; afterward it is that at the end.
             control: Control of each step, or the same for all. Shape (steps, nu) or (nu,).
             steps: Number of steps.
 

@@ -116,9 +116,18 @@ class ForwardModel(Protocol[Request_contra]):
 
 T = TypeVar("T")
 
-BUILDING = Lock()
+_BUILDING = Lock()
 """Held while a robot is built and compiled: a robot file's code needn't know of threads."""
 _WARNING = Lock()
+
+
+def model_of(robot: Robot, values: Values) -> mujoco.MjModel | str:
+    """The compiled robot with a candidate's values, or why there is none."""
+    try:
+        with _BUILDING:
+            return robot.build(values).compile()
+    except (ValueError, mujoco.FatalError) as error:
+        return f"the model can't be made: {' '.join(str(error).split())}"
 
 
 def thread_count(threads: int | None) -> int:

@@ -17,7 +17,7 @@ from swim2real.parameters import Values
 from swim2real.robots.drives import commands
 from swim2real.robots.robot import Robot, Sensor
 from swim2real.robots.targets import Delays
-from swim2real.simulation.forward_model import BUILDING, Engine, all_of, thread_count
+from swim2real.simulation.forward_model import Engine, all_of, model_of, thread_count
 from swim2real.simulation.pose import PoseFit
 from swim2real.simulation.start import (
     FITTED,
@@ -173,20 +173,12 @@ class PlaybackSimulator:
             One set a candidate: markers in the plane of the camera [m] at the recordings' time stamps, sensors at those
             of the recordings' sensors that lie within the track, or at the track's.
         """
-        made = [(self._model(values), values) for values in candidates]
+        made = [(model_of(self.robot, values), values) for values in candidates]
         jobs = [partial(self._simulate, model, values, rollout) for model, values in made for rollout in rollouts]
         seconds = [rollout.trial.track.duration for rollout in rollouts] * len(made)
         trials, count = all_of(jobs, seconds, self._threads), len(rollouts)
         sets = [tuple(trials[c * count : (c + 1) * count]) for c in range(len(candidates))]
         return [TrialSet(each, self.robot.marker_names) for each in sets]
-
-    def _model(self, values: Values) -> mujoco.MjModel | str:
-        """The compiled robot, or why there is none."""
-        try:
-            with BUILDING:
-                return self.robot.build(values).compile()
-        except (ValueError, mujoco.FatalError) as error:
-            return f"the model can't be made: {' '.join(str(error).split())}"
 
     def _simulate(self, model: mujoco.MjModel | str, values: Values, rollout: Rollout) -> Trial:
         trial, track = rollout.trial, rollout.trial.track

@@ -17,7 +17,7 @@ from swim2real.errors import EngineError
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
 from swim2real.simulation.fast_step import FastStep, disagreement
-from swim2real.simulation.forward_model import BUILDING, Engine, all_of, thread_count
+from swim2real.simulation.forward_model import Engine, all_of, model_of, thread_count
 from swim2real.simulation.stepper import Chunk, Stepper
 from swim2real.trials import Actuation, MarkerTrack, Trial, TrialSet, frames
 
@@ -117,14 +117,15 @@ class Simulator:
     def simulate_many(self, candidates: Sequence[Values], swims: Sequence[Swim]) -> list[TrialSet]:
         """Simulated trials for several candidates, in one batch.
 
-        A simulation that diverges is a trial with a `divergence` that says when; it never raises.
+        A simulation that diverges, and a model that can't be made of a candidate's values, is a trial with a
+        `divergence` that says why; it never raises.
 
         Returns:
             One set a candidate. World frame [m]; the head starts at the origin and points to -x.
         """
-        with BUILDING:
-            models = [self.robot.build(values).compile() for values in candidates]
-            steps = [self._planned(model) if self.step == "fast" else None for model in models]
+        models = [model_of(self.robot, values) for values in candidates]
+        fast = self.step == "fast"
+        steps = [self._planned(model) if fast and not isinstance(model, str) else None for model in models]
         jobs = [
             partial(self._swim, model, fast, swim) for model, fast in zip(models, steps, strict=True) for swim in swims
         ]
@@ -148,11 +149,13 @@ class Simulator:
         _log.warning("robot '%s' is simulated with the engine's own step, which is slower: %s", self.robot.name, why)
         return None
 
-    def _swim(self, model: mujoco.MjModel, fast: FastStep | None, swim: Swim) -> Trial:
+    def _swim(self, model: mujoco.MjModel | str, fast: FastStep | None, swim: Swim) -> Trial:
         actuation = swim.actuation
         speed = 2 * np.pi * actuation.frequency
         step = "engine's own" if fast is None else "fast"
         try:
+            if isinstance(model, str):
+                raise DivergedError(model)
             if actuation.start_speed is None:
                 track = self._from_rest(model, fast, swim, speed)
                 note = "from rest"
@@ -201,7 +204,7 @@ class Simulator:
 
 
 class DivergedError(Exception):
-    """The engine gave up; the message says when."""
+    """There is no simulation; the message says why."""
 
 
 @dataclass(frozen=True)
