@@ -69,57 +69,56 @@ def _placed(change: Callable[[Array], Array]) -> Undo:
     return each(lambda trial: moved(trial, change(trial.track.positions)))
 
 
-def of_markers(robot: Robot, beside: Array) -> Iterator[Change]:
-    """What markers may be.
-
-    Args:
-        robot: Whose they should be.
-        beside: How far they lie from it as a whole, up and right [m]. Shape (2,).
-    """
+def of_distances(robot: Robot) -> Iterator[Change]:
+    """What markers may be that changes the distances between them."""
     names, count = robot.marker_names, len(robot.marker_names)
-    right, up = ("xyz"[axis] for axis in robot.plane)
+    for unit, scale in (("mm", 1e-3), ("cm", 1e-2)):
+        said = f"its markers look like {unit}, not m: say the unit of the columns"
+        change = _placed(lambda places, scale=scale: scale * places)
+        yield Change(f"{said} (--markers {names[0]}=XCOLUMN,YCOLUMN:{unit} …)", change, None, scale)
     check = (
         "check the camera file's lengths, the unit of the columns (--markers NAME=XCOLUMN,YCOLUMN:UNIT), or the model's"
     )
-    for unit, scale in (("mm", 1e-3), ("cm", 1e-2)):
-        yield Change(
-            f"its markers look like {unit}, not m: say the unit of the columns "
-            f"(--markers {names[0]}=XCOLUMN,YCOLUMN:{unit} …)", _placed(lambda p, scale=scale: scale * p), None, scale,
-        )  # fmt: skip
     for scale in _SCALES if count > 1 else ():
         said = f"its markers are about {1 / scale:.2g} times as far apart as the robot's; {check}"
-        yield Change(said, _placed(lambda p, scale=scale: scale * p), None, scale)
-    if robot.trials.swims is None and robot.trials.frame is None:  # else its place is of no importance
-        mend = f"the camera sees {right} to its right and {up} up; mend the camera file, or the columns of --markers"
+        yield Change(said, _placed(lambda places, scale=scale: scale * places), None, scale)
+    for i, j in _pairs(count):
+        order = [j if m == i else i if m == j else m for m in range(count)]
+        yield Change(
+            f"markers {names[i]} and {names[j]} look swapped; click them again, or swap their columns (--markers)",
+            _placed(lambda places, order=order: places[:, order]),
+        )
+
+
+def of_places(robot: Robot, beside: Array) -> Iterator[Change]:
+    """What markers may be that keeps the distances between them: other axes, another origin, the other end first.
+
+    Args:
+        robot: Whose they should be.
+        beside: How far they lie from it as a whole, right and up [m]. Shape (2,).
+    """
+    first, last = robot.marker_names[0], robot.marker_names[-1]
+    right, up = ("xyz"[axis] for axis in robot.plane)
+    camera = f"the camera sees {right} to its right and {up} up; mend the camera file"
+    if robot.trials.frame is None and robot.trials.swims is None:  # else its place is of no importance
         for said, turn in {
             "its axes look swapped": [[0, 1], [1, 0]], f"its {up} looks upside down": [[1, 0], [0, -1]],
             f"its {right} looks mirrored": [[-1, 0], [0, 1]], "it looks turned by 180 degrees": [[-1, 0], [0, -1]],
             "it looks turned by 90 degrees": [[0, -1], [1, 0]], "it looks turned by -90 degrees": [[0, 1], [-1, 0]],
         }.items():  # fmt: skip
-            yield Change(f"{said}: {mend}", _placed(lambda p, turn=turn: p @ np.transpose(turn)))
+            change = _placed(lambda places, turn=turn: places @ np.transpose(turn))
+            yield Change(f"{said}: {camera}, or the columns of --markers", change)
         yield Change(
             f"it lies beside the robot by {right} {1e3 * beside[0]:+.0f} mm, {up} {1e3 * beside[1]:+.0f} mm; check the "
-            f"camera file's origin, which must be the model's", _placed(lambda p: p - beside),
-        )  # fmt: skip
-    if count > 1:
-        said = f"its markers fit the robot in the other order, from {names[-1]} to {names[0]}; click, or name, "
-        yield Change(f"{said}{names[0]} first", _placed(lambda p: p[:, ::-1]))
-    for i, j in _pairs(count):
-        order = [j if m == i else i if m == j else m for m in range(count)]
-        yield Change(
-            f"markers {names[i]} and {names[j]} look swapped; click them again, or swap their columns (--markers)",
-            _placed(lambda p, order=order: p[:, order]),
+            f"camera file's origin, which must be the model's",
+            _placed(lambda places: places - beside),
         )
-
-
-def of_mirrors(robot: Robot) -> Iterator[Change]:
-    """Of robots that look the same in a mirror, as long as they don't move."""
-    right, up = ("xyz"[axis] for axis in robot.plane)
-    for flip in ([1.0, -1.0], [-1.0, 1.0]) if robot.trials.frame is not None else ():
-        yield Change(
-            f"it moves as the robot does in a mirror: the camera sees {right} to its right and {up} up; mend the "
-            f"camera file, or the signs of all commands", _placed(lambda p, flip=flip: p * flip),
-        )  # fmt: skip
+    elif robot.trials.swims is None:  # a robot that looks the same in a mirror, as long as it doesn't move
+        said = f"it moves as the robot does in a mirror: {camera}, or the signs of all commands"
+        yield Change(said, _placed(lambda places: places * [1.0, -1.0]))
+    if len(robot.marker_names) > 1:
+        said = f"its markers fit the robot in the other order, from {last} to {first}; click, or name, {first} first"
+        yield Change(said, _placed(lambda places: places[:, ::-1]))
 
 
 def of_pixels(robot: Robot, trials: Sequence[Trial], played: Sequence[Trial]) -> Iterator[Change]:

@@ -19,9 +19,9 @@ from swim2real.checks.changes import (
     moved,
     of_clocks,
     of_commands,
-    of_markers,
-    of_mirrors,
+    of_distances,
     of_pixels,
+    of_places,
     of_readings,
 )
 from swim2real.checks.motion import Motion, Parts, Prepared, share, unlike
@@ -103,7 +103,7 @@ class _Judge:
     """Looks for what undoes the mistakes of recordings."""
 
     def __init__(self, robot: Robot, reference: TrialSet) -> None:
-        self.robot, self.motion, self.poses = robot, Motion(robot), _Poses(robot)
+        self.robot, self.motion = robot, Motion(robot)
         self.begin: Values = robot.space.published
         prepared = [(trial, one) for trial in reference if (one := self._prepared(trial)) is not None]
         parts = self.motion.parts([one for _, one in prepared], [self.begin])[0] if prepared else []
@@ -180,12 +180,9 @@ class _Judge:
         if robot.marker_names:
             yield from of_pixels(robot, trials, played)
             beside = [real.track.positions[0] - made.track.positions[0] for real, made in zip(cut, played, strict=True)]
-            some = _some(trials[0], 2)
-            limit = max(2 * self.poses.misfit(some), _NO_POSE * robot.size)
-            for change in of_markers(robot, np.nan_to_num(np.nanmean(np.concatenate(beside), axis=0))):
-                if self.poses.misfit(change.undo([some])[0], change.scale) < limit:
-                    yield change
-            yield from of_mirrors(robot)
+            if len(robot.marker_names) == 1:  # of several, poses tell
+                yield from of_distances(robot)
+            yield from of_places(robot, np.nan_to_num(np.nanmean(np.concatenate(beside), axis=0)))
         yield from of_commands(robot, trials)
         yield from of_readings(robot, cut, played)
         if robot.trials.controls:
@@ -312,7 +309,7 @@ def _of_poses(robot: Robot, reference: TrialSet) -> list[str]:
 def _unposed(robot: Robot, poses: _Poses, some: Trial, misfit: float) -> str:
     """The first change that fits about as well as the best, if that undoes the misfit; else what a large one says."""
     in_world = robot.trials.swims is None and robot.trials.frame is None
-    changes = of_markers(robot, poses.beside(some) if in_world else np.zeros(2))
+    changes = [*of_places(robot, poses.beside(some) if in_world else np.zeros(2)), *of_distances(robot)]
     tried = [(poses.misfit(one.undo([some])[0], one.scale), one.said) for one in changes]
     least = min(tried)[0]
     if least < _UNDONE * misfit:

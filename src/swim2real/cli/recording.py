@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -97,7 +98,7 @@ def import_recording(
             tell(
                 f"warning: {path}: rows are missing for {told}{more}; cut it off with --from and --until if it matters"
             )
-    doubts: list[str] = []
+    doubts: Sequence[str] = ()
     try:
         doubts = judged(body, TrialSet(tuple(one.trial for one in made), body.marker_names)).doubts
     except Swim2RealError as error:
