@@ -165,6 +165,6 @@ def test_a_search_follows_no_pendulum_that_goes_over_the_top_and_no_long_ring_do
     assert said(2.5, intervals=(0.02, 0.01)) == [sentence]
     ringing = ringing_reference(20.0)
     (sentence,) = growing(RINGING, ringing, 4.0)  # of 6 Hz
-    assert says(sentence, "trials of 3.95 s", "try --pieces ")
+    assert says(sentence, "trials of 2.95 s", "try --pieces ")
     assert 0.3 <= float(sentence.rpartition(" ")[2]) < 1.0
     assert growing(RINGING, ringing, 0.5) == growing(FISH, ringing, None) == []

@@ -143,8 +143,8 @@ def made_up_for(robot: Robot, threads: int | None = None) -> dict[str, str]:
             shown.append(name)
     if not slopes:
         return {}
-    parts, order = qr(np.stack(slopes, axis=1), mode="r", pivoting=True)
-    own, limit = np.abs(np.diag(parts[0])), _OWN * float(np.std(_numbers(nominal, scales), axis=0).max(initial=0.0))
+    left, order = qr(np.stack(slopes, axis=1), mode="r", pivoting=True)
+    own, limit = np.abs(np.diag(left)), _OWN * float(np.std(_numbers(nominal, scales), axis=0).max(initial=0.0))
     return {
         shown[order[k]]: f"others make up for it: over its range it alone changes the motion by {1e3 * own[k]:.2g} mm"
         for k in range(1, len(own)) if own[k] <= limit

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,7 +47,9 @@ def starts(robot: Robot, reference: TrialSet) -> dict[str, NDArray[np.float64]]:
     if about.swims is not None or not robot.marker_names:
         return found
     simulator, begun = PlaybackSimulator(robot), [trial.cut(STRETCH) for trial in reference]
-    made = simulator.simulate(robot.space.published, [simulator.request(trial) for trial in begun])
+    pairs = zip(reference, begun, strict=True)
+    rollouts = [replace(simulator.request(trial), trial=first) for trial, first in pairs]
+    made = simulator.simulate(robot.space.published, rollouts)
     for real, simulated in zip(begun, made, strict=True):
         places = (simulated.track.positions, real.track.positions)
         seen, shown = places if about.frame is None else (to_body(one, about.frame) for one in places)
