@@ -247,7 +247,7 @@ def _excited(robot: Robot, threads: int | None) -> tuple[TrialSet, Simulate]:
     simulations = [partial(simulator.simulate_many, rollouts=[rollout]) for rollout in rollouts]
     nominal = [simulate([robot.space.published])[0] for simulate in simulations]
     borne = [i for i, made in enumerate(nominal) if made.trials[0].divergence is None]
-    calm = [i for i in borne if _reached(nominal[i].trials[0]) < _ROOM * _size(robot)]
+    calm = [i for i in borne if _reached(nominal[i].trials[0]) < _ROOM * max(robot.size, robot.model.stat.extent)]
     return _checked(robot, simulations[(calm or borne or [-1])[0]])
 
 
@@ -268,13 +268,6 @@ def _swims(reference: TrialSet | None) -> list[Swim]:
         return [Swim("excitation", Actuation(FREQUENCY), SECONDS)]
     return [Swim(trial.name, Actuation(trial.nominal_frequency or FREQUENCY), SECONDS)
             for trial in reference.trials[:TRIALS]]  # fmt: skip
-
-
-def _size(robot: Robot) -> float:
-    """Length of the robot, or of its markers where those are farther apart [m]."""
-    model = robot.model
-    apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2)
-    return float(max(model.stat.extent, apart.max(initial=0.0)))
 
 
 def _reached(trial: Trial) -> float:

@@ -115,9 +115,8 @@ def other_start(robot: Robot, reference: TrialSet) -> str | None:
 
 def _worse_than_fitted(robot: Robot, reference: TrialSet) -> str | None:
     """That straight lines through first frames don't show how a recording starts, as of motion that is too fast."""
-    players = [Motion(replace(robot, trials=replace(robot.trials, start=start))) for start in (MARKERS, FITTED)]
     for trial in reference:
-        lines, fitted = (_error(player, trial.cut(STRETCH)) for player in players)
+        lines, fitted = (_error(robot, trial.cut(STRETCH), start) for start in (MARKERS, FITTED))
         if lines > _WORSE * fitted:
             return (
                 f"trial '{trial.name}' moves too fast for straight lines through its first frames (start = "
@@ -201,22 +200,22 @@ def _laid_on(played: Array, seen: Array, known: NDArray[np.bool_]) -> Array:
 
 def _better(robot: Robot, reference: TrialSet, begun: Mapping[str, Beginning]) -> dict[str, BetterStart]:
     """Which start suits recordings that begin like this beside the model's own pose."""
-    players = [Motion(replace(robot, trials=replace(robot.trials, start=s))) for s in (REST, FITTED) if begun]
     made: dict[str, BetterStart] = {}
     for name, one in begun.items():
-        rest, fitted = (_error(player, reference[name].cut(HORIZON)) for player in players)
+        rest, fitted = (_error(robot, reference[name].cut(HORIZON), start) for start in (REST, FITTED))
         rests = one.rests and not rest > _WORSE * fitted
         made[name] = BetterStart(REST if rests or (np.isfinite(rest) and fitted == np.inf) else FITTED, rest, fitted)
     return made
 
 
-def _error(motion: Motion, trial: Trial) -> float:
-    """Root mean square errors of a trial's streams with the robot's own values, added up [m].
+def _error(robot: Robot, trial: Trial, start: str) -> float:
+    """Root mean square errors of a trial's streams from a start with the robot's own values, added up [m].
 
     NaN for a trial that can't be played back, infinite for a playback that diverges.
     """
-    ready = motion.prepared(trial, motion.robot.space.published)
+    motion, values = Motion(replace(robot, trials=replace(robot.trials, start=start))), robot.space.published
+    ready = motion.prepared(trial, values)
     if ready is None:
         return np.nan
-    parts = motion.parts([ready], [motion.robot.space.published])[0][0].values()
+    parts = motion.parts([ready], [values])[0][0].values()
     return np.inf if any(part.diverged for part in parts) else sum(part.error for part in parts)

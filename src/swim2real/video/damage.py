@@ -13,9 +13,9 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from av import VideoFrame
+from numba import njit  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import NDArray
 
 from swim2real.video.decoding import Picture
@@ -81,12 +81,25 @@ def _score(before: Gray, now: Gray, after: Gray) -> _Score | None:
     """By how much a picture differs from both its neighbors, beyond what these do; None where it can't be told."""
     if not before.shape == now.shape == after.shape or min(now.shape) < BLOCKS * BLOCK:
         return None
-    beyond = cv2.subtract(cv2.min(cv2.absdiff(now, before), cv2.absdiff(now, after)), cv2.absdiff(after, before))
-    rows, columns = now.shape[0] // BLOCK, now.shape[1] // BLOCK
-    whole = beyond[: rows * BLOCK, : columns * BLOCK]
-    blocks = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA).astype(float)
+    blocks = _differences(before, now, after) / (BLOCK * BLOCK / 2)
     most = np.partition(blocks, -BLOCKS, axis=None)[-BLOCKS:]
     return _Score(float(most.mean()), float(most.min()))
+
+
+@njit(cache=True, nogil=True)
+def _differences(before: Gray, now: Gray, after: Gray) -> NDArray[np.int64]:
+    """Sums of each block, on every other line. Shape (H // BLOCK, W // BLOCK)."""
+    rows, columns = now.shape[0] // BLOCK, now.shape[1] // BLOCK
+    sums = np.zeros((rows, columns), dtype=np.int64)
+    for row in range(rows):
+        for y in range(row * BLOCK, (row + 1) * BLOCK, 2):
+            for column in range(columns):
+                total = 0
+                for x in range(column * BLOCK, (column + 1) * BLOCK):
+                    b, n, a = np.int32(before[y, x]), np.int32(now[y, x]), np.int32(after[y, x])
+                    total += max(0, min(abs(n - b), abs(n - a)) - abs(a - b))
+                sums[row, column] += total
+    return sums
 
 
 def _gray(stored: VideoFrame) -> Gray:

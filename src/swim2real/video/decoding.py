@@ -178,11 +178,10 @@ def _stated(container: InputContainer, stream: VideoStream) -> Stated:
     duration = float(stream.duration * base) if base and stream.duration is not None and mean != MADE_UP else None
     if duration is None and container.duration is not None and mean != MADE_UP:
         duration = container.duration / 1e6  # FFmpeg counts microseconds there
-    count = stream.frames
-    if "mp4" in container.format.name:  # what an edit list cuts away isn't in the index
-        count = min(count, len(stream.index_entries))
+    if stream.frames and rate and "mp4" not in container.format.name:  # whose edit lists leave some out
+        duration = max(duration or 0.0, stream.frames / float(rate))
     return Stated(
-        base or Fraction(1), Fraction(rate) if rate else None, count, duration,
+        base or Fraction(1), Fraction(rate) if rate else None, stream.frames, duration,
         SOUND_SLACK if len(container.streams) > 1 else 0.0, stream.codec_context.codec.canonical_name,
         stream.sample_aspect_ratio, bool(counted), _camera_rate({**container.metadata, **stream.metadata}),
     )  # fmt: skip
@@ -234,7 +233,6 @@ class Decoder:
         stated: What the file states of itself.
         left_out: Stamps of the pictures that are left out, as keys.
         unstamped: Number of pictures without a stamp that are left out.
-        hidden: Number of packets that the file marks as not to be shown.
         notes: A sentence for each thing that a person should know.
     """
 
@@ -251,7 +249,7 @@ class Decoder:
         self._lost = 0
         self._until: float | None = time.monotonic() + FIRST_PICTURE  # None once there is a picture
         self.left_out: dict[int, None] = {}
-        self.unstamped = self.hidden = 0
+        self.unstamped = 0
         self.notes: list[str] = []
 
     def close(self) -> None:
@@ -305,17 +303,15 @@ class Decoder:
 
     def _decode(self, packet: Packet[VideoStream]) -> list[VideoFrame]:
         self._packet += 1
-        tracked = packet.pts is not None and self._stamped
-        if packet.is_discard:
-            self.hidden += 1
-        elif packet.size and packet.pts is not None and self._stamped:
-            self._waiting[packet.pts] = self._packet
+        stamp = packet.pts if self._stamped else None
+        if stamp is not None and packet.size and not packet.is_discard:
+            self._waiting[stamp] = self._packet
         try:
             # the decoder's complaint about a packet that is cut off could cost whole pictures
             pictures = [] if packet.is_corrupt else packet.decode()
         except FFmpegError:
             pictures = None
-        if not tracked and (pictures is None or packet.is_corrupt):
+        if stamp is None and (pictures is None or packet.is_corrupt):
             self._leave_out(None, self._packet)
         return pictures or []
 

@@ -328,19 +328,11 @@ class _Pass:
             notes.append(f"{frames(early)} before the first whole one left out")
         if self._decoder.unstamped:
             notes.append(f"{frames(self._decoder.unstamped)} broken and left out")
-        return [*notes, *lost.lines(), *self._end_notes(), *self._clock.notes(), *self._notes.lines()]
-
-    def _end_notes(self) -> list[str]:
-        if self._end is None:
-            return []
-        decoder = self._decoder
-        count = self._delivered + len(decoder.left_out) + decoder.unstamped + decoder.hidden
-        if stated := decoder.stated.count:
-            return [f"the video ends early: the file says {frames(stated)}, {count} came"] if count < stated else []
-        duration = self.info.duration
-        if duration is not None and self._end + 1 / self.info.fps < duration - self._slack:
-            return [f"the video ends early: the file says {duration:.3f} s, the last frame is at {self._end:.3f} s"]
-        return []
+        notes += lost.lines()
+        said, end = self.info.duration, self._end
+        if end is not None and said is not None and end + 1 / self.info.fps < said - self._slack:
+            notes.append(f"the video ends early: the file says {said:.3f} s, the last frame is at {end:.3f} s")
+        return [*notes, *self._clock.notes(), *self._notes.lines()]
 
 
 def _begun(path: Path, threads: int) -> tuple[Decoder | Pictures, Generator[Picture], Picture]:
