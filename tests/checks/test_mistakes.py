@@ -157,8 +157,8 @@ def test_one_trial_of_several_is_named_and_other_natural_frequencies_are_no_cloc
 
 def test_the_first_frame_is_shown_where_the_place_in_the_world_is_of_no_importance(sound):
     trials = changed(sound["floater"][1], placed(lambda p: p + np.array([0.5, 0.2])))
-    (slow, _) = starts(telling(FLOATER, start="rest"), trials)
-    assert np.abs(slow.first).max() < 2e-3
+    slow, _ = starts(telling(FLOATER, start="rest"), trials).values()
+    assert np.abs(slow[0]).max() < 2e-3
 
 
 @pytest.mark.slow

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from made_robots import ARM, ROBOT, made, parameter
-from recorded import PENDULUM as RECORDED
-from recorded import pendulum_reference
+from recorded import RINGING, ringing_reference
 from refused import refusal, says
 from small_models import PENDULUM
 from swim2real.checks.probing import NOISE, excitation, growing, moved, probe
-from swim2real.checks.reference import misfits, misplaced, other_units
+from swim2real.checks.reference import misfits
 from swim2real.errors import EngineError
 from swim2real.robots import load_robot
 from swim2real.robots.fish import FISH
@@ -139,28 +138,6 @@ def test_what_does_not_fit_a_robot_is_reported(robot_of):
     assert len(misfits(FISH, TrialSet((swim,), tuple("abcdefghi")))) == 1
 
 
-def test_a_recording_that_begins_elsewhere_is_reported(robot_of):
-    robot = robot_of(parameter("'joint \"link0\" damping'"))
-    reference = recorded(robot)
-    trial = reference.trials[0]
-
-    def shifted(name: str, *meters: float):
-        track = MarkerTrack(trial.track.times, trial.track.positions + meters)
-        return replace(trial, name=name, track=track)
-
-    near, far, farther = shifted("near", 0.06, 0.0), shifted("far", -0.3, 0.4), shifted("farther", -0.6, 0.8)
-    for fine in (reference.trials, (near,)):  # of 0.2 m less than a third
-        assert misplaced(robot, TrialSet(fine, robot.marker_names)) is None
-    said = misplaced(robot, TrialSet((near, far, farther), robot.marker_names))
-    assert says(said, "'farther' (and 1 more)", "1000 mm", "x -600 mm, z +800 mm", "origin", 'start = "fitted"')
-    alone = TrialSet((far,), robot.marker_names)
-    fitted = replace(robot, trials=replace(robot.recordings, start="markers"))
-    assert 'start = "fitted"' not in misplaced(fitted, alone)
-    framed = replace(robot, trials=replace(robot.recordings, frame=(0, 1)))
-    assert misplaced(framed, alone) is None
-    assert misplaced(robot, TrialSet((far,), ("base", "tip", "elbow"))) is None
-
-
 @pytest.mark.slow
 def test_every_parameter_of_the_fish_shows():
     found = probe(FISH)
@@ -169,19 +146,7 @@ def test_every_parameter_of_the_fish_shows():
     assert not any(one.refused or one.lower.failure or one.upper.failure for one in found)
 
 
-def test_readings_in_another_unit_are_named():
-    reference = pendulum_reference()
-    assert other_units(RECORDED, reference) == []
-    readings = {one.name: one.sensors for one in reference}
-    degrees = tuple(
-        replace(one, sensors=Signals(s.times, s.names, np.degrees(s.values)))
-        for one, s in zip(reference, readings.values(), strict=True)
-    )
-    (line,) = other_units(RECORDED, TrialSet(degrees, reference.marker_names))
-    assert says(line, "'gyro[1]'", "degrees in place of radians", "'rad/s'")
-
-
-def test_small_changes_grow_in_a_pendulum_that_goes_over_the_top_and_not_in_one_that_swings(robot_of):
+def test_a_search_follows_no_pendulum_that_goes_over_the_top_and_no_long_ring_down(robot_of):
     spring = parameter("'joint \"shoulder\" stiffness'", 0.0005, 0.05, "value = 0.005")
     robot = pendulum(robot_of, spring, start="rest")
 
@@ -193,8 +158,13 @@ def test_small_changes_grow_in_a_pendulum_that_goes_over_the_top_and_not_in_one_
         return growing(robot, TrialSet(tuple(trials), robot.marker_names), horizon)
 
     (sentence,) = said(2.5)
-    assert says(sentence, "small changes grow", "trials of 3.98 s", "try --horizon ")
+    assert says(sentence, "a search can't follow trials of 3.98 s", "try --pieces ")
     shorter = float(sentence.rpartition(" ")[2])
     assert 0.3 <= shorter < 3.0
     assert said(2.5, shorter) == said(0.1) == []
     assert said(2.5, intervals=(0.02, 0.01)) == [sentence]
+    ringing = ringing_reference(20.0)
+    (sentence,) = growing(RINGING, ringing, 4.0)  # of 6 Hz
+    assert says(sentence, "trials of 2.95 s", "try --pieces ")
+    assert 0.3 <= float(sentence.rpartition(" ")[2]) < 1.0
+    assert growing(RINGING, ringing, 0.5) == growing(FISH, ringing, None) == []

@@ -18,7 +18,7 @@ from recorded import (
 )
 from refused import says
 from swim2real.calibration import Problem
-from swim2real.checks.resting import better_starts, in_motion, other_start, started
+from swim2real.checks.resting import better_starts, other_start, started
 from swim2real.robots.drives import Drive
 from swim2real.trials import MarkerTrack, Signals, TrialSet
 
@@ -37,7 +37,6 @@ def test_a_start_at_rest_is_proposed(fitted, robot, pose, start):
     trials = from_pose(robot)
     said = other_start(telling(PENDULUM, start=fitted), trials)
     assert says(said, "All 2 recordings begin at rest", pose, f'start = "{start}"')
-    assert in_motion(robot, trials) == []
     assert other_start(robot, trials) is None
 
 
@@ -45,12 +44,13 @@ def test_a_recording_in_motion_is_reported_where_the_file_says_rest():
     trials = pendulum_reference(1e-3)  # cut out of longer ones
     fitted = telling(PENDULUM, start="fitted")
     assert other_start(fitted, trials) is None
-    assert says(in_motion(RESTING, trials)[0], "trial 'a' moves", 'start is "rest"', 'start = "fitted"')
-    assert in_motion(fitted, trials) == []
+    assert says(
+        other_start(RESTING, trials), "trial 'a' begins", 'start = "rest", middle moving by 1', 'say start = "fitted"'
+    )
     blanks = [blank(RESTING, "a", 0.5, controls=torque_table(0.5), start={"shoulder": 1.0, "elbow": 0.2})]
     known = recorded(RESTING, PENDULUM_HIDDEN, blanks, 1e-3)  # a known start isn't looked at
     assert other_start(fitted, known) is None
-    assert in_motion(RESTING, known) == []
+    assert other_start(RESTING, known) is None
 
 
 @pytest.mark.parametrize(("trials", "start"), [(from_pose(RESTING, names="a"), "rest"),
@@ -62,7 +62,6 @@ def test_where_no_start_is_named_each_recording_gets_what_suits_it(trials, start
     assert losses[0] == losses[1]
     assert started(unnamed, trials).trials.start == start
     assert other_start(unnamed, trials) is None
-    assert in_motion(unnamed, trials) == []
 
 
 def test_a_command_that_jumps_as_a_recording_begins_speaks_for_no_start():
@@ -70,7 +69,7 @@ def test_a_command_that_jumps_as_a_recording_begins_speaks_for_no_start():
     trials = recorded(RESTING, PENDULUM_HIDDEN, [blank(RESTING, "a", 2.0, controls=table)], 3e-4)
     (one,) = better_starts(RESTING, trials).values()
     assert one.start == "rest"
-    assert in_motion(RESTING, trials) == []
+    assert other_start(RESTING, trials) is None
 
 
 def test_a_start_elsewhere_than_the_file_says_is_fitted():
@@ -93,7 +92,7 @@ def test_links_that_float_begin_at_rest_wherever_they_are():
     told = other_start(telling(floater, start="fitted"), elsewhere)
     assert told is not None
     assert told.startswith("The recording begins at rest in the model's own pose")
-    assert in_motion(floater, elsewhere) == []
+    assert other_start(telling(floater, start="rest"), elsewhere) is None
 
 
 def test_markers_that_are_lost_at_first_tell_nothing():
@@ -110,5 +109,5 @@ def test_markers_that_are_lost_at_first_tell_nothing():
 
     assert other_start(fitted, without(None, [0])) is not None
     assert other_start(fitted, without(20, [0, 1, 2])) is None
-    assert in_motion(RESTING, without(20, [0, 1, 2])) == []
+    assert other_start(RESTING, without(20, [0, 1, 2])) is None
     assert other_start(fitted, TrialSet(trials.trials, ("a", "b", "c"))) is None

@@ -110,7 +110,7 @@ def test_real_trials_are_used_and_must_fit(program, tmp_path):
     save_reference(TrialSet((replace(seen, name="a", controls=trial.controls),), robot.marker_names), folder)
     program("check", place, "--reference", folder).done()
     assert "Moved for 2 s as in the trials of the reference (a)." in program.text
-    assert f"All trials of '{folder}' fit: a." in program.text
+    assert "All trials fit: a." in program.text
     assert "Warning" not in program.text
     track = MarkerTrack(seen.track.times, seen.track.positions + np.array([0.6, 0.0]))
     away = TrialSet((replace(seen, name="a", controls=trial.controls, track=track),), robot.marker_names)

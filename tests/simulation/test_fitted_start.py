@@ -23,7 +23,8 @@ from recorded import (
 )
 from refused import refusal, says
 from swim2real.calibration import Problem
-from swim2real.checks.reference import fastest_frequency, long_swings, starts, warn_fast_starts
+from swim2real.checks.reference import starts
+from swim2real.checks.resting import other_start
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.robots.fish import FISH
 from swim2real.robots.robot import Trials
@@ -151,33 +152,18 @@ def test_sensors_and_controls_go_on_over_the_pieces():
 
 def test_a_motion_too_fast_for_its_frames_is_reported(ringing):
     lines = telling(RINGING, start="markers")
-    sentences = warn_fast_starts(lines, ringing)
-    assert len(sentences) == len(ringing)
-    assert says(sentences[0], "trial 'pulled'", "a quarter of the period", "(6", 'start = "fitted"')
-    assert sentences[0].removeprefix("trial 'pulled': ") in Problem(lines, ringing).examinations()["pulled"]["findings"]
-    assert warn_fast_starts(RINGING, ringing) == []
-    assert warn_fast_starts(lines, ringing_reference(200.0, NOISE)) != []  # 0.1 s are more than half a period, too
-    assert warn_fast_starts(telling(FLOATER, start="markers"), floater_reference(NOISE)) == []
+    said = other_start(lines, ringing)
+    assert says(said, "trial 'pulled' moves too fast for straight lines", "mm off", 'say start = "fitted"')
+    assert other_start(lines, ringing_reference(200.0, NOISE)) is not None  # 0.1 s are more than half a period, too
+    assert other_start(RINGING, ringing) is None
+    assert "too fast" not in other_start(telling(FLOATER, start="markers"), floater_reference(NOISE))
 
 
-def test_a_long_ring_down_is_to_be_cut(ringing):
-    sentences = long_swings(RINGING, ringing, 4.0)
-    assert len(sentences) == 2
-    assert says(sentences[0], "trial 'pulled' swings freely 1", "add --pieces 0.5")
-    assert long_swings(RINGING, ringing, 0.5) == []
-    assert long_swings(PENDULUM, pendulum_reference(), None) == []  # it is driven
-    assert long_swings(FISH, ringing, None) == []
-
-
-def test_noise_and_short_recordings_have_no_frequency(ringing):
-    rng = np.random.default_rng(0)
-    times = np.arange(60) / 60
-    still = replace(blank(PENDULUM, "a", 1.0), track=MarkerTrack(times, rng.normal(0, NOISE, (60, 3, 2))))
-    assert fastest_frequency(still, np.ones((60, 3)), 1.0) is None
-    assert fastest_frequency(still, np.ones((60, 3)), 0.1) is None
-    for one, trial in zip(starts(RINGING, ringing), ringing, strict=True):
-        assert one.name == trial.name
-        assert np.linalg.norm(one.first, axis=1).max() < 2e-3
-        assert one.stretch < 5e-3
-    assert starts(FISH, ringing) == []
-    assert max(np.abs(one.first).max() for one in starts(FLOATER, floater_reference())) < 1e-9  # in its frame
+def test_how_far_off_recordings_start_is_told(ringing):
+    found = starts(RINGING, ringing)
+    assert list(found) == list(ringing.names)
+    for off in found.values():
+        assert np.linalg.norm(off[0], axis=1).max() < 2e-3
+        assert np.linalg.norm(off, axis=2).mean() < 5e-3
+    assert starts(FISH, ringing) == {}
+    assert max(np.abs(off[0]).max() for off in starts(FLOATER, floater_reference()).values()) < 1e-9  # in its frame

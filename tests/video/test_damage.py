@@ -156,7 +156,7 @@ def test_time_stamps_that_do_not_rise_are_mended_and_gaps_named(tmp_path):
     assert notes[0].startswith("2 frames with a time stamp that doesn't come after the one before, at 0.08")
     frames, notes, _ = _restamped(tmp_path / "swim.mkv", [*range(10), *range(100, 110)])
     assert frames[10][0] == pytest.approx(100 / FPS, abs=1e-3)
-    assert notes == ["no frames for more than 1 s after 0.300 s"]
+    assert notes == ["no frames for more than 1 s after the one at 0.300 s"]
 
 
 def test_joined_videos_run_on(tmp_path):

@@ -17,7 +17,6 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from swim2real.calibration.from_rest import from_rest
-from swim2real.checks.reference import too_fast
 from swim2real.checks.resting import better_starts
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.objective import ComparedTrial, Target, compare_playback, compare_steady, playback_target, steady_target
@@ -295,8 +294,6 @@ class Playback(Protocol[PlaybackSimulator]):
         summary = _summary(trial, recorded, lost, {}, robot.marker_names, _other_rate(trial) if driven else [])
         if driven:
             summary["findings"] += _uncommanded(trial)
-        if request.first is not None and request.stretch is None:
-            summary["findings"] += too_fast(cut, weights)
         return PreparedTrial(trial, target, request, summary)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import qr
 
 from swim2real.checks.effects import ModelEffect, model_effects
 from swim2real.errors import EngineError
@@ -38,8 +39,8 @@ _SHIFT = 0.1  # of the robot's size
 _EDGE = 0.1  # of a joint's range, which the start keeps away from its ends
 _STEP, _INSIDE = 0.1, 0.7  # of a parameter's range: for slopes; how far one that the model doesn't have is moved
 _WAYS = 4  # random directions in which all parameters are changed at once
-_LITTLE, _MORE = 1e-3, 1e-2  # of their ranges
-_GROWN, _CALM = 0.17, 0.12  # share of the larger change's motion in the smaller one's, 0.1 where nothing grows
+_LITTLE, _MORE = 0.01, 0.1  # of their ranges
+_GROWN, _CALM = 0.2, 0.12  # share of the larger change's motion in the smaller one's, 0.1 where nothing grows
 _SHORTEST = 0.3  # s of a trial, from which on something can be told
 _OWN = 0.004  # of the motion: a parameter whose own part is less is made up for by others
 
@@ -122,7 +123,7 @@ def probe(robot: Robot, reference: TrialSet | None = None, threads: int | None =
 def made_up_for(robot: Robot, threads: int | None = None) -> dict[str, str]:
     """Parameters that the others can make up for in the motion by which they are told apart, with the reason.
 
-    One after the other, the one whose own part of the change is least, by slopes about the published values; never all.
+    What is left of one's change beside those that change more, by slopes about the published values; never all.
 
     Raises:
         EngineError: The robot can't be simulated with its own values.
@@ -133,28 +134,25 @@ def made_up_for(robot: Robot, threads: int | None = None) -> dict[str, str]:
     ends = [np.where(own, end, middle) for own in np.eye(len(space)) > 0 for end in (np.maximum(middle - _STEP, 0), up)]
     made = simulate([space.to_values(end) for end in ends])
     scales = {sensor.name: sensor.meters_per_unit for sensor in robot.trials.sensors}
-    slopes: dict[str, Array] = {}
+    shown: list[str] = []
+    slopes: list[Array] = []
     for k, name in enumerate(space.names):
         if not any(trial.divergence for one in made[2 * k : 2 * k + 2] for trial in one):
             change = _numbers(made[2 * k + 1], scales) - _numbers(made[2 * k], scales)
-            slopes[name] = change / float(np.sum(ends[2 * k + 1] - ends[2 * k]))
-    limit, found = _OWN * float(np.std(_numbers(nominal, scales), axis=0).max(initial=0.0)), dict[str, str]()
-    while len(slopes) > 1:
-        own: dict[str, float] = {}
-        for name, slope in slopes.items():
-            others = np.stack([other.ravel() for key, other in slopes.items() if key != name], axis=1)
-            left = slope.ravel() - others @ np.linalg.lstsq(others, slope.ravel(), rcond=1e-6)[0]
-            own[name] = float(np.sqrt(np.square(left).mean()))
-        least = min(own, key=lambda name: own[name])
-        if own[least] > limit:
-            break
-        del slopes[least]
-        found[least] = f"others make up for it: over its range it alone changes the motion by {1e3 * own[least]:.2g} mm"
-    return found
+            slopes.append(change.ravel() / np.sqrt(change.size) / float(np.sum(ends[2 * k + 1] - ends[2 * k])))
+            shown.append(name)
+    if not slopes:
+        return {}
+    left, order = qr(np.stack(slopes, axis=1), mode="r", pivoting=True)
+    own, limit = np.abs(np.diag(left)), _OWN * float(np.std(_numbers(nominal, scales), axis=0).max(initial=0.0))
+    return {
+        shown[order[k]]: f"others make up for it: over its range it alone changes the motion by {1e3 * own[k]:.2g} mm"
+        for k in range(1, len(own)) if own[k] <= limit
+    }  # fmt: skip
 
 
 def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[str]:
-    """A warning where small changes grow in the simulation, as contacts make them, so that no search follows a trial.
+    """A warning where changes don't grow in proportion, as of contacts and swings out of phase: no search follows that.
 
     Args:
         robot: The robot; of one whose trials are swims nothing is said.
@@ -165,10 +163,10 @@ def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[st
         return []
     space, simulator = robot.space, PlaybackSimulator(robot)
     rollouts = [simulator.request(trial.cut(horizon)) for trial in reference.trials[:TRIALS]]
-    ways = np.random.default_rng(0).choice([-1.0, 1.0], (_WAYS, len(space)))
-    points = space.to_cube(space.published) + np.concatenate([_LITTLE * ways, _MORE * ways])
-    values = [space.published, *(space.to_values(point) for point in np.clip(points, 0, 1))]
-    nominal, *made = simulator.simulate_many(values, rollouts=rollouts)
+    middle = space.to_cube(space.published)
+    ways = np.where(middle < 0.5, 1.0, -1.0) * np.random.default_rng(0).uniform(0.5, 1.0, (_WAYS, len(space)))
+    points = middle + np.concatenate([_LITTLE * ways, _MORE * ways])
+    nominal, *made = simulator.simulate_many([space.published, *map(space.to_values, points)], rollouts)
     if any(trial.divergence for one in (nominal, *made) for trial in one):
         return []
     scales = {sensor.name: sensor.meters_per_unit for sensor in robot.trials.sensors}
@@ -180,11 +178,11 @@ def growing(robot: Robot, reference: TrialSet, horizon: float | None) -> list[st
     times = _since(nominal)
     calm = max(float(times[np.flatnonzero(shares <= _CALM)[-1]]) if (shares <= _CALM).any() else 0.0, _SHORTEST)
     digit = 10.0 ** math.floor(math.log10(calm))
-    shorter = digit * math.floor(calm / digit + 1e-9)
     return [
-        f"small changes grow in the simulation: parameters changed by a thousandth of their ranges move it by "
-        f"{shares[-1]:.0%} of what a hundredth does (contacts, limits of joints and high swings do that), so a search "
-        f"can't follow trials of {times[-1]:.3g} s to their ends: try --horizon {shorter:g}"
+        f"a search can't follow trials of {times[-1]:.3g} s to their ends: parameters changed by a hundredth of their "
+        f"ranges move them by {shares[-1]:.0%} of what a tenth does (contacts, limits of joints, and swings that get "
+        f"out of phase do that): try --{'horizon' if robot.trials.controls else 'pieces'} "
+        f"{digit * math.floor(calm / digit + 1e-9):g}"
     ]
 
 
@@ -249,7 +247,7 @@ def _excited(robot: Robot, threads: int | None) -> tuple[TrialSet, Simulate]:
     simulations = [partial(simulator.simulate_many, rollouts=[rollout]) for rollout in rollouts]
     nominal = [simulate([robot.space.published])[0] for simulate in simulations]
     borne = [i for i, made in enumerate(nominal) if made.trials[0].divergence is None]
-    calm = [i for i in borne if _reached(nominal[i].trials[0]) < _ROOM * _size(robot)]
+    calm = [i for i in borne if _reached(nominal[i].trials[0]) < _ROOM * max(robot.size, robot.model.stat.extent)]
     return _checked(robot, simulations[(calm or borne or [-1])[0]])
 
 
@@ -270,13 +268,6 @@ def _swims(reference: TrialSet | None) -> list[Swim]:
         return [Swim("excitation", Actuation(FREQUENCY), SECONDS)]
     return [Swim(trial.name, Actuation(trial.nominal_frequency or FREQUENCY), SECONDS)
             for trial in reference.trials[:TRIALS]]  # fmt: skip
-
-
-def _size(robot: Robot) -> float:
-    """Length of the robot, or of its markers where those are farther apart [m]."""
-    model = robot.model
-    apart = np.linalg.norm(robot.rest_markers[:, None] - robot.rest_markers, axis=2)
-    return float(max(model.stat.extent, apart.max(initial=0.0)))
 
 
 def _reached(trial: Trial) -> float:

@@ -12,8 +12,8 @@ from swim2real.checks.delays import delays
 from swim2real.checks.effects import why_no_effect
 from swim2real.checks.floating import afloat
 from swim2real.checks.mistakes import judged
-from swim2real.checks.probing import FAINT, SECONDS, TRIALS, Probe, Shift, made_up_motion, probe
-from swim2real.checks.reference import misfits, reference_warnings, starts
+from swim2real.checks.probing import FAINT, SECONDS, TRIALS, Probe, Shift, growing, made_up_motion, probe
+from swim2real.checks.reference import misfits, starts
 from swim2real.checks.resting import better_starts, other_start, started
 from swim2real.cli.tables import millimeters, table
 from swim2real.cli.terminal import say
@@ -24,7 +24,7 @@ from swim2real.robots import ROBOTS, load_robot, robot_file
 from swim2real.robots.drives import Drive
 from swim2real.robots.file import PLANES, RobotFile, open_robot_file
 from swim2real.robots.robot import Robot
-from swim2real.settings import EvaluationSettings
+from swim2real.settings import HORIZON
 from swim2real.simulation.pose import MarkerView
 from swim2real.simulation.start import STRETCH
 from swim2real.trials import TrialSet, load_reference
@@ -128,21 +128,21 @@ def _starts(robot: Robot, reference: TrialSet) -> None:
     """How each recording starts, and what may be wrong with it."""
     rows: list[tuple[str, ...]] = []
     better = better_starts(robot, reference)
-    for one in starts(robot, reference):
-        ways, start = np.linalg.norm(one.first, axis=1), better.get(one.name)
+    for name, off in starts(robot, reference).items():
+        ways, start = np.linalg.norm(off, axis=2), better.get(name)
         both = ("–",) * 3 if start is None else (f"{1e3 * start.rest:.2g}", f"{1e3 * start.fitted:.2g}", start.start)
-        if not np.isfinite(ways).any():
-            rows.append((one.name, "–", "–", "no marker is seen", f"{1e3 * one.stretch:.2g}", *both))
+        stretch = f"{1e3 * np.nanmean(ways):.2g}" if np.isfinite(ways).any() else "–"
+        if not np.isfinite(ways[0]).any():
+            rows.append((name, "–", "–", "no marker is seen", stretch, *both))
             continue
-        worst = int(np.nanargmax(ways))
-        largest = f"{1e3 * ways[worst]:.2g}"
-        rows.append((one.name, f"{1e3 * np.nanmean(ways):.2g}", largest, robot.marker_names[worst],
-                     f"{1e3 * one.stretch:.2g}", *both))  # fmt: skip
+        worst = int(np.nanargmax(ways[0]))
+        largest, mean = f"{1e3 * ways[0, worst]:.2g}", f"{1e3 * np.nanmean(ways[0]):.2g}"
+        rows.append((name, mean, largest, robot.marker_names[worst], stretch, *both))
     if rows:
         columns = ("trial", "mean", "largest", "of marker", f"mean of the first {STRETCH:g} s", "from rest",
                    "from a fitted start", "better")  # fmt: skip
         table("Simulated markers, values of the file, from the real ones of the first frame [mm]", columns, rows)
-    for line in reference_warnings(robot, reference, EvaluationSettings()):
+    for line in growing(robot, reference, HORIZON):
         say(f"Warning: {line}.")
     proposal = other_start(robot, reference)
     if proposal is not None:

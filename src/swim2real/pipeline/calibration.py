@@ -25,7 +25,7 @@ from swim2real.calibration import (
 )
 from swim2real.checks.delays import delays
 from swim2real.checks.mistakes import judged
-from swim2real.checks.reference import reference_warnings
+from swim2real.checks.probing import growing
 from swim2real.checks.resting import other_start, started
 from swim2real.errors import ArgumentError
 from swim2real.optimizers import ScriptedAdvisor, recorded_advice
@@ -86,11 +86,12 @@ def calibrate(
         settings = replace(settings, method=begun.method, budget=begun.budget, finish=True)
     if on_warning is not None:
         check_targets(robot)
-        begins, other = started(robot, reference), other_start(robot, reference)
-        for line in (*judged(begins, reference).doubts, *reference_warnings(begins, reference, settings)):
+        begins = started(robot, reference)
+        lines = list(judged(begins, reference).doubts)
+        if settings.pieces is None:
+            lines += [*growing(begins, reference, settings.horizon), *filter(None, [other_start(robot, reference)])]
+        for line in lines:
             on_warning(line)
-        if other is not None and settings.pieces is None:
-            on_warning(other)
     fitted, unseen = reference.split(settings.hold_out)
     problem = Problem.with_settings(robot, fitted, settings)
     held_out = None if unseen is None else problem.of(unseen)

@@ -78,27 +78,32 @@ def _open_stream(path: Path, threads: int) -> tuple[InputContainer, VideoStream]
     try:
         container = av.open(str(path.absolute()), options=_OPTIONS, timeout=FIRST_PICTURE, **_TEXTS)
     except FFmpegError as error:
-        if isinstance(error, PermissionError):
-            raise VideoError(f"'{path}' can't be read: permission denied") from None
-        if isinstance(error, ExitError):
-            raise VideoError(no_picture(path)) from None
-        if isinstance(error, ArgumentError):
-            raise VideoError(
-                f"'{path}' is not a video in a format that is read; playlists, texts and whatever else names other "
-                f"files aren't: give the film itself, or convert it to MP4 with H.264"
-            ) from None
-        with path.open("rb") as file:
-            if file.read(8)[4:] in TOP_BOXES:
-                raise VideoError(
-                    f"'{path}' ends before its index (the 'moov' box): the recording or the copy was cut off; copy it "
-                    "again, or repair it with a tool that has an intact video of the same camera"
-                ) from None
-        raise VideoError(f"'{path}' is not a video that FFmpeg can read ({error.strerror})") from None
+        raise VideoError(_unopened(path, error)) from None
     try:
         return container, _video_stream(container, path, threads)
     except VideoError:
         container.close()
         raise
+
+
+def _unopened(path: Path, error: FFmpegError) -> str:
+    """Why FFmpeg doesn't open a file, in a sentence."""
+    if isinstance(error, PermissionError):
+        return f"'{path}' can't be read: permission denied"
+    if isinstance(error, ExitError):
+        return no_picture(path)
+    if isinstance(error, ArgumentError):
+        return (
+            f"'{path}' is not a video in a format that is read; playlists, texts and whatever else names other files "
+            f"aren't: give the film itself, or convert it to MP4 with H.264"
+        )
+    with path.open("rb") as file:
+        if file.read(8)[4:] in TOP_BOXES:
+            return (
+                f"'{path}' ends before its index (the 'moov' box): the recording or the copy was cut off; copy it "
+                f"again, or repair it with a tool that has an intact video of the same camera"
+            )
+    return f"'{path}' is not a video that FFmpeg can read ({error.strerror})"
 
 
 def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoStream:
@@ -107,10 +112,8 @@ def _video_stream(container: InputContainer, path: Path, threads: int) -> VideoS
             f"'{path}' has more than {MOST_STREAMS} streams of pictures, sound and data; give a film with its pictures "
             f"alone"
         )
-    stream = container.streams.best("video")
-    if (
-        not isinstance(stream, VideoStream) or stream.disposition & Disposition.attached_pic
-    ):  # the cover of a sound file
+    stream, cover = container.streams.best("video"), Disposition.attached_pic  # of a sound file
+    if not isinstance(stream, VideoStream) or stream.disposition & cover:
         held = ", ".join(sorted({other.type for other in container.streams}))
         what = f", only {held}" if held else ""
         raise VideoError(f"'{path}' has no video in it{what}; if it had one, it was cut off: copy it again")
@@ -175,11 +178,10 @@ def _stated(container: InputContainer, stream: VideoStream) -> Stated:
     duration = float(stream.duration * base) if base and stream.duration is not None and mean != MADE_UP else None
     if duration is None and container.duration is not None and mean != MADE_UP:
         duration = container.duration / 1e6  # FFmpeg counts microseconds there
-    count = stream.frames
-    if "mp4" in container.format.name:  # what an edit list cuts away isn't in the index
-        count = min(count, len(stream.index_entries))
+    if stream.frames and rate and "mp4" not in container.format.name:  # whose edit lists leave some out
+        duration = max(duration or 0.0, stream.frames / float(rate))
     return Stated(
-        base or Fraction(1), Fraction(rate) if rate else None, count, duration,
+        base or Fraction(1), Fraction(rate) if rate else None, stream.frames, duration,
         SOUND_SLACK if len(container.streams) > 1 else 0.0, stream.codec_context.codec.canonical_name,
         stream.sample_aspect_ratio, bool(counted), _camera_rate({**container.metadata, **stream.metadata}),
     )  # fmt: skip
@@ -231,8 +233,7 @@ class Decoder:
         stated: What the file states of itself.
         left_out: Stamps of the pictures that are left out, as keys.
         unstamped: Number of pictures without a stamp that are left out.
-        hidden: Number of packets that the file marks as not to be shown.
-        failure: Why reading stopped before the end; empty if it didn't.
+        notes: A sentence for each thing that a person should know.
     """
 
     def __init__(self, path: Path, threads: int) -> None:
@@ -249,8 +250,6 @@ class Decoder:
         self._until: float | None = time.monotonic() + FIRST_PICTURE  # None once there is a picture
         self.left_out: dict[int, None] = {}
         self.unstamped = 0
-        self.hidden = 0
-        self.failure = ""
         self.notes: list[str] = []
 
     def close(self) -> None:
@@ -300,21 +299,19 @@ class Decoder:
         try:
             yield from self._container.demux(self._stream)
         except FFmpegError as error:
-            self.failure = f"reading stopped before the end ({error.strerror})"
+            self.notes.append(f"reading stopped before the end ({error.strerror})")
 
     def _decode(self, packet: Packet[VideoStream]) -> list[VideoFrame]:
         self._packet += 1
-        tracked = packet.pts is not None and self._stamped
-        if packet.is_discard:
-            self.hidden += 1
-        elif packet.size and packet.pts is not None and self._stamped:
-            self._waiting[packet.pts] = self._packet
+        stamp = packet.pts if self._stamped else None
+        if stamp is not None and packet.size and not packet.is_discard:
+            self._waiting[stamp] = self._packet
         try:
             # the decoder's complaint about a packet that is cut off could cost whole pictures
             pictures = [] if packet.is_corrupt else packet.decode()
         except FFmpegError:
             pictures = None
-        if not tracked and (pictures is None or packet.is_corrupt):
+        if stamp is None and (pictures is None or packet.is_corrupt):
             self._leave_out(None, self._packet)
         return pictures or []
 

@@ -73,8 +73,7 @@ class Pictures:
         self.numbers = [number for number, *_ in self._pictures]
         self.stated = Stated(Fraction(1), None, len(self._pictures), None, 0, str(self._image.format).lower())
         self.left_out: dict[int, None] = {}
-        self.unstamped = self.hidden = 0
-        self.failure = ""
+        self.unstamped = 0
         self.notes: list[str] = []
         usual = usual_interval(self.numbers) or 1
         holes = [(before, after) for before, after in pairwise(self.numbers) if after - before > 1.5 * usual]

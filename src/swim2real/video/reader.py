@@ -19,7 +19,7 @@ from av import VideoFrame
 from numpy.typing import NDArray
 
 from swim2real.errors import VideoError
-from swim2real.video.clock import Clock, Tally, frames
+from swim2real.video.clock import Clock, Notes, frames
 from swim2real.video.damage import REPORTED, marked
 from swim2real.video.decoding import FIRST_PICTURE, Decoder, Picture, no_picture, too_large, usual_interval
 from swim2real.video.pictures import Pictures, is_pattern, pattern_of
@@ -32,6 +32,9 @@ SLACK = 5.0  # s beyond FIRST_PICTURE that a film has which is read, but gives n
 MOST_BYTES = 256 << 20  # of decoded frames that are kept at a time
 _BYTES = 1.5  # of a pixel, as it is decoded
 SAME_RATE = 0.1  # relative difference of two rates that a camera may mean as one
+_SMEARED = "{frames} after a broken one may be smeared, {when}"
+_ODD = "{frames} that may be damaged, by what they show, {when}"
+_RESIZED = "{frames} of another size, {when}; scaled to that of the first"
 
 
 @dataclass(frozen=True)
@@ -263,8 +266,7 @@ class _Pass:
         self._closed = False
         self._delivered = 0
         self._end: float | None = None  # time of the last frame, once all are through
-        self._smeared, self._odd = Tally(), Tally()
-        self._resized = Tally()
+        self._notes = Notes()
         rotation = round(self._tilt / 90) * 90 % 360
         width, height = self._size if rotation in (0, 180) else self._size[::-1]
         duration = None if stated.duration is None else stated.duration * float(self._base / stated.base)
@@ -285,17 +287,14 @@ class _Pass:
         picture, self._first = self._first, None
         time = 0.0
         while picture is not None:
-            for _ in range(picture.lost):
-                self._clock.skip()
+            self._clock.skip(picture.lost)
             time = self._clock.tick(None if picture.stamp is None else picture.stamp * self._base)
             time = math.nan if self.info.rate_from is None else time
             stored, intact = picture.stored, picture.intact and not picture.odd
+            if not intact:
+                self._notes.add(_ODD if picture.odd else _SMEARED, time)
             if (stored.width, stored.height) != self._size:
-                self._resized.add(time)
-            if picture.odd:
-                self._odd.add(time)
-            elif not intact:
-                self._smeared.add(time)
+                self._notes.add(_RESIZED, time)
             self._delivered += 1
             yield Frame(self._delivered - 1, time, intact, stored, self._size, self.info.mirrored, self.info.rotation)
             if self._closed:
@@ -322,32 +321,18 @@ class _Pass:
         if self._tilt % 90:
             notes.append(f"the file asks for a turn of {self._tilt} degrees; turned by {self.info.rotation}")
         times = [self._clock.place(stamp * self._base) for stamp in sorted(self._decoder.left_out)]
-        early, lost = sum(time < 0 for time in times), Tally()
+        early, lost = sum(time < 0 for time in times), Notes()
         for time in times[early:]:
-            lost.add(time)
+            lost.add("{frames} broken and left out, {when}", time)
         if early:
             notes.append(f"{frames(early)} before the first whole one left out")
-        notes += lost.note("broken and left out")
         if self._decoder.unstamped:
             notes.append(f"{frames(self._decoder.unstamped)} broken and left out")
-        notes += self._smeared.note("after a broken one may be smeared")
-        notes += self._odd.note("that may be damaged, by what they show")
-        if self._decoder.failure:
-            notes.append(self._decoder.failure)
-        notes += [*self._end_notes(), *self._clock.notes()]
-        return notes + self._resized.note("of another size", "; scaled to that of the first")
-
-    def _end_notes(self) -> list[str]:
-        if self._end is None:
-            return []
-        decoder = self._decoder
-        count = self._delivered + len(decoder.left_out) + decoder.unstamped + decoder.hidden
-        if stated := decoder.stated.count:
-            return [f"the video ends early: the file says {frames(stated)}, {count} came"] if count < stated else []
-        duration = self.info.duration
-        if duration is not None and self._end + 1 / self.info.fps < duration - self._slack:
-            return [f"the video ends early: the file says {duration:.3f} s, the last frame is at {self._end:.3f} s"]
-        return []
+        notes += lost.lines()
+        said, end = self.info.duration, self._end
+        if end is not None and said is not None and end + 1 / self.info.fps < said - self._slack:
+            notes.append(f"the video ends early: the file says {said:.3f} s, the last frame is at {end:.3f} s")
+        return [*notes, *self._clock.notes(), *self._notes.lines()]
 
 
 def _begun(path: Path, threads: int) -> tuple[Decoder | Pictures, Generator[Picture], Picture]:
