@@ -6,7 +6,6 @@ whose columns are named after a marker and a coordinate; no library of theirs is
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
-from swim2real.store import whole_file
-from swim2real.trials.text_table import TextTable, read_table
+from swim2real.trials.text_table import TextTable, read_table, write_table
 from swim2real.trials.trial import MarkerTrack
 
 Array = NDArray[np.float64]
@@ -50,10 +48,8 @@ class _Poses:
         """
         columns = list(markers.values())
         positions = np.array([[self.table.numbers(place) for place in places[:2]] for places in columns])
-        given = [
-            self.table.numbers(places[2]) if places[2] >= 0 else np.full(len(self.times), np.nan) for places in columns
-        ]
-        likelihood = np.array(given)
+        unsaid = np.full(len(self.times), np.nan)
+        likelihood = np.array([self.table.numbers(at) if at >= 0 else unsaid for *_, at in columns])
         notes: list[str] = []
         outside = likelihood[(likelihood < -_ROUNDING) | (likelihood > 1 + _ROUNDING)]
         if outside.size:
@@ -85,17 +81,15 @@ def write_dlc(track: MarkerTrack, names: Sequence[str], path: str | Path, scorer
             f"{len(names)} names ({', '.join(names)}) for {track.marker_count} markers; each needs its own"
         )
     cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
-    place = Path(path)
+    heads = [
+        ["scorer", *[scorer] * cells.shape[1]],
+        ["bodyparts", *(name for name in names for _ in _COORDS)],
+        ["coords", *_COORDS * len(names)],
+    ]
     try:
-        with whole_file(place) as part, part.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["scorer", *[scorer] * cells.shape[1]])
-            writer.writerow(["bodyparts", *(name for name in names for _ in _COORDS)])
-            writer.writerow(["coords", *_COORDS * len(names)])
-            for frame, row in enumerate(cells.tolist()):
-                writer.writerow([frame, *("" if value != value else repr(value) for value in row)])
+        write_table(Path(path), heads, ([frame, *row] for frame, row in enumerate(cells.tolist())))
     except OSError as error:
-        raise TrialError(f"can't write '{place}': {error.strerror or error}") from error
+        raise TrialError(f"can't write '{path}': {error.strerror or error}") from error
 
 
 def read_dlc(path: str | Path, fps: float) -> tuple[MarkerTrack, tuple[str, ...]]:
@@ -178,17 +172,12 @@ def _read(path: Path, fps: float) -> _Poses:
         columns = [("", match[1], match[2]) if match else ("", "", "") for match in matches]
     found: dict[str, dict[str, list[int]]] = {}
     for place, (animal, part, coordinate) in enumerate(columns, start=1):
-        axis = ("x", "y").index(coordinate.lower()) if coordinate.lower() in ("x", "y") else 2
-        if not part or (axis == 2 and not _SURE.fullmatch(coordinate)):
-            continue
-        places = found.setdefault(animal, {}).setdefault(part, [-1, -1, -1])
-        if places[axis] >= 0:
-            raise TrialError(f"{path}: column '{coordinate}' of marker '{part}' comes twice; leave one out")
-        places[axis] = place
-    for part in (
-        part for parts in found.values() for part, at in parts.items() if "coords" in rows and min(at[:2]) < 0
-    ):
-        raise TrialError(f"{path}: marker '{part}' has no columns x and y below it; give it both")
+        axis = "xy".find(coordinate.lower())  # -1, the last one, for anything else
+        if part and (axis >= 0 or _SURE.fullmatch(coordinate)):
+            places = found.setdefault(animal, {}).setdefault(part, [-1, -1, -1])
+            if places[axis] >= 0:
+                raise TrialError(f"{path}: column '{coordinate}' of marker '{part}' comes twice; leave one out")
+            places[axis] = place
     markers = {animal: {part: at for part, at in parts.items() if min(at[:2]) >= 0} for animal, parts in found.items()}
     markers = {animal: parts for animal, parts in markers.items() if parts}
     if not markers:

@@ -9,7 +9,6 @@ A folder of the prior work's raw CSVs (pixels, two columns per marker, 60 fps, n
 
 from __future__ import annotations
 
-import csv
 import shlex
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -22,10 +21,10 @@ from pydantic import BaseModel, Field, model_validator
 from swim2real.checking import FileName, Label, Number, PathText, Positive, read
 from swim2real.errors import TrialError
 from swim2real.names import composed, file_key
-from swim2real.store import locked, path_from, reason, whole_file, write_json
+from swim2real.store import locked, path_from, reason, write_json
 from swim2real.trials.published import read_published
 from swim2real.trials.signals import TIME, Signals, read_signals, write_signals
-from swim2real.trials.text_table import read_table
+from swim2real.trials.text_table import read_table, write_table
 from swim2real.trials.timebase import Timebase
 from swim2real.trials.trial import MarkerTrack, Perspective, Trial, TrialSet, check_motion, check_trial_name
 
@@ -365,15 +364,8 @@ def _columns(markers: tuple[str, ...] | list[str]) -> list[str]:
 def _write_tables(folder: Path, trial: Trial, markers: tuple[str, ...]) -> None:
     """Writes the trial's tables, each whole or not at all."""
     if markers:
-        _write_track(folder / f"{trial.name}.csv", trial.track, markers)
+        track = trial.track
+        cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
+        write_table(folder / f"{trial.name}.csv", [_columns(markers)], np.column_stack([track.times, cells]).tolist())
     for kind, signals in _signals(trial).items():
         write_signals(signals, folder / _signals_file(trial, kind))
-
-
-def _write_track(path: Path, track: MarkerTrack, markers: tuple[str, ...]) -> None:
-    cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
-    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(_columns(markers))
-        for time, row in zip(track.times, cells, strict=True):
-            writer.writerow(["" if np.isnan(value) else repr(float(value)) for value in (time, *row)])

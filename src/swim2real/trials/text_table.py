@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, groupby
 from pathlib import Path
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
 from swim2real.names import quoted
-from swim2real.store import MOST_ROWS, MOST_TABLE, read_bytes
+from swim2real.store import MOST_ROWS, MOST_TABLE, read_bytes, whole_file
 from swim2real.trials.units import kind_of, known_unit
 
 Array = NDArray[np.float64]
@@ -125,7 +125,8 @@ def read_table(path: Path) -> TextTable:
         lines[0] = ""
     middle = lines[max(0, len(lines) // 2 - _MIDDLE) : len(lines) // 2 + _MIDDLE]
     try:
-        (longest, *_), separator, numeric = max(_fit(middle, one) for one in (told[1] if told else _SEPARATORS))
+        fits = [_fit(middle, one) for one in (told[1] if told else _SEPARATORS)]
+        (longest, *_), separator, numeric = max(fits, key=lambda fit: fit[0])  # of equal ones the first
         records = list(_records(lines, separator))
     except csv.Error as error:
         raise TrialError(f"{path}: not readable as a table ({error}); look for a quote that isn't closed") from error
@@ -141,13 +142,14 @@ def read_table(path: Path) -> TextTable:
             continue
         if len(numeric) <= len(cells) <= wide and any(map(_number, cells)):
             rows.append((line + 1, [*cells, *[""] * (wide - len(cells))]))
-        else:
-            if 2 * sum(map(bool, map(_number, cells))) >= len(cells) and (line < records[-1][0] or text.endswith(("\n", "\r"))):
-                raise TrialError(
-                    f"{path}, line {line + 1}: {len(cells)} columns; the other rows have {len(numeric)}: mend the "
-                    f"line, or leave it out"
-                )
-            odd.append(line)
+            continue
+        odd.append(line)
+        whole = line < records[-1][0] or text.endswith(("\n", "\r"))  # and not the half of a line at the end
+        if whole and 2 * sum(map(bool, map(_number, cells))) >= len(cells):
+            raise TrialError(
+                f"{path}, line {line + 1}: {len(cells)} columns; the other rows have {len(numeric)}: mend the "
+                f"line, or leave it out"
+            )
     numbers, cells = zip(*rows, strict=True)
     columns: list[tuple[str, ...]] = list(zip(*cells, strict=True))
     width = max(k + 1 for k in range(wide) if (k < len(numeric) and names[k]) or any(columns[k]))
@@ -163,6 +165,14 @@ def read_table(path: Path) -> TextTable:
         path, names[:width], units[:width], [head[:width] for head in heads], _stated(lines[: records[first][0]]),
         numbers, columns[:width], f"{len(odd)} lines that are no rows are left out, {said}" if odd else "",
     )  # fmt: skip
+
+
+def write_table(path: Path, heads: Iterable[Sequence[str]], rows: Iterable[Sequence[float]]) -> None:
+    """Writes a CSV table that is read back to the last digit, whole or not at all; NaN becomes an empty cell."""
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerows(heads)
+        writer.writerows(["" if value != value else repr(value) for value in row] for row in rows)
 
 
 def _read_text(path: Path) -> str:
@@ -216,7 +226,7 @@ def _records(lines: Sequence[str], separator: str) -> Iterator[Record]:
 def _fit(lines: Sequence[str], separator: str) -> tuple[tuple[int, bool, float], str, list[bool]]:
     """How well a separator explains lines, more is better; the separator; which cells of a row by it are numbers."""
     found = [
-        [] if comment else [_number(cell) is not None for cell in cells]
+        [not comment and _number(cell) is not None for cell in cells]
         for _, cells, comment in _records(lines, separator)
         if any(cells)
     ]
@@ -256,7 +266,7 @@ def _header(records: Sequence[Record], numeric: Sequence[bool]) -> tuple[int, li
     return first, heads
 
 
-def _named(heads: list[list[str]], width: int) -> tuple[tuple[str, ...], list[str | None]]:
+def _named(heads: list[list[str]], width: int) -> tuple[tuple[str, ...], Sequence[str | None]]:
     """Names and units of columns, from the rows above them.
 
     The names stand in one row, the lowest with most of them, or are put together of as many rows as distinguish them.
