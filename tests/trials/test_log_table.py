@@ -38,9 +38,9 @@ def test_columns_are_taken_by_name_with_or_without_their_unit_and_a_factor(log, 
     table = log("t_ms, hip [deg],state,arm/count\n100,90,on,1\n110.5,,on,2\n\n120,-45,off,3\n")
     np.testing.assert_allclose(table.times().since(0), [0.1, 0.1105, 0.12])
     assert table.times().words == "'t_ms' in ms"
-    found = table.column(text, "it", "rad")
-    assert (table.has(text), found.words) == (True, said)
-    np.testing.assert_allclose(found.values, values)
+    words, found = table.column(text, "it", "rad")
+    assert (table.has(text), words) == (True, said)
+    np.testing.assert_allclose(found, values)
 
 
 EPOCH = "1718703600"  # s, of 2024-06-18T09:40:00 in UTC

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import ArgumentError, TrialError
-from swim2real.formatting import listed
 from swim2real.robots.robot import Robot
 from swim2real.trials import MarkerTrack, Signals, Trial
-from swim2real.trials.log_table import Column, LogTable, choices
+from swim2real.trials.log_table import LogTable, choices
 from swim2real.trials.span import Span
 from swim2real.trials.timebase import by_stamps
 
@@ -175,21 +174,18 @@ def _signals(
     if optional and not given and not any(log.has(name) for name in units):
         return None
     option = "--controls" if kind == "actuator" else "--sensors"
-    found: list[Column] = []
+    found: dict[str, Array] = {}
     for name, unit in units.items():
         what = f"{kind} '{name}'" + ("" if name in given else f", so say {option} {name}=COLUMN")
-        found.append(log.column(given.get(name, name), what, unit))
-        columns[f"{kind} {name}"] = found[-1].words
-        if lacking := int(np.isnan(found[-1].values).sum()):
+        columns[f"{kind} {name}"], found[name] = log.column(given.get(name, name), what, unit)
+        if lacking := int(np.isnan(found[name]).sum()):
             notes.append(f"{lacking} of {len(times)} rows have no value of {kind} '{name}': the one before holds")
     if not found:
         return None
-    values = np.stack([column.values for column in found], axis=1)
+    values = np.stack(list(found.values()), axis=1)
     kept = np.isfinite(values).any(axis=-1)
     if not kept.any():
-        raise TrialError(
-            f"{log.path}: the columns {', '.join(column.words for column in found)} are empty; take others"
-        )
+        raise TrialError(f"{log.path}: the columns of {', '.join(found)} are empty; take others")
     return Signals(np.round(times, _DIGITS)[kept], tuple(units), values[kept])
 
 
@@ -198,19 +194,18 @@ def _positions(log: LogTable, robot: Robot, wanted: Wanted, columns: dict[str, s
     pairs = {name: wanted.markers.get(name) or _named_so(log, robot, name) for name in robot.marker_names}
     if not any(pairs.values()):
         return None
-    lacking = [name for name, pair in pairs.items() if not pair]
-    if lacking:
+    if lacking := [name for name, pair in pairs.items() if not pair]:
         raise ArgumentError(
             f"{log.path} has no columns for the markers {', '.join(lacking)}; say --markers NAME=XCOLUMN,YCOLUMN for "
             f"each"
         )
-    found: list[list[Column]] = []
+    found: list[Array] = []
     for name, pair in pairs.items():
         texts = _pair(log, name, pair or "")
         axes = [log.column(text, f"{axis} of marker '{name}'", "m") for axis, text in zip("xy", texts, strict=True)]
-        columns[f"marker {name}"] = " and ".join(axis.words for axis in axes)
-        found.append(axes)
-    return np.stack([np.stack([axis.values for axis in axes], axis=1) for axes in found], axis=1)
+        columns[f"marker {name}"] = " and ".join(words for words, _ in axes)
+        found.append(np.stack([values for _, values in axes], axis=1))
+    return np.stack(found, axis=1)
 
 
 def _named_so(log: LogTable, robot: Robot, name: str) -> str | None:
@@ -247,10 +242,9 @@ def _on_clock(trial: Trial, log: LogTable) -> Trial:
     Raises:
         TrialError: They aren't.
     """
-    for what, signals in (("controls", trial.controls), ("sensors", trial.sensors)):
+    for what, signals in trial.signals.items():
         try:
-            if signals is not None:
-                signals.check_clock(float(trial.track.times[0]), float(trial.track.times[-1]))
+            signals.check_clock(float(trial.track.times[0]), float(trial.track.times[-1]))
         except TrialError as error:
             raise TrialError(
                 f"{log.path}: the {what} of trial '{trial.name}' aren't on its clock: {error}; --from T says at which "

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,16 +37,8 @@ _CLOCK = re.compile(r"\d[:T]\d")  # in a date or a time of day
 _FACTOR = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*(.*)", re.IGNORECASE)
 
 
-class Column(NamedTuple):
-    """A column of a log, in the unit that was wanted.
-
-    Attributes:
-        words: Its name in the table, with the unit that it was taken to be in and the factor that was given.
-        values: NaN where a cell is empty. Shape (R,).
-    """
-
-    words: str
-    values: Array
+Column = tuple[str, Array]
+"""A column of a log: its name, unit and factor in words, and its values in the unit that was wanted, of shape (R,)."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +71,7 @@ class LogTable(TextTable):
         return any(self._named(name) for name in _split(text))
 
     def column(self, text: str, what: str, into: str = "") -> Column:
-        """A column, as numbers.
+        """A column, as numbers; NaN where a cell is empty.
 
         Args:
             text: Its name, or NAME:UNIT, NAME:FACTOR or NAME:FACTOR UNIT. Without a unit it is in the one that its name
@@ -93,7 +85,7 @@ class LogTable(TextTable):
             TrialError: A cell is no number; the message names line and column.
         """
         place, unit, scale = self._chosen(text, what, into)
-        return Column(f"'{self.names[place]}'{unit}", scale * self.numbers(place))
+        return f"'{self.names[place]}'{unit}", scale * self.numbers(place)
 
     def _chosen(self, text: str, what: str, into: str) -> tuple[int, str, float]:
         """Place of a column, its unit and factor in words, and how many of the wanted unit one of its numbers is."""

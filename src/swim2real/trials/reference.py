@@ -259,7 +259,7 @@ def _entry(trial: Trial, folder: Path) -> TrialEntry:
         "table": f"{trial.name}.csv" if trial.track.marker_count else None,
         "video": None if trial.video is None else path_from(folder, trial.video),
         "video_begin_s": round(trial.video_begin, 9),
-        **{kind: _signals_file(trial, kind) for kind in _signals(trial)},
+        **{kind: _signals_file(trial, kind) for kind in trial.signals},
         "start": dict(trial.start),
         "start_velocities": dict(trial.start_velocities),
         "perspective": trial.perspective,
@@ -270,12 +270,6 @@ def _entry(trial: Trial, folder: Path) -> TrialEntry:
         meters_per_pixel=trial.meters_per_pixel, provenance=trial.provenance,
         **{key: value for key, value in optional.items() if value},
     )  # fmt: skip
-
-
-def _signals(trial: Trial) -> dict[str, Signals]:
-    """The trial's tables of signals that there are, by kind."""
-    kinds = {"controls": trial.controls, "sensors": trial.sensors}
-    return {kind: signals for kind, signals in kinds.items() if signals is not None}
 
 
 def _signals_file(trial: Trial, kind: str) -> str:
@@ -367,5 +361,5 @@ def _write_tables(folder: Path, trial: Trial, markers: tuple[str, ...]) -> None:
         track = trial.track
         cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
         write_table(folder / f"{trial.name}.csv", [_columns(markers)], np.column_stack([track.times, cells]).tolist())
-    for kind, signals in _signals(trial).items():
+    for kind, signals in trial.signals.items():
         write_signals(signals, folder / _signals_file(trial, kind))

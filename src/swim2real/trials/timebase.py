@@ -51,9 +51,9 @@ def by_stamps(origin: str, **streams: MarkerTrack | Signals | None) -> dict[str,
 
 def described(trial: Trial) -> str:
     """The clocks of a trial's streams in one line; where nothing is on record of one, what its stamps say."""
-    streams = {"track": trial.track, "controls": trial.controls, "sensors": trial.sensors}
+    streams = {"track": trial.track, **trial.signals}
     clocks = by_stamps("first row, as nothing else is on record", **streams) | dict(trial.timebases)
-    return "; ".join(f"{kind} {clocks.get(kind, 'a single row')}" for kind, stream in streams.items() if stream)
+    return "; ".join(f"{kind} {clocks.get(kind, 'a single row')}" for kind in streams)
 
 
 def contradiction(trial: Trial) -> str | None:
@@ -62,8 +62,8 @@ def contradiction(trial: Trial) -> str | None:
     Recordings of one session may begin and end at different times, so this is a suspicion.
     """
     end, film = float(trial.track.times[-1]), trial.timebases.get("track")
-    for kind, table in {"controls": trial.controls, "sensors": trial.sensors}.items():
-        if not trial.track.marker_count or table is None or len(table.times) < 2:
+    for kind, table in trial.signals.items():
+        if not trial.track.marker_count or len(table.times) < 2:
             continue
         last = float(table.times[-1])
         if last <= 0 or np.diff(table.times).max() > _LOGGED * last or 1 / _APART < end / last < _APART:
