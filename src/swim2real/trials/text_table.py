@@ -213,10 +213,8 @@ def _encodings(content: bytes) -> Iterator[str]:
 def _records(lines: Sequence[str], separator: str) -> Iterator[Record]:
     """The records of a text, by a separator; a comment without its mark."""
     bare = [_COMMENT.sub("", line) for line in lines]
-    reader = csv.reader(
-        (" ".join(line.split()) for line in bare) if separator == " " else bare, delimiter=separator,
-        skipinitialspace=True,
-    )  # fmt: skip
+    source = bare if separator != " " else [" ".join(line.split()) for line in bare]
+    reader = csv.reader(source, delimiter=separator, skipinitialspace=True)
     end = 0
     for cells in reader:
         begin, end = end, reader.line_num
@@ -254,12 +252,10 @@ def _header(records: Sequence[Record], numeric: Sequence[bool]) -> tuple[int, li
         begin = next(filter(None, cells), "")
         if not begin and heads:
             break
+        most = max(width, *map(len, heads or [cells]))
         if not heads and len(cells) == width and _number(begin):
             first = i  # a row that isn't like the others: its cell will be named
-        elif (
-            max(2, width - _FEWER) <= len(cells) <= max(width, *map(len, heads or [cells])) and begin
-            and not _number(begin)
-        ):  # fmt: skip
+        elif begin and not _number(begin) and max(2, width - _FEWER) <= len(cells) <= most:
             heads.insert(0, cells)
         elif heads or (begin and not comment):
             break
