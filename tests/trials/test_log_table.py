@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from refused import refusal, says
 from swim2real.errors import ArgumentError, TrialError
-from swim2real.trials.log_table import choices, gaps, read_log
+from swim2real.trials.log_table import choices, read_log
 from swim2real.trials.units import UNITS, factor, unit_of_header, without_unit
 
 
@@ -38,9 +38,9 @@ def test_columns_are_taken_by_name_with_or_without_their_unit_and_a_factor(log, 
     table = log("t_ms, hip [deg],state,arm/count\n100,90,on,1\n110.5,,on,2\n\n120,-45,off,3\n")
     np.testing.assert_allclose(table.times().since(0), [0.1, 0.1105, 0.12])
     assert table.times().words == "'t_ms' in ms"
-    found = table.column(text, "it", "rad")
-    assert (table.has(text), str(found)) == (True, said)
-    np.testing.assert_allclose(found.values, values)
+    words, found = table.column(text, "it", "rad")
+    assert (table.has(text), words) == (True, said)
+    np.testing.assert_allclose(found, values)
 
 
 EPOCH = "1718703600"  # s, of 2024-06-18T09:40:00 in UTC
@@ -125,9 +125,9 @@ def test_a_first_row_that_is_unlike_the_others_is_a_row(log):
 @pytest.mark.parametrize(
     ("table", "column", "into", "parts"),
     [
-        ("t,hip", "hop", "", ("no column 'hop' for it", "did you mean 'hip'?", "'t', 'hip'")),
+        ("t,hip", "hop", "", ("no column 'hop' for it", "did you mean 'hip'?", "'t' and 'hip'")),
         ("a/x,b/x", "x", "", ("'x' for it may be 'a/x', 'b/x'", "whole name")),
-        ("t,q", "hip:deg", "", ("no column 'hip:deg' for it", "'t', 'q'")),
+        ("t,q", "hip:deg", "", ("no column 'hip:deg' for it", "'t' and 'q'")),
         ("t,q", "q:degg", "rad", ("'q' for it", "no unit 'degg'", "did you mean 'deg'?")),
         ("t,q", "q:deg", "N", ("'q' for it", "'deg' is a unit of angle", "'N' one of force")),
         ("q,q", "q", "", ("several columns are named 'q'",)),
@@ -160,7 +160,7 @@ def test_a_name_may_end_in_a_unit(header, unit, name):
     assert (unit_of_header(header), without_unit(header)) == (unit, name)
 
 
-def test_names_stand_for_columns_and_gaps_are_where_rows_are_missing():
+def test_names_stand_for_columns():
     known = ("hip", "gyro[1]")
     assert choices("sensors", ["hip=q1:deg", "gyro[1]"], known, "sensor") == {"hip": "q1:deg", "gyro[1]": "gyro[1]"}
     assert choices("sensors", ["hip:deg"], known, "sensor") == {"hip": "hip:deg"}
@@ -170,4 +170,9 @@ def test_names_stand_for_columns_and_gaps_are_where_rows_are_missing():
         (["hip="], ("hip=COLUMN",)),
     ):
         assert says(refusal(ArgumentError, choices, "sensors", texts, known, "sensor"), *parts)
-    assert gaps(np.array([0.0, 0.1, 0.2, 1.2, 1.3, 1.4, 1.5])) == [(pytest.approx(0.2), pytest.approx(1.0))]
+
+
+def test_rows_that_are_missing_are_told(log):
+    times = [0.0, 0.1, 0.2, 1.2, 1.3, 1.4, 1.5]
+    (note,) = log("t,q\n" + "".join(f"{time},1\n" for time in times)).times().notes
+    assert says(note, "rows are missing for 1 s from 0.200 s on;")

@@ -78,7 +78,6 @@ def test_missing_values_are_markers_that_werent_seen_and_missing_rows_a_gap_in_t
         ("", ("the table is empty",)),
         (LINES[0] + "\n", ("the table is empty",)),
         ("0,1,2,3\n1,2,3,4\n2,3,4,5\n", ("no pose table", "NAME.x and NAME.y")),
-        (HEADER.replace("M1,M1,M1", "M1,M1,M2") + ROWS, ("'M2'", "no columns x and y")),
         (HEADER.replace("M1", "M0") + ROWS, ("'M0' comes twice",)),
         (HEADER + ROWS + "2,1,2,1,3,4\n", ("line 6", "6 columns", "7")),
         (HEADER + "0,1,2,1,3,4,1\n1,1,b,1,3,4,1\n", ("line 5, column 3", "'b'")),

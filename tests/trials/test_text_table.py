@@ -92,7 +92,7 @@ def test_rows_of_a_header_name_a_column_together(tmp_path, head, separator):
     table = read_table(tmp_path / "take.csv")
     axes = [f"A:{marker} {axis}" for marker in ("tip", "end") for axis in "XYZ"]
     assert table.names == ("Frame", "Time (Seconds)", *axes)
-    assert table.stated == {"length": "mm"} or table.units[2:] == ("mm",) * 6
+    assert table.stated == {"length": "mm"} or table.units[2:] == ["mm"] * 6
     np.testing.assert_array_equal(table.numbers(7), cells[:, 7])
 
 

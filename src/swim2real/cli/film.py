@@ -208,7 +208,7 @@ def import_tracks(
     from swim2real.trials.reference import add_trial
     from swim2real.trials.signals import read_signals
     from swim2real.trials.span import spans
-    from swim2real.trials.timebase import Timebase
+    from swim2real.trials.timebase import TABLES, Timebase, by_stamps
 
     stretches = spans(begin, until, len(tables), "tables")
     body = load_robot(robot, markers_only=True)
@@ -221,19 +221,17 @@ def import_tracks(
     }
     if len(read) < len(tables):
         raise ArgumentError(f"two tables would make a trial of the same name ({', '.join(read)}); rename one")
-    driven, measured = ([read_signals(path) for path in paths] for paths in (controls, sensors))
+    none = [None] * len(tables)
+    driven, measured = ([read_signals(path) for path in paths] or none for paths in (controls, sensors))
     for i, (name, (path, span, pixels, scale, notes)) in enumerate(read.items()):
         clocks = {"track": Timebase(f"first frame of the video of {path.name}", fps, "given")}
-        for stream, paths, signals in (("controls", controls, driven), ("sensors", sensors, measured)):
-            if paths and (clock := signals[i].timebase(f"time 0 of {paths[i].name}")) is not None:
-                clocks[stream] = clock
         trial = span.of_trial(
             Trial(
                 name, scale.to_meters(pixels), frequency[i] if frequency else nominal_frequency(name),
                 scale.scale.meters_per_pixel,
                 f"pose table {path.name}, {fps:g} fps" + ("" if camera is None else f", camera {camera.name}"),
-                controls=driven[i] if driven else None, sensors=measured[i] if measured else None,
-                timebases=clocks,
+                controls=driven[i], sensors=measured[i],
+                timebases=clocks | by_stamps(TABLES, controls=driven[i], sensors=measured[i]),
             )
         )  # fmt: skip
         add_trial(to, trial, body.marker_names)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
-from statistics import median
 from typing import Annotated
 
 import tyro
@@ -17,7 +14,6 @@ from swim2real.errors import ArgumentError, Swim2RealError
 Named = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN[:UNIT] ...")]
 NamedPairs = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=XCOLUMN,YCOLUMN[:UNIT] ...")]
 From = Annotated[tuple[float, ...], tyro.conf.arg(name="from")]  # which Python doesn't take as a name
-_MOST_GAPS = 3  # that are reported of a log
 
 
 def import_recording(
@@ -61,7 +57,7 @@ def import_recording(
     from swim2real.pipeline.recording import Recorded, Wanted, recorded
     from swim2real.robots import load_robot
     from swim2real.trials import TrialSet, load_reference
-    from swim2real.trials.log_table import gaps, read_log
+    from swim2real.trials.log_table import read_log
     from swim2real.trials.reference import INDEX, add_trial, check_folder
     from swim2real.trials.span import spans
 
@@ -85,20 +81,11 @@ def import_recording(
         )  # fmt: skip
     for one, path in zip(made, tables, strict=True):
         add_trial(to, one.trial, body.marker_names)
-        rate = 1 / median(after - before for before, after in pairwise(one.times.tolist()))
-        seconds = one.trial.track.duration
-        say(f"{one.trial.name}: {len(one.times)} rows of {path}, {rate:.4g} Hz; the trial has {seconds:.2f} s")
+        say(f"{one.trial.name}: {one.rows} rows of {path}; the trial has {one.trial.track.duration:.2f} s")
         say(f"  {', '.join(f'{what} from {column}' for what, column in one.columns.items())}")
         for note in (*(f"{stream} at {clock}" for stream, clock in one.trial.timebases.items()), *one.notes):
             say(f"  {note}")
-        missing = gaps(one.times)
-        told = ", ".join(f"{length:.3g} s from {at - one.times[0]:.3f} s on" for at, length in missing[:_MOST_GAPS])
-        if missing:
-            more = f" and {len(missing) - _MOST_GAPS} more" if len(missing) > _MOST_GAPS else ""
-            tell(
-                f"warning: {path}: rows are missing for {told}{more}; cut it off with --from and --until if it matters"
-            )
-    doubts: Sequence[str] = ()
+    doubts: tuple[str, ...] = ()
     try:
         doubts = judged(body, TrialSet(tuple(one.trial for one in made), body.marker_names)).doubts
     except Swim2RealError as error:

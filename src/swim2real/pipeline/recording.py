@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from swim2real.errors import ArgumentError, TrialError
 from swim2real.robots.robot import Robot
 from swim2real.trials import MarkerTrack, Signals, Trial
-from swim2real.trials.log_table import Column, LogTable, choices
+from swim2real.trials.log_table import LogTable, choices
 from swim2real.trials.span import Span
-from swim2real.trials.timebase import Timebase
+from swim2real.trials.timebase import by_stamps
 
 Array = NDArray[np.float64]
 
@@ -67,13 +67,13 @@ class Recorded:
 
     Attributes:
         trial: The trial.
-        times: Time stamps of the whole log, from its first row on [s]. Shape (R,).
+        rows: How many rows the log has.
         columns: Columns in words, by what they were taken for, such as `sensor load`.
         notes: What was understood without being said, or is missing.
     """
 
     trial: Trial
-    times: Array
+    rows: int
     columns: Mapping[str, str]
     notes: Sequence[str]
 
@@ -133,16 +133,14 @@ def recorded(
         "sensor", log, stamps.since(zero), limits, wanted.sensors, columns, [],
         optional=into is not None and into.sensors is not None,
     )  # fmt: skip
-    streams = {"controls": controls, "sensors": sensors}
-    known = {stream: clock for stream, one in streams.items() if one and (clock := one.timebase(origin)) is not None}
     if into is not None:
         if controls is None and sensors is None:
             raise ArgumentError(f"{log.path}: nothing of it is taken; say --controls or --sensors NAME=COLUMN")
         trial = replace(
             into, controls=controls or into.controls, sensors=sensors or into.sensors,
-            timebases={**into.timebases, **known},
+            timebases={**into.timebases, **by_stamps(origin, controls=controls, sensors=sensors)},
         )  # fmt: skip
-        return Recorded(_on_clock(trial, log), stamps.values, columns, notes)
+        return Recorded(_on_clock(trial, log), len(stamps.values), columns, notes)
     if positions is None:
         if sensors is None:
             raise TrialError(f"robot '{robot.name}' has neither markers nor sensors, so there is nothing to compare")
@@ -152,11 +150,11 @@ def recorded(
         if seen.sum() < 2:
             raise TrialError(f"{log.path}: {seen.sum()} rows have a marker; a trial needs at least 2")
         track = MarkerTrack(np.round(stamps.since(zero), _DIGITS)[seen], positions[seen])
-        known["track"] = Timebase(origin, float(1 / np.median(np.diff(track.times))), "stamps")
+    clocks = by_stamps(origin, track=track if track.marker_count else None, controls=controls, sensors=sensors)
     trial = Trial(
-        name, track, frequency, provenance=f"log {log.path.name}", controls=controls, sensors=sensors, timebases=known
+        name, track, frequency, provenance=f"log {log.path.name}", controls=controls, sensors=sensors, timebases=clocks
     )
-    return Recorded(span.of_trial(_on_clock(trial, log)), stamps.values, columns, notes)
+    return Recorded(span.of_trial(_on_clock(trial, log)), len(stamps.values), columns, notes)
 
 
 def _commanded(robot: Robot) -> list[str]:
@@ -176,19 +174,18 @@ def _signals(
     if optional and not given and not any(log.has(name) for name in units):
         return None
     option = "--controls" if kind == "actuator" else "--sensors"
-    found: list[Column] = []
+    found: dict[str, Array] = {}
     for name, unit in units.items():
         what = f"{kind} '{name}'" + ("" if name in given else f", so say {option} {name}=COLUMN")
-        found.append(log.column(given.get(name, name), what, unit))
-        columns[f"{kind} {name}"] = str(found[-1])
-        if lacking := int(np.isnan(found[-1].values).sum()):
+        columns[f"{kind} {name}"], found[name] = log.column(given.get(name, name), what, unit)
+        if lacking := int(np.isnan(found[name]).sum()):
             notes.append(f"{lacking} of {len(times)} rows have no value of {kind} '{name}': the one before holds")
     if not found:
         return None
-    values = np.stack([column.values for column in found], axis=1)
+    values = np.stack(list(found.values()), axis=1)
     kept = np.isfinite(values).any(axis=-1)
     if not kept.any():
-        raise TrialError(f"{log.path}: the columns {', '.join(map(str, found))} are empty; take others")
+        raise TrialError(f"{log.path}: the columns of {', '.join(found)} are empty; take others")
     return Signals(np.round(times, _DIGITS)[kept], tuple(units), values[kept])
 
 
@@ -197,19 +194,18 @@ def _positions(log: LogTable, robot: Robot, wanted: Wanted, columns: dict[str, s
     pairs = {name: wanted.markers.get(name) or _named_so(log, robot, name) for name in robot.marker_names}
     if not any(pairs.values()):
         return None
-    lacking = [name for name, pair in pairs.items() if not pair]
-    if lacking:
+    if lacking := [name for name, pair in pairs.items() if not pair]:
         raise ArgumentError(
             f"{log.path} has no columns for the markers {', '.join(lacking)}; say --markers NAME=XCOLUMN,YCOLUMN for "
             f"each"
         )
-    found: list[list[Column]] = []
+    found: list[Array] = []
     for name, pair in pairs.items():
         texts = _pair(log, name, pair or "")
         axes = [log.column(text, f"{axis} of marker '{name}'", "m") for axis, text in zip("xy", texts, strict=True)]
-        columns[f"marker {name}"] = " and ".join(map(str, axes))
-        found.append(axes)
-    return np.stack([np.stack([axis.values for axis in axes], axis=1) for axes in found], axis=1)
+        columns[f"marker {name}"] = " and ".join(words for words, _ in axes)
+        found.append(np.stack([values for _, values in axes], axis=1))
+    return np.stack(found, axis=1)
 
 
 def _named_so(log: LogTable, robot: Robot, name: str) -> str | None:
@@ -236,8 +232,8 @@ def _pair(log: LogTable, name: str, text: str) -> tuple[str, str]:
     if len(parts) != 2:
         raise ArgumentError(f"--markers has '{name}={text}'; say {name}=XCOLUMN,YCOLUMN or {name}=XCOLUMN,YCOLUMN:UNIT")
     x, y = parts
-    unit = "" if y in log.table.names else y.rpartition(":")[2] if ":" in y else ""
-    return (f"{x}:{unit}" if unit and (x in log.table.names or ":" not in x) else x), y
+    unit = "" if y in log.names else y.rpartition(":")[2] if ":" in y else ""
+    return (f"{x}:{unit}" if unit and (x in log.names or ":" not in x) else x), y
 
 
 def _on_clock(trial: Trial, log: LogTable) -> Trial:
@@ -246,10 +242,9 @@ def _on_clock(trial: Trial, log: LogTable) -> Trial:
     Raises:
         TrialError: They aren't.
     """
-    for what, signals in (("controls", trial.controls), ("sensors", trial.sensors)):
+    for what, signals in trial.signals.items():
         try:
-            if signals is not None:
-                signals.check_clock(float(trial.track.times[0]), float(trial.track.times[-1]))
+            signals.check_clock(float(trial.track.times[0]), float(trial.track.times[-1]))
         except TrialError as error:
             raise TrialError(
                 f"{log.path}: the {what} of trial '{trial.name}' aren't on its clock: {error}; --from T says at which "

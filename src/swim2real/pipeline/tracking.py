@@ -201,14 +201,13 @@ def track_video(
     assert info.rate_from is not None  # without a rate no film is read
     clocks = {
         "track": Timebase(origin, fps or round(1 / float(np.median(np.diff(track.times))), 6), info.rate_from),
-        "controls": None if commands is None else by_stamps(TABLES, commands.times),
-        "sensors": None if readings is None else by_stamps(TABLES, readings.times),
+        **by_stamps(TABLES, controls=commands, sensors=readings),
     }
     trial = Trial(
         name, track, nominal_frequency(name) if frequency is None else frequency, camera.scale.meters_per_pixel,
         ", ".join(filter(None, (f"video {title}", span.words, made))),
         video=source, video_begin=begin, controls=commands, sensors=readings,
-        timebases={kind: clock for kind, clock in clocks.items() if clock is not None},
+        timebases=clocks,
     )  # fmt: skip
     report_path.unlink(missing_ok=True)  # it is of the track that is replaced now
     write_dlc(seen, robot.marker_names, report_path.with_suffix(".pixels.csv"))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import pooch
 
@@ -30,6 +30,7 @@ SHA256 = {
     "markers_f2_25.csv": "850a6e09f57e4d8e76eda502e39067e13bdf79f4867801481596211c82ca0e89",
 }
 
+_ADDRESS = re.compile(r"https?://(?:[^/\s\[\]]+|\[[0-9a-fA-F:.]+\](?::\d+)?)(?:/\S*)?")
 _MOST = 8_000_000  # bytes of a table; the published ones have 0.3 MB at most
 
 
@@ -104,16 +105,8 @@ class _Count:
     close = reset
 
 
-def _is_address(text: str) -> bool:
-    try:
-        parts = urlsplit(text)
-        return parts.scheme in ("http", "https") and bool(parts.hostname)
-    except ValueError:
-        return False
-
-
 def _download(source: str, cache: Path, on_file: Callable[[str, str], None]) -> list[Path]:
-    if not _is_address(source):
+    if not _ADDRESS.fullmatch(source):
         raise TrialError(f"'{source}' is no address to download from; give one with http:// or https://, or a folder")
     pooch.get_logger().setLevel("ERROR")
     registry = {name: f"sha256:{digest}" for name, digest in SHA256.items()}

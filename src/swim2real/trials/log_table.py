@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from swim2real.checking import did_you_mean
 from swim2real.errors import ArgumentError, TrialError
+from swim2real.formatting import listed
 from swim2real.names import quoted
 from swim2real.trials.text_table import TextTable, read_table
 from swim2real.trials.units import factor, kind_of, unit_of_header, without_unit
@@ -25,6 +28,7 @@ Array = NDArray[np.float64]
 
 _TIMES = ("time", "t", "timestamp", "stamp")
 _GAP = 5.0  # usual steps from one row to the next, that make a gap
+_MOST_GAPS = 3  # that are reported of a log
 _MOST_NAMED = 40  # columns in a sentence
 _PER_SECOND = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 _EPOCH = 631_152_000, 4_102_444_800  # s since 1970 of 1990 and 2100
@@ -33,24 +37,8 @@ _CLOCK = re.compile(r"\d[:T]\d")  # in a date or a time of day
 _FACTOR = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*(.*)", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column of a log, in the unit that was wanted.
-
-    Attributes:
-        header: Its name in the table.
-        unit: Unit that it was taken to be in; None where nothing says one.
-        times: Factor that was given with it.
-        values: NaN where a cell is empty. Shape (R,).
-    """
-
-    header: str
-    unit: str | None
-    times: float
-    values: Array
-
-    def __str__(self) -> str:
-        return f"'{self.header}'{f' in {self.unit}' if self.unit else ''}{f' times {self.times:g}' * (self.times != 1)}"
+Column = tuple[str, Array]
+"""A column of a log: its name, unit and factor in words, and its values in the unit that was wanted, of shape (R,)."""
 
 
 @dataclass(frozen=True)
@@ -75,25 +63,15 @@ class Stamps:
 
 
 @dataclass(frozen=True)
-class LogTable:
-    """A log that was read.
-
-    Attributes:
-        table: Its cells.
-    """
-
-    table: TextTable
-
-    @property
-    def path(self) -> Path:
-        return self.table.path
+class LogTable(TextTable):
+    """A log that was read."""
 
     def has(self, text: str) -> bool:
         """Whether a text names a column, with or without its unit."""
         return any(self._named(name) for name in _split(text))
 
     def column(self, text: str, what: str, into: str = "") -> Column:
-        """A column, as numbers.
+        """A column, as numbers; NaN where a cell is empty.
 
         Args:
             text: Its name, or NAME:UNIT, NAME:FACTOR or NAME:FACTOR UNIT. Without a unit it is in the one that its name
@@ -106,16 +84,16 @@ class LogTable:
             ArgumentError: There is no such column, or its unit isn't known or can't be the one that is wanted.
             TrialError: A cell is no number; the message names line and column.
         """
-        place, unit, scale, times = self._chosen(text, what, into)
-        return Column(self.table.names[place], unit, times, times * scale * self.table.numbers(place))
+        place, unit, scale = self._chosen(text, what, into)
+        return f"'{self.names[place]}'{unit}", scale * self.numbers(place)
 
-    def _chosen(self, text: str, what: str, into: str) -> tuple[int, str | None, float, float]:
-        """Place of a column, its unit, how many of the wanted unit one of that is, and the factor that was given."""
+    def _chosen(self, text: str, what: str, into: str) -> tuple[int, str, float]:
+        """Place of a column, its unit and factor in words, and how many of the wanted unit one of its numbers is."""
         named = next((name for name in _split(text) if self._named(name)), None)
         if named is None:
             raise ArgumentError(self.missing(text, what))
         places = self._named(named)
-        headers = [self.table.names[place] for place in places]
+        headers = [self.names[place] for place in places]
         if len(places) > 1 and len(set(headers)) == 1:
             raise ArgumentError(f"{self.path}: several columns are named '{headers[0]}'; give each its own name")
         if len(places) > 1:
@@ -125,21 +103,21 @@ class LogTable:
         place, given = places[0], text[len(named) + 1 :]
         number = _FACTOR.fullmatch(given)
         times, given = (float(number[1]), number[2]) if number else (1.0, given)
-        below = self.table.units[place] if self.table.cells[place].dtype.kind in "iufb" else None  # of dates it is none
-        unit = given or unit_of_header(headers[0]) or below or self.table.stated.get(kind_of(into))
+        below = None if _CLOCK.search(self.cells[place][0]) else self.units[place]  # of dates it is none
+        unit = given or unit_of_header(headers[0]) or below or self.stated.get(kind_of(into))
         try:
-            scale = 1.0 if unit is None else factor(unit, into)
+            scale = times if unit is None else times * factor(unit, into)
         except ArgumentError as error:
             remedy = "" if given else f"; say its unit with '{headers[0]}:UNIT'"
             raise ArgumentError(f"{self.path}: column '{headers[0]}' for {what}: {error}{remedy}") from error
-        return place, unit, scale, times
+        return place, f"{f' in {unit}' * bool(unit)}{f' times {times:g}' * bool(number)}", scale
 
     def _named(self, text: str) -> list[int]:
         """Places of the columns that a text names: exactly, else without regard to unit, case and signs.
 
         What is before a name, up to a dot, a slash or a colon, says whose it is, and may be left out.
         """
-        names = self.table.names
+        names = self.names
         exact = [place for place, name in enumerate(names) if name == text]
         if exact or not (wanted := _words(text)):
             return exact
@@ -149,12 +127,12 @@ class LogTable:
 
     def missing(self, text: str, what: str) -> str:
         """That there is no such column, and which there are."""
-        headers = self.table.names
-        near = next(filter(None, (did_you_mean(name, headers) for name in _split(text))), "")
-        more = f" and {len(headers) - _MOST_NAMED} more" if len(headers) > _MOST_NAMED else ""
-        there = f"{', '.join(map(quoted, headers[:_MOST_NAMED]))}{more}"
-        end = f"{near} Its" if near else "; its"
-        return f"{self.path} has no column '{text}' for {what}{end} columns are {there}"
+        near = next(filter(None, (did_you_mean(name, self.names) for name in _split(text))), "")
+        return f"{self.path} has no column '{text}' for {what}{f'{near} Its' if near else '; its'} {self._columns}"
+
+    @property
+    def _columns(self) -> str:
+        return f"columns are {listed(list(map(quoted, self.names)), _MOST_NAMED)}"
 
     def times(self, *texts: str) -> Stamps:
         """The time stamps.
@@ -167,28 +145,25 @@ class LogTable:
             ArgumentError: There is no such column, or its unit is none of time.
             TrialError: One is missing, or they don't rise.
         """
-        called = [name for name in self.table.names if _calls(name)[-1].replace(" ", "") in _TIMES]
-        for place, (name, below) in enumerate(zip(self.table.names, self.table.units, strict=True)):
-            dated = _CLOCK.search(str(self.table.cells[place][0])) is not None
+        called = [name for name in self.names if _calls(name)[-1].replace(" ", "") in _TIMES]
+        for place, (name, below) in enumerate(zip(self.names, self.units, strict=True)):
+            dated = _CLOCK.search(self.cells[place][0]) is not None
             called += [name] if dated or kind_of(unit_of_header(name) or below or "") == "time" else []
         text = next(filter(self.has, texts), next(iter([*called, *texts]), ""))
         if not text:
-            there = ", ".join(map(quoted, self.table.names[:_MOST_NAMED]))
             raise ArgumentError(
                 f"{self.path} has no column that is called time, t, timestamp or stamp: say --time COLUMN:UNIT, or of "
-                f"one that counts rows --time COLUMN:SECONDS, as in frame:0.01; its columns are {there}"
+                f"one that counts rows --time COLUMN:SECONDS, as in frame:0.01; its {self._columns}"
             )
-        place, unit, scale, times = self._chosen(text, "the time stamps (--time COLUMN:UNIT)", "s")
-        header = self.table.names[place]
-        first, values, words = self._counted(place, unit, scale * times)
-        for row in np.flatnonzero(~np.isfinite(values))[:1]:
-            raise TrialError(f"{self.table.place(row)}: no time in column '{header}'; each row needs one")
-        ticks = np.diff(values)
-        notes = [self.table.left_out] if self.table.left_out else []
-        if not (ticks < 0).any() and (ticks == 0).any() and (ticks > 0).sum() > 1:
-            tick = float(np.median(ticks[ticks > 0]))
+        place, unit, scale = self._chosen(text, "the time stamps (--time COLUMN:UNIT)", "s")
+        header = self.names[place]
+        first, values, unit = self._counted(place, unit, scale)
+        steps = np.diff(values)
+        notes = [self.left_out] if self.left_out else []
+        if not (steps < 0).any() and (steps == 0).any() and (steps > 0).sum() > 1:
+            tick = float(np.median(steps[steps > 0]))
             notes.append(
-                f"the clock in '{header}' ticks every {1e3 * tick:.4g} ms, and {(ticks == 0).sum()} of {len(values)} "
+                f"the clock in '{header}' ticks every {1e3 * tick:.4g} ms, and {(steps == 0).sum()} of {len(values)} "
                 f"rows have the time of the row above: they are spread evenly, at most one tick off"
             )
             values = _spread(values, tick)
@@ -196,46 +171,51 @@ class LogTable:
             before, after = _NANO * first + values[row : row + 2]
             told = f"is {'the time of' if after == before else 'before'} the row above ({before:.10g} s)"
             raise TrialError(
-                f"{self.table.place(row + 1)}: {after:.10g} s {told}; times must rise, so leave the row out, or cut a "
+                f"{self.place(row + 1)}: {after:.10g} s {told}; times must rise, so leave the row out, or cut a "
                 f"log that begins anew in two"
             )
-        return Stamps(f"'{header}'{words}", first + round(values[0] / _NANO), values - values[0], tuple(notes))
+        steps = np.diff(values)
+        long = np.flatnonzero(steps > _GAP * np.median(steps))
+        told = ", ".join(f"{steps[row]:.3g} s from {values[row] - values[0]:.3f} s on" for row in long[:_MOST_GAPS])
+        more = f" and {len(long) - _MOST_GAPS} more" if len(long) > _MOST_GAPS else ""
+        if told:
+            notes.append(f"rows are missing for {told}{more}; cut it off with --from and --until if it matters")
+        return Stamps(f"'{header}'{unit}", first + round(values[0] / _NANO), values - values[0], tuple(notes))
 
-    def _counted(self, place: int, unit: str | None, scale: float) -> tuple[int, Array, str]:
+    def _counted(self, place: int, unit: str, scale: float) -> tuple[int, Array, str]:
         """First stamp [ns], all of them after it [s], and what they are, in words.
 
         The first one is subtracted before anything else, so that nanoseconds since 1970 keep their last digit.
+
+        Raises:
+            TrialError: A row has none.
         """
-        cells = self.table.cells[place]
-        if cells.dtype.kind not in "iuf":
-            dates = _dates(cells.astype("str").str.strip().str.replace(",", "."))
-            if dates is None:
-                return 0, scale * self.table.numbers(place), f" in {unit}" if unit else ""
+        texts, dates = self.cells[place], _dates(self.cells[place])
+        numbers = self.numbers(place, math.inf) if dates is None else dates.dt.total_seconds().to_numpy(float)
+        for row in np.flatnonzero(np.isnan(numbers))[:1]:
+            raise TrialError(f"{self.place(row)}: no time in column '{self.names[place]}'; each row needs one")
+        if dates is not None:
             return int(dates[0].value), (dates - dates[0]).dt.total_seconds().to_numpy(float), ", dates or times of day"
-        low, high = cells.min(), cells.max()
-        for one, per in _PER_SECOND.items() if unit is None else ():
-            if _EPOCH[0] * per <= low and high <= _EPOCH[1] * per:
-                unit, scale = f"{one} since 1970", 1 / per
-        values = scale * (cells - cells[0]).to_numpy(dtype=float)
-        nanos = round(scale / _NANO)
-        whole = cells.dtype.kind in "iu" and nanos > 0
-        first = int(cells[0]) * nanos if whole else round(float(np.nan_to_num(cells[0])) * scale / _NANO)
-        return first, values, f" in {unit}" if unit else ""
+        for one, per in _PER_SECOND.items() if not unit else ():
+            if _EPOCH[0] * per <= numbers.min() and numbers.max() <= _EPOCH[1] * per:
+                unit, scale = f" in {one} since 1970", 1 / per
+        stamps = [Decimal(text) for text in texts]
+        values = scale * np.array([float(stamp - stamps[0]) for stamp in stamps])
+        return round(stamps[0] * Decimal(str(scale)) * 10**9), values, unit
 
 
-def _dates(texts: pd.Series[str]) -> pd.Series[Any] | None:
-    """Dates with times, else times of day or since a beginning; None where they are neither."""
+def _dates(cells: Sequence[str]) -> pd.Series[Any] | None:
+    """How long after 1970 dates with times are, or times of day after midnight; None where they are neither."""
     import pandas as pd
 
-    if not _CLOCK.search(texts[0]):
+    if not _CLOCK.search(cells[0]):
         return None
-    readers: list[Callable[[], pd.Series[Any]]] = [
-        lambda: pd.to_datetime(texts, format="ISO8601", utc=True),
+    texts = pd.Series(cells, dtype=object).str.replace(",", ".")
+    for read in (
+        lambda: pd.to_datetime(texts, format="ISO8601", utc=True) - pd.Timestamp(0, tz="UTC"),
         lambda: pd.to_timedelta(texts.str.replace(r"^(\d+:\d\d(?:\.\d*)?)$", r"00:\1", regex=True)),
-    ]
-    if re.match(r"\d{1,4}[-/. ]\w+[-/. ]\d{1,4}\D", texts[0]):
-        readers.append(lambda: pd.to_datetime(texts, format="mixed", dayfirst=True, utc=True))
-    for read in readers:
+        lambda: pd.to_datetime(texts, format="mixed", dayfirst=True, utc=True) - pd.Timestamp(0, tz="UTC"),
+    ):
         with suppress(ValueError, OverflowError):
             return read()
     return None
@@ -269,12 +249,10 @@ def read_log(path: Path) -> LogTable:
     """
     table = read_table(path)
     if len(table.names) < 2 or not any(table.names):
-        raise TrialError(
-            f"{path}, line {table.lines[0] if len(table.lines) else 1}: a line above the numbers must name the columns"
-        )
+        raise TrialError(f"{path}, line {table.lines[0]}: a line above the numbers must name the columns")
     if len(table.lines) < 2:
         raise TrialError(f"{path}: {len(table.lines)} rows of numbers; a trial needs at least 2")
-    return LogTable(table)
+    return LogTable(**vars(table))
 
 
 def choices(
@@ -306,13 +284,6 @@ def choices(
             raise ArgumentError(f"--{option} has '{text}'; say {name}=COLUMN, or {name}=COLUMN:UNIT")
         found[name] = column or text
     return found
-
-
-def gaps(times: Array) -> list[tuple[float, float]]:
-    """Where rows are missing: beginning and length of each stretch that is far longer than the usual step [s]."""
-    steps = np.diff(times)
-    long = np.flatnonzero(steps > _GAP * np.median(steps))
-    return [(float(times[row]), float(steps[row])) for row in long]
 
 
 def _split(text: str) -> tuple[str, ...]:

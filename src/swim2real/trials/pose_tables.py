@@ -6,66 +6,26 @@ whose columns are named after a marker and a coordinate; no library of theirs is
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
-from swim2real.store import whole_file
-from swim2real.trials.text_table import TextTable, read_table
+from swim2real.trials.text_table import TextTable, read_table, write_table
 from swim2real.trials.trial import MarkerTrack
 
 Array = NDArray[np.float64]
+Markers = dict[str, Array]
+"""Cells x, y and likelihood of each marker, infinite where there is no such column. Shape (T, 3)."""
 
 _COORDS = ("x", "y", "likelihood")
 _SURE = re.compile("likelihood|score|confidence|conf|p|prob|probability", re.IGNORECASE)
 _COLUMN = re.compile(rf"(.+)[._: ](x|y|{_SURE.pattern})", re.IGNORECASE)
 _FRAME = re.compile(r"frame.*|coords|bodyparts|", re.IGNORECASE)
 _ROUNDING = 1e-6  # by which a likelihood may lie outside 0 and 1 without a word
-
-
-@dataclass(frozen=True)
-class _Poses:
-    """A pose table as it is read.
-
-    Attributes:
-        times: Times of the rows after the film's first frame [s]. Shape (T,).
-        animals: Places of the columns x, y and likelihood of each marker, -1 where there is none, by animal and name.
-        table: The cells.
-    """
-
-    times: Array
-    animals: Mapping[str, Mapping[str, list[int]]]
-    table: TextTable
-
-    def track(self, markers: Mapping[str, list[int]]) -> tuple[MarkerTrack, list[str]]:
-        """The track of some markers, and what was understood without being said.
-
-        Where a marker has a position, a likelihood that isn't there is one of 1: unknown isn't lost.
-        """
-        columns = list(markers.values())
-        positions = np.array([[self.table.numbers(place) for place in places[:2]] for places in columns])
-        given = [
-            self.table.numbers(places[2]) if places[2] >= 0 else np.full(len(self.times), np.nan) for places in columns
-        ]
-        likelihood = np.array(given)
-        notes: list[str] = []
-        outside = likelihood[(likelihood < -_ROUNDING) | (likelihood > 1 + _ROUNDING)]
-        if outside.size:
-            notes.append(
-                f"{outside.size} likelihoods lie outside 0 and 1, from {outside.min():.3g} to {outside.max():.3g}: "
-                f"above 1 counts as sure, below 0 as lost"
-            )
-        unknown = np.isnan(likelihood) & np.isfinite(positions).all(axis=1)
-        if unknown.any():
-            notes.append(f"{unknown.sum()} positions have no likelihood, and count as seen")
-        sure = np.where(unknown, 1.0, np.clip(likelihood, 0, 1))
-        return MarkerTrack(self.times, positions.transpose(2, 0, 1), np.nan_to_num(sure).T), notes
 
 
 def write_dlc(track: MarkerTrack, names: Sequence[str], path: str | Path, scorer: str = "swim2real") -> None:
@@ -85,17 +45,15 @@ def write_dlc(track: MarkerTrack, names: Sequence[str], path: str | Path, scorer
             f"{len(names)} names ({', '.join(names)}) for {track.marker_count} markers; each needs its own"
         )
     cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
-    place = Path(path)
+    heads = [
+        ["scorer", *[scorer] * cells.shape[1]],
+        ["bodyparts", *(name for name in names for _ in _COORDS)],
+        ["coords", *_COORDS * len(names)],
+    ]
     try:
-        with whole_file(place) as part, part.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["scorer", *[scorer] * cells.shape[1]])
-            writer.writerow(["bodyparts", *(name for name in names for _ in _COORDS)])
-            writer.writerow(["coords", *_COORDS * len(names)])
-            for frame, row in enumerate(cells.tolist()):
-                writer.writerow([frame, *("" if value != value else repr(value) for value in row)])
+        write_table(Path(path), heads, ([frame, *row] for frame, row in enumerate(cells.tolist())))
     except OSError as error:
-        raise TrialError(f"can't write '{place}': {error.strerror or error}") from error
+        raise TrialError(f"can't write '{path}': {error.strerror or error}") from error
 
 
 def read_dlc(path: str | Path, fps: float) -> tuple[MarkerTrack, tuple[str, ...]]:
@@ -111,9 +69,9 @@ def read_dlc(path: str | Path, fps: float) -> tuple[MarkerTrack, tuple[str, ...]
     Raises:
         TrialError: The file isn't there or isn't such a table; the message names the line.
     """
-    poses = _read(Path(path), fps)
-    markers = _alone(poses, path)
-    return poses.track(markers)[0], tuple(markers)
+    times, animals = _read(Path(path), fps)
+    markers = _alone(animals, path)
+    return _track(times, markers)[0], tuple(markers)
 
 
 def read_poses(path: Path, fps: float, names: Sequence[str]) -> tuple[MarkerTrack, list[str]]:
@@ -130,11 +88,11 @@ def read_poses(path: Path, fps: float, names: Sequence[str]) -> tuple[MarkerTrac
     Raises:
         TrialError: The file isn't there or isn't such a table, or has other markers.
     """
-    poses = _read(path, fps)
-    whole = {name: places for markers in poses.animals.values() for name, places in markers.items()}
-    named = [markers for markers in poses.animals.values() if set(names) <= set(markers)]
-    alike = [markers for markers in poses.animals.values() if len(markers) == len(names)]
-    if not named and sum(map(len, poses.animals.values())) == len(whole) and set(names) <= set(whole):
+    times, animals = _read(path, fps)
+    whole = {name: cells for markers in animals.values() for name, cells in markers.items()}
+    named = [markers for markers in animals.values() if set(names) <= set(markers)]
+    alike = [markers for markers in animals.values() if len(markers) == len(names)]
+    if not named and sum(map(len, animals.values())) == len(whole) and set(names) <= set(whole):
         named = [whole]
     notes: list[str] = []
     if len(named) == 1:
@@ -146,26 +104,45 @@ def read_poses(path: Path, fps: float, names: Sequence[str]) -> tuple[MarkerTrac
         pairs = ", ".join(f"{ours} is {theirs}" for ours, theirs in zip(names, chosen, strict=True))
         notes.append(f"markers are taken in the table's order: {pairs}")
     else:
-        found = _alone(poses, path)
+        found = _alone(animals, path)
         raise TrialError(
             f"{path}: {len(found)} markers ({', '.join(found)}); {len(names)} are wanted ({', '.join(names)})"
         )
-    track, more = poses.track(chosen)
+    track, more = _track(times, chosen)
     return track, notes + more
 
 
-def _alone(poses: _Poses, path: str | Path) -> Mapping[str, list[int]]:
-    """The markers of the only animal."""
-    if len(poses.animals) > 1:
-        raise TrialError(
-            f"{path}: {len(poses.animals)} animals ({', '.join(poses.animals)}); one swimmer is needed, so export it "
-            f"by itself"
+def _track(times: Array, markers: Markers) -> tuple[MarkerTrack, list[str]]:
+    """The track of some markers, and what was understood without being said.
+
+    Where a marker has a position, a likelihood that isn't there is one of 1: unknown isn't lost.
+    """
+    positions, likelihood = np.split(np.stack(list(markers.values()), axis=1), [2], axis=2)
+    likelihood = np.where(np.isinf(likelihood), np.nan, likelihood)[..., 0]
+    notes: list[str] = []
+    outside = likelihood[(likelihood < -_ROUNDING) | (likelihood > 1 + _ROUNDING)]
+    if outside.size:
+        notes.append(
+            f"{outside.size} likelihoods lie outside 0 and 1, from {outside.min():.3g} to {outside.max():.3g}: "
+            f"above 1 counts as sure, below 0 as lost"
         )
-    return next(iter(poses.animals.values()))
+    unknown = np.isnan(likelihood) & np.isfinite(positions).all(axis=2)
+    if unknown.any():
+        notes.append(f"{unknown.sum()} positions have no likelihood, and count as seen")
+    return MarkerTrack(times, positions, np.nan_to_num(np.where(unknown, 1.0, np.clip(likelihood, 0, 1)))), notes
 
 
-def _read(path: Path, fps: float) -> _Poses:
-    """The columns and times of a pose table."""
+def _alone(animals: Mapping[str, Markers], path: str | Path) -> Markers:
+    """The markers of the only animal."""
+    if len(animals) > 1:
+        raise TrialError(
+            f"{path}: {len(animals)} animals ({', '.join(animals)}); one swimmer is needed, so export it by itself"
+        )
+    return next(iter(animals.values()))
+
+
+def _read(path: Path, fps: float) -> tuple[Array, Mapping[str, Markers]]:
+    """Times of the rows after the film's first frame [s], of shape (T,), and the markers of each animal."""
     if not (np.isfinite(fps) and fps > 0):
         raise TrialError(f"{path}: fps is {fps}; it must be finite and above 0")
     table = read_table(path)
@@ -176,22 +153,20 @@ def _read(path: Path, fps: float) -> _Poses:
     else:
         matches = [_COLUMN.fullmatch(name) for name in table.names[1:]]
         columns = [("", match[1], match[2]) if match else ("", "", "") for match in matches]
-    found: dict[str, dict[str, list[int]]] = {}
+    found: dict[str, Markers] = {}
     for place, (animal, part, coordinate) in enumerate(columns, start=1):
-        axis = ("x", "y").index(coordinate.lower()) if coordinate.lower() in ("x", "y") else 2
-        if not part or (axis == 2 and not _SURE.fullmatch(coordinate)):
-            continue
-        places = found.setdefault(animal, {}).setdefault(part, [-1, -1, -1])
-        if places[axis] >= 0:
-            raise TrialError(f"{path}: column '{coordinate}' of marker '{part}' comes twice; leave one out")
-        places[axis] = place
-    for part in (
-        part for parts in found.values() for part, at in parts.items() if "coords" in rows and min(at[:2]) < 0
-    ):
-        raise TrialError(f"{path}: marker '{part}' has no columns x and y below it; give it both")
-    markers = {animal: {part: at for part, at in parts.items() if min(at[:2]) >= 0} for animal, parts in found.items()}
-    markers = {animal: parts for animal, parts in markers.items() if parts}
-    if not markers:
+        axis = "xy".find(coordinate.lower())  # -1, the last one, for anything else
+        if part and (axis >= 0 or _SURE.fullmatch(coordinate)):
+            cells = found.setdefault(animal, {}).setdefault(part, np.full((len(table.lines), 3), np.inf))
+            if not np.isinf(cells[0, axis]):
+                raise TrialError(f"{path}: column '{coordinate}' of marker '{part}' comes twice; leave one out")
+            cells[:, axis] = table.numbers(place)
+    placed = {
+        animal: {part: cells for part, cells in parts.items() if not np.isinf(cells[0, :2]).any()}
+        for animal, parts in found.items()
+    }
+    animals = {animal: markers for animal, markers in placed.items() if markers}
+    if not animals:
         raise TrialError(
             f"{path}: no pose table; it needs DeepLabCut's header rows scorer, bodyparts, coords, or columns NAME.x "
             f"and NAME.y as SLEAP writes them, and then a row per frame"
@@ -200,7 +175,7 @@ def _read(path: Path, fps: float) -> _Poses:
         raise TrialError(f"{path}: {table.left_out}; expected a row per frame")
     if len(table.lines) < 2:
         raise TrialError(f"{path}: {len(table.lines)} frames; a track needs at least 2")
-    return _Poses(_frames(table) / fps, markers, table)
+    return _frames(table) / fps, animals
 
 
 def _frames(table: TextTable) -> Array:

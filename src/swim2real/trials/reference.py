@@ -9,7 +9,6 @@ A folder of the prior work's raw CSVs (pixels, two columns per marker, 60 fps, n
 
 from __future__ import annotations
 
-import csv
 import shlex
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -22,10 +21,10 @@ from pydantic import BaseModel, Field, model_validator
 from swim2real.checking import FileName, Label, Number, PathText, Positive, read
 from swim2real.errors import TrialError
 from swim2real.names import composed, file_key
-from swim2real.store import locked, path_from, reason, whole_file, write_json
+from swim2real.store import locked, path_from, reason, write_json
 from swim2real.trials.published import read_published
 from swim2real.trials.signals import TIME, Signals, read_signals, write_signals
-from swim2real.trials.text_table import read_table
+from swim2real.trials.text_table import read_table, write_table
 from swim2real.trials.timebase import Timebase
 from swim2real.trials.trial import MarkerTrack, Perspective, Trial, TrialSet, check_motion, check_trial_name
 
@@ -260,7 +259,7 @@ def _entry(trial: Trial, folder: Path) -> TrialEntry:
         "table": f"{trial.name}.csv" if trial.track.marker_count else None,
         "video": None if trial.video is None else path_from(folder, trial.video),
         "video_begin_s": round(trial.video_begin, 9),
-        **{kind: _signals_file(trial, kind) for kind in _signals(trial)},
+        **{kind: _signals_file(trial, kind) for kind in trial.signals},
         "start": dict(trial.start),
         "start_velocities": dict(trial.start_velocities),
         "perspective": trial.perspective,
@@ -271,12 +270,6 @@ def _entry(trial: Trial, folder: Path) -> TrialEntry:
         meters_per_pixel=trial.meters_per_pixel, provenance=trial.provenance,
         **{key: value for key, value in optional.items() if value},
     )  # fmt: skip
-
-
-def _signals(trial: Trial) -> dict[str, Signals]:
-    """The trial's tables of signals that there are, by kind."""
-    kinds = {"controls": trial.controls, "sensors": trial.sensors}
-    return {kind: signals for kind, signals in kinds.items() if signals is not None}
 
 
 def _signals_file(trial: Trial, kind: str) -> str:
@@ -365,15 +358,8 @@ def _columns(markers: tuple[str, ...] | list[str]) -> list[str]:
 def _write_tables(folder: Path, trial: Trial, markers: tuple[str, ...]) -> None:
     """Writes the trial's tables, each whole or not at all."""
     if markers:
-        _write_track(folder / f"{trial.name}.csv", trial.track, markers)
-    for kind, signals in _signals(trial).items():
+        track = trial.track
+        cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
+        write_table(folder / f"{trial.name}.csv", [_columns(markers)], np.column_stack([track.times, cells]).tolist())
+    for kind, signals in trial.signals.items():
         write_signals(signals, folder / _signals_file(trial, kind))
-
-
-def _write_track(path: Path, track: MarkerTrack, markers: tuple[str, ...]) -> None:
-    cells = np.concatenate([track.positions, track.confidence[:, :, None]], axis=2).reshape(track.frame_count, -1)
-    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(_columns(markers))
-        for time, row in zip(track.times, cells, strict=True):
-            writer.writerow(["" if np.isnan(value) else repr(float(value)) for value in (time, *row)])

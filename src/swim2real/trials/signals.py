@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +11,7 @@ from numpy.typing import NDArray
 
 from swim2real.errors import TrialError
 from swim2real.names import label_fault, quoted
-from swim2real.store import whole_file
-from swim2real.trials.text_table import read_table
-from swim2real.trials.timebase import Timebase
+from swim2real.trials.text_table import read_table, write_table
 
 Array = NDArray[np.float64]
 
@@ -96,14 +93,6 @@ class Signals:
         area = curve.antiderivative()
         return (area(times + over) - area(times)) / over
 
-    def timebase(self, origin: str) -> Timebase | None:
-        """The clock of the rows, by their time stamps; None where they are too few to have a rate.
-
-        Args:
-            origin: What their time 0 is, in words.
-        """
-        return None if len(self.times) < 2 else Timebase(origin, float(1 / np.median(np.diff(self.times))), "stamps")
-
     def check_clock(self, first: float, last: float) -> None:
         """Checks that the rows overlap a track in time, as they do when they are on its clock.
 
@@ -184,8 +173,4 @@ def read_signals(path: Path) -> Signals:
 
 def write_signals(signals: Signals, path: Path) -> None:
     """Writes a CSV table that `read_signals` reads back to the last digit, whole or not at all."""
-    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([TIME, *signals.names])
-        for time, row in zip(signals.times, signals.values, strict=True):
-            writer.writerow([repr(float(time)), *("" if np.isnan(value) else repr(float(value)) for value in row)])
+    write_table(path, [[TIME, *signals.names]], np.column_stack([signals.times, signals.values]).tolist())

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swim2real.checking import Positive
 
 if TYPE_CHECKING:
-    from swim2real.trials.trial import Trial
+    from swim2real.trials.signals import Signals
+    from swim2real.trials.trial import MarkerTrack, Trial
 
 KnownBy = Literal["stamps", "container", "given"]
 _WORDS: dict[KnownBy, str] = {"stamps": "by its time stamps", "container": "by its container", "given": "as given"}
@@ -40,18 +40,20 @@ _APART = 1.5  # ratio of durations from which recordings of one session hardly a
 _LOGGED = 0.1  # of a table's duration: rows that are further apart are commands by hand, of which the last one holds
 
 
-def by_stamps(origin: str, times: NDArray[np.float64]) -> Timebase | None:
-    """The clock of time stamps [s], of shape (R,); None for a single one, which has no rate."""
-    return Timebase(origin, round(1 / float(np.median(np.diff(times))), 6), "stamps") if len(times) > 1 else None
+def by_stamps(origin: str, **streams: MarkerTrack | Signals | None) -> dict[str, Timebase]:
+    """The clocks of streams by their time stamps; of one that isn't there, or has a single row, there is none."""
+    return {
+        kind: Timebase(origin, round(1 / float(np.median(np.diff(stream.times))), 6), "stamps")
+        for kind, stream in streams.items()
+        if stream is not None and len(stream.times) > 1
+    }
 
 
 def described(trial: Trial) -> str:
     """The clocks of a trial's streams in one line; where nothing is on record of one, what its stamps say."""
-    streams = {"track": trial.track, "controls": trial.controls, "sensors": trial.sensors}
-    times = {kind: stream.times for kind, stream in streams.items() if stream is not None}
-    found = {kind: by_stamps("first row, as nothing else is on record", stamps) for kind, stamps in times.items()}
-    clocks = {kind: trial.timebases.get(kind) or found[kind] or "a single row" for kind in times}
-    return "; ".join(f"{kind} {clock}" for kind, clock in clocks.items())
+    streams = {"track": trial.track, **trial.signals}
+    clocks = by_stamps("first row, as nothing else is on record", **streams) | dict(trial.timebases)
+    return "; ".join(f"{kind} {clocks.get(kind, 'a single row')}" for kind in streams)
 
 
 def contradiction(trial: Trial) -> str | None:
@@ -60,8 +62,8 @@ def contradiction(trial: Trial) -> str | None:
     Recordings of one session may begin and end at different times, so this is a suspicion.
     """
     end, film = float(trial.track.times[-1]), trial.timebases.get("track")
-    for kind, table in {"controls": trial.controls, "sensors": trial.sensors}.items():
-        if not trial.track.marker_count or table is None or len(table.times) < 2:
+    for kind, table in trial.signals.items():
+        if not trial.track.marker_count or len(table.times) < 2:
             continue
         last = float(table.times[-1])
         if last <= 0 or np.diff(table.times).max() > _LOGGED * last or 1 / _APART < end / last < _APART:

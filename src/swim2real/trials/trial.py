@@ -211,6 +211,12 @@ class Trial:
         return float(1.0 / np.median(np.diff(self.track.times)))
 
     @property
+    def signals(self) -> dict[str, Signals]:
+        """Its tables `controls` and `sensors`, as far as there are any."""
+        tables = {"controls": self.controls, "sensors": self.sensors}
+        return {kind: table for kind, table in tables.items() if table is not None}
+
+    @property
     def film_rate(self) -> float | None:
         """Frames per second that the user gave for the trial's film; None where the film's own hold."""
         clock = self.timebases.get("track")

@@ -8,28 +8,27 @@ import re
 from swim2real.checking import did_you_mean
 from swim2real.errors import ArgumentError
 
-_TURN = 2 * math.pi
-_DEGREE = math.pi / 180
-_IN_SI: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0},
-    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "°": _DEGREE, "rev": _TURN},
-    "angular velocity": dict.fromkeys(("deg/s", "°/s", "dps"), _DEGREE)
-    | {"rad/s": 1.0, "rev/s": _TURN, "rpm": _TURN / 60},
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6},
-    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
-    "acceleration": dict.fromkeys(("m/s²", "m/s^2", "m/s2"), 1.0)
-    | dict.fromkeys(("mm/s²", "mm/s^2", "mm/s2"), 1e-3)
-    | {"g": 9.80665, "mg": 9.80665e-3},
-    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "torque": {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "mN·m": 1e-3, "mNm": 1e-3, "N·mm": 1e-3, "Nmm": 1e-3},
-    "voltage": {"V": 1.0, "mV": 1e-3},
-    "current": {"A": 1.0, "mA": 1e-3},
-    "pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "mbar": 1e2, "bar": 1e5},
-    "share": {"1": 1.0, "%": 1e-2},
+_PREFIXES = {"": 1.0, "k": 1e3, "h": 1e2, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
+_SI = {
+    "time": "s", "angle": "rad", "angular velocity": "rad/s", "length": "m", "velocity": "m/s",
+    "acceleration": "m/s² m/s^2 m/s2", "force": "N", "torque": "N·m Nm N*m", "voltage": "V", "current": "A",
+    "pressure": "Pa", "share": "1",
+}  # fmt: skip
+_OTHERS = {
+    "min": ("time", 60.0), "rpm": ("angular velocity", math.tau / 60), "N·mm": ("torque", 1e-3),
+    "Nmm": ("torque", 1e-3), "g": ("acceleration", 9.80665), "mg": ("acceleration", 9.80665e-3),
+    "mbar": ("pressure", 1e2), "bar": ("pressure", 1e5), "%": ("share", 1e-2), "rev": ("angle", math.tau),
+    "rev/s": ("angular velocity", math.tau),
+    **dict.fromkeys(("deg", "°"), ("angle", math.pi / 180)),
+    **dict.fromkeys(("deg/s", "°/s", "dps"), ("angular velocity", math.pi / 180)),
+}  # fmt: skip
+UNITS: dict[str, tuple[str, float]] = _OTHERS | {
+    f"{prefix}{unit}": (kind, scale)
+    for kind, units in _SI.items()
+    for unit in units.split()
+    for prefix, scale in _PREFIXES.items()
 }
-_KINDS = {unit: kind for kind, units in _IN_SI.items() for unit in units}
-UNITS = tuple(_KINDS)
-"""Units that are known."""
+"""What the units that are known measure, and how many of the one of SI each is."""
 _NONE = ("", "-")  # of what has no unit, or isn't said to have one
 _ENDINGS = ("ms", "us", "ns", "deg", "dps", "rpm", "mm", "cm", "mN", "mNm", "mA", "mV")  # that mean nothing but a unit
 _BRACKETS = re.compile(r"[\[({]([^\[\](){}]+)[\])}]\s*$")
@@ -45,14 +44,14 @@ _SPELLED = {word: unit for unit, words in _WORDS.items() for word in words.split
 
 def known_unit(text: str) -> str | None:
     """The unit that a text stands for, such as `mm` for `Millimeters`; None where it is none."""
-    if text in _KINDS:
+    if text in UNITS:
         return text
-    return _SPELLED.get(text.lower()) or (text.lower() if len(text) > 2 and text.lower() in _KINDS else None)
+    return _SPELLED.get(text.lower()) or (text.lower() if len(text) > 2 and text.lower() in UNITS else None)
 
 
 def kind_of(unit: str) -> str:
     """What a known unit measures; empty for any other text."""
-    return _KINDS.get(unit, "")
+    return UNITS.get(unit, ("",))[0]
 
 
 def unit_of_header(header: str) -> str | None:
@@ -73,11 +72,6 @@ def without_unit(header: str) -> str:
     return _BRACKETS.sub("", name).strip() if _BRACKETS.search(name) else name.rpartition("_")[0]
 
 
-def alike(unit: str) -> list[str]:
-    """Units of the same kind, or this one alone where it isn't known."""
-    return list(_IN_SI.get(_KINDS.get(unit, ""), (unit,)))
-
-
 def factor(unit: str, into: str = "") -> float:
     """How many of one unit another one is, such as 0.001 of mm in m.
 
@@ -92,12 +86,10 @@ def factor(unit: str, into: str = "") -> float:
     if unit == into:
         return 1.0
     for one in (unit, into):
-        if one not in _KINDS and (one == unit or one not in _NONE):
-            near = did_you_mean(one, UNITS) or f"; there are {', '.join(UNITS)}"
+        if one not in UNITS and (one == unit or one not in _NONE):
+            near = did_you_mean(one, list(UNITS)) or f"; there are {', '.join([*_OTHERS, *_SI.values()])}"
             raise ArgumentError(f"there is no unit '{one}'{near}")
-    kind = _KINDS[unit]
-    if into in _NONE:
-        return _IN_SI[kind][unit]
-    if _KINDS[into] != kind:
-        raise ArgumentError(f"'{unit}' is a unit of {kind}, and '{into}' one of {_KINDS[into]}")
-    return _IN_SI[kind][unit] / _IN_SI[kind][into]
+    (kind, size), (wanted, one) = UNITS[unit], UNITS.get(into, (kind_of(unit), 1.0))
+    if wanted != kind:
+        raise ArgumentError(f"'{unit}' is a unit of {kind}, and '{into}' one of {wanted}")
+    return size / one
