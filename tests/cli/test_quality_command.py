@@ -99,6 +99,8 @@ def test_controls_of_another_clock_are_refused_and_those_that_end_early_told(tmp
     text = said(capsys)
     assert "trial 'epoch': its controls don't drive it: its rows are from 1700000000 s to 1700000001 s" in text
     assert "short: its controls end at 0.5 s, its frames at 1 s; the last value is held from there on" in text
+    assert text.count("short: the track lasts 1 s, its controls 0.5 s: 2 times as long") == 1
+    assert "rate that is off" not in text  # a factor of two is named as any other is
 
 
 # robots of many markers
