@@ -246,7 +246,7 @@ def test_units_that_are_probably_others_and_missing_rows_are_told(program, refer
     program("import-recording", tmp_path / "a.csv", *words, *other, *MARKERS)
     assert program.code == 1
     assert "rows are missing for 0.35 s from 0.800 s on" in program.err
-    assert "that looks like degrees in place of radians" in program.err
+    assert "look like degrees in place of radians" in program.err
     assert "units are NAME=COLUMN:UNIT; the trials are written" in program.err
 
 

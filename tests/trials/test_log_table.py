@@ -78,7 +78,13 @@ def test_nanoseconds_keep_their_last_digit(log):
 
 
 @pytest.mark.parametrize(
-    "stamps", [["09:40:00.25", "09:40:00.5"], ["40:00.25", "40:00.5"], ["0:40:00.250", "0:40:00.500"]]
+    "stamps",
+    [
+        ["09:40:00.25", "09:40:00.5"],
+        ["40:00.25", "40:00.5"],
+        ["0:40:00.250", "0:40:00.500"],
+        ["09:40:00:250", "09:40:00:500"],
+    ],
 )
 def test_times_of_day_are_times(log, stamps):
     assert np.diff(log("t,q\n" + "".join(f"{stamp},1\n" for stamp in stamps)).times().values) == pytest.approx(0.25)
@@ -108,6 +114,7 @@ def test_rows_on_a_coarse_clock_are_at_most_a_tick_off(tmp_path_factory, count, 
         ("t,q\n1,1\n0,2\n", ("line 3", "0 s is before the row above (1 s)", "must rise")),
         ("t,q\n0,1\n,2\n", ("line 3", "no time in column 't'")),
         ("t,q\n0,1\nnoon,2\n", ("line 3, column 1", "'noon'", "not a number")),
+        ("t,q\n9:40 Uhr,1\n9:41 Uhr,1\n", ("line 2, column 1", "'9:40 Uhr' is no time", "or seconds")),
         ("t,q\n0,1\n1,2,3\n", ("line 3", "3 columns", "2", "leave it out")),
         ("t,q\n0,1\n", ("1 rows", "at least 2")),
         ("0,1\n1,2\n", ("line 1", "must name the columns")),
@@ -126,6 +133,7 @@ def test_a_first_row_that_is_unlike_the_others_is_a_row(log):
     ("table", "column", "into", "parts"),
     [
         ("t,hip", "hop", "", ("no column 'hop' for it", "did you mean 'hip'?", "'t', 'hip'")),
+        ("t,Š", "肘", "", ("no column '肘' for it", "save the table in UTF-8")),
         ("a/x,b/x", "x", "", ("'x' for it may be 'a/x', 'b/x'", "whole name")),
         ("t,q", "hip:deg", "", ("no column 'hip:deg' for it", "'t', 'q'")),
         ("t,q", "q:degg", "rad", ("'q' for it", "no unit 'degg'", "did you mean 'deg'?")),
@@ -140,6 +148,7 @@ def test_a_column_or_a_unit_that_isnt_there_is_reported(log, table, column, into
 def test_units_are_converted():
     assert factor("deg", "rad") == pytest.approx(np.pi / 180)
     assert factor("rpm") == pytest.approx(2 * np.pi / 60)
+    assert (factor("d", "h"), factor("hours", "min")) == (24, 60)
     assert factor("mm", "cm") == pytest.approx(0.1)
     assert factor("counts", "counts") == 1
     assert factor("g") == pytest.approx(9.80665)

@@ -153,6 +153,8 @@ class LogTable:
         near = next(filter(None, (did_you_mean(name, headers) for name in _split(text))), "")
         more = f" and {len(headers) - _MOST_NAMED} more" if len(headers) > _MOST_NAMED else ""
         there = f"{', '.join(map(quoted, headers[:_MOST_NAMED]))}{more}"
+        if not "".join(headers).isascii():
+            there += "; where these look wrong, save the table in UTF-8"
         end = f"{near} Its" if near else "; its"
         return f"{self.path} has no column '{text}' for {what}{end} columns are {there}"
 
@@ -208,7 +210,13 @@ class LogTable:
         """
         cells = self.table.cells[place]
         if cells.dtype.kind not in "iuf":
-            dates = _dates(cells.astype("str").str.strip().str.replace(",", "."))
+            texts = cells.astype("str").str.strip().str.replace(r",|(?<=:\d\d):(?=\d{3})", ".", regex=True)
+            dates = _dates(texts)
+            if dates is None and _CLOCK.search(texts[0]):
+                raise TrialError(
+                    f"{self.table.place(0, place)}: {quoted(str(cells[0]))} is no time that is known; write "
+                    f"2024-06-18T09:40:00.010, 09:40:00.010 or seconds"
+                )
             if dates is None:
                 return 0, scale * self.table.numbers(place), f" in {unit}" if unit else ""
             return int(dates[0].value), (dates - dates[0]).dt.total_seconds().to_numpy(float), ", dates or times of day"

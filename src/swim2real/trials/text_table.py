@@ -38,7 +38,7 @@ _GUESSED = 1 << 16  # bytes from which an encoding is guessed
 _DIGITS = "0123456789"
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1b]")
 _PLAIN = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?"
-_CLOCK = r"\d{1,2}:\d\d(?::\d\d)?(?:[.,]\d*)?(?: ?[AaPp][Mm])?(?:Z| ?[+-]\d\d:?\d\d)?"
+_CLOCK = r"\d{1,2}:\d\d(?::\d\d)?(?:[.,:]\d*)?(?: ?[AaPp][Mm])?(?:Z| ?[+-]\d\d:?\d\d)?"
 _STAMP = rf"\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}(?:[ T]{_CLOCK})?|{_CLOCK}|\d{{8}}T\d{{4}}.*"
 _number = re.compile(rf"\s*(?:{_PLAIN}|{_STAMP})\s*").fullmatch  # a number or a time
 _SIGNS = (
@@ -88,7 +88,10 @@ class TextTable:
             texts = cells.astype("str").str.strip()
             numbers = pd.to_numeric(texts, errors="coerce").astype(float)
             for row in np.flatnonzero((numbers.isna() & cells.notna() & ~texts.isin(_MISSING)).to_numpy())[:1]:
-                raise TrialError(f"{self.place(row, column)}: {quoted(str(cells[row]))} is not a number")
+                raise TrialError(
+                    f"{self.place(row, column)}: {quoted(str(cells[row]))} is not a number; "
+                    "where none is known, leave the cell empty"
+                )
             cells = numbers
         values = cells.to_numpy(dtype=float)
         values = np.where(np.isfinite(values), values, np.nan)

@@ -11,7 +11,7 @@ from swim2real.errors import ArgumentError
 _TURN = 2 * math.pi
 _DEGREE = math.pi / 180
 _IN_SI: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "°": _DEGREE, "rev": _TURN},
     "angular velocity": dict.fromkeys(("deg/s", "°/s", "dps"), _DEGREE)
     | {"rad/s": 1.0, "rev/s": _TURN, "rpm": _TURN / 60},
@@ -35,10 +35,10 @@ _ENDINGS = ("ms", "us", "ns", "deg", "dps", "rpm", "mm", "cm", "mN", "mNm", "mA"
 _BRACKETS = re.compile(r"[\[({]([^\[\](){}]+)[\])}]\s*$")
 _WORDS = {
     "s": "sec secs second seconds", "ms": "msec millisecond milliseconds", "us": "usec µs μs microsecond microseconds",
-    "ns": "nsec nanosecond nanoseconds", "min": "minute minutes", "m": "meter meters metre metres", "mm": "millimeter "
-    "millimeters millimetre millimetres", "cm": "centimeter centimeters centimetre centimetres", "deg": "degs degree "
-    "degrees º", "rad": "rads radian radians", "deg/s": "º/s deg/sec", "N": "newton newtons", "V": "volt volts",
-    "A": "ampere amperes", "um": "μm",
+    "ns": "nsec nanosecond nanoseconds", "min": "minute minutes", "h": "hour hours", "d": "day days",
+    "m": "meter meters metre metres", "mm": "millimeter millimeters millimetre millimetres",
+    "cm": "centimeter centimeters centimetre centimetres", "deg": "degs degree degrees º", "rad": "rads radian radians",
+    "deg/s": "º/s deg/sec", "N": "newton newtons", "V": "volt volts", "A": "ampere amperes", "um": "μm",
 }  # fmt: skip
 _SPELLED = {word: unit for unit, words in _WORDS.items() for word in words.split()}
 
