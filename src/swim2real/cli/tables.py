@@ -62,7 +62,8 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
         title=title, title_justify="left", title_style="bold",
         box=SIMPLE_HEAD, padding=(0, 1), collapse_padding=True, pad_edge=False,
     )  # fmt: skip
-    whole = min(max((len(row[0].partition("\n")[0]) for row in rows), default=0), _WHOLE)
+    names = (*columns[0].split(), *(row[0].partition("\n")[0] for row in rows))
+    whole = min(max(map(len, names)), _WHOLE)
     for i, column in enumerate(columns):
         justify = "left" if i == 0 or column in _TEXTS else "right"
         out.add_column(column, justify=justify, overflow="fold")
