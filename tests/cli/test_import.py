@@ -221,6 +221,7 @@ def test_a_trial_that_was_tracked_keeps_its_track(program, reference, words, tmp
     [
         ((), 2, "no columns of the markers pivot, middle, end, and there is no trial 'a' that was tracked"),
         (MARKERS, 2, "no column 'torque' for actuator 'torque', so say --controls torque=COLUMN"),
+        ((*MARKERS, *COLUMNS[:2]), 2, "so say --sensors gyro[1]=COLUMN or, where it wasn't measured, put # before it"),
         (
             (*MARKERS, "--controls", "torque=cmd_Nm"),
             2,

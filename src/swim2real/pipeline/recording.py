@@ -175,10 +175,12 @@ def _signals(
     """Columns as signals, rows without any left out; None where none is needed, or none is there that needn't be."""
     if optional and not given and not any(log.has(name) for name in units):
         return None
-    option = "--controls" if kind == "actuator" else "--sensors"
+    option, without = ("--controls", "") if kind == "actuator" else (
+        "--sensors", " or, where it wasn't measured, put # before it under [recordings.sensors] of the robot file"
+    )  # fmt: skip
     found: list[Column] = []
     for name, unit in units.items():
-        what = f"{kind} '{name}'" + ("" if name in given else f", so say {option} {name}=COLUMN")
+        what = f"{kind} '{name}'" + ("" if name in given else f", so say {option} {name}=COLUMN{without}")
         found.append(log.column(given.get(name, name), what, unit))
         columns[f"{kind} {name}"] = str(found[-1])
         if lacking := int(np.isnan(found[-1].values).sum()):
