@@ -239,6 +239,15 @@ def test_a_run_by_least_squares_tells_within_which_values_its_error_hardly_rises
     assert calibrate(reference, PENDULUM, other, tmp_path / "other", on_warning=None).ranges == {}
 
 
+def test_delays_are_looked_for_from_the_starts_of_the_run(tmp_path, monkeypatch, pendulum):
+    asked = []
+    monkeypatch.setattr("swim2real.pipeline.calibration.delays", lambda robot, *_: asked.append(robot) or [])
+    robot = telling(PENDULUM, start="rest", start_named=False)  # its recordings begin in motion
+    settings = CalibrationSettings(method="random", budget=1, horizon=0.5, threads=1)
+    calibrate(pendulum, robot, settings, tmp_path / "run", on_warning=lambda line: None)
+    assert [one.trials.start for one in asked] == ["fitted"]
+
+
 def test_slopes_are_those_of_a_plane_and_unknown_where_no_points_lie():
     space, rng = PENDULUM_SPACE, np.random.default_rng(0)
     plane = np.diag([1.0, 0.1, 0.0])  # the third parameter doesn't count

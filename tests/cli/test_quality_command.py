@@ -99,6 +99,8 @@ def test_controls_of_another_clock_are_refused_and_those_that_end_early_told(tmp
     text = said(capsys)
     assert "trial 'epoch': its controls don't drive it: its rows are from 1700000000 s to 1700000001 s" in text
     assert "short: its controls end at 0.5 s, its frames at 1 s; the last value is held from there on" in text
+    assert text.count("short: the track lasts 1 s, its controls 0.5 s: 2 times as long") == 1
+    assert "rate that is off" not in text  # a factor of two is named as any other is
 
 
 # robots of many markers
@@ -126,3 +128,16 @@ def test_a_table_of_many_markers_names_the_ten_worst_and_no_header_breaks(capsys
     tables.by_marker("Lost [%]", NAMES[:3], ("trial",), (), [(("one",), [0.0, 0.25, None], ())], tables.percent)
     assert "trial row0_dot0 row0_dot1 row0_dot2" in (few := said(capsys))  # few have a column each
     assert few.endswith("one – 25 –")
+
+
+@pytest.mark.parametrize("width", [60, 80, 100])
+def test_no_cell_of_a_table_is_cut(capsys, monkeypatch, width):
+    monkeypatch.setattr(tables.console, "_width", width)
+    cells = ("14-image-sequences", "5", "0.8002", *"------", "yes")
+    columns = ("trial", "frames", "mm/px", "palm1", "palm2", "prox1", "prox2", "dist1", "tip", "usable as it is")
+    tables.table("Lost", columns, [cells])
+    heads, rows = capsys.readouterr().out.split("─" * 10, 1)
+    assert sorted(rows.replace("─", "").split()[0]) == sorted(cells[0])  # a name is whole
+    for printed, there in ((heads, ("Lost", *columns)), (rows.replace("─", ""), cells)):
+        assert sorted("".join(printed.split())) == sorted("".join(there).replace(" ", ""))
+    assert max(map(len, (heads + rows).splitlines())) <= width

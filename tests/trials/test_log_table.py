@@ -78,7 +78,13 @@ def test_nanoseconds_keep_their_last_digit(log):
 
 
 @pytest.mark.parametrize(
-    "stamps", [["09:40:00.25", "09:40:00.5"], ["40:00.25", "40:00.5"], ["0:40:00.250", "0:40:00.500"]]
+    "stamps",
+    [
+        ["09:40:00.25", "09:40:00.5"],
+        ["40:00.25", "40:00.5"],
+        ["0:40:00.250", "0:40:00.500"],
+        ["09:40:00:250", "09:40:00:500"],
+    ],
 )
 def test_times_of_day_are_times(log, stamps):
     assert np.diff(log("t,q\n" + "".join(f"{stamp},1\n" for stamp in stamps)).times().values) == pytest.approx(0.25)

@@ -36,11 +36,11 @@ from swim2real.tracking import (
     identify_beat,
 )  # fmt: skip
 from swim2real.trials import Actuation, Trial, TrialSet
+from swim2real.trials.timebase import contradictions
 
 Model = TypeVar("Model", bound=ForwardModel[Any])
 
 _ROUNDING = 1e-3  # s, of a table's time stamps
-_SAME_FACTOR = 0.04  # share by which a factor of two may be off
 _GAP = 0.35  # share by which frequencies of trials may differ
 _CLEARLY = 5.0  # standard errors of a speed
 
@@ -291,9 +291,9 @@ class Playback(Protocol[PlaybackSimulator]):
             "sensors": [] if trial.sensors is None else list(trial.sensors.names),
         }
         driven = any(drive.table for drive in trials.controls.values())
-        summary = _summary(trial, recorded, lost, {}, robot.marker_names, _other_rate(trial) if driven else [])
+        summary = _summary(trial, recorded, lost, {}, robot.marker_names, [])
         if driven:
-            summary["findings"] += _uncommanded(trial)
+            summary["findings"] += [*contradictions(trial), *_uncommanded(trial)]
         return PreparedTrial(trial, target, request, summary)
 
 
@@ -370,19 +370,6 @@ def _summary(
             "doubts": doubts,
         }
     )
-
-
-def _other_rate(trial: Trial) -> list[str]:
-    """A sentence where a trial takes twice or half as long as what drove it."""
-    if trial.controls is None:
-        return []
-    drove = float(trial.controls.times[-1] - max(trial.controls.times[0], trial.track.times[0]))
-    took = trial.track.duration
-    if not any(abs(took / max(drove, _ROUNDING) / factor - 1) < _SAME_FACTOR for factor in (2.0, 0.5)):
-        return []
-    return [
-        f"its frames take {took:.3g} s, its controls {drove:.3g} s: that looks like a frame rate that is off by two"
-    ]
 
 
 def _uncommanded(trial: Trial) -> list[str]:

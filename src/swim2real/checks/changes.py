@@ -26,7 +26,7 @@ _MOST_SWAPS = 66  # pairs of markers or columns that are tried
 _SCALES = [1.12**k for k in range(-14, 15) if k]  # of markers
 _FACTORS = {
     "degrees in place of radians": np.pi / 180, "radians in place of degrees": 180 / np.pi,
-    "turns in place of radians": 2 * np.pi, "thousandths (mm, mN, mA)": 1e-3, "thousands": 1e3,
+    "turns in place of radians": 2 * np.pi, "thousandths (mm, mN, mA)": 1e-3, "thousands (km, kN)": 1e3,
     "hundredths (cm, %)": 1e-2,
 }  # fmt: skip
 _NEAR = 1.7  # times, within which a factor is taken for that of a unit
@@ -136,8 +136,8 @@ def of_pixels(robot: Robot, trials: Sequence[Trial], played: Sequence[Trial]) ->
             return moved(trial, flipped + np.nanmean(made, axis=0))
 
         yield Change(
-            f"its markers look like pixels, of about {1e3 * factor:.2g} mm, y down; make meters of them: import-tracks "
-            f"does with a camera file, import-recording with --markers NAME=XCOLUMN,YCOLUMN:UNIT",
+            f"its markers look like pixels, of about {1e3 * factor:.2g} mm, y down: say --markers "
+            f"NAME=XCOLUMN:{factor:.2g},YCOLUMN:-{factor:.2g}, or use import-tracks with a camera file",
             each(undo), None, factor,
         )  # fmt: skip
 
@@ -152,7 +152,7 @@ def of_commands(robot: Robot, trials: Sequence[Trial]) -> Iterator[Change]:
         scaled = {name: (name, factor) for name in names}
         yield Change(f"commands look like {what}: say NAME=COLUMN:UNIT (--controls)", _columns("controls", scaled))
     for name in names:
-        said = f"commands of actuator '{name}' look of the other sign; turn its column, or the model's gear"
+        said = f"commands of actuator '{name}' look of the other sign: say NAME=COLUMN:-1 (--controls), or turn the model's gear"
         yield Change(said, _columns("controls", {**every, name: (name, -1.0)}))
     for i, j in _pairs(len(names)):
         one, other = names[i], names[j]
@@ -186,7 +186,7 @@ def of_readings(robot: Robot, trials: Sequence[Trial], played: Sequence[Trial]) 
         if not 1 / _FAR < factor < _FAR:
             said = f"{who} vary {1 / factor:.3g} times as much as the robot's own; give their unit (--sensors)"
             yield Change(said, _columns("sensors", {**every, name: (name, factor)}), (name,))
-        said = f"{who} look of the other sign; turn the column, or the model's axis"
+        said = f"{who} look of the other sign: say NAME=COLUMN:-1 (--sensors), or turn the model's axis"
         yield Change(said, _columns("sensors", {**every, name: (name, -1.0)}), (name,))
         gap = float(np.nanmean(real) - np.nanmean(made))
         said = f"{who} are {gap:+.3g} beside the robot's own; subtract that"
@@ -216,19 +216,23 @@ def of_clocks(robot: Robot, trials: Sequence[Trial], driven: Sequence[Trial]) ->
         if robot.marker_names:
             clocks = _Clocks(robot, trials[some], driven[some], "markers")
             for late in clocks.lags():
-                said = f"its film seems {abs(late):.2f} s {'late' if late > 0 else 'early'}, beside the commands"
+                words = ("late", "early") if late > 0 else ("early", "late")
+                said = f"its film seems {abs(late):.2f} s {words[0]}, or its commands as {words[1]}"
                 yield Change(f"{said}; {begin}", each(partial(_shifted, later=-late, stream="markers")))
                 if readings:
-                    yield Change(f"{said} and readings; {begin}", each(partial(_shifted, later=-late, stream="film")))
+                    yield Change(
+                        f"{said}, readings included; {begin}", each(partial(_shifted, later=-late, stream="film"))
+                    )
             for ratio in clocks.ratios():
-                said = f"its frames last {ratio:.3g} times as long as what drove it: give --fps"
+                said = f"its frames last {ratio:.3g} times as long as what drove it: give --fps, about"
                 rate = f"{ratio * trials[0].fps:.4g}, the rate at which the camera took them"
                 slower = partial(_stretched, factor=1 / ratio, filmed=True)
                 yield Change(f"{said} {rate}, or {unit}", each(slower))
         if readings:
             clocks = _Clocks(robot, trials[some], driven[some], "readings")
             for late in clocks.lags():
-                said = f"its readings seem {abs(late):.2f} s {'late' if late > 0 else 'early'}, beside the commands"
+                words = ("late", "early") if late > 0 else ("early", "late")
+                said = f"its readings seem {abs(late):.2f} s {words[0]}, or its commands as {words[1]}"
                 yield Change(f"{said}; {begin}", each(partial(_shifted, later=-late, stream="readings")), readings)
             for ratio in clocks.ratios():
                 said = f"its readings last {ratio:.3g} times as long as what drove it: {unit}"

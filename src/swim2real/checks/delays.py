@@ -41,8 +41,9 @@ def delays(robot: Robot, reference: TrialSet, values: Values, horizon: float | N
         if not as_it_is:
             return []
         begin, _ = base.searched(as_it_is, values, _STEPS)
-        _, before = base.searched(as_it_is, begin, _STEPS)  # as far as with the delay
         late, after = Motion(shifted).searched(as_it_is, {**begin, stream: 0.0}, _STEPS)
+        own = {name: late[name] for name in robot.space.names}
+        _, before = base.searched(as_it_is, own, _STEPS)  # as far as with the delay
         if share(after) > _EXPLAINED or not _error(after) < _MATTERS * _error(before):
             continue
         seconds = late[stream]

@@ -39,6 +39,7 @@ _FRAMES = 5  # of a trial in which poses are looked for
 _NO_POSE, _NEITHER = 0.04, 0.1  # of the robot's size: root mean square beside any pose that is doubted, and reported
 _UNDONE = 0.55  # of the misfit, below which a change has undone the mistake
 _FOLLOWED = 0.25  # share of the motion that a short search may leave of trials that are right
+_EXPLAINED = 0.15  # share up to which a change explains the motion, whatever another one leaves
 _BETTER = 0.6  # of a trial's share, below which a change has undone its mistake
 _SHOWS = 0.9  # of a trial's share, below which a change explains more of it
 _ALIKE = 1.3  # times the least share, up to which a simpler change explains as much

@@ -208,7 +208,7 @@ def import_tracks(
     from swim2real.trials.reference import add_trial
     from swim2real.trials.signals import read_signals
     from swim2real.trials.span import spans
-    from swim2real.trials.timebase import TABLES, Timebase, by_stamps
+    from swim2real.trials.timebase import TABLES, Timebase, by_stamps, contradictions
 
     stretches = spans(begin, until, len(tables), "tables")
     body = load_robot(robot, markers_only=True)
@@ -237,7 +237,10 @@ def import_tracks(
         add_trial(to, trial, body.marker_names)
         mm_per_pixel = 1e3 * scale.scale.meters_per_pixel
         say(f"{name}: {pixels.frame_count} frames, {pixels.duration:.2f} s, {mm_per_pixel:.4f} mm per pixel")
-        for line in (*(f"{stream} at {clock}" for stream, clock in trial.timebases.items()), *notes, *scale.findings()):
+        for line in (
+            *(f"{stream} at {clock}" for stream, clock in trial.timebases.items()), *notes,
+            *contradictions(trial), *scale.findings(),
+        ):  # fmt: skip
             say(f"{name}: {line}")
     say(f"{to}: check the tracks with: swim2real quality {word(to)}{for_robot(robot)}")
     return 0
@@ -301,13 +304,12 @@ def quality(
     from swim2real.pipeline import check_lost
     from swim2real.robots import load_robot
     from swim2real.trials import load_reference
-    from swim2real.trials.timebase import contradiction, described
+    from swim2real.trials.timebase import described
 
     body, trials = load_robot(robot, markers_only=True), load_reference(reference)
     findings, refusals = _examined(trials, body)
     for name, finding in findings.items():
-        finding["clocks"], doubt = described(trials[name]), contradiction(trials[name])
-        finding["findings"] = [*finding["findings"], *filter(None, [doubt])]
+        finding["clocks"] = described(trials[name])
     refused: dict[str, dict[str, float]] = {}
     for name, finding in findings.items():
         shares = zip(body.marker_names, finding["lost_share"], strict=True)

@@ -91,6 +91,6 @@ def import_recording(
     except Swim2RealError as error:
         tell(f"warning: whether they are the robot's wasn't seen: {error}")
     for line in doubts:
-        tell(f"warning: probably wrong: {line}; units are NAME=COLUMN:UNIT; the trials are written all the same")
+        tell(f"warning: probably wrong: {line}; the trials are written all the same")
     say(f"{to}: {len(made)} trials. Next: swim2real check {word(robot)} --reference {word(to)}")
     return 1 if doubts else 0

@@ -36,6 +36,7 @@ console = PlainConsole()
 MOST_COLUMNS = 10  # markers with a column each; of more only the worst are named
 _WORST = "worst first"
 _WHOLE = 32  # characters of a name that isn't broken; numbers wrap in its place
+_WIDE = 10_000  # characters of a line, in which any table is whole
 _UNTOLD = 0.8  # share of its bounds within which a parameter may be anywhere
 _TEXTS = ("driven by", "finding", _WORST)  # columns of words
 
@@ -61,12 +62,15 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
         title=title, title_justify="left", title_style="bold",
         box=SIMPLE_HEAD, padding=(0, 1), collapse_padding=True, pad_edge=False,
     )  # fmt: skip
-    whole = min(max((len(row[0].partition("\n")[0]) for row in rows), default=0), _WHOLE)
+    names = (*columns[0].split(), *(row[0].partition("\n")[0] for row in rows))
+    whole = min(max(map(len, names)), _WHOLE)
     for i, column in enumerate(columns):
         justify = "left" if i == 0 or column in _TEXTS else "right"
-        out.add_column(column, justify=justify, overflow="fold", min_width=0 if i else whole)
+        out.add_column(column, justify=justify, overflow="fold")
     for row in rows:
         out.add_row(*row)
+    if console.measure(out, options=console.options.update(width=_WIDE)).maximum > console.width:  # the others wrap
+        out.columns[0].width = whole
     console.print(out)
 
 

@@ -173,10 +173,12 @@ def _signals(
     """Columns as signals, rows without any left out; None where none is needed, or none is there that needn't be."""
     if optional and not given and not any(log.has(name) for name in units):
         return None
-    option = "--controls" if kind == "actuator" else "--sensors"
+    option, without = ("--controls", "") if kind == "actuator" else (
+        "--sensors", " or, where it wasn't measured, put # before it under [recordings.sensors] of the robot file"
+    )  # fmt: skip
     found: dict[str, Array] = {}
     for name, unit in units.items():
-        what = f"{kind} '{name}'" + ("" if name in given else f", so say {option} {name}=COLUMN")
+        what = f"{kind} '{name}'" + ("" if name in given else f", so say {option} {name}=COLUMN{without}")
         columns[f"{kind} {name}"], found[name] = log.column(given.get(name, name), what, unit)
         if lacking := int(np.isnan(found[name]).sum()):
             notes.append(f"{lacking} of {len(times)} rows have no value of {kind} '{name}': the one before holds")

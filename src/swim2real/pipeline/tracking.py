@@ -44,7 +44,7 @@ from swim2real.trials.published import nominal_frequency
 from swim2real.trials.reference import add_trial, check_folder, load_reference
 from swim2real.trials.signals import MEMORY, read_signals
 from swim2real.trials.span import WHOLE, Span
-from swim2real.trials.timebase import TABLES, Timebase, by_stamps
+from swim2real.trials.timebase import TABLES, Timebase, by_stamps, contradictions
 from swim2real.video import Frame, VideoReader, film_files, film_name, film_title
 
 Array = NDArray[np.float64]
@@ -230,7 +230,9 @@ def track_video(
                 "scales": dict(camera.scale.estimates), "confidence": seen.confidence.mean(axis=0),
                 "lost_share": quality.lost_share, "filled_share": _filled_share(seen, pixels),
                 "usable": quality.usable,
-                "findings": [*notes, *camera.findings(), *quality.findings(robot.marker_names)],
+                "findings": [
+                    *notes, *contradictions(trial), *camera.findings(), *quality.findings(robot.marker_names),
+                ],
                 "seconds": round(seconds, 2),
             }
         )

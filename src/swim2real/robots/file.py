@@ -459,9 +459,10 @@ def _sensor(where: str, name: str, own: str, entry: SensorTable) -> Sensor:
         try:
             factor = units.factor(own, unit)
         except ArgumentError as error:
+            alike = [one for one, (kind, _) in units.UNITS.items() if kind == units.kind_of(own)]
             raise RobotError(
                 f"{where}: 'unit' of sensor '{name}' is '{unit}', and what the model's sensor measures is in {own}; "
-                f"allowed are {', '.join(units.alike(own))}, or '-' for the model's own"
+                f"allowed are {', '.join(alike) or own}, or '-' for the model's own"
             ) from error
     if own == "rad":
         turn = 2 * math.pi * factor

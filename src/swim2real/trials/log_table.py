@@ -132,7 +132,8 @@ class LogTable(TextTable):
 
     @property
     def _columns(self) -> str:
-        return f"columns are {listed(list(map(quoted, self.names)), _MOST_NAMED)}"
+        odd = "" if "".join(self.names).isascii() else "; where these look wrong, save the table in UTF-8"
+        return f"columns are {listed(list(map(quoted, self.names)), _MOST_NAMED)}{odd}"
 
     def times(self, *texts: str) -> Stamps:
         """The time stamps.
@@ -191,6 +192,11 @@ class LogTable(TextTable):
             TrialError: A row has none.
         """
         texts, dates = self.cells[place], _dates(self.cells[place])
+        if dates is None and _CLOCK.search(texts[0]):
+            raise TrialError(
+                f"{self.place(0, place)}: {quoted(texts[0])} is no time that is known; write 2024-06-18T09:40:00.010, "
+                f"09:40:00.010 or seconds"
+            )
         numbers = self.numbers(place, math.inf) if dates is None else dates.dt.total_seconds().to_numpy(float)
         for row in np.flatnonzero(np.isnan(numbers))[:1]:
             raise TrialError(f"{self.place(row)}: no time in column '{self.names[place]}'; each row needs one")
@@ -210,7 +216,7 @@ def _dates(cells: Sequence[str]) -> pd.Series[Any] | None:
 
     if not _CLOCK.search(cells[0]):
         return None
-    texts = pd.Series(cells, dtype=object).str.replace(",", ".")
+    texts = pd.Series(cells, dtype=object).str.replace(r",|(?<=:\d\d):(?=\d{3})", ".", regex=True)
     for read in (
         lambda: pd.to_datetime(texts, format="ISO8601", utc=True) - pd.Timestamp(0, tz="UTC"),
         lambda: pd.to_timedelta(texts.str.replace(r"^(\d+:\d\d(?:\.\d*)?)$", r"00:\1", regex=True)),

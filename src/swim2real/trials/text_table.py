@@ -39,7 +39,7 @@ _SAMPLE = 1 << 16  # bytes from which an encoding is guessed
 _MIDDLE = 500  # lines before and after the middle of a file, from which its separator is guessed
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1b]")
 _PLAIN = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?"
-_CLOCK = r"\d{1,2}:\d\d(?::\d\d)?(?:[.,]\d*)?(?: ?[AaPp][Mm])?(?:Z| ?[+-]\d\d:?\d\d)?"
+_CLOCK = r"\d{1,2}:\d\d(?::\d\d)?(?:[.,:]\d*)?(?: ?[AaPp][Mm])?(?:Z| ?[+-]\d\d:?\d\d)?"
 _STAMP = rf"\d{{1,4}}[-/.]\d{{1,2}}[-/.]\d{{1,4}}(?:[ T]{_CLOCK})?|{_CLOCK}|\d{{8}}T\d{{4}}.*"
 _number = re.compile(rf"{_PLAIN}|{_STAMP}").fullmatch  # a number or a time
 _DECIMAL = r"(?m)^[+-]?\d*{}\d+(?:[eE][+-]?\d+)?$"
@@ -81,7 +81,9 @@ class TextTable:
         texts = pd.Series(self.cells[column], dtype=object)
         numbers = pd.to_numeric(texts, errors="coerce").to_numpy(dtype=float)
         for row in np.flatnonzero(np.isnan(numbers) & ~texts.isin(_MISSING).to_numpy())[:1]:
-            raise TrialError(f"{self.place(row, column)}: {quoted(texts[row])} is not a number")
+            raise TrialError(
+                f"{self.place(row, column)}: {quoted(texts[row])} is not a number; leave unknown ones empty"
+            )
         values = np.where(np.isfinite(numbers), numbers, np.nan)
         for row in np.flatnonzero(np.abs(values) > largest)[:1]:
             raise TrialError(f"{self.place(row, column)}: {values[row]:g} is beyond ±{largest:g}; no reading is")

@@ -56,8 +56,8 @@ def described(trial: Trial) -> str:
     return "; ".join(f"{kind} {clocks.get(kind, 'a single row')}" for kind in streams)
 
 
-def contradiction(trial: Trial) -> str | None:
-    """A sentence where a track and a table beside it hardly are of one length in time; None where they may be.
+def contradictions(trial: Trial) -> list[str]:
+    """A sentence where a track and a table beside it hardly are of one length in time.
 
     Recordings of one session may begin and end at different times, so this is a suspicion.
     """
@@ -69,8 +69,8 @@ def contradiction(trial: Trial) -> str | None:
         if last <= 0 or np.diff(table.times).max() > _LOGGED * last or 1 / _APART < end / last < _APART:
             continue
         rate = (trial.fps if film is None else film.rate) * end / last
-        return (
+        return [
             f"the track lasts {end:.3g} s, its {kind} {last:.3g} s: {end / last:.3g} times as long; if both are of the "
-            f"same motion, track the film again with its true rate, --fps {rate:.3g}"
-        )
-    return None
+            f"same motion, the film's true rate (--fps) is about {rate:.3g}"
+        ]
+    return []

@@ -326,7 +326,7 @@ def check_motion(trial: Trial, table: Path) -> Trial:
         raise TrialError(
             f"{table}: {trial.track.frame_count} rows in {trial.track.duration:g} s, {interval:g} s from one to the "
             f"next; allowed are {_SHORTEST:g} to {_LONGEST:g} s on average: check the "
-            f"time stamps, and say their unit, as in --time COLUMN:us"
+            f"time stamps, and say their unit, as in --time COLUMN:us or, of days, COLUMN:d"
         )
     what = "marker moves"
     if not trial.track.marker_count:

@@ -15,7 +15,8 @@ _SI = {
     "pressure": "Pa", "share": "1",
 }  # fmt: skip
 _OTHERS = {
-    "min": ("time", 60.0), "rpm": ("angular velocity", math.tau / 60), "N·mm": ("torque", 1e-3),
+    "min": ("time", 60.0), "h": ("time", 3600.0), "d": ("time", 86400.0),
+    "rpm": ("angular velocity", math.tau / 60), "N·mm": ("torque", 1e-3),
     "Nmm": ("torque", 1e-3), "g": ("acceleration", 9.80665), "mg": ("acceleration", 9.80665e-3),
     "mbar": ("pressure", 1e2), "bar": ("pressure", 1e5), "%": ("share", 1e-2), "rev": ("angle", math.tau),
     "rev/s": ("angular velocity", math.tau),
@@ -34,9 +35,11 @@ _ENDINGS = ("ms", "us", "ns", "deg", "dps", "rpm", "mm", "cm", "mN", "mNm", "mA"
 _BRACKETS = re.compile(r"[\[({]([^\[\](){}]+)[\])}]\s*$")
 _WORDS = {
     "s": "sec secs second seconds", "ms": "msec millisecond milliseconds", "us": "usec µs μs microsecond microseconds",
-    "ns": "nsec nanosecond nanoseconds", "min": "minute minutes", "m": "meter meters metre metres", "mm": "millimeter "
-    "millimeters millimetre millimetres", "cm": "centimeter centimeters centimetre centimetres", "deg": "degs degree "
-    "degrees º", "rad": "rads radian radians", "deg/s": "º/s deg/sec", "N": "newton newtons", "V": "volt volts",
+    "ns": "nsec nanosecond nanoseconds", "min": "minute minutes", "h": "hour hours",
+    "d": "day days", "m": "meter meters metre metres",
+    "mm": "millimeter millimeters millimetre millimetres", "cm": "centimeter centimeters centimetre centimetres",
+    "deg": "degs degree degrees º", "rad": "rads radian radians", "deg/s": "º/s deg/sec",
+    "N": "newton newtons", "V": "volt volts",
     "A": "ampere amperes", "um": "μm",
 }  # fmt: skip
 _SPELLED = {word: unit for unit, words in _WORDS.items() for word in words.split()}
