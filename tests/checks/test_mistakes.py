@@ -128,7 +128,7 @@ def test_the_motion_of_a_sound_reference_is_explained(sound, name):
         (
             "pendulum",
             signals("controls", np.negative),
-            "commands of actuator 'torque' look of the other sign: say NAME=COLUMN:-1",
+            "'torque' look of the other sign: say NAME=COLUMN:-1",
         ),
         ("pendulum", late("controls", 0.3), "its film seems 0.30 s early, or its commands as late"),
         ("pendulum", exchanged("controls"), "trials 'a' and 'b': their tables of controls look exchanged"),

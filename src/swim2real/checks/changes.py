@@ -152,7 +152,7 @@ def of_commands(robot: Robot, trials: Sequence[Trial]) -> Iterator[Change]:
         scaled = {name: (name, factor) for name in names}
         yield Change(f"commands look like {what}: say NAME=COLUMN:UNIT (--controls)", _columns("controls", scaled))
     for name in names:
-        said = f"commands of actuator '{name}' look of the other sign: say NAME=COLUMN:-1 (--controls), or turn the model's gear"
+        said = f"commands of actuator '{name}' look of the other sign: say NAME=COLUMN:-1, or turn the model's gear"
         yield Change(said, _columns("controls", {**every, name: (name, -1.0)}))
     for i, j in _pairs(len(names)):
         one, other = names[i], names[j]

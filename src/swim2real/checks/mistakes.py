@@ -164,7 +164,7 @@ class _Judge:
             return None
         least, was = finals[0][0], share(parts)
         now, one, mixed, made, found, left = min(
-            (f for f in finals if f[0] <= _ALIKE * least), key=lambda f: f[1].order
+            (f for f in finals if f[0] <= max(_ALIKE * least, _EXPLAINED)), key=lambda f: f[1].order
         )
         who = f"trial{'s' * (len(one.of) > 1)} {listed([repr(trials[k].name) for k in one.of])}"
         said = (
