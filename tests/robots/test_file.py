@@ -361,7 +361,7 @@ def test_robots_are_found_by_name_or_file(tmp_path):
         ("[recordings]", "[recordings.sensors]\nangle = {meters_per_unit = 0}", ["meters_per_unit' is 0", "above 0"]),
         ("[recordings]", "[recordings.sensors]\nimu = {meters_per_unit = 1}", ["'imu' has 3", '"imu[0]" to "imu[2]"']),
         ("[recordings]", "[recordings.sensors]\nangle = {unit = 'V', meters_per_unit = 1}",
-         ["'unit' of sensor 'angle' is 'V'", "in rad", "rad, mrad, deg, °, rev"]),
+         ["'unit' of sensor 'angle' is 'V'", "in rad", "rev, deg, °, rad, mrad"]),
         ("[recordings]", "[recordings.sensors]\nangle = {range = [360, 0], meters_per_unit = 1}",
          ["angle.range': it is [360.0, 0.0]", "below the second"]),
         ("[recordings]", '[recordings.sensors]\n"imu[3]" = {meters_per_unit = 1}', ["'imu' has 3", "no [3]"]),

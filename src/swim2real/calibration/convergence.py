@@ -92,10 +92,10 @@ def marker_noise(tracks: Sequence[MarkerTrack]) -> float | None:
 def noise_of(trials: Sequence[Trial], sensors: Sequence[Sensor]) -> float | None:
     """Noise of the markers, and the mean error that noise of readings counts as [m]; None without either."""
     noise = marker_noise([trial.track for trial in trials])
-    tables = [trial.sensors for trial in trials if trial.sensors is not None]
+    tables = [trial.sensors for trial in trials if trial.sensors is not None] if sensors else []
     mean = np.sqrt(2 / np.pi)  # absolute deviation of a normal distribution
     found = [sum(s.meters_per_unit * mean * float(_scatter(one.column(s.name))) for s in sensors) for one in tables]
-    if not sensors or not found or not np.isfinite(found).all():
+    if not found or not np.isfinite(found).all():
         return noise
     return float(np.mean(found)) + (noise or 0.0)
 

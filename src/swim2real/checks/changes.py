@@ -179,11 +179,11 @@ def of_readings(robot: Robot, trials: Sequence[Trial], played: Sequence[Trial]) 
         if not all(size > 0 for size in sizes):
             continue
         factor, who = sizes[1] / sizes[0], f"readings of sensor '{name}'"
-        for what, times in _FACTORS.items():
-            if 1 / _NEAR < factor / times < _NEAR:
-                said = f"{who} look like {what}: say NAME=COLUMN:UNIT (--sensors)"
-                yield Change(said, _columns("sensors", {**every, name: (name, times)}), (name,))
-        if not 1 / _FAR < factor < _FAR:
+        near = {what: times for what, times in _FACTORS.items() if 1 / _NEAR < factor / times < _NEAR}
+        for what, times in near.items() if len(names) > 1 else ():
+            said = f"{who} look like {what}: say NAME=COLUMN:UNIT (--sensors)"
+            yield Change(said, _columns("sensors", {**every, name: (name, times)}), (name,))
+        if not near and not 1 / _FAR < factor < _FAR:
             said = f"{who} vary {1 / factor:.3g} times as much as the robot's own; give their unit (--sensors)"
             yield Change(said, _columns("sensors", {**every, name: (name, factor)}), (name,))
         said = f"{who} look of the other sign: say NAME=COLUMN:-1 (--sensors), or turn the model's axis"

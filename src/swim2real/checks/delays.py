@@ -11,32 +11,30 @@ from swim2real.checks.motion import Motion, Parts, Prepared, share
 from swim2real.parameters import Parameter, ParameterSpace, Values
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import Delay
-from swim2real.settings import HORIZON
 from swim2real.trials import TrialSet
 
 _MOST = 0.1  # s
 _MATTERS = 0.9  # of the error, below which a delay matters
 _EXPLAINED = 0.25  # share of the motion above which a delay says nothing
-_STEPS = 6  # of the search
-_TRIALS = 4
+_STEPS = 4  # of a search
+_TRIALS, _SECONDS = 4, 2.0  # that are compared, s of each
 _LINES = {"commands": 'control "*" delay', "readings": 'sensor "*" delay'}
 
 
-def delays(robot: Robot, reference: TrialSet, values: Values, horizon: float | None = HORIZON) -> list[str]:
+def delays(robot: Robot, reference: TrialSet, values: Values) -> list[str]:
     """A sentence for each stream of recordings that seems late or early, with what to write into the robot file.
 
     Args:
         robot: The robot.
         reference: Recordings.
         values: Values of its parameters, about which a short search goes with the delay and without.
-        horizon: Seconds of each trial that are compared; None for all.
     """
     found: list[str] = []
     if robot.trials.swims is not None:
         return found
     for stream in _streams(robot, reference):
         shifted, base = _with_delay(robot, stream), Motion(robot)
-        trials = [trial.cut(horizon) for trial in reference.trials[:_TRIALS]]
+        trials = [trial.cut(_SECONDS) for trial in reference.trials[:_TRIALS]]
         as_it_is = [one for trial in trials if (one := base.prepared(trial, values)) is not None]
         if not as_it_is:
             return []
@@ -82,7 +80,7 @@ def _held(trials: list[Prepared], stream: str, seconds: float) -> str:
     """That a command changes between its rows, where it is late by half the time between them."""
     rows = [one.trial.controls.times for one in trials if one.trial.controls is not None]
     half = float(np.median([np.median(np.diff(times)) for times in rows if len(times) > 1] or [0.0])) / 2
-    if stream != "commands" or not 0.5 * half < -seconds < 1.5 * half:
+    if stream != "commands" or not 0.3 * half < -seconds < 1.7 * half:
         return ""
     return (
         ', or say "interpolated table" under [recordings.controls], if they are of a command that changes between rows'

@@ -128,7 +128,7 @@ def calibrate(
             None if first is None else space.to_cube(first), minutes, slopes, resolved.budget or 0,
         )  # fmt: skip
         effects = sensitivities(problem, space, best.values) if sensitivity else None
-        late = [] if on_warning is None else delays(started(robot, fitted), fitted, best.values, settings.horizon)
+        late = [] if on_warning is None else delays(started(robot, fitted), fitted, best.values)
         return conclude(folder, problem, held_out, best.values, effects, ending, slopes, late)
 
 

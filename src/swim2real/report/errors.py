@@ -155,7 +155,7 @@ def _scaled(run: ReportedRun) -> tuple[str, bool]:
     far = bool(noise) and error > max(_FAR * (noise or 0.0), _UNEXPLAINED * size)
     bad = error > _POOR * size or (far and (apart or not run.robot.marker_names))
     names = ["markers"] * bool(run.robot.marker_names) + ["readings"] * bool(run.robot.trials.sensors)
-    what = f"{' and '.join(names)} {'vary, as readings count,' if 'readings' in names else 'move'}"
+    what = f"{' and '.join(names)} {'vary, as they count,' if 'readings' in names else 'move'}"
     kind = " is bad" if bad else ""
     if noise and not bad:
         kind = " is as good as the noise lets it be" if error <= _AT_NOISE * noise else " is above the noise"

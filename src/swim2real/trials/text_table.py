@@ -81,9 +81,8 @@ class TextTable:
         texts = pd.Series(self.cells[column], dtype=object)
         numbers = pd.to_numeric(texts, errors="coerce").to_numpy(dtype=float)
         for row in np.flatnonzero(np.isnan(numbers) & ~texts.isin(_MISSING).to_numpy())[:1]:
-            raise TrialError(
-                f"{self.place(row, column)}: {quoted(texts[row])} is not a number; leave unknown ones empty"
-            )
+            said = "is not a number; where none is known, leave the cell empty"
+            raise TrialError(f"{self.place(row, column)}: {quoted(texts[row])} {said}")
         values = np.where(np.isfinite(numbers), numbers, np.nan)
         for row in np.flatnonzero(np.abs(values) > largest)[:1]:
             raise TrialError(f"{self.place(row, column)}: {values[row]:g} is beyond ±{largest:g}; no reading is")

@@ -28,6 +28,7 @@ UNITS: dict[str, tuple[str, float]] = _OTHERS | {
     for kind, units in _SI.items()
     for unit in units.split()
     for prefix, scale in _PREFIXES.items()
+    if scale <= (1e-3 if unit[0] in "sr" and prefix else 1e3)  # no kiloseconds
 }
 """What the units that are known measure, and how many of the one of SI each is."""
 _NONE = ("", "-")  # of what has no unit, or isn't said to have one
