@@ -193,7 +193,8 @@ def of_readings(robot: Robot, trials: Sequence[Trial], played: Sequence[Trial]) 
         yield Change(said, _columns("sensors", every, {name: gap}), (name,))
     for i, j in _pairs(len(names)):
         one, other = names[i], names[j]
-        said = f"sensors '{one}' and '{other}' look swapped; name their columns the other way round (--sensors)"
+        which = f"sensors '{one}' and '{other}'{'' if robot.marker_names else ', or the commands that move them,'}"
+        said = f"{which} look swapped; name their columns the other way round (--sensors)"
         yield Change(said, _columns("sensors", {**every, one: (other, 1.0), other: (one, 1.0)}), (one, other))
     yield from _exchanged(trials, "sensors", tuple(names))
 
@@ -341,7 +342,9 @@ def _exchanged(trials: Sequence[Trial], kind: str, streams: tuple[str, ...] | No
         def undo(some: Sequence[Trial], pair: Mapping[str, Trial] = pair) -> list[Trial]:
             return [replace(one, **{kind: getattr(pair[one.name], kind)}) if one.name in pair else one for one in some]
 
-        said = f"their tables of {kind} look exchanged; give each trial its own (--{kind})"
+        both = all(trial.controls is not None and trial.sensors is not None for trial in trials)
+        other = f", or those of {'sensors' if kind == 'controls' else 'controls'}" * both
+        said = f"their tables of {kind}{other} look exchanged; give each trial its own (--{kind})"
         yield Change(said, undo, streams)
 
 

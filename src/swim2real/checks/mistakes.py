@@ -141,7 +141,8 @@ class _Judge:
             playable = [one for one in ready if one is not None]
             if len(playable) == len(ready):
                 (after,) = self.motion.parts(playable, [self.begin])
-                tried += _tried(order, change, before, after, list(zip(changed, playable, strict=True)))
+                made = [k for k, trial in enumerate(trials) if changed[k] is not trial]
+                tried += _tried(order, change, made, before, after, list(zip(changed, playable, strict=True)))
         first = {
             id(one): one
             for k in (0, 1)
@@ -219,16 +220,17 @@ class _Tried:
 
 
 def _tried(
-    order: int, change: Change, before: list[Parts], after: list[Parts], changed: list[tuple[Trial, Prepared]]
-) -> Iterator[_Tried]:
-    """A change of all trials, and of those alone in which it shows."""
+    order: int, change: Change, made: Sequence[int], before: list[Parts], after: list[Parts],
+    changed: list[tuple[Trial, Prepared]],
+) -> Iterator[_Tried]:  # fmt: skip
+    """A change of all trials that it changes, and of those alone in which it shows."""
 
     def ratios(of: Sequence[int]) -> tuple[float, float]:
         mixed = [after[k] if k in of else one for k, one in enumerate(before)]
         share_now, unlike_now = (f(mixed, change.streams) / f(before, change.streams) for f in (share, unlike))
         return share_now, unlike_now
 
-    every = tuple(range(len(before)))
+    every = tuple(made)
     shown = tuple(k for k in every if _shows(before[k], after[k], change))
     for of in {every, shown or every}:
         yield _Tried(ratios(of), order, change, of, changed)
