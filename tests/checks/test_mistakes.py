@@ -127,7 +127,7 @@ def test_the_motion_of_a_sound_reference_is_explained(sound, name):
         ("floater", swapped(0, -1), "markers nose and tail look swapped"),
         ("pendulum", placed(lambda p: p + np.array([0.56, 0])), "it lies beside the robot by x +560 mm"),
         ("finger", placed(lambda p: p[:, [0, 5, 1, 4, 2, 3]]), "is it a film of this robot"),
-        ("finger", clocked(1.2), "its frames last 1.2 times as long as what drove it: give --fps"),
+        ("finger", clocked(1.2), "times as long as what drove it: give --fps, about 60"),
         ("pendulum", clocked(5 / 6), "its frames last 0.833 times as long as what drove it: give --fps, about 60"),
         ("pendulum", clocked(2.4), "its frames last 2.4 times as long"),
         ("snake", clocked(2.0), "its frames last 2 times as long"),
@@ -140,7 +140,7 @@ def test_the_motion_of_a_sound_reference_is_explained(sound, name):
         ),
         ("pendulum", late("controls", 0.3), "its film seems 0.30 s early, or its commands as late"),
         ("pendulum", exchanged("controls"), "trials 'a' and 'b': their tables of controls"),
-        ("arm", signals("controls", np.fliplr), "commands of 'shoulder_servo' and 'elbow_servo' look swapped"),
+        ("arm", signals("controls", np.fliplr), "the commands that move them, look swapped"),
         (
             "arm",
             signals("sensors", np.fliplr),
