@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from swim2real.checks.motion import Motion, Parts, Prepared, share
+from swim2real.checks.motion import Motion, Parts, Prepared, error, share
 from swim2real.parameters import Parameter, ParameterSpace, Values
 from swim2real.robots.robot import Robot
 from swim2real.robots.targets import Delay
@@ -32,14 +32,14 @@ def delays(robot: Robot, reference: TrialSet, values: Values) -> list[str]:
     found: list[str] = []
     if robot.trials.swims is not None:
         return found
-    for stream in _streams(robot, reference):
-        shifted, base = _with_delay(robot, stream), Motion(robot)
-        trials = [trial.cut(_SECONDS) for trial in reference.trials[:_TRIALS]]
-        as_it_is = [one for trial in trials if (one := base.prepared(trial, values)) is not None]
-        if not as_it_is:
-            return []
-        begin, _ = base.searched(as_it_is, values, _STEPS)
-        late, after = Motion(shifted).searched(as_it_is, {**begin, stream: 0.0}, _STEPS)
+    streams, base = list(_streams(robot, reference)), Motion(robot)
+    trials = [trial.cut(_SECONDS) for trial in reference.trials[:_TRIALS]]
+    as_it_is = [one for trial in trials if streams and (one := base.prepared(trial, values)) is not None]
+    if not as_it_is:
+        return found
+    begin, _ = base.searched(as_it_is, values, _STEPS)
+    for stream in streams:
+        late, after = Motion(_with_delay(robot, stream)).searched(as_it_is, {**begin, stream: 0.0}, _STEPS)
         own = {name: late[name] for name in robot.space.names}
         _, before = base.searched(as_it_is, own, _STEPS)  # as far as with the delay
         if share(after) > _EXPLAINED or not _error(after) < _MATTERS * _error(before):
@@ -88,5 +88,5 @@ def _held(trials: list[Prepared], stream: str, seconds: float) -> str:
 
 
 def _error(trials: list[Parts]) -> float:
-    """Root mean square error of the markers, else of what readings count as [m]; mean over trials."""
-    return float(np.mean([sum(part.error for part in one.values()) for one in trials]))
+    """Errors of trials, a mean over them [m]."""
+    return float(np.mean([error(one) for one in trials]))

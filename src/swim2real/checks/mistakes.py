@@ -24,7 +24,7 @@ from swim2real.checks.changes import (
     of_places,
     of_readings,
 )
-from swim2real.checks.motion import Motion, Parts, Prepared, share, unlike
+from swim2real.checks.motion import Motion, Parts, Prepared, error, share, unlike
 from swim2real.errors import TrialError
 from swim2real.formatting import listed
 from swim2real.parameters import Values
@@ -126,7 +126,7 @@ class _Judge:
             doubts.append(said)
         names = [trial.name for trial in trials]
         shares = {name: share([one]) for name, one in zip(names, parts, strict=True)}
-        errors = {name: (_error(own), _error(one)) for name, own, one in zip(names, self.own, parts, strict=True)}
+        errors = {name: (error(own), error(one)) for name, own, one in zip(names, self.own, parts, strict=True)}
         return Verdict(tuple(doubts), shares, errors)
 
     def _undone(
@@ -241,10 +241,6 @@ def _shows(before: Parts, after: Parts, change: Change) -> bool:
     return any(f([after], change.streams) < _SHOWS * f([before], change.streams) for f in (share, unlike))
 
 
-def _error(parts: Parts) -> float:
-    return sum(part.error for part in parts.values())
-
-
 class _Poses:
     """Poses of the robot whose markers are where a trial has them."""
 
@@ -302,8 +298,8 @@ def _of_poses(robot: Robot, reference: TrialSet) -> list[str]:
         try:
             check_plausible(trial, robot.rest_markers, robot.marker_names)
             said = _unposed(robot, poses, some, misfit)
-        except TrialError as error:
-            said = str(error).removeprefix(f"trial '{trial.name}': ")
+        except TrialError as refused:
+            said = str(refused).removeprefix(f"trial '{trial.name}': ")
         if said:  # of one kind, whatever its numbers
             found.setdefault(re.sub(r"[-+]?\d\S*", "", said), (said, []))[1].append(f"'{trial.name}'")
     return [f"trial{'s' * (len(names) > 1)} {listed(names)}: {said}" for said, names in found.values()]

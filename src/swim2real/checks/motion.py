@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
@@ -20,6 +19,7 @@ from swim2real.objective import compare_playback, playback_target
 from swim2real.objective.target import Target
 from swim2real.parameters import Values
 from swim2real.robots.robot import Robot
+from swim2real.simulation.forward_model import model_of
 from swim2real.simulation.playback import PlaybackSimulator, Rollout
 from swim2real.trials import MarkerTrack, Trial, TrialSet
 
@@ -62,14 +62,25 @@ Parts = Mapping[str, Part]
 
 def share(trials: Sequence[Parts], streams: Sequence[str] | None = None) -> float:
     """Root mean square share of some streams of trials, or of all."""
-    chosen = [part.share for one in trials for name, part in one.items() if streams is None or name in streams]
-    return float(np.sqrt(np.mean(np.square(chosen)))) if chosen else 0.0
+    return _root_mean([part.share for part in _of(trials, streams)])
 
 
 def unlike(trials: Sequence[Parts], streams: Sequence[str] | None = None) -> float:
     """The same of the shares that gains and offsets leave."""
-    chosen = [part.unlike for one in trials for name, part in one.items() if streams is None or name in streams]
-    return float(np.sqrt(np.mean(np.square(chosen)))) if chosen else 0.0
+    return _root_mean([part.unlike for part in _of(trials, streams)])
+
+
+def error(parts: Parts) -> float:
+    """Root mean square errors of a trial's streams, added up [m]."""
+    return sum(part.error for part in parts.values())
+
+
+def _of(trials: Sequence[Parts], streams: Sequence[str] | None) -> list[Part]:
+    return [part for one in trials for name, part in one.items() if streams is None or name in streams]
+
+
+def _root_mean(shares: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(shares)))) if shares else 0.0
 
 
 @dataclass(frozen=True)
@@ -169,11 +180,11 @@ class Motion:
 
     def _begun(self, trials: Sequence[Prepared], values: Values) -> list[Prepared]:
         """The trials with starts that suit other values."""
-        model: mujoco.MjModel | None = None
+        shown = [one.rollout.stretch is not None or one.rollout.first is not None for one in trials]
+        model = model_of(self.robot, values) if any(shown) else ""
         made: list[Prepared] = []
-        for one in trials:
-            if one.rollout.stretch is not None or one.rollout.first is not None:
-                model = model or self.robot.build(values).compile()
+        for one, fitted in zip(trials, shown, strict=True):
+            if fitted and not isinstance(model, str):  # of none, `played` says why
                 data, _ = self._player.begin(model, replace(one.rollout, state=None), values)
                 state = data.qpos.copy(), data.qvel.copy(), data.act.copy()
                 one = replace(one, rollout=replace(one.rollout, state=state))

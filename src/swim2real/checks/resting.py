@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swim2real.checks.motion import Motion
+from swim2real.checks.motion import Motion, error
 from swim2real.errors import Swim2RealError, TrialError
 from swim2real.robots.robot import Robot
 from swim2real.settings import HORIZON
@@ -217,5 +217,5 @@ def _error(robot: Robot, trial: Trial, start: str) -> float:
     ready = motion.prepared(trial, values)
     if ready is None:
         return np.nan
-    parts = motion.parts([ready], [values])[0][0].values()
-    return np.inf if any(part.diverged for part in parts) else sum(part.error for part in parts)
+    parts = motion.parts([ready], [values])[0][0]
+    return np.inf if any(part.diverged for part in parts.values()) else error(parts)
